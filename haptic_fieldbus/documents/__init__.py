@@ -1,0 +1,23 @@
+"""TOML files read into frozen dataclasses, all faults of a file at once, each with its key and its line.
+
+A fault is looked at from three sides: what stands in the file (`document`), what the schema expected (`expected`) and
+in which line (`positions`). Pydantic is imported when a file is validated, the parser with positions once there is a
+fault.
+"""
+
+from haptic_fieldbus.documents.document import Document, knows, read_document, schema_of
+from haptic_fieldbus.documents.expected import KeyPath
+from haptic_fieldbus.documents.names import file_names, file_of, is_path, nearest, suggestion
+
+__all__ = [
+    "Document",
+    "KeyPath",
+    "file_names",
+    "file_of",
+    "is_path",
+    "knows",
+    "nearest",
+    "read_document",
+    "schema_of",
+    "suggestion",
+]

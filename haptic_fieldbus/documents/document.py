@@ -1,0 +1,251 @@
+"""A TOML file while it is read: its data, and the faults found so far.
+
+Validation runs on JSON in Pydantic's strict mode, where lists become tuples and words become enums, but a text is never
+taken for a number and a float never for an integer. Only a number that stands in a `Literal` is compared by equality,
+so that true and 1.0 would pass for 1: `integers` refuses them.
+"""
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Hashable, Sequence
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from haptic_fieldbus.documents.expected import Expectation, KeyPath, Schema, child
+from haptic_fieldbus.documents.names import suggestion
+from haptic_fieldbus.errors import DocumentError, Fault
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
+
+    from haptic_fieldbus.documents.positions import Positions
+
+T = TypeVar("T")
+
+_AT_LINE = re.compile(r"\s*\(at line (\d+), column (\d+)\)$")
+_AT_END = re.compile(r"\s*\(at end of document\)$")
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_SHOWN_LENGTH = 60
+
+
+class Document:
+    """The data of one file; `fault` collects, `checked` raises what was collected."""
+
+    def __init__(self, source: str, text: str, error: type[DocumentError]) -> None:
+        self.source = source
+        self.text = text
+        self.error = error
+        self.labels: dict[KeyPath, str] = {}
+        """Values that are not the file's own, and what to call them in a fault."""
+        self._faults: dict[KeyPath, list[str]] = {}
+        self.data = self._parse()
+
+    @property
+    def faulty(self) -> bool:
+        return bool(self._faults)
+
+    def value(self, *path: str | int) -> object:
+        """What the file gives at a key, unchecked; None when there is nothing."""
+        value: object = self.data
+        for step in path:
+            value = child(value, step)
+        return value
+
+    def table(self, *path: str | int) -> dict[str, object]:
+        """The table at a key, empty when there is none."""
+        value = self.value(*path)
+        return value if isinstance(value, dict) else {}
+
+    def fault(self, path: KeyPath, message: str, *, also: bool = False) -> None:
+        """Note what is wrong at a key; the first message of a key stays alone, unless this one is true `also`."""
+        messages = self._faults.setdefault(path, [])
+        if also or not messages:
+            messages.append(message)
+
+    def refuse(self, path: KeyPath, expected: str) -> None:
+        """Note that the value at a key is not what was expected."""
+        self.fault(path, f"{self._shown(path)}; expected {expected}")
+
+    def integers(self, *paths: KeyPath) -> None:
+        """Refuse true and 1.0 where a `Literal` has numbers."""
+        for path in paths:
+            if isinstance(self.value(*path), bool | float):
+                self.refuse(path, "a whole number")
+
+    def checked(self, value: T | None) -> T:
+        """What `validate` gave; raises all faults noted so far, in the order of their lines."""
+        if value is None or self._faults:
+            faults = [self._fault(path, message) for path, messages in self._faults.items() for message in messages]
+            raise self.error(self.source, sorted(faults, key=lambda fault: fault.line or math.inf))
+        return value
+
+    def validate(self, schema: type[T], path: KeyPath = (), *, loaded: Sequence[str] = ()) -> T | None:
+        """The table at `path` as a dataclass, or None with all its faults noted; `loaded` fields must not be given."""
+        from pydantic import ValidationError
+
+        value, kind = self.value(*path), cast(Hashable, schema)
+        for name in loaded:
+            if isinstance(value, dict) and name in value:
+                names = [known for known in _expectation(kind).names((), value) if known not in loaded]
+                self.fault((*path, name), f"unknown key{suggestion(name, names)}")
+        try:
+            return cast(T, _adapter(kind).validate_json(json.dumps(value, default=_no_date), strict=True))
+        except ValidationError as error:
+            for item in error.errors(include_url=False, include_context=False, include_input=False):
+                self._translate(item["type"], item["loc"], kind, path, loaded)
+        return None
+
+    def _translate(self, kind: str, location: KeyPath, schema: Hashable, at: KeyPath, loaded: Sequence[str]) -> None:
+        """Note a fault found by Pydantic in our words."""
+        root = self.value(*at)
+        path = _follow(root, location)
+        expectation = _expectation(schema)
+        if kind == "unexpected_keyword_argument" and path and path[-1] == location[-1]:
+            names = [name for name in expectation.names(path[:-1], root) if len(path) > 1 or name not in loaded]
+            self.fault(at + path, f"unknown key{suggestion(str(path[-1]), names)}")
+        elif kind == "missing":
+            path = (*path, location[-1])
+            self.fault(at + path, f"missing; expected {expectation.describe(path, root)}")
+        elif kind == "json_invalid":
+            self.fault(at, "nested too deeply")
+        elif kind.startswith("union_tag"):
+            self._expect(expectation, (*path, "kind"), root, at)
+        else:
+            self._expect(expectation, path, root, at)
+
+    def _expect(self, expectation: Expectation, path: KeyPath, root: object, at: KeyPath) -> None:
+        shown = self._shown(at + path)
+        described = expectation.describe(path, root, hexadecimal=shown.startswith("0x"))
+        value = self.value(*at, *path)
+        words = expectation.choices(path, root) if isinstance(value, str) else []
+        self.fault(at + path, f"{shown}; expected {described}{_nearest_of(value, words)}")
+
+    def _shown(self, path: KeyPath) -> str:
+        """A value as the file writes it, when that is short; else what it is."""
+        value = self.value(*path)
+        if value is None:
+            return "missing"
+        written = "" if path in self.labels else self._positions.text(path)
+        if written and "\n" not in written and len(written) <= _SHOWN_LENGTH:
+            return written
+        if isinstance(value, dict | list):
+            return "a table" if isinstance(value, dict) else "a list"
+        shown = str(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False, default=str)
+        return shown if len(shown) <= _SHOWN_LENGTH else shown[:_SHOWN_LENGTH] + "…"
+
+    def _fault(self, path: KeyPath, message: str) -> Fault:
+        for length in range(len(path), 0, -1):
+            if path[:length] in self.labels:
+                return Fault(self.labels[path[:length]], message)
+        return Fault(key_text(path), message, self._positions.line(path))
+
+    @cached_property
+    def _positions(self) -> "Positions":
+        from haptic_fieldbus.documents.positions import Positions
+
+        return Positions(self.text)
+
+    def _parse(self) -> dict[str, object]:
+        try:
+            data: dict[str, object] = tomllib.loads(self.text)
+            json.dumps(data, default=_no_date)
+        except tomllib.TOMLDecodeError as cause:
+            raise self.error(self.source, self._syntax_faults(str(cause))) from None
+        except RecursionError:
+            raise self.error(self.source, [Fault("", "nested too deeply")]) from None
+        except ValueError:
+            raise self.error(self.source, [Fault("", "a number has too many digits")]) from None
+        return data
+
+    def _syntax_faults(self, message: str) -> list[Fault]:
+        """Keys given twice, all of them; else what the parser stopped at."""
+        if message.startswith(("Cannot overwrite", "Cannot declare")) and self._positions.duplicates:
+            return [
+                Fault(key_text(twice.path), f"given twice; first in line {twice.first}", twice.line)
+                for twice in self._positions.duplicates
+            ]
+        at_line = _AT_LINE.search(message)
+        if at_line:
+            words = f"not TOML: {message[: at_line.start()]}, at column {at_line[2]}"
+            return [Fault("", words, int(at_line[1]))]
+        return [Fault("", f"not TOML: {_AT_END.sub('', message)}, at the end", self.text.rstrip("\n").count("\n") + 1)]
+
+
+def read_document(path: Path, error: type[DocumentError]) -> Document:
+    """Read a TOML file; raises `error` when it cannot be read, is not UTF-8 or not TOML."""
+    try:
+        octets = path.read_bytes()
+    except FileNotFoundError:
+        raise error(path, [Fault("", "no such file")]) from None
+    except (OSError, ValueError) as cause:
+        reason = (isinstance(cause, OSError) and cause.strerror) or str(cause)
+        raise error(path, [Fault("", f"cannot be read: {reason}")]) from cause
+    try:
+        text = octets.decode("utf-8-sig")
+    except UnicodeDecodeError as cause:
+        where = octets.count(b"\n", 0, cause.start) + 1
+        fault = Fault("", f"not UTF-8: octet 0x{octets[cause.start]:02X}; save the file as UTF-8", where)
+        raise error(path, [fault]) from None
+    return Document(str(path), text, error)
+
+
+def schema_of(schema: Hashable, *, loaded: Sequence[str] = ()) -> Schema:
+    """The JSON Schema of a file that is read into `schema`."""
+    tree: Schema = _adapter(schema).json_schema()
+    for name in loaded:
+        tree["properties"].pop(name)
+    return tree
+
+
+def knows(schema: Hashable, path: KeyPath) -> bool:
+    """Whether a file of this schema may have the key."""
+    return bool(_expectation(schema).nodes(path, {}))
+
+
+def key_text(path: KeyPath) -> str:
+    """A path as TOML would write it, list elements counted from 0: `element[0].stiffness`."""
+    text = ""
+    for step in path:
+        if isinstance(step, int):
+            text += f"[{step}]"
+        else:
+            quoted = json.dumps(step, ensure_ascii=False).replace("\x7f", "\\u007F")
+            text += "." * bool(text) + (step if _BARE_KEY.fullmatch(step) else quoted)
+    return text
+
+
+def _follow(value: object, location: KeyPath) -> KeyPath:
+    """The path of a location in the data: Pydantic's marks for the members of a union are left out."""
+    path: KeyPath = ()
+    for step in location:
+        inner = child(value, step)
+        if inner is not None:
+            value, path = inner, (*path, step)
+    return path
+
+
+def _nearest_of(value: object, words: list[str]) -> str:
+    if not isinstance(value, str):
+        return ""
+    near = suggestion(value, words)
+    return near if near.startswith("; nearest") else ""
+
+
+def _no_date(_: object) -> dict[str, None]:
+    """Dates, which JSON has not, as something that no field takes."""
+    return {"": None}
+
+
+@cache
+def _adapter(schema: Hashable) -> "TypeAdapter[Any]":
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(cast(Any, schema))
+
+
+@cache
+def _expectation(schema: Hashable) -> Expectation:
+    return Expectation(_adapter(schema).json_schema())

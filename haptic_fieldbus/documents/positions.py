@@ -1,0 +1,140 @@
+"""Where each key of a TOML text stands.
+
+`tomllib` forgets positions, so the text is parsed a second time by tree-sitter; only once there is a fault. Paths are
+those of the data: ("element", 0, "stiffness"). Lines count from 1.
+"""
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import tree_sitter
+import tree_sitter_toml
+
+from haptic_fieldbus.documents.expected import KeyPath
+
+
+@dataclass(frozen=True)
+class Position:
+    line: int
+    text: str = ""
+    """The value as it is written; empty for a table."""
+
+
+@dataclass(frozen=True)
+class Duplicate:
+    path: KeyPath
+    line: int
+    first: int
+
+
+class Positions:
+    """The lines of all keys of a text, also of one that breaks the rules of TOML."""
+
+    def __init__(self, text: str) -> None:
+        self.duplicates: list[Duplicate] = []
+        self._written: dict[KeyPath, Position] = {}
+        self._implied: dict[KeyPath, Position] = {}
+        self._array_sizes: dict[KeyPath, int] = {}
+        parser = tree_sitter.Parser(tree_sitter.Language(tree_sitter_toml.language()))
+        self._read_document(parser.parse(text.encode()).root_node)
+
+    def line(self, path: KeyPath) -> int | None:
+        """The line of the key, or of the innermost table around it that is written; None when there is none."""
+        for length in range(len(path), 0, -1):
+            position = self._position(path[:length])
+            if position is not None:
+                return position.line
+        return None
+
+    def text(self, path: KeyPath) -> str:
+        position = self._position(path)
+        return position.text if position is not None else ""
+
+    def _position(self, path: KeyPath) -> Position | None:
+        return self._written.get(path) or self._implied.get(path)
+
+    def _read_document(self, root: tree_sitter.Node) -> None:
+        for node in root.named_children:
+            if node.type == "pair":
+                self._read_pairs([(node, ())])
+            elif node.type in ("table", "table_array_element"):
+                self._read_table(node)
+
+    def _read_table(self, node: tree_sitter.Node) -> None:
+        header, *rest = [child for child in node.named_children if child.type != "comment"] or [node]
+        keys = _keys(header)
+        if not keys:
+            return
+        if node.type == "table":
+            path = self._resolve(keys)
+            self._write(path, header)
+        else:
+            array = (*self._resolve(keys[:-1]), keys[-1])
+            index = self._array_sizes.get(array, 0)
+            self._array_sizes[array] = index + 1
+            path = (*array, index)
+            self._imply(array, header)
+            self._write(path, header)
+        self._read_pairs([(child, path) for child in rest if child.type == "pair"])
+
+    def _resolve(self, keys: list[str]) -> KeyPath:
+        """A header's keys as a path: a table below an array of tables belongs to the array's last element."""
+        path: KeyPath = ()
+        for key in keys:
+            path = (*path, key)
+            if path in self._array_sizes:
+                path = (*path, self._array_sizes[path] - 1)
+        return path
+
+    def _read_pairs(self, pairs: list[tuple[tree_sitter.Node, KeyPath]]) -> None:
+        """Pairs, and by a stack instead of recursion all that their values contain."""
+        stack = list(reversed(pairs))
+        while stack:
+            node, path = stack.pop()
+            if node.type != "pair":
+                self._write(path, node, node.text or b"")
+                stack.extend(_contents(node, path))
+                continue
+            parts = [child for child in node.named_children if child.type not in ("comment", "ERROR")]
+            keys = _keys(parts[0]) if len(parts) > 1 else []
+            if keys:
+                inner = (*path, *keys)
+                self._write(inner, parts[0], parts[-1].text or b"")
+                stack.extend(_contents(parts[-1], inner))
+
+    def _write(self, path: KeyPath, node: tree_sitter.Node, value: bytes = b"") -> None:
+        line = node.start_point.row + 1
+        if path in self._written:
+            self.duplicates.append(Duplicate(path, line, self._written[path].line))
+            return
+        self._written[path] = Position(line, value.decode(errors="replace"))
+        for length in range(len(path) - 1, 0, -1):
+            self._imply(path[:length], node)
+
+    def _imply(self, path: KeyPath, node: tree_sitter.Node) -> None:
+        self._implied.setdefault(path, Position(node.start_point.row + 1))
+
+
+def _contents(value: tree_sitter.Node, path: KeyPath) -> Iterator[tuple[tree_sitter.Node, KeyPath]]:
+    """What an array or an inline table holds, last first, for a stack."""
+    if value.type == "array":
+        items = [child for child in value.named_children if child.type not in ("comment", "ERROR")]
+        yield from ((item, (*path, index)) for index, item in reversed(list(enumerate(items))))
+    elif value.type == "inline_table":
+        yield from ((child, path) for child in reversed(value.named_children) if child.type == "pair")
+
+
+def _keys(node: tree_sitter.Node) -> list[str]:
+    """The parts of a bare, quoted or dotted key; empty when it is none."""
+    if node.type not in ("bare_key", "quoted_key", "dotted_key"):
+        return []
+    try:
+        data: object = tomllib.loads(f"{(node.text or b'').decode(errors='replace')} = 0")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return []
+    keys: list[str] = []
+    while isinstance(data, dict):
+        keys.extend(data)
+        data = next(iter(data.values()), 0)
+    return keys

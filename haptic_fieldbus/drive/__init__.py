@@ -1,0 +1,1 @@
+"""What a drive offers and how it is spoken to, without any I/O."""

@@ -1,0 +1,107 @@
+"""Entries of a CANopen object dictionary: data types, names, and how they are written.
+
+References: CiA 301 4.2 (data types), CiA 402-2 (object names).
+"""
+
+import struct
+from dataclasses import dataclass
+from enum import Enum
+
+
+class DataType(Enum):
+    """Basic data types; the value is the name in profile files."""
+
+    INT8 = "int8"
+    INT16 = "int16"
+    INT32 = "int32"
+    UINT8 = "uint8"
+    UINT16 = "uint16"
+    UINT32 = "uint32"
+
+    @property
+    def code(self) -> str:
+        """The type's character in a `struct` format."""
+        return _STRUCT_CODES[self]
+
+    @property
+    def size(self) -> int:
+        """Octets on the wire."""
+        return struct.calcsize("<" + self.code)
+
+    @property
+    def limits(self) -> tuple[int, int]:
+        bits = 8 * self.size
+        return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.code.islower() else (0, (1 << bits) - 1)
+
+    def pack(self, value: int) -> bytes:
+        return struct.pack("<" + self.code, value)
+
+    def unpack(self, data: bytes) -> int:
+        value: int = struct.unpack("<" + self.code, data)[0]
+        return value
+
+
+_STRUCT_CODES = {
+    DataType.INT8: "b",
+    DataType.INT16: "h",
+    DataType.INT32: "i",
+    DataType.UINT8: "B",
+    DataType.UINT16: "H",
+    DataType.UINT32: "I",
+}
+
+NAMES = {
+    0x1000: "device type",
+    0x1001: "error register",
+    0x1005: "COB-ID SYNC message",
+    0x1016: "consumer heartbeat time",
+    0x1017: "producer heartbeat time",
+    0x1018: "identity object",
+    0x1029: "error behaviour",
+    0x6007: "abort connection option code",
+    0x603F: "error code",
+    0x6040: "controlword",
+    0x6041: "statusword",
+    0x605A: "quick stop option code",
+    0x605E: "fault reaction option code",
+    0x6060: "modes of operation",
+    0x6061: "modes of operation display",
+    0x6064: "position actual value",
+    0x606C: "velocity actual value",
+    0x6071: "target torque",
+    0x6072: "max torque",
+    0x6076: "motor rated torque",
+    0x6077: "torque actual value",
+    0x60C2: "interpolation time period",
+    0x6502: "supported drive modes",
+}
+
+PDO_NAMES = {
+    0x1400: "RPDO communication parameter",
+    0x1600: "RPDO mapping parameter",
+    0x1800: "TPDO communication parameter",
+    0x1A00: "TPDO mapping parameter",
+}
+"""By the first of each 512 objects."""
+
+
+@dataclass(frozen=True)
+class ObjectEntry:
+    """One entry of the object dictionary, with the unit of its value where it has one."""
+
+    object: int
+    type: DataType
+    subindex: int = 0
+    unit: str = ""
+
+    @property
+    def name(self) -> str:
+        return NAMES.get(self.object) or PDO_NAMES.get(self.object & ~0x1FF, "object")
+
+    @property
+    def mapping(self) -> int:
+        """The value of a PDO mapping entry: index, sub-index, length in bits (CiA 301, 7.5.2.36)."""
+        return self.object << 16 | self.subindex << 8 | 8 * self.type.size
+
+    def __str__(self) -> str:
+        return f"{self.object:04X}h:{self.subindex:02X} {self.name}"

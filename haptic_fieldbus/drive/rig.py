@@ -1,0 +1,137 @@
+"""A rig: the drives, motors and mechanics of one bench.
+
+Everything is at the motor shaft and SI, except `limits`, which are in the workspace of the axis (N or N·m, m or rad).
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from annotated_types import Ge, Gt, Le, Len
+
+from haptic_fieldbus.drive.profile import STRICT, NonNegativeFloat, PositiveFloat
+from haptic_fieldbus.signals import Workspace
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+
+
+class ByKind:
+    """Marks a union whose member is chosen by its `kind`, so that a faulty table is held against that member alone."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: "GetCoreSchemaHandler") -> Any:
+        from pydantic import Field
+
+        return handler.generate_schema(Annotated[source, Field(discriminator="kind")])
+
+
+@dataclass(frozen=True)
+class BusSection:
+    interface: Annotated[str, Len(1)]
+    channel: Annotated[str, Len(1)]
+    bitrate: Annotated[int, Gt(0)] = 1_000_000
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class LinearMechanism:
+    """Capstan, belt or screw: the handle moves `metres_per_revolution` a turn of the motor."""
+
+    kind: Literal["linear"]
+    metres_per_revolution: PositiveFloat
+    sign: Literal[-1, 1] = 1
+    zero: Literal["start"] | int = "start"
+    """Where the handle is zero: where it is when the drive is enabled, or at this encoder count."""
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def ratio(self) -> float:
+        """Metres of the handle per radian of the motor."""
+        return self.metres_per_revolution / (2 * math.pi)
+
+    @property
+    def workspace(self) -> Workspace:
+        return Workspace.LINEAR
+
+
+@dataclass(frozen=True)
+class RotaryMechanism:
+    """The motor turns `gear_ratio` times as far as the handle."""
+
+    kind: Literal["rotary"]
+    gear_ratio: PositiveFloat = 1.0
+    sign: Literal[-1, 1] = 1
+    zero: Literal["start"] | int = "start"
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def ratio(self) -> float:
+        """Radians of the handle per radian of the motor."""
+        return 1.0 / self.gear_ratio
+
+    @property
+    def workspace(self) -> Workspace:
+        return Workspace.ROTARY
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the handle may do, in its workspace; `None`: derived from the drive (effort), or not limited (position)."""
+
+    effort: PositiveFloat | None = None
+    speed: PositiveFloat | None = None
+    position: tuple[float, float] | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class RigAxis:
+    """One drive with its motor and mechanism; `None` means unknown."""
+
+    bus: str
+    node: Annotated[int, Ge(1), Le(127)]
+    profile: str
+    mechanism: Annotated[LinearMechanism | RotaryMechanism, ByKind()]
+    encoder_counts_per_revolution: Annotated[int, Gt(0)]
+    rated_torque: PositiveFloat | None = None
+    inertia: PositiveFloat | None = None
+    viscous_damping: NonNegativeFloat | None = None
+    coulomb_friction: NonNegativeFloat = 0.0
+    on_link_loss: Literal["free", "brake"] = "free"
+    limits: Limits = field(default_factory=Limits)
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def resolution(self) -> float:
+        """One encoder count in the workspace [m or rad]."""
+        return 2 * math.pi * self.mechanism.ratio / self.encoder_counts_per_revolution
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The bench: buses and axes by name; `source` is the file's path, empty for the shipped bench."""
+
+    bus: Annotated[dict[str, BusSection], Len(1)]
+    axis: Annotated[dict[str, RigAxis], Len(1)]
+    source: str = ""
+    __pydantic_config__: ClassVar = STRICT
+
+
+def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
+    """The shipped bench: what is simulated when no rig file is given."""
+    mechanism: LinearMechanism | RotaryMechanism = (
+        LinearMechanism("linear", metres_per_revolution=0.05)
+        if workspace is Workspace.LINEAR
+        else RotaryMechanism("rotary", gear_ratio=1.0)
+    )
+    return RigAxis(
+        bus=bus,
+        node=node,
+        profile=profile,
+        mechanism=mechanism,
+        encoder_counts_per_revolution=4096,
+        rated_torque=0.4,
+        inertia=4.0e-5,
+        viscous_damping=1.0e-4,
+        coulomb_friction=2.0e-3,
+    )

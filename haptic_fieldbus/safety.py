@@ -1,0 +1,88 @@
+"""What stands between a scene and a hand: limits, fade-in, staleness, trips.
+
+A trip is final: torque is zero from that period on, and only a new run enables again. Slew, fade and staleness count
+periods, so they need no clock.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+FADE_IN = 0.5
+"""[s]; from *operation enabled* to full force."""
+SLEW_TIME = 0.005
+"""[s]; the command needs at least this long from zero to the effort limit."""
+SPEED_LIMIT = {"linear": 2.0, "rotary": 60.0}
+"""[m/s or rad/s]; where a rig states none."""
+HOLD_GAIN = (1.0, 1.0, 0.5)
+"""Gain on the held force by the number of periods without new feedback; beyond it: zero and stop."""
+
+
+class TripKind(Enum):
+    """What stopped the run; the value is the name that people and scripts see."""
+
+    EMERGENCY = "emergency"
+    DRIVE_FAULT = "drive fault"
+    DRIVE_DISABLED = "drive disabled"
+    NODE_RESET = "node reset"
+    NODE_NOT_OPERATIONAL = "node not operational"
+    HEARTBEAT_LOST = "heartbeat lost"
+    FEEDBACK_LOST = "feedback lost"
+    BUS_OFF = "bus off"
+    BUS_EXCEPTION = "bus exception"
+    NOT_FINITE = "force not finite"
+    SPEED = "speed limit"
+    POSITION = "position limit"
+
+
+@dataclass(frozen=True)
+class Trip:
+    """Why and when torque was taken away: `value` passed `limit` (where there is one) on `axis` at `t_ns`."""
+
+    kind: TripKind
+    axis: str
+    t_ns: int
+    value: float
+    limit: float | None = None
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class EffortLimits:
+    """Limits of one axis in its workspace; `slew` in N/s or N·m/s."""
+
+    effort: float
+    speed: float
+    slew: float
+    position: tuple[float, float] | None = None
+    fade_in: float = FADE_IN
+
+
+def hold_gain(stale_periods: int) -> float | None:
+    """Gain on the held force; None: stop."""
+    return HOLD_GAIN[stale_periods] if stale_periods < len(HOLD_GAIN) else None
+
+
+def bind_limiter(limits: EffortLimits, period: float) -> Callable[[float], float]:
+    """A limiter for one run: fade-in, then effort, then slew [effort → effort]; the input must be finite."""
+    effort, largest_change = limits.effort, limits.slew * period
+    growth = period / limits.fade_in
+    fade = 0.0
+    before = 0.0
+
+    def limit(asked: float) -> float:
+        nonlocal fade, before
+        if fade < 1.0:
+            fade = min(1.0, fade + growth)
+            asked *= fade
+        asked = min(max(asked, -effort), effort)
+        before = min(max(asked, before - largest_change), before + largest_change)
+        return before
+
+    return limit
+
+
+def is_finite(value: float) -> bool:
+    """False for NaN and infinities; in this module so that the loop has one guard for all."""
+    return math.isfinite(value)

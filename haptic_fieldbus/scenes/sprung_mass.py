@@ -1,0 +1,47 @@
+"""A virtual mass on a spring whose other end is the puck in the hand.
+
+Held puck at x, mass at p: the spring pulls the mass with k·(x − p) and the puck with F = k·(p − x), positive towards
+positive x. With q = ṗ: ṗ = q, q̇ = (k/m)·(x − p), so ω_n = √(k/m). Mass and spring start at rest where the puck is.
+
+The continuous undamped oscillator is only marginally stable: every integrator that adds energy makes it grow, forward
+Euler at every period (|λ| = √(1 + k·T²/m)).
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.scenes.element import STRICT, PositiveFloat
+from haptic_fieldbus.signals import Signal
+
+
+@dataclass(frozen=True)
+class SprungMass:
+    """`stiffness` [N/m or N·m/rad] and `mass` [kg or kg·m²] of a virtual mass sprung to the puck."""
+
+    axis: str
+    stiffness: PositiveFloat
+    mass: PositiveFloat
+    name: str = "sprung_mass"
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.POSITION,)
+
+    @property
+    def dynamics(self) -> StateSpace:
+        """States (position and velocity of the mass), inputs (position, velocity) of the puck, output force on it."""
+        stiffness, mass = self.stiffness, self.mass
+        return StateSpace(
+            a=np.array([[0.0, 1.0], [-stiffness / mass, 0.0]]),
+            b=np.array([[0.0, 0.0], [stiffness / mass, 0.0]]),
+            c=np.array([[stiffness, 0.0]]),
+            d=np.array([[-stiffness, 0.0]]),
+        )
+
+    def linearised(self) -> StateSpace:
+        """The element is linear: its dynamics."""
+        return self.dynamics

@@ -1,0 +1,34 @@
+"""Write the JSON Schemas of the files that people write: `python -m haptic_fieldbus.schemas FOLDER`."""
+
+import json
+import sys
+from pathlib import Path
+
+from haptic_fieldbus.drive.catalogue import profile_schema, rig_schema
+from haptic_fieldbus.scenes.catalogue import scene_schema
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def schema_texts() -> dict[str, str]:
+    """The text of each schema by the name of its file."""
+    schemas = {"profile": profile_schema(), "rig": rig_schema(), "scene": scene_schema()}
+    return {
+        f"{name}.schema.json": json.dumps({"$schema": DIALECT} | schema, indent=2, ensure_ascii=False) + "\n"
+        for name, schema in schemas.items()
+    }
+
+
+def main(arguments: list[str]) -> int:
+    if len(arguments) != 1:
+        print("usage: python -m haptic_fieldbus.schemas FOLDER", file=sys.stderr)
+        return 2
+    folder = Path(arguments[0])
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in schema_texts().items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,378 @@
+"""Profile files: the shipped ones hold, and each way to be wrong is told."""
+
+import configparser
+import os
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptic_fieldbus.drive import catalogue
+from haptic_fieldbus.drive.catalogue import (
+    load_profile,
+    profile_folder,
+    profile_names,
+    profile_schema,
+    profile_summaries,
+)
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import RATED_TORQUE_UNITS, DriveProfile
+from haptic_fieldbus.errors import DocumentError, ProfileError, UsageError
+from haptic_fieldbus.signals import Signal
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+SHARED = Path(os.environ.get("HAPTIC_FIELDBUS_SHARED", CHECKOUT.parent / "shared"))
+EDS_TYPES = {
+    2: DataType.INT8,
+    3: DataType.INT16,
+    4: DataType.INT32,
+    5: DataType.UINT8,
+    6: DataType.UINT16,
+    7: DataType.UINT32,
+}
+"""CiA 301 4.2.0, 7.4.7.1: the data types by the index of their definition."""
+
+COMPLETE = """\
+schema = 1
+[drive]
+vendor = "acme"
+model = "Push 1"
+protocol = "canopen"
+evidence = "hardware"
+[torque]
+mode_of_operation = 10
+target = { object = 0x6071, type = "int16", unit = "permille_of_rated_torque" }
+[position]
+actual = { object = 0x6064, type = "int32", unit = "counts" }
+[pdo]
+tpdo_types = [1]
+rpdo_types = [255]
+[link_loss]
+abort_connection_option = { object = 0x6007, value = 2 }
+[timing]
+torque_bandwidth = 1000
+control_period = 0.0
+[sources]
+torque = "measured"
+position = "measured"
+pdo = "measured"
+link_loss = "measured"
+timing = "measured"
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "push1.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def faults_of(folder: Path, *replacements: tuple[str, str]) -> list[str]:
+    """All faults of the complete profile after replacements."""
+    text = COMPLETE
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new)
+    with pytest.raises(ProfileError) as caught:
+        load_profile(write(folder, text))
+    return [str(fault) for fault in caught.value.faults]
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_a_shipped_profile_loads_by_name_and_by_path(name: str) -> None:
+    by_name = load_profile(name)
+    assert by_name == load_profile(profile_folder() / f"{name}.toml")
+    assert by_name.name == name
+    assert Path(by_name.source).is_file()
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_a_shipped_profile_offers_what_a_wall_needs(name: str) -> None:
+    profile = load_profile(name)
+    needed = {Signal.STATUSWORD, Signal.POSITION, Signal.CONTROLWORD, Signal.TARGET_TORQUE}
+    assert needed <= set(profile.offers())
+    assert profile.torque.rated is not None
+    assert profile.torque.rated.unit in RATED_TORQUE_UNITS
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_a_shipped_profile_leaves_the_shaft_free_when_the_link_is_lost(name: str) -> None:
+    """6007h = 2 disable voltage, 605Eh = 0 disable without a ramp (CiA 402-2)."""
+    link_loss = load_profile(name).link_loss
+    assert link_loss.heartbeat_consumer == 0x1016
+    assert link_loss.abort_connection_option is not None
+    assert (link_loss.abort_connection_option.object, link_loss.abort_connection_option.value) == (0x6007, 2)
+    assert link_loss.fault_reaction_option is not None
+    assert (link_loss.fault_reaction_option.object, link_loss.fault_reaction_option.value) == (0x605E, 0)
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_a_shipped_profile_says_plainly_what_is_assumed(name: str) -> None:
+    sources = load_profile(name).sources
+    assert "ASSUMED" in sources["timing.torque_bandwidth"]
+
+
+def eds_files() -> list[Path]:
+    return sorted((SHARED / "eds").glob("maxon_epos4*.eds"))
+
+
+def eds_entry(path: Path, index: int, subindex: int) -> dict[str, str] | None:
+    eds = configparser.RawConfigParser(strict=False, interpolation=None)
+    eds.read_string(path.read_text(encoding="latin-1"))
+    sections = {section.lower(): section for section in eds.sections()}
+    name = f"{index:x}sub{subindex:x}" if f"{index:x}sub{subindex:x}" in sections else f"{index:x}"
+    return dict(eds[sections[name]]) if name in sections else None
+
+
+def claimed_objects(profile: DriveProfile) -> list[tuple[int, int, DataType]]:
+    """Every object that a profile names, with the type that it has or must have."""
+    signals = [(entry.object, entry.subindex, entry.type) for entry in profile.offers().values()]
+    rated = profile.torque.rated
+    assert rated is not None
+    options = (profile.link_loss.abort_connection_option, profile.link_loss.fault_reaction_option)
+    written = [(option.object, 0, DataType.INT16) for option in options if option is not None]
+    watched = profile.link_loss.heartbeat_consumer
+    assert watched is not None
+    return [*signals, (rated.object, rated.subindex, rated.type), *written, (watched, 1, DataType.UINT32)]
+
+
+@pytest.mark.skipif(not eds_files(), reason="no vendor EDS files: put them in HAPTIC_FIELDBUS_SHARED/eds")
+@pytest.mark.parametrize("path", eds_files(), ids=lambda path: path.stem)
+def test_each_object_of_maxon_epos4_is_in_the_vendors_eds_with_its_type(path: Path) -> None:
+    profile = load_profile("maxon_epos4")
+    for index, subindex, data_type in claimed_objects(profile):
+        entry = eds_entry(path, index, subindex)
+        assert entry is not None, f"{index:04X}h:{subindex:02X} is not in {path.name}"
+        assert EDS_TYPES[int(entry["datatype"], 0)] is data_type
+
+
+@pytest.mark.skipif(not eds_files(), reason="no vendor EDS files: put them in HAPTIC_FIELDBUS_SHARED/eds")
+@pytest.mark.parametrize("path", eds_files(), ids=lambda path: path.stem)
+def test_the_pdos_of_maxon_epos4_are_those_of_the_vendors_eds(path: Path) -> None:
+    profile = load_profile("maxon_epos4")
+    for base in (0x1600, 0x1A00):
+        count = eds_entry(path, base, 0)
+        assert count is not None
+        assert int(count["highlimit"], 0) == profile.pdo.entries
+    for base, pdos in ((0x1400, profile.pdo.rpdos), (0x1800, profile.pdo.tpdos)):
+        assert [eds_entry(path, base + number, 2) is not None for number in range(pdos + 1)] == [True] * pdos + [False]
+    inhibit = eds_entry(path, 0x1800, 3)
+    assert inhibit is not None
+    assert int(inhibit["defaultvalue"], 0) * 1e-4 == pytest.approx(profile.pdo.inhibit_time_default)
+    eds = configparser.RawConfigParser(strict=False, interpolation=None)
+    eds.read_string(path.read_text(encoding="latin-1"))
+    assert int(eds["DeviceInfo"]["VendorNumber"], 0) == profile.identity.vendor_id
+
+
+def test_summaries_have_the_keys_of_the_command_line() -> None:
+    summaries = {summary["name"]: summary for summary in profile_summaries()}
+    assert list(summaries) == profile_names()
+    assert summaries["maxon_epos4"] == {
+        "name": "maxon_epos4",
+        "vendor": "maxon",
+        "model": "EPOS4",
+        "protocol": "canopen",
+        "usable": True,
+        "evidence": "vendor-data",
+    }
+
+
+def test_an_unknown_name_is_answered_with_the_nearest_ones() -> None:
+    with pytest.raises(UsageError) as caught:
+        load_profile("maxon_epos5")
+    assert str(caught.value).startswith('no profile "maxon_epos5"; nearest: maxon_epos4')
+    assert str(caught.value).endswith(". Profiles are listed by: haptic-fieldbus profiles list")
+
+
+def test_profiles_inside_the_package_come_before_those_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "site" / "haptic_fieldbus"
+    (package / "drive").mkdir(parents=True)
+    monkeypatch.setattr(catalogue, "__file__", str(package / "drive" / "catalogue.py"))
+    assert profile_folder() == tmp_path / "site" / "profiles"
+    (package / "profiles").mkdir()
+    assert profile_folder() == package / "profiles"
+
+
+def test_a_complete_profile_has_its_name_from_the_file_and_defaults(tmp_path: Path) -> None:
+    path = write(tmp_path, COMPLETE)
+    profile = load_profile(str(path))
+    assert (profile.name, profile.source, profile.title) == ("push1", str(path), "acme Push 1")
+    assert profile.identity.vendor_id is None
+    assert profile.timing.torque_bandwidth == 1000.0
+    assert profile.pdo.tpdo_types == (1,)
+    assert profile.torque.target.type is DataType.INT16
+
+
+def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path) -> None:
+    faults = faults_of(
+        tmp_path,
+        ('protocol = "canopen"', 'protocol = "canopn"'),
+        ("mode_of_operation = 10", "mode_of_operation = 10.0"),
+        ('type = "int32"', 'type = "int23"'),
+        ("tpdo_types = [1]", "tpdo_typs = [1]"),
+        ("torque_bandwidth = 1000", "torque_bandwidth = -5"),
+    )
+    assert faults == [
+        'line 5: drive.protocol: "canopn"; expected "canopen" or "modbus"; nearest: canopen',
+        "line 8: torque.mode_of_operation: 10.0; expected a whole number from -128 to 127",
+        'line 11: position.actual.type: "int23"; expected "int8", "int16", "int32", "uint8", "uint16" or "uint32"'
+        "; nearest: int32, uint32, int8",
+        "line 12: pdo.tpdo_types: missing; expected a list of at least 1, each a whole number from 0 to 255",
+        "line 13: pdo.tpdo_typs: unknown key; nearest: tpdo_types, rpdo_types, tpdos",
+        "line 18: timing.torque_bandwidth: -5; expected a number above 0",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("schema = 1", "schema = 2", "line 1: schema: 2; expected 1"),
+        ("schema = 1", "schema = true", "line 1: schema: true; expected a whole number"),
+        ("schema = 1", "schema = 1.0", "line 1: schema: 1.0; expected a whole number"),
+        (
+            "schema = 1",
+            'schema = 1\nname = "x"',
+            "line 2: name: unknown key"
+            "; known: drive, identity, link_loss, pdo, position, schema, sources, timing, torque",
+        ),
+        (
+            'type = "int16"',
+            'type = "uint16"',
+            'line 9: torque.target.type: "uint16"; expected "int16" or "int32"',
+        ),
+        ('type = "int16"', 'type = "int8"', 'line 9: torque.target.type: "int8"; expected "int16" or "int32"'),
+        ('type = "int32"', 'type = "int16"', 'line 11: position.actual.type: "int16"; expected "int32"'),
+        (', unit = "counts"', "", 'line 11: position.actual.unit: missing; expected "counts"'),
+        (
+            'unit = "permille_of_rated_torque"',
+            'unit = "mA"',
+            'line 9: torque.target.unit: "mA"; expected "permille_of_rated_torque"',
+        ),
+        (
+            "[position]",
+            'rated = { object = 0x6076, type = "uint32", unit = "Nm" }\n[position]',
+            'line 10: torque.rated.unit: "Nm"; expected "µN·m" or "mN·m" or "N·m"',
+        ),
+        (
+            "[position]",
+            'actual = { object = 0x6071, type = "int16", unit = "permille_of_rated_torque" }\n[position]',
+            "line 10: torque.actual.object: 0x6071 is torque.target already; expected another object",
+        ),
+        (
+            "[timing]",
+            "fault_reaction_option = { object = 0x6007, value = 0 }\n[timing]",
+            "line 17: link_loss.fault_reaction_option.object: 0x6007 is link_loss.abort_connection_option already"
+            "; expected another object",
+        ),
+        (
+            'timing = "measured"',
+            '"timing.control_period" = "measured"',
+            'line 18: timing.torque_bandwidth: no source; expected an entry "timing.torque_bandwidth" in [sources]',
+        ),
+        (
+            'torque = "measured"',
+            '"torque.mode_of_operation" = "measured"',
+            'line 9: torque.target: no source; expected an entry "torque.target" in [sources]',
+        ),
+        (
+            'position = "measured"',
+            '"position.actual.object" = "measured"\n"position.actual.type" = "measured"',
+            'line 11: position.actual.unit: no source; expected an entry "position.actual.unit" in [sources]',
+        ),
+        (
+            'pdo = "measured"',
+            'pdo = "measured"\n"pdo.tpod_types" = "measured"',
+            'line 24: sources."pdo.tpod_types": the source of an unknown key; nearest: pdo.tpdo_types, pdo.rpdo_types',
+        ),
+        ('pdo = "measured"', 'pdo = ""', 'line 23: sources.pdo: ""; expected text that is not empty'),
+        (
+            'evidence = "hardware"',
+            'evidence = "hardware"\nusable = false',
+            'line 7: drive.usable: false without its reason; expected an entry "drive.usable" in [sources]',
+        ),
+    ],
+)
+def test_a_rule_across_keys_is_told(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert faults_of(tmp_path, (old, new)) == [message]
+
+
+def test_a_faulty_value_without_a_source_is_told_both(tmp_path: Path) -> None:
+    assert faults_of(tmp_path, ("control_period = 0.0", "control_period = -1"), ('timing = "measured"', "")) == [
+        'line 18: timing.torque_bandwidth: no source; expected an entry "timing.torque_bandwidth" in [sources]',
+        "line 19: timing.control_period: -1; expected a number not below 0",
+        'line 19: timing.control_period: no source; expected an entry "timing.control_period" in [sources]',
+    ]
+
+
+def test_an_unknown_key_needs_no_source(tmp_path: Path) -> None:
+    assert faults_of(
+        tmp_path, ("control_period = 0.0", "control_period = 0.0\nx = 1"), ('timing = "measured"', "")
+    ) == [
+        'line 18: timing.torque_bandwidth: no source; expected an entry "timing.torque_bandwidth" in [sources]',
+        'line 19: timing.control_period: no source; expected an entry "timing.control_period" in [sources]',
+        "line 20: timing.x: unknown key; known: control_period, mode_change_timeout, torque_bandwidth",
+    ]
+
+
+def test_a_section_that_is_missing_is_told_without_a_line(tmp_path: Path) -> None:
+    assert faults_of(tmp_path, ("[timing]\ntorque_bandwidth = 1000\ncontrol_period = 0.0\n", "")) == [
+        "timing: missing; expected a table with torque_bandwidth, control_period and mode_change_timeout"
+    ]
+
+
+def test_a_source_may_say_why_a_value_is_left_out(tmp_path: Path) -> None:
+    text = COMPLETE + '"link_loss.heartbeat_consumer" = "the EDS has no 1016h"\n'
+    assert load_profile(write(tmp_path, text)).link_loss.heartbeat_consumer is None
+
+
+def test_a_profile_that_is_not_usable_loads_whatever_its_units(tmp_path: Path) -> None:
+    text = (
+        COMPLETE.replace('evidence = "hardware"', 'evidence = "hardware"\nusable = false')
+        .replace('"permille_of_rated_torque"', '"mA"')
+        .replace("[sources]", '[sources]\n"drive.usable" = "torque in mA: no rated current known"')
+    )
+    assert not load_profile(write(tmp_path, text)).drive.usable
+
+
+@pytest.mark.parametrize("old", ['type = "int16"', "object = 0x6071", "value = 2", "[1]", '"canopen"', '"measured"'])
+@pytest.mark.parametrize("new", ["[[1]]", "{ x = 1 }", "true", "nan", "1979-05-27", "[]"])
+def test_a_value_of_any_other_kind_is_a_fault(tmp_path: Path, old: str, new: str) -> None:
+    key, equals, _ = old.rpartition("=")
+    path = write(tmp_path, COMPLETE.replace(old, f"{key}{equals} {new}"))
+    with pytest.raises(ProfileError):
+        load_profile(path)
+
+
+@settings(deadline=None)  # the first example imports the validator
+@given(
+    st.text()
+    | st.text(alphabet='drivetoqu_[]{}=".\n0x')
+    | st.lists(st.sampled_from(COMPLETE.splitlines())).map("\n".join)
+)
+def test_garbage_raises_nothing_but_a_document_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    path = write(tmp_path_factory.getbasetemp(), text)
+    with pytest.raises(DocumentError) as caught:
+        load_profile(path)
+    assert caught.value.faults
+
+
+def test_every_key_of_the_schema_is_documented() -> None:
+    readme = (CHECKOUT / "profiles" / "README.md").read_text(encoding="utf-8")
+    schema = profile_schema()
+    for section, node in schema["properties"].items():
+        assert f"`{section}" in readme or f"[{section}]" in readme
+        reference = str(node.get("$ref", "")).rpartition("/")[2]
+        for key in schema["$defs"].get(reference, {}).get("properties", {}):
+            assert f"`{section}.{key}`" in readme, f"{section}.{key}"
+    for name in profile_names():
+        assert f"| `{name}` |" in readme
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_a_shipped_profile_is_plain_toml(name: str) -> None:
+    data = tomllib.loads((profile_folder() / f"{name}.toml").read_text(encoding="utf-8"))
+    assert data["schema"] == 1
