@@ -1,0 +1,1 @@
+"""Mathematics without hardware: integrators, estimators, exact discretisation."""

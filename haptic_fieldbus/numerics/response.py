@@ -1,0 +1,124 @@
+"""Responses of linear systems to whole motions at once: the reference that the loop's steps are held against.
+
+The exact response takes the motion between two instants as the cubic that has the right position and velocity at both
+(Hermite), and solves the system exactly for it: the error is that of the cubic, fourth order in the distance.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.numerics.exact import polynomial_step, polynomial_system
+from haptic_fieldbus.numerics.integrators import rest
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+
+Array = NDArray[np.float64]
+Times = NDArray[np.int64]
+TERMS_OF_A_PIECE = 20
+"""Of a Taylor series over at most a radian of the fastest mode."""
+
+
+def recursion(transition: Matrix, drive: Matrix, start: Array) -> Matrix:
+    """z_0 = start, z_{i+1} = Φ z_i + drive_i: shape (N + 1, n) from drive (N, n).
+
+    Done in about √N blocks side by side, then once over the blocks.
+    """
+    steps, order = drive.shape
+    length = max(1, math.isqrt(steps))
+    blocks = -(-steps // length)
+    padded = np.zeros((blocks * length, order))
+    padded[:steps] = drive
+    padded = padded.reshape(blocks, length, order)
+    own = np.zeros((blocks, length + 1, order))
+    powers = np.empty((length + 1, order, order))
+    powers[0] = np.eye(order)
+    for step in range(length):
+        own[:, step + 1] = own[:, step] @ transition.T + padded[:, step]
+        powers[step + 1] = transition @ powers[step]
+    starts = np.empty((blocks + 1, order))
+    starts[0] = start
+    for block in range(blocks):
+        starts[block + 1] = powers[length] @ starts[block] + own[block, length]
+    states = own[:, :length] + np.einsum("lij,bj->bli", powers[:length], starts[:-1])
+    result: Matrix = np.vstack([states.reshape(-1, order), starts[-1:]])[: steps + 1]
+    return result
+
+
+def sequence_response(system: StateSpace, stiffness: float, inputs: Matrix) -> Array:
+    """Output of a discrete (position, velocity) system, one row of `inputs` a period, as `integrators.bind` begins it:
+    at rest, with force `stiffness` times position, where the handle is first."""
+    moved = inputs - np.array([inputs[0, 0], 0.0])
+    states = recursion(system.a, moved[:-1] @ system.b.T, np.zeros(system.order))
+    output: Array = stiffness * inputs[0, 0] + states @ system.c[0] + moved @ system.d[0]
+    return output
+
+
+class ExactResponse:
+    """Virtual states of a continuous (position, velocity) system along a motion, from rest at its first instant.
+
+    `nodes_ns` (N,) rise, equally spaced but for the first interval; `position` and `velocity` (N,) are those of the
+    motion there [m, m/s or rad, rad/s].
+    """
+
+    def __init__(self, space: StateSpace, nodes_ns: Times, position: Array, velocity: Array) -> None:
+        self._space, self._nodes_ns = space, nodes_ns
+        self._position, self._velocity = position, velocity
+        start = rest(space)[0] * position[0]
+        self.states: Matrix = start[None]
+        """At the nodes, (N, order)."""
+        first = self._advance(np.array([0]), (nodes_ns[1:2] - nodes_ns[0]) * 1e-9, position[1:2], velocity[1:2])[0]
+        span = float(nodes_ns[-1] - nodes_ns[-2]) * 1e-9
+        increment, gammas = polynomial_step(space.a, space.b, span, 3)
+        x = _cubic(position[1:-1], velocity[1:-1], position[2:], velocity[2:], span)
+        drive: Matrix = sum(
+            (
+                derivative * span**power @ gamma.T
+                for power, (derivative, gamma) in enumerate(zip(x, gammas, strict=True))
+            ),
+            np.zeros((len(nodes_ns) - 2, space.order)),
+        )
+        self.states = np.vstack([start, recursion(increment + np.eye(space.order), drive, first)])
+
+    @property
+    def force(self) -> Array:
+        """At the nodes [N or N·m], (N,)."""
+        return self._output(self.states, self._position, self._velocity)
+
+    def force_at(self, times_ns: Times, position: Array, velocity: Array) -> Array:
+        """At other times between the nodes, or up to one interval after; position, velocity: of the motion."""
+        node = np.searchsorted(self._nodes_ns, times_ns, side="right") - 1
+        span: Array = (times_ns - self._nodes_ns[node]).astype(np.float64) * 1e-9
+        states = self._advance(node, span, position, velocity)
+        return self._output(states, position, velocity)
+
+    def _advance(self, node: Times, span: Array, position: Array, velocity: Array) -> Matrix:
+        """States a span [s] after the nodes, where the motion has this position and velocity; a span for each.
+
+        Taylor series of the autonomous system of states and input, in so many pieces that it converges at once.
+        """
+        system = polynomial_system(self._space.a, self._space.b, 3)
+        inputs = _cubic(self._position[node], self._velocity[node], position, velocity, span)
+        known = np.hstack([self.states[node], *inputs])
+        pieces = 1 + int(np.abs(np.linalg.eigvals(self._space.a)).max(initial=0.0) * span.max(initial=0.0))
+        for _ in range(pieces):
+            term = known
+            for power in range(1, TERMS_OF_A_PIECE):
+                term = term @ system.T * (span / (pieces * power))[:, None]
+                known = known + term
+        states: Matrix = known[:, : self._space.order]
+        return states
+
+    def _output(self, states: Matrix, position: Array, velocity: Array) -> Array:
+        to_position, to_velocity = self._space.d[0]
+        force: Array = states @ self._space.c[0] + to_position * position + to_velocity * velocity
+        return force
+
+
+def _cubic(x: Array, v: Array, x_end: Array, v_end: Array, span: Array | float) -> list[Matrix]:
+    """(position, velocity) and its derivatives by time, to the third, at the start of a cubic: shape (n, 2) each."""
+    safe = np.where(np.asarray(span) > 0.0, span, 1.0)
+    way, gain = (x_end - x) / safe - v, v_end - v
+    second, third = (6.0 * way - 2.0 * gain) / safe, (6.0 * gain - 12.0 * way) / safe**2
+    rows = [x, v, second, third, np.zeros_like(x)]
+    return [np.stack([rows[power], rows[power + 1]], axis=-1) for power in range(4)]

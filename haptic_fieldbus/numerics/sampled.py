@@ -1,0 +1,136 @@
+"""A plant under a delayed hold, closed over a discrete environment: matrices, growth, passivity.
+
+The position is sampled at t_k = k·T, the environment gives F_k, and F_k is held from t_k + td until t_{k+1} + td with
+td = n·T + δ. Between these instants all is linear, so one period is exact.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerics import estimators, integrators
+from haptic_fieldbus.numerics.exact import zoh
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
+
+
+def environment(space: StateSpace, *, period: float, method: str | None, estimator: str | None) -> StateSpace:
+    """The loop's environment x_k → F_k of a continuous (position, velocity) → force system.
+
+    `method` may be None without virtual states, `estimator` when the velocity does not matter; else UsageError.
+    """
+    if space.order:
+        if method is None:
+            raise UsageError("a scene with virtual states needs an integrator")
+        space = integrators.discrete(space, period, method)
+    if not integrators.uses_velocity(space):
+        return StateSpace(space.a, space.b[:, :1], space.c, space.d[:, :1])
+    if estimator is None:
+        raise UsageError("a scene that uses velocity needs an estimator")
+    velocity = estimators.discrete(estimator, period)
+    (from_position, from_velocity), order = (space.b[:, :1], space.b[:, 1:]), space.order
+    return StateSpace(
+        a=np.block([[space.a, from_velocity @ velocity.c], [np.zeros((velocity.order, order)), velocity.a]]),
+        b=np.vstack([from_position + from_velocity @ velocity.d, velocity.b]),
+        c=np.hstack([space.c, space.d[:, 1:] @ velocity.c]),
+        d=space.d[:, :1] + space.d[:, 1:] @ velocity.d,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SampledPlant:
+    """A plant over one period: ξ⁺ = Φ ξ + `before` F_{k−n−1} + `after` F_{k−n}; the position is the first of ξ."""
+
+    transition: Matrix
+    before: Matrix
+    """Of the force that still acts during the first δ of the period."""
+    after: Matrix
+    whole: int
+    """Whole periods of delay, n."""
+    fraction: float
+    """δ [s]"""
+
+
+def split_delay(delay: float, period: float) -> tuple[int, float]:
+    """(n, δ) with delay = n·period + δ and 0 ≤ δ < period; δ within a billionth of a period of a whole one is one."""
+    whole = math.floor(delay / period + 1e-9)
+    fraction = delay - whole * period
+    return whole, fraction if fraction > 1e-9 * period else 0.0
+
+
+def sample(a: Matrix, b: Matrix, period: float, delay: float) -> SampledPlant:
+    """Exact discretisation of ξ̇ = A ξ + B F, position first, under the delayed hold."""
+    whole, fraction = split_delay(delay, period)
+    first_transition, first = zoh(a, b, fraction)
+    rest_transition, rest = zoh(a, b, period - fraction)
+    return SampledPlant(rest_transition @ first_transition, rest_transition @ first, rest, whole, fraction)
+
+
+def loop_matrix(plant: SampledPlant, environment: StateSpace) -> Matrix:
+    """One period of the closed loop on the states (ξ, environment, F_{k−1}, F_{k−2}, …)."""
+    order, inner = len(plant.transition), environment.order
+    memory = plant.whole + (1 if plant.fraction else 0)
+    size = order + inner + memory
+    force = np.zeros((1 + memory, size))
+    force[0, 0], force[0, order : order + inner] = environment.d[0, 0], environment.c[0]
+    force[1:, order + inner :] = np.eye(memory)
+    matrix = np.zeros((size, size))
+    matrix[:order, :order] = plant.transition
+    matrix[:order] += plant.after @ force[plant.whole : plant.whole + 1]
+    if plant.fraction:
+        matrix[:order] += plant.before @ force[plant.whole + 1 :]
+    matrix[order : order + inner, :1] = environment.b
+    matrix[order : order + inner, order : order + inner] = environment.a
+    matrix[order + inner :] = force[:memory]
+    return matrix
+
+
+def spectral_radius(matrix: Matrix) -> float:
+    """Largest modulus of the eigenvalues."""
+    return float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0))
+
+
+def shift_mode(environment: StateSpace) -> Matrix | None:
+    """State of an environment that has followed a shift by 1 and gives no force there; None when it gives one."""
+    state = equilibrium(environment.a - np.eye(environment.order), environment.b[:, 0])
+    force = environment.c[0] @ state + environment.d[0, 0]
+    scale = np.abs(environment.c[0]) @ np.abs(state) + abs(environment.d[0, 0])
+    return state if abs(force) <= 1e-9 * scale else None
+
+
+def growth(plant: SampledPlant, environment: StateSpace) -> float:
+    """Spectral radius of the loop without its shift mode, where it has one: below 1 is stable.
+
+    With r the shift mode, r_0 = 1 the position, the rest of the states minus r times the position evolves by itself.
+    """
+    matrix = loop_matrix(plant, environment)
+    state = shift_mode(environment)
+    if state is None:
+        return spectral_radius(matrix)
+    mode = np.zeros(len(matrix))
+    order = len(plant.transition)
+    mode[order : order + environment.order] = state
+    return spectral_radius(matrix[1:, 1:] - np.outer(mode[1:], matrix[0, 1:]))
+
+
+def damping_needed(environment: StateSpace, period: float, delay: float, points: int = 400) -> float:
+    """The device damping [N·s/m or N·m·s/rad] with which the sampled environment is passive, by frequency sweep.
+
+    Colgate & Schenkel (J. Robotic Systems 14(1), 1997, 37) for delay 0:
+    b > T/2/(1 − cos ωT)·Re{(1 − e^{−jωT})·H(e^{jωT})}. With a fractional delay the handle matters at two instants a
+    period, X at t_k and Y at t_k + δ. What the device takes at least, b·(|Y − X|²/δ + |X·z − Y|²/(T − δ)), must
+    exceed what the hold gives, Re{(H·X)*·zⁿ·(z − 1)·Y}, for all X and Y: a 2 × 2 Hermitian form, solved for b.
+    """
+    angle = np.concatenate([np.geomspace(1e-5, 0.1, points // 4), np.linspace(0.1, math.pi, points)])
+    z: NDArray[np.complex128] = np.exp(1j * angle)
+    systems = z[:, None, None] * np.eye(environment.order) - environment.a
+    response = -(environment.c @ np.linalg.solve(systems, environment.b[None] + 0j) + environment.d)[:, 0, 0]
+    whole, fraction = split_delay(delay, period)
+    chord = 4.0 * np.sin(angle / 2.0) ** 2
+    work = 0.5 * response.conj() * z**whole * (1j * np.sin(angle) - 0.5 * chord)
+    path = (period - fraction) + fraction * z.conj()
+    along = (work * path.conj()).real
+    spread = chord * fraction * (period - fraction) * np.abs(work) ** 2
+    return float(((np.sqrt(along**2 + spread) - along) / chord).max())
