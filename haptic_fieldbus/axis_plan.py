@@ -1,0 +1,224 @@
+"""One axis of a plan: what it maps, its limits, and whether its sampled loop is stable."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from haptic_fieldbus.drive.budget import Delay, Exchange, delay_of
+from haptic_fieldbus.drive.pdo import SYNCHRONOUS_TYPES, Direction, Pdo, lay_out
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.rig import Rig, RigAxis
+from haptic_fieldbus.errors import Fault, PlanError, SceneError, SignalUnavailableError
+from haptic_fieldbus.numerics.linear import StateSpace, parallel
+from haptic_fieldbus.safety import SLEW_TIME, SPEED_LIMIT, EffortLimits
+from haptic_fieldbus.scenes.element import DynamicElement, Element
+from haptic_fieldbus.scenes.scene import Scene, SceneAxis
+from haptic_fieldbus.signals import Signal, Workspace
+from haptic_fieldbus.stability import Plant, Stability, environment, judge
+
+UNKNOWN_BENCH_EFFORT = 0.05
+"""Share of rated torque that is allowed on a bench whose plant is unknown."""
+ALWAYS_IN = (Signal.STATUSWORD, Signal.POSITION)
+ALWAYS_OUT = (Signal.CONTROLWORD, Signal.TARGET_TORQUE)
+MAPPED_ON_DEMAND = (Signal.TORQUE_ACTUAL,)
+DEFAULT_ESTIMATOR = "backward-difference"
+DEFAULT_METHOD = "exact-foh"
+
+
+@dataclass(frozen=True)
+class AxisPlan:
+    """One axis of a plan; `effort_unit` is one step of the drive's target torque in the workspace [N or N·m]."""
+
+    name: str
+    node: int
+    workspace: Workspace
+    profile: DriveProfile
+    rig: RigAxis
+    tpdos: tuple[Pdo, ...]
+    rpdos: tuple[Pdo, ...]
+    elements: tuple[Element, ...]
+    estimator: str | None
+    method: str | None
+    limits: EffortLimits
+    effort_unit: float
+    delay: Delay
+    plant: Plant | None
+    stability: Stability | None
+
+    @property
+    def position_unit(self) -> float:
+        """One encoder count in the workspace, with the mechanism's sign [m or rad]."""
+        return self.rig.resolution * self.rig.mechanism.sign
+
+
+def draft_axis(
+    scene: Scene,
+    scene_axis: SceneAxis,
+    rig: Rig,
+    profiles: Mapping[str, DriveProfile],
+    method: str | None,
+    estimator: str | None,
+) -> AxisPlan:
+    """All but delay and stability, which need the traffic of all axes: `judged` adds them."""
+    axis = rig.axis.get(scene_axis.name)
+    if axis is None:
+        raise PlanError(
+            f"{scene.name} needs the axis {scene_axis.name!r}; the rig {rig.source} has: {', '.join(rig.axis)}"
+        )
+    profile = profiles[axis.profile]
+    _check_usable(profile)
+    _check_workspace(scene, scene_axis, axis)
+    elements = scene.of_axis(scene_axis.name)
+    incoming = _incoming(elements, scene_axis.name, profile)
+    effort_unit = _effort_unit(profile, axis)
+    return AxisPlan(
+        name=scene_axis.name,
+        node=axis.node,
+        workspace=scene_axis.workspace,
+        profile=profile,
+        rig=axis,
+        tpdos=_pdos(Direction.TPDO, profile, axis.node, incoming),
+        rpdos=_pdos(Direction.RPDO, profile, axis.node, ALWAYS_OUT),
+        elements=elements,
+        estimator=(estimator or DEFAULT_ESTIMATOR) if _needed(elements, Signal.VELOCITY) else None,
+        method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
+        limits=_limits(axis, profile, scene_axis.workspace, effort_unit),
+        effort_unit=effort_unit,
+        delay=Delay(0.0, 0.0, 0.0, 0.0),
+        plant=_plant(axis, profile),
+        stability=None,
+    )
+
+
+def _check_usable(profile: DriveProfile) -> None:
+    if not profile.drive.usable:
+        raise PlanError(f"{profile.title} is not usable for force: {profile.sources.get('drive.usable', profile.name)}")
+
+
+def _check_workspace(scene: Scene, scene_axis: SceneAxis, axis: RigAxis) -> None:
+    if axis.mechanism.workspace is not scene_axis.workspace:
+        message = (
+            f"the scene is {scene_axis.workspace.value} ({scene_axis.workspace.effort_unit}, "
+            f"{scene_axis.workspace.length_unit}) but the rig's mechanism is {axis.mechanism.kind}"
+        )
+        raise SceneError(scene.source or scene.name, [Fault(f"axis.{scene_axis.name}.workspace", message)])
+
+
+def _needed(elements: tuple[Element, ...], signal: Signal) -> bool:
+    return any(signal in element.needs for element in elements)
+
+
+def _incoming(elements: tuple[Element, ...], axis: str, profile: DriveProfile) -> tuple[Signal, ...]:
+    """What must be mapped: what safety always needs, and what elements ask for and nothing derives."""
+    offered = profile.offers()
+    wanted = [signal for signal in MAPPED_ON_DEMAND if _needed(elements, signal)]
+    for signal in wanted:
+        if signal not in offered:
+            asking = next(element.name for element in elements if signal in element.needs)
+            raise SignalUnavailableError(
+                f"{asking} on axis {axis} needs {signal.value}, which {profile.title} neither offers nor derives"
+            )
+    return (*ALWAYS_IN, *wanted)
+
+
+def _pdos(direction: Direction, profile: DriveProfile, node: int, signals: tuple[Signal, ...]) -> tuple[Pdo, ...]:
+    section = profile.pdo
+    if direction is Direction.TPDO:
+        kind, available = _fastest_tpdo_type(section.tpdo_types), section.tpdos
+    else:
+        kind, available = _fastest_rpdo_type(section.rpdo_types), section.rpdos
+    offered = profile.offers()
+    return lay_out(
+        direction, offered, signals, node=node, transmission_type=kind, pdos=available, entries=section.entries
+    )
+
+
+def _fastest_tpdo_type(types: tuple[int, ...]) -> int:
+    """Type 1 answers every SYNC: one latch instant for all axes, and the lowest delay."""
+    if 1 not in types:
+        raise PlanError(f"no TPDO transmission type of {types} answers every SYNC; 1 is needed")
+    return 1
+
+
+def _fastest_rpdo_type(types: tuple[int, ...]) -> int:
+    """Event-driven acts on reception; a synchronous one waits for the next SYNC."""
+    event_driven = [kind for kind in types if kind not in SYNCHRONOUS_TYPES]
+    return max(event_driven) if event_driven else min(types)
+
+
+def _effort_unit(profile: DriveProfile, axis: RigAxis) -> float:
+    """One step of target torque in the workspace; the unit of the profile times the rig's rated torque."""
+    if profile.torque.target.unit != "permille_of_rated_torque":
+        raise PlanError(f"{profile.title}: torque unit {profile.torque.target.unit!r} is not supported")
+    if axis.rated_torque is None:
+        raise PlanError(f"the rig's rated_torque of node {axis.node} is unknown: torque cannot be scaled without it")
+    return axis.rated_torque / 1000.0 / axis.mechanism.ratio
+
+
+def _limits(axis: RigAxis, profile: DriveProfile, workspace: Workspace, effort_unit: float) -> EffortLimits:
+    """Effort is bounded by the rig's limit and rated torque; on an unknown bench by a small share of it."""
+    share = 1.0 if _plant(axis, profile) is not None else UNKNOWN_BENCH_EFFORT
+    effort = min(axis.limits.effort or float("inf"), 1000.0 * effort_unit * share)
+    return EffortLimits(
+        effort=effort,
+        speed=axis.limits.speed or SPEED_LIMIT[workspace.value],
+        slew=effort / SLEW_TIME,
+        position=axis.limits.position,
+    )
+
+
+def _plant(axis: RigAxis, profile: DriveProfile) -> Plant | None:
+    """The bench in the workspace; None when inertia or damping is unknown."""
+    if axis.inertia is None or axis.viscous_damping is None:
+        return None
+    ratio = axis.mechanism.ratio
+    return Plant(
+        mass=axis.inertia / ratio**2,
+        damping=axis.viscous_damping / ratio**2,
+        coulomb=axis.coulomb_friction / ratio,
+        resolution=axis.resolution,
+        torque_lag=1.0 / (2 * math.pi * profile.timing.torque_bandwidth),
+    )
+
+
+def judged(draft: AxisPlan, exchange: Exchange, period: float) -> AxisPlan:
+    """The axis with its delay, and with the verdict on its sampled loop where the bench is known."""
+    delayed = replace(draft, delay=delay_of(exchange, draft.profile, period))
+    return replace(delayed, stability=_stability(delayed, period))
+
+
+def _stability(axis: AxisPlan, period: float) -> Stability | None:
+    """The verdict on the axis alone; its limit is that of the stiffest element, all else kept."""
+    if axis.plant is None:
+        return None
+    stiffest = stiffest_of(axis)
+    return judge(
+        axis.plant,
+        period,
+        axis.delay.transport,
+        lambda stiffness: environment_of(axis, period, stiffness=stiffness),
+        stiffness=stiffness_of(stiffest) if stiffest is not None else None,
+        damping=sum(getattr(element, "damping", 0.0) for element in axis.elements),
+    )
+
+
+def environment_of(axis: AxisPlan, period: float, **changes: float) -> StateSpace:
+    """The linearised elements of the axis as the loop runs them, x_k → F_k, the stiffest one changed."""
+    stiffest = stiffest_of(axis)
+    elements = [
+        replace(element, **changes) if element is stiffest else element  # type: ignore[type-var]
+        for element in axis.elements
+    ]
+    space = parallel([element.linearised() for element in elements])
+    estimator = axis.estimator or DEFAULT_ESTIMATOR
+    return environment(space, period=period, method=axis.method, estimator=estimator)
+
+
+def stiffest_of(axis: AxisPlan) -> Element | None:
+    """The element whose stiffness is the axis' largest; None when none has any."""
+    return max(filter(stiffness_of, axis.elements), key=stiffness_of, default=None)
+
+
+def stiffness_of(element: Element) -> float:
+    """The element's own stiffness [N/m or N·m/rad]; 0 when it has none."""
+    return float(getattr(element, "stiffness", 0.0))

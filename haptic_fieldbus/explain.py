@@ -1,0 +1,87 @@
+"""A plan in words: what is mapped, what runs each period, what was left out, what it costs.
+
+The text is the golden file of each scene on each profile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from haptic_fieldbus.drive.pdo import Pdo
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.axis_plan import AxisPlan
+    from haptic_fieldbus.plan import Plan
+
+KEY_WIDTH = 11
+
+
+def explain(plan: Plan) -> str:
+    """Several lines, a key and a text each; ends without a newline."""
+    return "\n".join(f"{key:{KEY_WIDTH}}{text}".rstrip() for key, text in _lines(plan))
+
+
+def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
+    yield "scene", f"{plan.scene.name}: {plan.scene.description}"
+    for axis in plan.axes:
+        yield "axis", _axis(axis)
+    yield "bus", f"{plan.rate:g} Hz at {plan.bitrate / 1e6:g} Mbit/s, load {100 * plan.bus_load:.1f} % (worst case)"
+    for pdo in plan.pdos:
+        yield from _pdo(pdo)
+    yield from _listed("steps", [f"{number}  {step}" for number, step in enumerate(plan.steps, start=1)])
+    yield from _listed("modules", list(plan.modules))
+    yield from _listed("left out", [f"{left.what}: {left.why}" for left in plan.left_out])
+    yield "delay", delay_text(plan)
+    yield from _stability(plan)
+
+
+def _axis(axis: AxisPlan) -> str:
+    effort = f"at most {axis.limits.effort:.3g} {axis.workspace.effort_unit}"
+    return f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"
+
+
+def _pdo(pdo: Pdo) -> Iterator[tuple[str, str]]:
+    when = "every SYNC" if pdo.transmission_type == 1 else "event-driven" if not pdo.synchronous else "synchronous"
+    key = "in" if pdo.direction.value == "TPDO" else "out"
+    yield key, f"{pdo.name} {pdo.cob_id:03X}h, type {pdo.transmission_type} ({when}), {pdo.size} octets"
+    for entry in pdo.entries:
+        yield "", f"  {entry}"
+
+
+def _listed(key: str, texts: list[str]) -> Iterator[tuple[str, str]]:
+    for position, text in enumerate(texts):
+        yield (key if position == 0 else ""), text
+
+
+def delay_text(plan: Plan) -> str:
+    """The delay budget in one line [ms]."""
+    delay = plan.delay
+    parts = ", ".join(
+        f"{name} {1e3 * part:.2f}"
+        for name, part in (
+            ("bus", delay.bus),
+            ("compute", delay.compute),
+            ("drive", delay.drive),
+            ("torque loop", delay.torque_loop),
+        )
+    )
+    return f"{1e3 * delay.total:.2f} ms: {parts}; the hold adds T/2 = {500 * plan.period:.2f}"
+
+
+def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
+    stability = plan.stability
+    if stability is None:
+        yield "stability", "unknown: the rig does not give inertia and viscous_damping"
+        return
+    unit = plan.axes[0].workspace
+    per = f"{unit.effort_unit}/{unit.length_unit}"
+    limit = stability.stiffness_limit
+    if limit.stable is None:
+        yield "stability", stability.verdict.value
+        return
+    yield (
+        "stability",
+        f"{stability.verdict.value}: {stability.stiffness:g} {per} asked, stable to {limit.stable:.4g}, "
+        f"passive to {limit.passive:.4g}",
+    )

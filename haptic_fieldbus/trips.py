@@ -1,0 +1,88 @@
+"""A trip as an exception: whose fault it was, and a sentence that says what, by how much and when."""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+
+from haptic_fieldbus.axis_plan import AxisPlan
+from haptic_fieldbus.drive.emergency import emergency_meaning
+from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
+from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.safety import Trip, TripKind
+
+TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
+    TripKind.EMERGENCY: DriveFaultError,
+    TripKind.DRIVE_FAULT: DriveFaultError,
+    TripKind.DRIVE_DISABLED: DriveFaultError,
+    TripKind.NODE_RESET: DriveFaultError,
+    TripKind.NODE_NOT_OPERATIONAL: DriveFaultError,
+    TripKind.HEARTBEAT_LOST: BusTimeoutError,
+    TripKind.FEEDBACK_LOST: BusTimeoutError,
+    TripKind.BUS_OFF: BusError,
+    TripKind.BUS_EXCEPTION: BusError,
+    TripKind.NOT_FINITE: SafetyTripError,
+    TripKind.SPEED: SafetyTripError,
+    TripKind.POSITION: SafetyTripError,
+}
+"""Whose fault it was: the drive's, the bus', or a limit of ours."""
+
+
+SILENCES = (TripKind.FEEDBACK_LOST, TripKind.HEARTBEAT_LOST)
+"""What a restart looks like before the node can say that it restarted."""
+
+
+def explained(trip: Trip, restarted: Collection[str]) -> Trip:
+    """The trip as it is known when torque is off: a node that fell silent may have restarted."""
+    return replace(trip, kind=TripKind.NODE_RESET) if trip.kind in SILENCES and trip.axis in restarted else trip
+
+
+def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticFieldbusError:
+    """The exception for a trip; `enabled_at_ns` is None before operation enabled."""
+    if enabled_at_ns is None:
+        when = "before operation enabled"
+    else:
+        when = f"{(trip.t_ns - enabled_at_ns) * 1e-9:.3f} s after operation enabled"
+    axis = next(axis for axis in plan.axes if axis.name == trip.axis)
+    return TRIP_ERRORS[trip.kind](f"axis {trip.axis}: {CAUSES[trip.kind](trip, axis)}, {when}. Torque was taken away")
+
+
+def _emergency(trip: Trip, axis: AxisPlan) -> str:
+    code = int(trip.value)
+    return f"node {axis.node} sent emergency {code:04X}h ({emergency_meaning(code)})"
+
+
+def _power(trip: Trip, axis: AxisPlan) -> str:
+    return f"node {axis.node} went to {trip.detail} by itself (statusword {int(trip.value):04X}h)"
+
+
+def _feedback(trip: Trip, axis: AxisPlan) -> str:
+    return f"no feedback from node {axis.node}: the last is {trip.value * 1e3:.1f} ms old"
+
+
+def _not_finite(trip: Trip, axis: AxisPlan) -> str:
+    return f"the scene's {axis.workspace.effort_name} became {trip.value} {axis.workspace.effort_unit}"
+
+
+def _speed(trip: Trip, axis: AxisPlan) -> str:
+    unit = axis.workspace.length_unit
+    return f"speed {trip.value:.3g} {unit}/s, the limit is {trip.limit:g} {unit}/s"
+
+
+def _position(trip: Trip, axis: AxisPlan) -> str:
+    unit = axis.workspace.length_unit
+    return f"position {trip.value:.4g} {unit}, the limit is {trip.limit:g} {unit}"
+
+
+CAUSES: dict[TripKind, Callable[[Trip, AxisPlan], str]] = {
+    TripKind.EMERGENCY: _emergency,
+    TripKind.DRIVE_FAULT: _power,
+    TripKind.DRIVE_DISABLED: _power,
+    TripKind.NODE_RESET: lambda _, axis: f"node {axis.node} restarted",
+    TripKind.NODE_NOT_OPERATIONAL: lambda _, axis: f"node {axis.node} is not operational, says its heartbeat",
+    TripKind.HEARTBEAT_LOST: lambda _, axis: f"the heartbeat of node {axis.node} stayed away",
+    TripKind.FEEDBACK_LOST: _feedback,
+    TripKind.BUS_OFF: lambda *_: "the CAN controller went bus-off: check wiring, terminators and bit rate",
+    TripKind.BUS_EXCEPTION: lambda _, axis: f"node {axis.node} sent a malformed PDO, or the bus refused our frames",
+    TripKind.NOT_FINITE: _not_finite,
+    TripKind.SPEED: _speed,
+    TripKind.POSITION: _position,
+}

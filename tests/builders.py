@@ -1,0 +1,74 @@
+"""Ready-made values for tests: a profile, a rig axis, a scene and a plan that need no files."""
+
+from dataclasses import replace
+from typing import Any
+
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import (
+    DriveProfile,
+    DriveSection,
+    IdentitySection,
+    LinkLossSection,
+    MappedObject,
+    OptionCode,
+    PdoSection,
+    PositionSection,
+    TimingSection,
+    TorqueSection,
+)
+from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis, default_axis
+from haptic_fieldbus.plan import Plan, compile_plan
+from haptic_fieldbus.scenes.element import Element
+from haptic_fieldbus.scenes.scene import Scene, SceneAxis
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Workspace
+
+PERMILLE = "permille_of_rated_torque"
+
+PROFILE = DriveProfile(
+    schema=1,
+    name="test_drive",
+    drive=DriveSection("test", "drive", "canopen", "vendor-data"),
+    identity=IdentitySection(vendor_id=0xFB),
+    torque=TorqueSection(
+        mode_of_operation=10,
+        target=MappedObject(0x6071, DataType.INT16, unit=PERMILLE),
+        actual=MappedObject(0x6077, DataType.INT16, unit=PERMILLE),
+        rated=MappedObject(0x6076, DataType.UINT32, unit="µN·m"),
+    ),
+    position=PositionSection(MappedObject(0x6064, DataType.INT32, unit="counts")),
+    pdo=PdoSection((1, 254, 255), (1, 254, 255), "reception"),
+    link_loss=LinkLossSection(0x1016, OptionCode(0x6007, 2), OptionCode(0x605E, 0)),
+    timing=TimingSection(torque_bandwidth=1000.0, control_period=0.0004),
+)
+
+
+def rig_of(scene: Scene, **changes: Any) -> Rig:
+    """The shipped bench for a scene, with changes to every axis; nodes count from 1."""
+    axes: dict[str, RigAxis] = {}
+    for position, axis in enumerate(scene.axes):
+        bench = default_axis(axis.workspace, bus="bus", node=1 + position, profile=PROFILE.name)
+        axes[axis.name] = replace(bench, **changes)
+    return Rig({"bus": BusSection("haptic_sim", "sim")}, axes)
+
+
+def scene_of(*elements: Element, workspace: Workspace = Workspace.LINEAR) -> Scene:
+    """A scene whose axes are those that the elements name."""
+    names = tuple(dict.fromkeys(element.axis for element in elements))
+    return Scene("test", "a scene for tests", tuple(SceneAxis(name, workspace) for name in names), elements)
+
+
+WALL = scene_of(Wall("handle", stiffness=600.0, position=0.02))
+
+
+def plan_of(
+    scene: Scene = WALL,
+    rate: float = 1000.0,
+    rig: Rig | None = None,
+    profile: DriveProfile = PROFILE,
+    method: str | None = None,
+    estimator: str | None = None,
+) -> Plan:
+    """A plan of a scene on the shipped bench."""
+    rig = rig_of(scene) if rig is None else rig
+    return compile_plan(scene, rig, {PROFILE.name: profile}, rate, method=method, estimator=estimator)
