@@ -1,0 +1,54 @@
+"""The CAN controller of a program on the simulated bus: what it received, and whether it is bus-off."""
+
+from collections import deque
+from typing import NamedTuple
+
+from haptic_fieldbus.sim.frame import Frame
+from haptic_fieldbus.sim.wire import Port
+
+# linux/can/error.h: classes of an error message frame.
+_PROTOCOL_VIOLATION, _BUS_OFF, _RESTARTED = 0x008, 0x040, 0x100
+
+
+class Received(NamedTuple):
+    """One frame as it comes out of the controller; `error`: an error message of the controller itself."""
+
+    t_ns: int
+    frame: Frame
+    own: bool = False
+    error: bool = False
+
+
+class Controller:
+    """The master's end of the wire."""
+
+    def __init__(self, port: Port, *, receive_own: bool = False) -> None:
+        self.port = port
+        self.received: deque[Received] = deque()
+        self.off = False
+        """Bus-off: nothing is sent or received."""
+        self._receive_own = receive_own
+
+    def frame_ended(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
+        """A frame was on the wire."""
+        own = sender is self.port
+        if not self.off and (not own or self._receive_own):
+            self.received.append(Received(t_ns, frame, own))
+
+    def bus_off(self, t_ns: int) -> None:
+        """The error counter overflowed; what waited is lost."""
+        self.off = True
+        self.port.waiting.clear()
+        self._report(_BUS_OFF, t_ns)
+
+    def restarted(self, t_ns: int) -> None:
+        """Back on the bus."""
+        self.off = False
+        self._report(_RESTARTED, t_ns)
+
+    def error_frame(self, t_ns: int) -> None:
+        """A frame was disturbed."""
+        self._report(_PROTOCOL_VIOLATION, t_ns)
+
+    def _report(self, error_class: int, t_ns: int) -> None:
+        self.received.append(Received(t_ns, Frame(error_class, bytes(8)), error=True))

@@ -1,0 +1,180 @@
+"""The object dictionary of a simulated node: entries with access rules, and the abort codes of refusals.
+
+Reference: CiA 301 4.2, 7.2.4.3.17 (abort codes), 7.4.7 (access).
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from enum import Enum, Flag
+
+from haptic_fieldbus.drive.objects import DataType
+
+
+class AbortCode(Enum):
+    """CiA 301, table 22."""
+
+    TOGGLE_BIT = 0x0503_0000
+    UNKNOWN_COMMAND = 0x0504_0001
+    UNSUPPORTED_ACCESS = 0x0601_0000
+    WRITE_ONLY = 0x0601_0001
+    READ_ONLY = 0x0601_0002
+    NO_OBJECT = 0x0602_0000
+    NOT_MAPPABLE = 0x0604_0041
+    MAPPING_TOO_LONG = 0x0604_0042
+    PARAMETER_INCOMPATIBLE = 0x0604_0043
+    LENGTH = 0x0607_0010
+    TOO_LONG = 0x0607_0012
+    TOO_SHORT = 0x0607_0013
+    NO_SUBINDEX = 0x0609_0011
+    INVALID_VALUE = 0x0609_0030
+    VALUE_TOO_HIGH = 0x0609_0031
+    VALUE_TOO_LOW = 0x0609_0032
+    GENERAL = 0x0800_0000
+    DEVICE_STATE = 0x0800_0022
+    NO_DATA = 0x0800_0024
+
+
+class SdoAbort(Exception):
+    """An access is refused; `code` goes into the abort message."""
+
+    def __init__(self, code: AbortCode | int) -> None:
+        self.code = code.value if isinstance(code, AbortCode) else code
+        super().__init__(f"{self.code:08X}h")
+
+
+class Access(Enum):
+    RO = "ro"
+    WO = "wo"
+    RW = "rw"
+    CONST = "const"
+
+
+class Mappable(Flag):
+    """Into which PDOs an entry may be mapped."""
+
+    NO = 0
+    TPDO = 1
+    RPDO = 2
+    BOTH = 3
+
+
+class Entry:
+    """One sub-index. `value` is what the last write or the drive put there.
+
+    `accept` may refuse a write by raising SdoAbort, `changed` is called after one, `fetch` computes what is read.
+    """
+
+    __slots__ = (
+        "accept", "access", "changed", "default", "fetch", "high", "index",
+        "low", "mappable", "subindex", "text", "type", "value",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        index: int,
+        subindex: int,
+        type: DataType | None,
+        value: int = 0,
+        access: Access = Access.RO,
+        *,
+        limits: tuple[int, int] | None = None,
+        mappable: Mappable = Mappable.NO,
+        accept: Callable[[int], None] | None = None,
+        text: bytes = b"",
+    ) -> None:
+        """`type` None is a VISIBLE_STRING whose octets are `text`."""
+        self.index = index
+        self.subindex = subindex
+        self.type = type
+        self.value = self.default = value
+        self.text = text
+        self.access = access
+        self.low, self.high = limits or (type.limits if type is not None else (0, 0))
+        self.mappable = mappable
+        self.accept = accept
+        self.changed: Callable[[], None] | None = None
+        self.fetch: Callable[[], int] | None = None
+
+    @property
+    def bits(self) -> int:
+        return 8 * self.type.size if self.type is not None else 8 * len(self.text)
+
+    def read(self) -> bytes:
+        """The octets that an SDO upload returns."""
+        if self.access is Access.WO:
+            raise SdoAbort(AbortCode.WRITE_ONLY)
+        if self.type is None:
+            return self.text
+        return self.type.pack(self.fetch() if self.fetch is not None else self.value)
+
+    def write(self, data: bytes) -> None:
+        """What an SDO download does."""
+        if self.access in (Access.RO, Access.CONST) or self.type is None:
+            raise SdoAbort(AbortCode.READ_ONLY)
+        if len(data) != self.type.size:
+            raise SdoAbort(AbortCode.TOO_LONG if len(data) > self.type.size else AbortCode.TOO_SHORT)
+        value = self.type.unpack(data)
+        if not self.low <= value <= self.high:
+            raise SdoAbort(AbortCode.VALUE_TOO_HIGH if value > self.high else AbortCode.VALUE_TOO_LOW)
+        if self.accept is not None:
+            self.accept(value)
+        self.value = value
+        if self.changed is not None:
+            self.changed()
+
+
+def one_of(values: Iterable[int]) -> Callable[[int], None]:
+    """An `accept` that refuses every other value as invalid."""
+    allowed = frozenset(values)
+
+    def accept(value: int) -> None:
+        if value not in allowed:
+            raise SdoAbort(AbortCode.INVALID_VALUE)
+
+    return accept
+
+
+class Dictionary:
+    """All entries of a node by index and sub-index."""
+
+    def __init__(self, entries: Iterable[Entry] = ()) -> None:
+        self._objects: dict[int, dict[int, Entry]] = {}
+        for entry in entries:
+            self.add(entry)
+
+    def __iter__(self) -> Iterator[Entry]:
+        for subentries in self._objects.values():
+            yield from subentries.values()
+
+    def __contains__(self, index: int) -> bool:
+        return index in self._objects
+
+    def add(self, entry: Entry) -> Entry:
+        """Add an entry, or replace the one at its place."""
+        self._objects.setdefault(entry.index, {})[entry.subindex] = entry
+        return entry
+
+    def add_record(self, entries: Iterable[Entry]) -> None:
+        """Add the sub-indices of one record together with its sub-index 0, the highest of them."""
+        members = [self.add(entry) for entry in entries]
+        highest = max(entry.subindex for entry in members)
+        self.add(Entry(members[0].index, 0, DataType.UINT8, highest, Access.CONST))
+
+    def find(self, index: int, subindex: int = 0) -> Entry:
+        """The entry; SdoAbort when the object or its sub-index does not exist."""
+        subentries = self._objects.get(index)
+        if subentries is None:
+            raise SdoAbort(AbortCode.NO_OBJECT)
+        entry = subentries.get(subindex)
+        if entry is None:
+            raise SdoAbort(AbortCode.NO_SUBINDEX)
+        return entry
+
+    def value(self, index: int, subindex: int = 0) -> int:
+        """What stands in an entry, as the drive itself reads it."""
+        return self.find(index, subindex).value
+
+    def restore(self, first: int, last: int) -> None:
+        """Power-on values of a range of objects."""
+        for entry in self:
+            if first <= entry.index <= last:
+                entry.value = entry.default

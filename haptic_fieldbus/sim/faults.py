@@ -1,0 +1,185 @@
+"""Faults of a simulated drive or bus, as data: what a `[[fault]]` of a TOML file may say.
+
+`at` [s] counts from the drive's first *operation enabled*; faults without it are there from power-on. `node` names the
+drive, None every drive of the bus. `duration` [s], None: for good.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+from annotated_types import Ge, Le
+
+from haptic_fieldbus.drive.profile import STRICT, NonNegativeFloat, PositiveFloat, UInt32
+
+Node = Annotated[int, Ge(1), Le(127)]
+ErrorCode = Annotated[int, Ge(0x0001), Le(0xFFFF)]
+
+
+@dataclass(frozen=True)
+class Emergency:
+    """An emergency message, the drive goes on."""
+
+    kind: Literal["emergency"]
+    at: NonNegativeFloat
+    code: ErrorCode
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class DriveFault:
+    """The drive detects a fault: emergency, fault reaction, fault."""
+
+    kind: Literal["drive_fault"]
+    at: NonNegativeFloat
+    code: ErrorCode = 0x2310
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class NodeReset:
+    """The node's watchdog restarts it; the boot-up message comes `duration` [s] later."""
+
+    kind: Literal["node_reset"]
+    at: NonNegativeFloat
+    duration: PositiveFloat = 0.001
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class Silence:
+    """The node's cable is off: nothing is sent, nothing is received."""
+
+    kind: Literal["silence"]
+    at: NonNegativeFloat
+    duration: PositiveFloat | None = None
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class MissingTpdos:
+    """The next `count` TPDOs are not sent."""
+
+    kind: Literal["missing_tpdos"]
+    at: NonNegativeFloat
+    count: Annotated[int, Ge(1)] = 1
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class HeartbeatLost:
+    """The node's own heartbeat stops, all else goes on."""
+
+    kind: Literal["heartbeat_lost"]
+    at: NonNegativeFloat
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class EncoderJump:
+    """The encoder loses or gains counts."""
+
+    kind: Literal["encoder_jump"]
+    at: NonNegativeFloat
+    counts: int
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class PositionStuck:
+    """The encoder shows what it showed, whatever the shaft does."""
+
+    kind: Literal["position_stuck"]
+    at: NonNegativeFloat
+    duration: PositiveFloat | None = None
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class BusOff:
+    """The master's controller goes bus-off: an error frame, then nothing is sent or received by it."""
+
+    kind: Literal["bus_off"]
+    at: NonNegativeFloat
+    duration: PositiveFloat | None = None
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class ErrorFrame:
+    """The master's controller reports a disturbed frame; nothing is lost."""
+
+    kind: Literal["error_frame"]
+    at: NonNegativeFloat
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class MissingNode:
+    """The node is not there."""
+
+    kind: Literal["missing_node"]
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class WrongIdentity:
+    """1018h says another vendor or product; None: as it is."""
+
+    kind: Literal["wrong_identity"]
+    vendor_id: UInt32 | None = None
+    product_code: UInt32 | None = None
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class SdoRefusal:
+    """Every SDO access to one entry is aborted with this code."""
+
+    kind: Literal["sdo_abort"]
+    object: Annotated[int, Ge(0), Le(0xFFFF)]
+    subindex: Annotated[int, Ge(0), Le(255)] = 0
+    code: UInt32 = 0x0601_0002
+    node: Node | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+TimedFault = (
+    Emergency
+    | DriveFault
+    | NodeReset
+    | Silence
+    | MissingTpdos
+    | HeartbeatLost
+    | EncoderJump
+    | PositionStuck
+    | BusOff
+    | ErrorFrame
+)
+LastingFault = MissingNode | WrongIdentity | SdoRefusal
+Fault = TimedFault | LastingFault
+
+
+@dataclass(frozen=True)
+class FaultFile:
+    """A file of faults: `[[fault]] kind = "silence", at = 1.0`."""
+
+    fault: tuple[Fault, ...] = ()
+    __pydantic_config__: ClassVar = STRICT
+
+
+def faults_of(faults: Iterable[Fault], node: int) -> tuple[Fault, ...]:
+    """Those that concern one drive."""
+    return tuple(fault for fault in faults if fault.node in (None, node))

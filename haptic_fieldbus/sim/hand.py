@@ -1,0 +1,96 @@
+"""The simulated hand: a mass coupled to the handle by a spring and a damper, with a force acting on it.
+
+Theory: the force is made of pieces, each a ramp or a constant (f' = g, g' = 0) or a sine (g' = −ω²·f), so the whole
+hand stays a linear system between the instants at which a piece begins. The hand's clock starts when the drive is first
+*operation enabled*; before that it holds the handle and exerts no force. Force is positive towards positive positions
+of the workspace.
+
+On a linear mechanism hand and handle move in metres. On a rotary one the hand holds a lever of 0.05 m, so that 1 N is
+0.05 N·m: mass, damper and spring act through the same lever.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+from haptic_fieldbus.drive.rig import LinearMechanism, RotaryMechanism
+from haptic_fieldbus.errors import UsageError
+
+LEVER = 0.05
+"""[m] between the hand and the axis of a rotary handle."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """From `start` on [s]: the force [N] then, and its slope [N/s] then."""
+
+    start: float
+    force: float
+    slope: float = 0.0
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A hand in newtons and metres at the point where it holds the handle."""
+
+    name: str
+    pieces: tuple[Piece, ...] = ()
+    angular_frequency: float = 0.0
+    """[rad/s] of a sine; 0: ramps and constants."""
+    release: float | None = None
+    """[s]: when the hand lets go."""
+    mass: float = 0.1
+    damping: float = 4.0
+    stiffness: float = 300.0
+
+    def after(self, delay: float) -> "Hand":
+        """The same hand, waiting for `delay` [s] first."""
+        pieces = tuple(replace(piece, start=piece.start + delay) for piece in self.pieces)
+        return replace(self, pieces=pieces, release=None if self.release is None else self.release + delay)
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A hand as the motor shaft feels it: kg·m², N·m·s/rad, N·m/rad; pieces in N·m."""
+
+    inertia: float
+    damping: float
+    stiffness: float
+    angular_frequency: float = 0.0
+    pieces: tuple[Piece, ...] = ()
+    release: float | None = None
+
+
+_PUSH = (Piece(0.0, 0.0, 12.0), Piece(0.5, 6.0))
+_PULSES = tuple(
+    piece for start in (0.5, 1.5, 2.5) for piece in (Piece(start, 10.0), Piece(round(start + 0.05, 9), 0.0))
+)
+_SINE = 2 * math.pi
+
+HANDS: dict[str, Hand | None] = {
+    "push": Hand("push", _PUSH),
+    "tap": Hand("tap", _PULSES),
+    "sine": Hand("sine", (Piece(0.0, 0.0, 4.0 * _SINE),), angular_frequency=_SINE),
+    "release": Hand("release", _PUSH, release=2.0),
+    "none": None,
+}
+
+
+def hand_named(name: str) -> Hand | None:
+    """The hand of this name, None for `none`; UsageError for a name that is not known."""
+    if name not in HANDS:
+        raise UsageError(f'no hand "{name}"; hands are: {", ".join(HANDS)}')
+    return HANDS[name]
+
+
+def grip(hand: Hand, mechanism: LinearMechanism | RotaryMechanism) -> Grip:
+    """The hand seen through the mechanism: forces by the ratio, impedances by its square."""
+    lever = mechanism.ratio * (LEVER if isinstance(mechanism, RotaryMechanism) else 1.0)
+    signed = lever * mechanism.sign
+    return Grip(
+        inertia=hand.mass * lever**2,
+        damping=hand.damping * lever**2,
+        stiffness=hand.stiffness * lever**2,
+        angular_frequency=hand.angular_frequency,
+        pieces=tuple(Piece(piece.start, piece.force * signed, piece.slope * signed) for piece in hand.pieces),
+        release=hand.release,
+    )

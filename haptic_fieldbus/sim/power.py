@@ -1,0 +1,152 @@
+"""The power drive automaton of CiA 402-2, as the drive runs it.
+
+Theory (CiA 402-2, 8.2): the controlword's bits 0, 1, 2, 3 and 7 name a command; a command or an event makes a numbered
+transition where the table has one from the present state, and nothing elsewhere. Transitions 0 and 1 follow by
+themselves at power-on, 13 from any state on a fault, 14 when the fault reaction is complete, 12 also when a quick stop
+is complete. *Switch on and enable operation* from *ready to switch on* makes 3 and then 4. The state is changed only in
+`_follow`.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class State(Enum):
+    """A state; the value is its name in the standard."""
+
+    NOT_READY_TO_SWITCH_ON = "not ready to switch on"
+    SWITCH_ON_DISABLED = "switch on disabled"
+    READY_TO_SWITCH_ON = "ready to switch on"
+    SWITCHED_ON = "switched on"
+    OPERATION_ENABLED = "operation enabled"
+    QUICK_STOP_ACTIVE = "quick stop active"
+    FAULT_REACTION_ACTIVE = "fault reaction active"
+    FAULT = "fault"
+
+
+class Cause(Enum):
+    """Commands of the controlword and internal events."""
+
+    SHUTDOWN = "shutdown"
+    SWITCH_ON = "switch on"
+    ENABLE_OPERATION = "enable operation"
+    DISABLE_VOLTAGE = "disable voltage"
+    QUICK_STOP = "quick stop"
+    DISABLE_OPERATION = "disable operation"
+    FAULT_RESET = "fault reset"
+    SELF_TEST_PASSED = "self-test passed"
+    INITIALISED = "initialised"
+    STOPPED = "quick stop complete"
+    FAULT = "fault detected"
+    REACTION_COMPLETE = "fault reaction complete"
+
+
+# CiA 402-2, statusword: bits 0 to 3, 5 and 6 by state. Bit 5 is 0 while a quick stop is acting.
+STATUS_BITS = {
+    State.NOT_READY_TO_SWITCH_ON: 0x0000,
+    State.SWITCH_ON_DISABLED: 0x0060,
+    State.READY_TO_SWITCH_ON: 0x0021,
+    State.SWITCHED_ON: 0x0023,
+    State.OPERATION_ENABLED: 0x0027,
+    State.QUICK_STOP_ACTIVE: 0x0007,
+    State.FAULT_REACTION_ACTIVE: 0x002F,
+    State.FAULT: 0x0028,
+}
+
+# CiA 402-2, command coding: (mask, bits, command). 0111b is *switch on* or *disable operation*, as the state decides.
+COMMANDS = (
+    (0x87, 0x06, (Cause.SHUTDOWN,)),
+    (0x8F, 0x07, (Cause.SWITCH_ON, Cause.DISABLE_OPERATION)),
+    (0x8F, 0x0F, (Cause.ENABLE_OPERATION,)),
+    (0x82, 0x00, (Cause.DISABLE_VOLTAGE,)),
+    (0x86, 0x02, (Cause.QUICK_STOP,)),
+)
+FAULT_RESET_BIT = 0x80
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A numbered arrow of the automaton."""
+
+    number: int
+    start: State
+    cause: Cause
+    end: State
+
+
+# CiA 402-2, state transition table. An entry of its own for each start state that shares a number.
+TRANSITIONS = (
+    Transition(0, State.NOT_READY_TO_SWITCH_ON, Cause.SELF_TEST_PASSED, State.NOT_READY_TO_SWITCH_ON),
+    Transition(1, State.NOT_READY_TO_SWITCH_ON, Cause.INITIALISED, State.SWITCH_ON_DISABLED),
+    Transition(2, State.SWITCH_ON_DISABLED, Cause.SHUTDOWN, State.READY_TO_SWITCH_ON),
+    Transition(3, State.READY_TO_SWITCH_ON, Cause.SWITCH_ON, State.SWITCHED_ON),
+    Transition(3, State.READY_TO_SWITCH_ON, Cause.ENABLE_OPERATION, State.SWITCHED_ON),
+    Transition(4, State.SWITCHED_ON, Cause.ENABLE_OPERATION, State.OPERATION_ENABLED),
+    Transition(5, State.OPERATION_ENABLED, Cause.DISABLE_OPERATION, State.SWITCHED_ON),
+    Transition(6, State.SWITCHED_ON, Cause.SHUTDOWN, State.READY_TO_SWITCH_ON),
+    Transition(7, State.READY_TO_SWITCH_ON, Cause.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
+    Transition(7, State.READY_TO_SWITCH_ON, Cause.QUICK_STOP, State.SWITCH_ON_DISABLED),
+    Transition(8, State.OPERATION_ENABLED, Cause.SHUTDOWN, State.READY_TO_SWITCH_ON),
+    Transition(9, State.OPERATION_ENABLED, Cause.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
+    Transition(10, State.SWITCHED_ON, Cause.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
+    Transition(10, State.SWITCHED_ON, Cause.QUICK_STOP, State.SWITCH_ON_DISABLED),
+    Transition(11, State.OPERATION_ENABLED, Cause.QUICK_STOP, State.QUICK_STOP_ACTIVE),
+    Transition(12, State.QUICK_STOP_ACTIVE, Cause.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
+    Transition(12, State.QUICK_STOP_ACTIVE, Cause.STOPPED, State.SWITCH_ON_DISABLED),
+    *(
+        Transition(13, state, Cause.FAULT, State.FAULT_REACTION_ACTIVE)
+        for state in State
+        if state not in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+    ),
+    Transition(14, State.FAULT_REACTION_ACTIVE, Cause.REACTION_COMPLETE, State.FAULT),
+    Transition(15, State.FAULT, Cause.FAULT_RESET, State.SWITCH_ON_DISABLED),
+    Transition(16, State.QUICK_STOP_ACTIVE, Cause.ENABLE_OPERATION, State.OPERATION_ENABLED),
+)
+_TABLE = {(transition.start, transition.cause): transition for transition in TRANSITIONS}
+
+
+def commands_of(controlword: int) -> tuple[Cause, ...]:
+    """The commands that a controlword may mean; none while its fault reset bit is set."""
+    for mask, bits, commands in COMMANDS:
+        if controlword & mask == bits:
+            return commands
+    return ()
+
+
+class PowerAutomaton:
+    """The state, and what moves it; every method returns the numbers of the transitions made."""
+
+    def __init__(self) -> None:
+        self.state = State.NOT_READY_TO_SWITCH_ON
+        self.stays_in_quick_stop = False
+        """Whether 605Ah allows transition 16."""
+        self._controlword = 0
+
+    def start(self) -> tuple[int, ...]:
+        """Power-on: 0 and 1."""
+        self.state = State.NOT_READY_TO_SWITCH_ON
+        self._controlword = 0
+        return self._follow(Cause.SELF_TEST_PASSED) + self._follow(Cause.INITIALISED)
+
+    def controlword(self, value: int) -> tuple[int, ...]:
+        """A controlword was written."""
+        reset = value & ~self._controlword & FAULT_RESET_BIT
+        self._controlword = value
+        if reset and (made := self._follow(Cause.FAULT_RESET)):
+            return made
+        for command in commands_of(value):
+            if made := self._follow(command):
+                # Operation is enabled by the same command once *switched on* is reached.
+                return made + self._follow(command) if made == (3,) else made
+        return ()
+
+    def event(self, cause: Cause) -> tuple[int, ...]:
+        """Something happened inside the drive."""
+        return self._follow(cause)
+
+    def _follow(self, cause: Cause) -> tuple[int, ...]:
+        transition = _TABLE.get((self.state, cause))
+        if transition is None or (transition.number == 16 and not self.stays_in_quick_stop):
+            return ()
+        self.state = transition.end
+        return (transition.number,)
