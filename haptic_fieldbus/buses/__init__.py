@@ -1,0 +1,1 @@
+"""Input and output: one file a bus, all with the same five verbs."""

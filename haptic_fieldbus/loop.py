@@ -1,0 +1,174 @@
+"""The loop: wait, read, compute, write, record, once a period, until enough periods or a reason to stop.
+
+Deadlines are absolute, t0 + k·T. A period that was slept through is skipped, never made up for in a burst. However the
+loop ends, `bus.stop` has put torque-free set-points on the wire before an exception leaves it.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.cycle import Cycle
+from haptic_fieldbus.drive.pdo import worst_case_bits
+from haptic_fieldbus.errors import BusTimeoutError
+from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.realtime import no_garbage_collection
+from haptic_fieldbus.record import Record
+from haptic_fieldbus.trips import explained, trip_error
+
+ENABLING_TIME = 2.0
+"""[s]; on top of the drives' mode change time."""
+SAMPLES = ("period_ns", "age_ns", "compute_ns")
+LONGEST_SAMPLE = 1_000_000
+"""Periods; of a longer run the last ones are kept."""
+PROGRESS_EVERY = 0.1
+"""[s]."""
+UNCONFIRMED = "The drives did not confirm that their motors are off: switch the power off."
+
+
+@dataclass
+class LoopReport:
+    """What a run was; filled while it runs, so that it can be read after a trip too."""
+
+    cycles: int = 0
+    """Periods in operation enabled."""
+    missed: int = 0
+    """Periods that were slept through."""
+    first_ns: int | None = None
+    enabled_at_ns: int | None = None
+    last_ns: int | None = None
+    """Latch instants of the first period, of the first in operation enabled, and of the last."""
+    period_ns: int = 0
+    interrupted: bool = False
+    released: bool = False
+    """Did every drive confirm at the end that its motor is off?"""
+    samples: Record = field(default_factory=lambda: Record(SAMPLES, 1), repr=False)
+    """Of the periods in operation enabled; the host's computing time is reported and never acts."""
+
+    def sample(self, name: str) -> NDArray[np.float64]:
+        """`period_ns`, `age_ns` (of the oldest feedback when it was used) or `compute_ns`; shape (periods,)."""
+        return self.samples.column(name)
+
+    @property
+    def duration(self) -> float:
+        """[s]; from operation enabled to the end of the last period."""
+        if self.enabled_at_ns is None or self.last_ns is None:
+            return 0.0
+        return (self.last_ns + self.period_ns - self.enabled_at_ns) * 1e-9
+
+
+def run_loop(
+    plan: Plan,
+    cycle: Cycle,
+    bus: Bus,
+    clock: Clock,
+    *,
+    cycles: int,
+    record: Record | None = None,
+    progress: Callable[[int], None] | None = None,
+    report: LoopReport | None = None,
+) -> LoopReport:
+    """Run an opened bus for `cycles` periods of operation enabled; Ctrl-C ends it early and is no error.
+
+    Raises DriveFaultError, BusError or SafetyTripError; torque is off by then. `progress` gets the periods done.
+    """
+    report = LoopReport() if report is None else report
+    report.samples = Record(SAMPLES, min(cycles, LONGEST_SAMPLE))
+    report.period_ns = plan.period_ns
+    failure: Exception | None = None
+    try:
+        with no_garbage_collection():
+            _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report)
+    except KeyboardInterrupt:
+        report.interrupted = True
+    except Exception as error:
+        failure = error
+    finally:
+        report.released = bus.stop()
+    if cycle.trip is not None:
+        cycle.trip = explained(cycle.trip, bus.restarted)
+        tripped = trip_error(cycle.trip, plan, report.enabled_at_ns)
+        tripped.__cause__ = failure
+        failure = tripped
+    if failure is not None:
+        if not report.released:
+            failure.add_note(UNCONFIRMED)
+        raise failure
+    return report
+
+
+def _run(
+    plan: Plan,
+    cycle: Cycle,
+    bus: Bus,
+    clock: Clock,
+    cycles: int,
+    record: Record | None,
+    progress: Callable[[int], None],
+    report: LoopReport,
+) -> None:
+    period_ns, compute_ns = plan.period_ns, plan.compute_ns
+    feedback_ns = _feedback_time_ns(plan)
+    row, ages = cycle.row, [cycle.columns.index(f"{axis.name}.age_ns") for axis in plan.axes]
+    enabling_periods = round(_enabling_time(plan) * plan.rate)
+    progress_every = max(1, round(PROGRESS_EVERY * plan.rate))
+    deadline_ns = clock.now_ns()
+    before_ns = deadline_ns - period_ns
+    while report.cycles < cycles:
+        late_ns = clock.sleep_until(deadline_ns)
+        if late_ns >= period_ns:
+            report.missed += late_ns // period_ns
+            deadline_ns += late_ns // period_ns * period_ns
+        image = bus.read(deadline_ns + late_ns % period_ns + feedback_ns)
+        started_ns = time.perf_counter_ns()
+        output = cycle(image)
+        computed_ns = time.perf_counter_ns() - started_ns
+        clock.compute(compute_ns)
+        bus.write(output)
+        if record is not None:
+            record.push(row)
+        latch_ns = report.last_ns = int(row[0])
+        if cycle.trip is not None:
+            return
+        if report.first_ns is None:
+            report.first_ns = latch_ns
+        if cycle.enabled:
+            if report.enabled_at_ns is None:
+                report.enabled_at_ns = latch_ns
+            report.samples.push((latch_ns - before_ns, max([row[age] for age in ages]), computed_ns))
+            report.cycles += 1
+            if report.cycles % progress_every == 0:
+                progress(report.cycles)
+        else:
+            enabling_periods -= 1
+            if enabling_periods < 0:
+                raise _not_enabled(plan, cycle)
+        before_ns = latch_ns
+        deadline_ns += period_ns
+
+
+def _silent(done: int) -> None:
+    """Nobody wants to see progress."""
+
+
+def _feedback_time_ns(plan: Plan) -> int:
+    """How long to wait for TPDOs: what computing and the RPDOs leave of the period, but at least half of it."""
+    sending_ns = sum(worst_case_bits(pdo.size) for axis in plan.axes for pdo in axis.rpdos) * 1e9 / plan.bitrate
+    return max(plan.period_ns // 2, plan.period_ns - plan.compute_ns - round(sending_ns))
+
+
+def _enabling_time(plan: Plan) -> float:
+    return ENABLING_TIME + max(axis.profile.timing.mode_change_timeout for axis in plan.axes)
+
+
+def _not_enabled(plan: Plan, cycle: Cycle) -> BusTimeoutError:
+    states = ", ".join(f"axis {axis.name} is in the state {cycle.power_state(axis.name).value}" for axis in plan.axes)
+    return BusTimeoutError(
+        f"operation enabled was not reached within {_enabling_time(plan):g} s: {states}. Check safe torque off (STO), "
+        "the motor supply, and that no brake or enable input holds the drive back"
+    )

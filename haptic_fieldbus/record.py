@@ -1,0 +1,146 @@
+"""What a run leaves behind: rows of numbers in a preallocated ring, and the frames of the bus in a file.
+
+The suffix of a file says what it holds: `.log` frames as `candump -L` writes them, `.blf` frames for Vector's tools and
+Wireshark, `.csv` the rows.
+"""
+
+import struct
+from array import array
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.errors import UsageError
+
+FRAME_SUFFIXES = (".log", ".blf")
+ROW_SUFFIXES = (".csv",)
+SUFFIXES = FRAME_SUFFIXES + ROW_SUFFIXES
+
+EXTENDED_FLAG = 0x8000_0000
+REMOTE_FLAG = 0x4000_0000
+ERROR_FLAG = 0x2000_0000
+CAN_ID = 0x1FFF_FFFF
+"""The flags and the identifier in a CAN-ID as SocketCAN writes it (linux/can.h)."""
+BUFFER = 1 << 16
+"""Octets; the loop pays for the disk only when this many are together."""
+
+
+class Record:
+    """The last `capacity` rows; one push is one `struct` call into memory that is there already."""
+
+    def __init__(self, columns: Sequence[str], capacity: int) -> None:
+        self.columns = tuple(columns)
+        self.capacity = capacity
+        self.pushed = 0
+        """Rows ever pushed; the ring holds the last `capacity` of them."""
+        self._values = array("d", bytes(8 * len(self.columns) * capacity))
+        row = struct.Struct(f"{len(self.columns)}d")
+        self._pack_into, self._size = row.pack_into, row.size
+
+    def __len__(self) -> int:
+        return min(self.pushed, self.capacity)
+
+    def push(self, row: Sequence[float]) -> None:
+        """Append one row, in the order of `columns`; the oldest goes when the ring is full."""
+        self._pack_into(self._values, self.pushed % self.capacity * self._size, *row)
+        self.pushed += 1
+
+    def rows(self) -> NDArray[np.float64]:
+        """A copy of all rows held, oldest first; shape (rows, columns)."""
+        table = np.frombuffer(self._values).reshape(self.capacity, len(self.columns))
+        if self.pushed <= self.capacity:
+            return table[: self.pushed].copy()
+        return np.roll(table, -(self.pushed % self.capacity), axis=0)
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """One quantity over time, oldest first; shape (rows,)."""
+        return self.rows()[:, self.columns.index(name)]
+
+
+class FrameWriter(Protocol):
+    """Takes every frame of a run: time, CAN-ID with the flags of SocketCAN, data."""
+
+    def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class CandumpWriter:
+    """`candump -L` text. Without python-can's " R" or " T" at the end of the line, which tshark refuses."""
+
+    def __init__(self, path: Path, channel: str = "can0") -> None:
+        self._file = path.open("w", encoding="ascii", buffering=BUFFER, newline="\n")
+        self._channel = channel
+
+    def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+        seconds, microseconds = divmod(t_ns // 1000, 1_000_000)
+        self._file.write(f"({seconds:010d}.{microseconds:06d}) {self._channel} {_candump_frame(can_id, data)}\n")
+
+    def close(self) -> None:
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+
+def _candump_frame(can_id: int, data: bytes | bytearray) -> str:
+    if can_id & ERROR_FLAG:
+        return f"{can_id & (ERROR_FLAG | CAN_ID):08X}#{data.hex().upper()}"
+    name = f"{can_id & CAN_ID:08X}" if can_id & EXTENDED_FLAG else f"{can_id & CAN_ID:03X}"
+    return f"{name}#R" if can_id & REMOTE_FLAG else f"{name}#{data.hex().upper()}"
+
+
+class BlfWriter:
+    """Vector's binary logging format, by python-can's writer."""
+
+    def __init__(self, path: Path, channel: int = 1) -> None:
+        from can.io import BLFWriter
+
+        self._writer = BLFWriter(path, channel=channel)
+
+    def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+        from can import Message
+
+        self._writer.on_message_received(
+            Message(
+                timestamp=t_ns * 1e-9,
+                arbitration_id=can_id & CAN_ID,
+                is_extended_id=bool(can_id & EXTENDED_FLAG),
+                is_remote_frame=bool(can_id & REMOTE_FLAG),
+                is_error_frame=bool(can_id & ERROR_FLAG),
+                data=data,
+            )
+        )
+
+    def close(self) -> None:
+        self._writer.stop()
+
+
+def check_record_path(path: Path) -> None:
+    """Raises UsageError, naming the known suffixes, when nothing could be recorded there."""
+    if path.suffix not in SUFFIXES:
+        raise UsageError(f'record "{path}": the suffix must be one of {", ".join(SUFFIXES)}')
+
+
+def open_frame_writer(path: Path, channel: str = "can0") -> FrameWriter | None:
+    """A writer for a file of frames; None when the suffix asks for rows, which are written after the run."""
+    check_record_path(path)
+    if path.suffix == ".log":
+        return CandumpWriter(path, channel)
+    return BlfWriter(path) if path.suffix == ".blf" else None
+
+
+def write_rows(record: Record, path: Path) -> None:
+    """All rows held as CSV, one line each, with the names of the columns first; every digit is kept."""
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(record.columns) + "\n")
+        file.writelines(
+            ",".join(repr(value).removesuffix(".0") for value in row) + "\n" for row in record.rows().tolist()
+        )
