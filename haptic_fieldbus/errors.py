@@ -4,7 +4,8 @@ HapticFieldbusError
 ├── DocumentError (ValueError)   a file: all its faults at once, each with key and line
 │   ├── ProfileError
 │   ├── SceneError
-│   └── RigError
+│   ├── RigError
+│   └── FaultFileError
 ├── PlanError                    refused before anything moves
 │   ├── SignalUnavailableError
 │   ├── ImageTooLargeError
@@ -61,6 +62,10 @@ class SceneError(DocumentError):
 
 class RigError(DocumentError):
     """A rig file."""
+
+
+class FaultFileError(DocumentError):
+    """A file of faults to be simulated."""
 
 
 class UsageError(HapticFieldbusError, ValueError):

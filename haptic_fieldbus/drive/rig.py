@@ -118,7 +118,10 @@ class Rig:
 
 
 def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
-    """The shipped bench: what is simulated when no rig file is given."""
+    """The shipped bench: what is simulated when no rig file is given.
+
+    Its speed limit lies above what the simulated hand reaches when nothing holds it back: 6 N against the damping.
+    """
     mechanism: LinearMechanism | RotaryMechanism = (
         LinearMechanism("linear", metres_per_revolution=0.05)
         if workspace is Workspace.LINEAR
@@ -134,4 +137,5 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         inertia=4.0e-5,
         viscous_damping=1.0e-4,
         coulomb_friction=2.0e-3,
+        limits=Limits(speed=10.0 if workspace is Workspace.LINEAR else 1.0e4),
     )

@@ -1,0 +1,32 @@
+"""Servo drives as haptic interfaces: virtual walls, springs and masses, rendered over CANopen.
+
+>>> import haptic_fieldbus
+>>> result = haptic_fieldbus.run("wall", duration=1.0)
+>>> result.missed_cycles
+0
+
+Names are imported when they are first used, so that `import haptic_fieldbus` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.api import plan, run
+    from haptic_fieldbus.plan import Plan
+    from haptic_fieldbus.result import Result
+
+_HOMES = {
+    "plan": "haptic_fieldbus.api",
+    "run": "haptic_fieldbus.api",
+    "Plan": "haptic_fieldbus.plan",
+    "Result": "haptic_fieldbus.result",
+}
+
+__all__ = ["Plan", "Result", "plan", "run"]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)

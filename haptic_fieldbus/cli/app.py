@@ -1,0 +1,42 @@
+"""All commands and how they are grouped."""
+
+from typing import Annotated
+
+import typer
+
+from haptic_fieldbus.cli import profiles, scenes
+from haptic_fieldbus.cli.plan import plan
+from haptic_fieldbus.cli.run import run
+
+app = typer.Typer(
+    name="haptic-fieldbus",
+    help="Turn servo drives into haptic interfaces: virtual walls, springs and masses that a hand can feel.",
+    epilog="Try: haptic-fieldbus run wall",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,  # an unexpected error keeps Python's own traceback
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"haptic-fieldbus {version('haptic-fieldbus')}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Options of the program itself; the commands follow."""
+
+
+app.command()(run)
+app.command()(plan)
+app.add_typer(profiles.app, name="profiles")
+app.add_typer(scenes.app, name="scenes")

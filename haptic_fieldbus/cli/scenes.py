@@ -1,0 +1,91 @@
+"""`scenes`: what the library offers to a hand, and what can be set."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from haptic_fieldbus.cli.options import JsonOption
+from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.scenes.element import Element
+    from haptic_fieldbus.scenes.scene import Scene
+
+app = typer.Typer(help="The scene library: list, show, check.", no_args_is_help=True)
+
+
+@app.command("list")
+def list_scenes(as_json: JsonOption = False) -> None:
+    """List the scenes that are shipped."""
+    from haptic_fieldbus.scenes.catalogue import scene_summaries
+
+    summaries = scene_summaries()
+    if as_json:
+        print_json({"scenes": plain(summaries)})
+        return
+    show_table(
+        ("name", "axes", "description"),
+        ((str(each["name"]), ", ".join(each["axes"]), str(each["description"])) for each in summaries),
+    )
+
+
+@app.command("show")
+def show_scene(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A scene by name, or the path of its file.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Show a scene: its axes, and every parameter that --set can change."""
+    from haptic_fieldbus.scenes.catalogue import load_scene
+
+    scene = load_scene(name)
+    if as_json:
+        print_json(
+            {
+                "name": scene.name,
+                "description": scene.description,
+                "axes": [{"name": axis.name, "workspace": axis.workspace.value} for axis in scene.axes],
+                "elements": [_element_json(element) for element in scene.elements],
+                "source": scene.source,
+            }
+        )
+        return
+    show([(None, f"{scene.name}: {scene.description}"), (None, scene.source), (None, "")])
+    show([("axis", f"{axis.name}: {axis.workspace.value}") for axis in scene.axes])
+    show([(None, "")])
+    show_table(("parameter", "value", "unit"), _rows(scene))
+
+
+@app.command("check")
+def check_scenes(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Names or paths; all shipped ones unless given.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Check scenes: all faults of each file, with line and key."""
+    from haptic_fieldbus.cli.checking import check
+    from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
+
+    check(names or scene_names(), load_scene, as_json)
+
+
+def _element_json(element: "Element") -> Any:
+    from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+
+    kind = next((kind for kind in ELEMENTS if element_type(kind) is type(element)), None)
+    return {"kind": kind, **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
+
+
+def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
+    from haptic_fieldbus.report.words import parameter_units
+
+    workspaces = {axis.name: axis.workspace for axis in scene.axes}
+    for element in scene.elements:
+        space = workspaces[element.axis]
+        units = {**parameter_units(space), "position": space.length_unit}
+        for key, value in vars(element).items():
+            if key not in ("name", "axis"):
+                shown = f"{value:g}" if isinstance(value, float) else str(value)
+                yield f"{element.name}.{key}", shown, units.get(key, "")

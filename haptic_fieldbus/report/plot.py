@@ -1,0 +1,231 @@
+"""One picture of a run: position and wall, force, error over the whole run, and the first force period by period.
+
+Lines of many points are thinned to the least and the greatest of each bin, so that no spike is lost. Colours are those
+of Okabe and Ito, which people with any colour vision can tell apart (https://jfly.uni-koeln.de/color/).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import cycle
+from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure, SubFigure
+
+from haptic_fieldbus.report.words import key_figures
+from haptic_fieldbus.result import Array, Result, Trace
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Workspace
+
+BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
+GREY, INK = "#8a8a8a", "#222222"
+
+FELT = 0.08
+"""Least change of a force that a hand can tell, as a share of it: 7 % from 2.5 to 10 N were measured by Pang, Tan and
+Durlach, Manual discrimination of force using active finger motion, Perception & Psychophysics 49 (1991)."""
+BINS = 900
+ZOOM_BEFORE, ZOOM_AFTER = 12, 28
+"""Periods shown before and after the first force that counts."""
+COUNTS = 0.05
+"""Share of the greatest force from which a force counts."""
+
+SIZE = (13.5, 8.4)
+DPI = 110
+
+
+@dataclass(frozen=True)
+class Units:
+    """How the quantities of a workspace are written in a picture."""
+
+    length: str
+    per_length: float
+    effort: str
+    effort_name: str
+
+
+UNITS = {
+    Workspace.LINEAR: Units("mm", 1e3, "N", "force"),
+    Workspace.ROTARY: Units("°", 180 / np.pi, "N·m", "torque"),
+}
+
+
+def plot_run(result: Result, path: Path) -> None:
+    """Draw the traces of a run into a file; its suffix says the format."""
+    figure = Figure(figsize=(SIZE[0], SIZE[1] * max(1, len(result.traces))), dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    title = fill(result.verdict or result.scene, 105)
+    figure.text(0.02, 0.985, title, size=14.5, weight="bold", color=INK, va="top")
+    figure.text(0.02, 0.945 - 0.025 * title.count("\n"), key_figures(result), size=10.5, color="#555555", va="top")
+    for part, trace in zip(figure.subfigures(len(result.traces), 1, squeeze=False)[:, 0], result.traces, strict=True):
+        walls = [element for element in _elements(result, trace.axis) if isinstance(element, Wall)]
+        draw_axis(part, trace, walls)
+    figure.savefig(path)
+
+
+def _elements(result: Result, axis: str) -> tuple[object, ...]:
+    return result.plan.scene.of_axis(axis) if result.plan else ()
+
+
+def draw_axis(figure: SubFigure | Figure, trace: Trace, walls: list[Wall]) -> None:
+    """Three panels over the whole run, and the same three around the first force when there is one."""
+    window = first_force(trace)
+    columns = 2 if window else 1
+    panels = figure.subplots(
+        3,
+        columns,
+        squeeze=False,
+        sharex="col",
+        gridspec_kw={"width_ratios": [1.9, 1.0][:columns], "height_ratios": [1.15, 1.0, 0.8]},
+    )
+    figure.subplots_adjust(left=0.065, right=0.985, top=0.87, bottom=0.07, hspace=0.2, wspace=0.18)
+    units = UNITS[trace.workspace]
+    _column(panels[:, 0], trace, walls, units, "the whole run", "time [s]", 1.0)
+    _mark_fade_in(panels[:, 0], trace, units)
+    _legends(panels[:, 0])
+    if window:
+        close = cut(trace, *window)
+        _column(panels[:, 1], close, walls, units, "a closer look, period by period", "time [ms]", 1e3)
+        panels[0, 0].axvspan(*window, color=ORANGE, alpha=0.35, linewidth=0)
+
+
+def _column(
+    panels: Array, trace: Trace, walls: list[Wall], units: Units, title: str, time_label: str, per_second: float
+) -> None:
+    draws: tuple[Callable[[Axes, Trace, Units, float], None], ...] = (_draw_position, _draw_force, _draw_error)
+    for panel, draw in zip(panels, draws, strict=True):
+        draw(panel, trace, units, per_second)
+        panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
+        panel.set_axisbelow(True)
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.margins(x=0)
+    _shade_walls(panels[0], walls, units)
+    panels[0].set_title(title, loc="left", size=11, color=INK)
+    panels[2].set_xlabel(time_label)
+
+
+def _draw_position(panel: Axes, trace: Trace, units: Units, per_second: float) -> None:
+    if trace.samples is not None and trace.sample_times is not None:
+        times, samples = held(trace.sample_times, trace.samples, float(trace.times[-1]))
+        _line(panel, times * per_second, samples * units.per_length, ORANGE, 1.6, "encoder, held for a period")
+    _line(panel, trace.times * per_second, trace.position * units.per_length, BLUE, 1.6, "handle")
+    for (name, position), colour in zip(trace.virtual.items(), cycle((PURPLE, GREEN, SKY)), strict=False):
+        _line(panel, trace.times * per_second, position * units.per_length, colour, 1.4, f"virtual mass of {name}")
+    panel.set_ylabel(f"position [{units.length}]")
+
+
+def _draw_force(panel: Axes, trace: Trace, units: Units, per_second: float) -> None:
+    times = trace.times * per_second
+    _line(panel, times, trace.force, SKY, 3.0, "rendered")
+    if trace.ideal is not None:
+        _line(panel, times, trace.ideal, INK, 1.1, "ideal: continuous, exact")
+    panel.set_ylabel(f"{units.effort_name} on the handle [{units.effort}]")
+
+
+def _draw_error(panel: Axes, trace: Trace, units: Units, per_second: float) -> None:
+    if trace.ideal is None:
+        panel.text(0.5, 0.5, "no ideal to compare with on real hardware", transform=panel.transAxes, ha="center")
+        return
+    times = trace.times * per_second
+    at, felt = thin(times, FELT * np.abs(trace.ideal))
+    panel.fill_between(at, -felt, felt, color="#dcdcdc", linewidth=0, label=f"±{100 * FELT:.0f} %: a hand cannot tell")
+    _line(panel, times, trace.force - trace.ideal, VERMILION, 1.0, "rendered − ideal")
+    panel.set_ylabel(f"error [{units.effort}]")
+
+
+def _line(panel: Axes, times: Array, values: Array, colour: str, width: float, label: str) -> None:
+    panel.plot(*thin(times, values), color=colour, linewidth=width, label=label, solid_capstyle="butt")
+
+
+def _shade_walls(panel: Axes, walls: list[Wall], units: Units) -> None:
+    low, high = panel.get_ylim()
+    for wall in walls:
+        surface = wall.position * units.per_length
+        low, high = min(low, surface), max(high, surface)
+    margin = 0.12 * (high - low)
+    low, high = low - margin, high + margin
+    for wall in walls:
+        surface = wall.position * units.per_length
+        panel.axhline(surface, color=GREY, linewidth=1.2)
+        if wall.sides == "unilateral":
+            inside = (surface, high) if wall.side == "positive" else (low, surface)
+            panel.axhspan(*inside, facecolor="#ececec", edgecolor="#c4c4c4", hatch="///", linewidth=0, label="wall")
+    panel.set_ylim(low, high)
+
+
+def _mark_fade_in(panels: Array, trace: Trace, units: Units) -> None:
+    """The time before the traces begin, where only the encoder tells of the handle."""
+    if trace.sample_times is None or not trace.sample_times[0] < trace.times[0]:
+        return
+    first, last = float(trace.sample_times[0]), float(trace.times[0])
+    for panel in panels:
+        panel.axvspan(first, last, color="#f1f6fa", linewidth=0, zorder=0)
+    place = {"transform": panels[1].get_xaxis_transform(), "ha": "center", "va": "center", "rotation": 90, "size": 9}
+    panels[1].text((first + last) / 2, 0.5, f"{units.effort_name} fades in", color="#555555", **place)
+
+
+def _legends(panels: Array) -> None:
+    """Above each panel, so that nothing is hidden."""
+    for panel in panels:
+        handles, labels = panel.get_legend_handles_labels()
+        if labels:
+            place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.0}
+            panel.legend(handles, labels, ncols=len(labels), fontsize=9, frameon=False, **place)
+
+
+def first_force(trace: Trace) -> tuple[float, float] | None:
+    """Times [s] around the first force that counts; None when there is none, or no periods to show."""
+    if trace.sample_times is None or len(trace.sample_times) < 2:
+        return None
+    force = np.abs(trace.ideal if trace.ideal is not None else trace.force)
+    if not force.any():
+        return None
+    period = float(np.median(np.diff(trace.sample_times)))
+    at = float(trace.times[np.argmax(force >= COUNTS * force.max())])
+    first = max(float(trace.times[0]), at - ZOOM_BEFORE * period)
+    return first, min(float(trace.times[-1]), first + (ZOOM_BEFORE + ZOOM_AFTER) * period)
+
+
+def cut(trace: Trace, first: float, last: float) -> Trace:
+    """The part of a trace between two times [s]."""
+    inside = (trace.times >= first) & (trace.times <= last)
+    sampled = _between(trace.sample_times, first, last)
+    return Trace(
+        trace.axis,
+        trace.workspace,
+        trace.times[inside],
+        trace.position[inside],
+        trace.force[inside],
+        None if trace.ideal is None else trace.ideal[inside],
+        None if trace.sample_times is None else trace.sample_times[sampled],
+        None if trace.samples is None else trace.samples[sampled],
+        {name: position[inside] for name, position in trace.virtual.items()},
+    )
+
+
+def _between(times: Array | None, first: float, last: float) -> slice:
+    if times is None:
+        return slice(0, 0)
+    return slice(int(np.searchsorted(times, first)), int(np.searchsorted(times, last, side="right")))
+
+
+def held(times: Array, values: Array, end: float) -> tuple[Array, Array]:
+    """Values held until the next, as corners of a line; the last until `end`."""
+    corners = np.repeat(np.append(times, end), 2)[1:-1]
+    return corners, np.repeat(values, 2)
+
+
+def thin(times: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
+    """Least and greatest value of each bin and both ends, in order; short lines stay as they are."""
+    size = len(values) // bins
+    if size < 4:
+        return times, values
+    whole = len(values) // size * size
+    blocks = values[:whole].reshape(-1, size)
+    starts = np.arange(0, whole, size)
+    rest = np.arange(whole, len(values))
+    ends = [0, len(values) - 1]
+    kept = np.unique(np.concatenate([starts + blocks.argmin(axis=1), starts + blocks.argmax(axis=1), rest, ends]))
+    return times[kept], values[kept]

@@ -1,0 +1,157 @@
+"""From what a run left behind to its result: timing, error, energy, traces, one sentence of verdict."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.axis_plan import AxisPlan
+from haptic_fieldbus.cycle import Cycle
+from haptic_fieldbus.loop import LoopReport
+from haptic_fieldbus.record import Record
+from haptic_fieldbus.report.recording import Conversion, Recording
+from haptic_fieldbus.report.torque_error import ErrorSplit, split
+from haptic_fieldbus.report.verdict import ripple, verdict_of
+from haptic_fieldbus.result import Percentiles, Result, Timing, TorqueError, Trace, Trip
+from haptic_fieldbus.safety import Trip as SafetyTrip
+from haptic_fieldbus.selection import Selection
+from haptic_fieldbus.sim.world import World
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Run:
+    """All that is left of a run; `elapsed` [s] is what the loop took by the wall clock."""
+
+    selection: Selection
+    cycle: Cycle
+    record: Record
+    report: LoopReport
+    world: World | None
+    clock: str
+    elapsed: float
+
+
+def known_before(
+    selection: Selection, report: LoopReport | None = None, trip: SafetyTrip | None = None, message: str = ""
+) -> Result:
+    """The result of a run that has not begun, or that ended early."""
+    plan = selection.plan
+    result = Result(
+        scene=plan.scene.name,
+        drive=plan.axes[0].profile.name,
+        bus=selection.bus.text,
+        rate=plan.rate,
+        bus_load=plan.bus_load,
+        plan=plan,
+        stability=plan.stability,
+    )
+    if report is None:
+        return result
+    begin_ns = report.enabled_at_ns
+    time = None if trip is None or begin_ns is None else (trip.t_ns - begin_ns) * 1e-9
+    trips = () if trip is None else (Trip(trip.kind.value, time, message),)
+    return replace(
+        result,
+        trips=trips,
+        timing=_timing(report),
+        cycles=report.cycles,
+        missed_cycles=report.missed,
+        duration=report.duration,
+    )
+
+
+def summarise(run: Run) -> Result:
+    """The result of a run that went to its end; the error is known only where the truth is, in simulation."""
+    plan = run.selection.plan
+    rows = _enabled_rows(run)
+    columns = {name: rows[:, position] for position, name in enumerate(run.record.columns)}
+    splits = {axis.name: _split(run, axis, columns) for axis in plan.axes}
+    known = [found for found in splits.values() if found is not None]
+    contacts = [found.error_rms_contact / found.ideal_rms_contact for found in known if found.ideal_rms_contact]
+    first = plan.axes[0]
+    verdict = verdict_of(
+        scene=plan.scene.name,
+        effort=first.workspace.effort_name,
+        contact=max(contacts, default=None),
+        ripple=ripple(columns[f"{first.name}.command"], plan.rate),
+        missed=run.report.missed,
+    )
+    return replace(
+        known_before(run.selection, run.report),
+        clock=run.clock,
+        elapsed=run.elapsed,
+        torque_error=_error_of(known[0], contacts) if known else None,
+        energy_generated=sum(found.energy_generated for found in known) if known else None,
+        traces=tuple(_trace(axis, columns, splits[axis.name]) for axis in plan.axes),
+        verdict=verdict if run.world is not None else "Rendered on a real drive: its true error is not known here.",
+    )
+
+
+def _timing(report: LoopReport) -> Timing:
+    return Timing(
+        period_us=Percentiles.of(report.sample("period_ns")),
+        age_us=Percentiles.of(report.sample("age_ns")),
+        compute_us=Percentiles.of(report.sample("compute_ns")),
+    )
+
+
+def _enabled_rows(run: Run) -> Array:
+    rows = run.record.rows()
+    begin_ns = run.report.enabled_at_ns
+    return rows[rows[:, 0] >= begin_ns] if begin_ns is not None else rows[:0]
+
+
+def _split(run: Run, axis: AxisPlan, columns: dict[str, Array]) -> ErrorSplit | None:
+    """The error of one axis in simulation; None on a real drive and for runs shorter than the fade-in."""
+    times_ns = columns["t_ns"].astype(np.int64)
+    begin_ns = int(times_ns[0] + axis.limits.fade_in * 1e9) if len(times_ns) else 0
+    if run.world is None or not len(times_ns) or times_ns[-1] <= begin_ns:
+        return None
+    recording = Recording(
+        times_ns=times_ns,
+        position=columns[f"{axis.name}.position"],
+        force=columns[f"{axis.name}.force"],
+        command=columns[f"{axis.name}.command"],
+        velocity=columns[f"{axis.name}.velocity"] if axis.estimator else None,
+    )
+    return split(
+        axis.elements,
+        recording,
+        run.world.trajectory(axis.node),
+        _conversion(run, axis),
+        period=run.selection.plan.period,
+        begin_ns=begin_ns,
+        method=axis.method,
+        unit=axis.workspace.effort_unit,
+    )
+
+
+def _conversion(run: Run, axis: AxisPlan) -> Conversion:
+    mechanism = axis.rig.mechanism
+    angle = 2 * np.pi * run.cycle.zero_counts(axis.name) / axis.rig.encoder_counts_per_revolution
+    return Conversion(mechanism.ratio * mechanism.sign, angle)
+
+
+def _error_of(found: ErrorSplit, contacts: list[float]) -> TorqueError:
+    return TorqueError(found.rms, found.max, found.unit, found.by_source, max(contacts, default=None))
+
+
+def _trace(axis: AxisPlan, columns: dict[str, Array], found: ErrorSplit | None) -> Trace:
+    start_ns = columns["t_ns"][0] if len(columns["t_ns"]) else 0.0
+    times = (columns["t_ns"] - start_ns) * 1e-9
+    position = columns[f"{axis.name}.position"]
+    if found is None:
+        return Trace(axis.name, axis.workspace, times, position, columns[f"{axis.name}.command"])
+    return Trace(
+        axis.name,
+        axis.workspace,
+        (found.times_ns - start_ns) * 1e-9,
+        found.position,
+        found.force,
+        ideal=found.ideal,
+        sample_times=times,
+        samples=position,
+        virtual={name: states[:, 0] for name, states in found.virtual.items()},
+    )

@@ -1,0 +1,206 @@
+"""A plan and a result in words: lines of a key and a text, for the terminal and for the title of a picture."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any, cast
+
+from haptic_fieldbus.axis_plan import AxisPlan
+from haptic_fieldbus.drive.pdo import Direction
+from haptic_fieldbus.drive.rig import LinearMechanism
+from haptic_fieldbus.explain import delay_text
+from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.request import SIMULATION_INTERFACE
+from haptic_fieldbus.result import Result, TorqueError
+from haptic_fieldbus.scenes.element import Element
+from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.stability import Stability
+
+Line = tuple[str, str]
+"""A key, empty where the line before goes on, and a text."""
+
+WORTH_NAMING = 0.01
+"""Share from which a source of error is named."""
+
+
+def announcement(plan: Plan) -> list[Line]:
+    """What is about to run: scene, bench, plan, delay, stability."""
+    return _keys_once(_announcement(plan))
+
+
+def outcome(result: Result) -> list[Line]:
+    """How a run went, as far as it is known; why it tripped is the error's to say."""
+    return _keys_once(_outcome(result))
+
+
+def _keys_once(lines: Iterator[Line]) -> list[Line]:
+    """A key that repeats is written once."""
+    once: list[Line] = []
+    before = ""
+    for key, text in lines:
+        once.append(("" if key == before else key, text))
+        before = key
+    return once
+
+
+def _announcement(plan: Plan) -> Iterator[Line]:
+    yield "scene", scene_text(plan)
+    for axis in plan.axes:
+        yield "bench", bench_text(plan, axis)
+    for pdo in plan.pdos:
+        way = "in " if pdo.direction is Direction.TPDO else "out"
+        yield "plan", f"{way} {pdo.name} {', '.join(signal.value for signal in pdo.signals)}"
+    yield "plan", f"left out: {', '.join(left.what for left in plan.left_out) or 'nothing'}"
+    yield "delay", delay_text(plan)
+    yield "stability", stability_text(plan)
+
+
+def _outcome(result: Result) -> Iterator[Line]:
+    if result.cycles is not None:
+        yield "result", f"{periods(result)}{_load_text(result)}{_speed_text(result)}"
+    if result.torque_error is not None:
+        yield "result", f"{error_sizes(result.torque_error)}{_sources_text(result.torque_error)}"
+    if result.cycles is not None and not result.trips:
+        yield "result", f"{energy_text(result.energy_generated)}no trip"
+    if result.verdict is not None:
+        yield "verdict", result.verdict
+
+
+def scene_text(plan: Plan) -> str:
+    parts = [_element_text(element, axis) for axis in plan.axes for element in axis.elements]
+    return f"{plan.scene.name}: {'; '.join(parts) or 'free, no element'}"
+
+
+def _element_text(element: Element, axis: AxisPlan) -> str:
+    """The element's parameters in the order of its file, those that are zero left out."""
+    values = {field.name: getattr(element, field.name) for field in fields(cast(Any, element))}
+    units = parameter_units(axis.workspace)
+    parts = [f"{name} {value:g} {units[name]}" for name, value in values.items() if name in units and value]
+    where = f" at {length(values['position'], axis.workspace)}" if "position" in values else ""
+    return f"{', '.join(parts)}{where}"
+
+
+def parameter_units(workspace: Workspace) -> dict[str, str]:
+    """Units of the parameters of elements, places left out."""
+    effort, travel = workspace.effort_unit, workspace.length_unit
+    return {
+        "stiffness": f"{effort}/{travel}",
+        "damping": f"{effort}·s/{travel}",
+        "mass": "kg" if workspace is Workspace.LINEAR else "kg·m²",
+    }
+
+
+def is_simulated(plan: Plan) -> bool:
+    return all(plan.rig.bus[axis.rig.bus].interface == SIMULATION_INTERFACE for axis in plan.axes)
+
+
+def bench_text(plan: Plan, axis: AxisPlan) -> str:
+    rig, bus = axis.rig, plan.rig.bus[axis.rig.bus]
+    link = "simulated" if is_simulated(plan) else f"{bus.interface} {bus.channel}"
+    mechanism = rig.mechanism
+    travel = (
+        f"{mechanism.metres_per_revolution:g} m/rev"
+        if isinstance(mechanism, LinearMechanism)
+        else f"gear {mechanism.gear_ratio:g}"
+    )
+    known = (
+        f"{rig.inertia:.1e} kg·m², {rig.viscous_damping:.1e} N·m·s/rad"
+        if rig.inertia is not None and rig.viscous_damping is not None
+        else "inertia and damping unknown"
+    )
+    speed = f"{bit_rate(plan.bitrate)}, {plan.rate:g} Hz"
+    encoder = f"{rig.encoder_counts_per_revolution} counts/rev"
+    return f"{axis.profile.title} ({link}), node {axis.node}, {speed} · {encoder}, {travel}, {known}"
+
+
+def stability_text(plan: Plan) -> str:
+    """The verdict on the axis with the smallest margin, with the limits and the margin."""
+    stability = plan.stability
+    if stability is None:
+        return "unknown: the rig does not give inertia and viscous_damping"
+    stable, verdict = stability.stiffness_limit.stable, stability.verdict.value
+    if stable is None or stability.stiffness is None:
+        return verdict
+    space = next(axis.workspace for axis in plan.axes if axis.stability is stability)
+    asked = f"you ask {stability.stiffness:g}: {verdict}"
+    if math.isinf(stable):
+        return f"stable at any stiffness; {asked}"
+    unit = f"{space.effort_unit}/{space.length_unit}"
+    return f"stable to {count(stable)} {unit} on this bench{_passive_text(stability)}; {asked}{_margin_text(stability)}"
+
+
+def _passive_text(stability: Stability) -> str:
+    passive = stability.stiffness_limit.passive
+    if passive is None:
+        return ""
+    return f" (passive to {count(passive)})" if passive else " (passive at none)"
+
+
+def _margin_text(stability: Stability) -> str:
+    return f", margin {stability.margin:.1f}" if stability.margin is not None else ""
+
+
+def periods(result: Result) -> str:
+    missed = result.missed_cycles or 0
+    return f"{count(result.cycles or 0)} periods, {f'{count(missed)} missed' if missed else 'none missed'}"
+
+
+def _load_text(result: Result) -> str:
+    return "" if result.bus_load is None else f" · bus load {percent(result.bus_load)}"
+
+
+def _speed_text(result: Result) -> str:
+    """How much faster than real time a simulation ran."""
+    if result.clock != "virtual" or not result.elapsed or not result.duration:
+        return ""
+    return f" · {result.duration:.1f} s in {result.elapsed:.1f} s"
+
+
+def error_sizes(error: TorqueError) -> str:
+    name = "force" if error.unit == "N" else "torque"
+    return f"{name} error {quantity(error.rms, error.unit)} rms, {quantity(error.max, error.unit)} max"
+
+
+def _sources_text(error: TorqueError) -> str:
+    by_size = sorted(error.by_source.items(), key=lambda item: -abs(item[1]))
+    named = [f"{name} {percent(share)}" for name, share in by_size if abs(share) >= WORTH_NAMING]
+    return f" ({', '.join(named)})" if named else ""
+
+
+def energy_text(energy: float | None) -> str:
+    """Work of the error on the hand [J]: what the rendering added to the ideal, or took from it."""
+    if not energy:
+        return ""
+    way = "gives the hand" if energy > 0.0 else "takes from the hand"
+    return f"{way} {quantity(abs(energy), 'J')} more than the ideal · "
+
+
+def key_figures(result: Result) -> str:
+    """One line below the title of a picture."""
+    parts = [f"{result.scene} on {result.drive}, {result.bus}, {result.rate:g} Hz", periods(result)]
+    if result.torque_error is not None:
+        parts.append(error_sizes(result.torque_error))
+    return " · ".join(parts) + _load_text(result)
+
+
+def count(number: float) -> str:
+    """A whole number, its digits in groups of three."""
+    return f"{number:,.0f}".replace(",", " ")
+
+
+def percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def quantity(value: float, unit: str) -> str:
+    """Two digits, in thousandths of the unit where that reads better."""
+    return f"{1e3 * value:.2g} m{unit}" if 0 < abs(value) < 0.01 else f"{value:.2g} {unit}"
+
+
+def length(value: float, workspace: Workspace) -> str:
+    """A place in the workspace; metres in millimetres."""
+    return f"{1e3 * value:g} mm" if workspace is Workspace.LINEAR else f"{value:g} rad"
+
+
+def bit_rate(bitrate: int) -> str:
+    return f"{bitrate / 1e6:g} Mbit/s" if bitrate >= 1_000_000 else f"{bitrate / 1e3:g} kbit/s"

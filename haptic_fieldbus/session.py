@@ -1,0 +1,160 @@
+"""One run from an opened bus to a result: simulated or real, recorded, and torque-free at its end whatever happens."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+
+import can
+
+from haptic_fieldbus.buses.canopen import CanopenBus
+from haptic_fieldbus.buses.canopen_node import Node
+from haptic_fieldbus.buses.canopen_setup import RATED_TORQUE_UNITS
+from haptic_fieldbus.buses.wire import Wire, open_can
+from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
+from haptic_fieldbus.cycle import Cycle, columns
+from haptic_fieldbus.drive.catalogue import load_profile
+from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.loop import LoopReport, run_loop
+from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.record import FrameWriter, Record, open_frame_writer, write_rows
+from haptic_fieldbus.report.summary import Run, known_before, summarise
+from haptic_fieldbus.result import Result
+from haptic_fieldbus.selection import Selection
+from haptic_fieldbus.sim.fault_file import load_faults
+from haptic_fieldbus.sim.faults import Fault, faults_of
+from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.world import World
+
+ENABLING_PERIODS = 4000
+"""Rows kept for the time before operation enabled."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A compiled selection, and what happens while it runs; duration in s from operation enabled."""
+
+    selection: Selection
+    duration: float
+    hand: str
+    seed: int
+    faults: str | Path | Sequence[Fault]
+    record: Path | None
+    confirm: Callable[[str], bool] | None
+    progress: Callable[[int, int], None] | None
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a run takes place: a clock, a CAN bus, and the world behind it when it is simulated."""
+
+    clock: Clock
+    can_bus: can.BusABC
+    world: World | None
+
+
+def render(request: Request) -> Result:
+    """Run and summarise; errors carry what is known by then as `result`."""
+    plan = request.selection.plan
+    cycles = max(1, round(request.duration * plan.rate))
+    cycle = Cycle(plan)
+    record = Record(columns(plan), cycles + ENABLING_PERIODS)
+    report = LoopReport()
+    site = open_site(request)
+    started = perf_counter()
+    try:
+        with _frames(request.record) as log:
+            bus = CanopenBus(site.can_bus, site.clock, log, owned=True)
+            try:
+                bus.open(plan)
+                _ask(request, plan, bus)
+                run_loop(
+                    plan,
+                    cycle,
+                    bus,
+                    site.clock,
+                    cycles=cycles,
+                    record=record,
+                    progress=_counted(request.progress, cycles),
+                    report=report,
+                )
+            finally:
+                bus.close()
+    except HapticFieldbusError as error:
+        error.result = known_before(request.selection, report, cycle.trip, str(error))
+        raise
+    finally:
+        if request.record is not None and request.record.suffix == ".csv":
+            write_rows(record, request.record)
+    elapsed = perf_counter() - started
+    return summarise(Run(request.selection, cycle, record, report, site.world, site.clock.name, elapsed))
+
+
+def open_site(request: Request) -> Site:
+    """A simulated world in virtual time, or the real bus that was named."""
+    plan = request.selection.plan
+    if not request.selection.bus.simulated:
+        (section,) = {plan.rig.bus[axis.rig.bus] for axis in plan.axes}
+        return Site(MonotonicClock(), open_can(section), None)
+    clock = VirtualClock()
+    world = World(clock, plan.bitrate, seed=request.seed)
+    faults = load_faults(request.faults) if isinstance(request.faults, str | Path) else tuple(request.faults)
+    hand = hand_named(request.hand)
+    for axis in plan.axes:
+        waiting = hand.after(axis.limits.fade_in) if hand is not None else None
+        world.add_drive(axis.node, axis.profile, axis.rig, waiting, faults=faults_of(faults, axis.node))
+    return Site(clock, world.bus(), world)
+
+
+def read_rated_torques(rig: Rig) -> Rig:
+    """Fill in each axis' rated torque from its drive, where the rig does not give it; raises BusError."""
+    axes = {}
+    for name, axis in rig.axis.items():
+        mapped = load_profile(axis.profile).torque.rated
+        if axis.rated_torque is None and mapped is not None:
+            can_bus = open_can(rig.bus[axis.bus])
+            try:
+                wire = Wire(can_bus, MonotonicClock(), can_bus.channel_info)
+                raw = Node(wire, axis.node, f"node {axis.node} (axis {name})").read(mapped.entry)
+            finally:
+                can_bus.shutdown()
+            axis = replace(axis, rated_torque=raw * RATED_TORQUE_UNITS[mapped.unit])
+        axes[name] = axis
+    return replace(rig, axis=axes)
+
+
+def _ask(request: Request, plan: Plan, bus: CanopenBus) -> None:
+    """On a bus that is not simulated nothing moves until somebody says so."""
+    if request.selection.bus.simulated:
+        return
+    question = "\n".join(_warning(plan, name, bus) for name in bus.facts)
+    if request.confirm is None or not request.confirm(question):
+        raise UsageError("not enabled: on a real bus nothing moves until it is confirmed (--yes for scripts)")
+
+
+def _warning(plan: Plan, name: str, bus: CanopenBus) -> str:
+    axis = next(axis for axis in plan.axes if axis.name == name)
+    facts = bus.facts[name]
+    share = axis.limits.effort / (1000.0 * axis.effort_unit)
+    serial = "" if facts.serial is None else f" (serial {facts.serial:#06x})"
+    return (
+        f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
+        f"at most {100 * share:.0f} % of rated torque, {axis.limits.speed:g} {axis.workspace.length_unit}/s; "
+        f"{facts.link_loss}, confirmed in the drive."
+    )
+
+
+def _counted(progress: Callable[[int, int], None] | None, cycles: int) -> Callable[[int], None] | None:
+    return None if progress is None else lambda done: progress(done, cycles)
+
+
+@contextmanager
+def _frames(path: Path | None) -> Iterator[FrameWriter | None]:
+    writer = open_frame_writer(path) if path is not None else None
+    try:
+        yield writer
+    finally:
+        if writer is not None:
+            writer.close()

@@ -1,0 +1,20 @@
+"""Running the command line inside the test's process."""
+
+import pytest
+
+from haptic_fieldbus.cli import main
+from tests.cli.command import Command, Finished
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str]) -> Command:
+    """Call it with the words of a command line."""
+
+    def call(*words: str) -> Finished:
+        with pytest.raises(SystemExit) as stopped:
+            main(words)
+        code = stopped.value.code
+        captured = capsys.readouterr()
+        return Finished(code if isinstance(code, int) else 0, captured.out, captured.err)
+
+    return call

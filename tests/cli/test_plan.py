@@ -1,0 +1,44 @@
+import json
+
+import pytest
+
+from haptic_fieldbus.api import plan
+from haptic_fieldbus.explain import explain
+from haptic_fieldbus.scenes.catalogue import scene_names
+from tests.cli.command import Command
+
+KEYS = ["mapped", "left_out", "pdos", "registers", "bus_load", "delay_s", "modules"]
+
+
+@pytest.mark.parametrize("scene", scene_names())
+def test_a_plan_is_explained_as_the_api_explains_it(scene: str, command: Command) -> None:
+    finished = command("plan", scene)
+    assert finished.status == 0
+    assert finished.out.rstrip("\n") == explain(plan(scene))
+
+
+@pytest.mark.parametrize("scene", scene_names())
+def test_the_json_object_of_a_plan_has_the_keys_of_the_contract(scene: str, command: Command) -> None:
+    shown = json.loads(command("plan", scene, "--json").out)
+    compiled = plan(scene)
+    assert list(shown) == KEYS
+    assert shown["mapped"] == list(compiled.mapped)
+    assert all(set(each) == {"what", "why"} for each in shown["left_out"])
+    assert [pdo["name"] for pdo in shown["pdos"]] == ["TPDO1", "RPDO1"]
+    assert shown["registers"] is None
+    delay = shown["delay_s"]
+    assert list(delay) == ["bus", "compute", "drive", "torque_loop", "total"]
+    assert delay["total"] == pytest.approx(delay["bus"] + delay["compute"] + delay["drive"] + delay["torque_loop"])
+
+
+def test_the_plans_of_different_scenes_differ_in_what_is_imported(command: Command) -> None:
+    modules = {scene: set(json.loads(command("plan", scene, "--json").out)["modules"]) for scene in scene_names()}
+    assert modules["wall"] == {"haptic_fieldbus.scenes.wall"}
+    assert modules["damped_wall"] > modules["wall"]
+    assert "haptic_fieldbus.numerics.integrators" in modules["sprung_mass"]
+
+
+def test_a_plan_can_be_made_for_a_real_bus(command: Command) -> None:
+    finished = command("plan", "wall", "--bus", "socketcan:can0@500000", "--drive", "generic_cia402", "--node", "5")
+    assert finished.status in (0, 4)
+    assert "Traceback" not in finished.err

@@ -1,0 +1,203 @@
+"""`run` as a person and as a script sees it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.cli import run as module
+from haptic_fieldbus.errors import UsageError
+from tests.cli.command import Command
+
+SHORT = ("--duration", "0.6")
+KEYS = [
+    "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
+    "torque_error", "energy_generated_j", "stability", "trips", "verdict",
+]  # fmt: skip
+STABILITY = {
+    "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "spectral_radius", "margin", "verdict",
+}  # fmt: skip
+
+
+def test_a_run_tells_what_it_did_line_by_line(command: Command) -> None:
+    finished = command("run", "wall", *SHORT)
+    assert finished.status == 0
+    assert finished.err == ""
+    keys = [line[:11].strip() for line in finished.out.splitlines()]
+    assert [key for key in keys if key] == ["scene", "bench", "plan", "delay", "stability", "result", "verdict"]
+    for words in ("stiffness 600 N/m at 20 mm", "maxon EPOS4 (simulated), node 1", "in  TPDO1 statusword, position",
+                  "out RPDO1 controlword, target torque", "left out: velocity", "600 periods, none missed",
+                  "force error", "no trip"):  # fmt: skip
+        assert words in finished.out
+    assert "\x1b" not in finished.out
+
+
+def test_json_is_the_only_thing_on_standard_output(command: Command) -> None:
+    finished = command("run", "wall", "--json", *SHORT)
+    assert finished.status == 0
+    result = json.loads(finished.out)
+    assert list(result) == KEYS
+    assert (result["scene"], result["bus"], result["clock"]) == ("wall", "sim", "virtual")
+    assert (result["cycles"], result["missed_cycles"], result["trips"]) == (600, 0, [])
+    assert set(result["plan"]) == {"mapped", "left_out"}
+    assert result["plan"]["mapped"] == [
+        "6041h:00 statusword",
+        "6064h:00 position actual value",
+        "6040h:00 controlword",
+        "6071h:00 target torque",
+    ]
+    assert all(set(each) == {"what", "why"} for each in result["plan"]["left_out"])
+    assert set(result["timing"]) == {"period_us", "age_us", "compute_us"}
+    assert all(set(each) == {"p50", "p99", "p999", "max"} for each in result["timing"].values())
+    assert result["timing"]["period_us"]["p50"] == pytest.approx(1000.0)
+    assert set(result["torque_error"]) == {"rms", "max", "unit", "by_source"}
+    assert set(result["stability"]) == STABILITY
+    assert set(result["stability"]["stiffness_limit"]) == {"passive", "stable", "quantisation"}
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "sentence"),
+    [
+        (("wal",), 2, "nearest: wall"),
+        (("wall", "--drive", "maxon_epos5"), 2, "nearest: maxon_epos4"),
+        (("wall", "--node", "0"), 2, "node 0"),
+        (("wall", "--node", "128"), 2, "node 128"),
+        (("wall", "--rate", "0"), 2, "rate 0"),
+        (("wall", "--rate", "nan"), 2, "rate nan"),
+        (("wall", "--duration", "0"), 2, "duration 0"),
+        (("wall", "--duration", "-1"), 2, "duration -1"),
+        (("wall", "--seed", "-1"), 2, "seed -1"),
+        (("wall", "--bus", "simm"), 2, "nearest: sim"),
+        (("wall", "--bus", "modbus-tcp:10.0.0.1"), 2, "not available yet"),
+        (("wall", "--hand", "pusk"), 2, "push"),
+        (("wall", "--set", "wall.stiffness"), 2, "element.parameter=value"),
+        (("wall", "--set", "wall.stiffness=-1"), 2, "wall.stiffness"),
+        (("wall", "--set", "wall.stiffness=nan"), 2, "wall.stiffness"),
+        (("wall", "--set", "wall.stifness=1"), 2, "nearest: stiffness"),
+        (("wall", "--set", "wal.stiffness=1"), 2, "nearest: wall"),
+        (("sprung_mass", "--method", "exact-fo"), 2, "exact-foh"),
+        (("damped_wall", "--estimator", "backwards"), 2, "backward-difference"),
+        (("wall", "--rig", "no.toml"), 2, "no such file"),
+        (("wall", "--rig", "no.toml", "--drive", "maxon_epos4", "--node", "3"), 2, "leave out --drive and --node"),
+        (("wall", "--faults", "no.toml"), 2, "no such file"),
+        (("wall", "--plot", "picture.txt"), 2, "suffix must be one of .png"),
+        (("wall", "--plot", "no folder/picture.png"), 2, "there is no folder"),
+        (("wall", "--record", "frames.txt"), 2, "suffix must be one of .log"),
+        (("wall", "--node", "one"), 2, "Invalid value"),
+        (("wall", "--nope"), 2, "No such option"),
+        ((), 2, "Missing argument"),
+        (("wall", "--set", "wall.stiffness=3000"), 4, "is unstable"),
+        (("wall", "--rate", "8000"), 4, "Would fit"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
+)
+def test_what_cannot_be_done_is_said_in_a_sentence(
+    words: tuple[str, ...],
+    status: int,
+    sentence: str,
+    command: Command,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    finished = command("run", *words)
+    assert finished.status == status
+    assert sentence in finished.err
+    assert "Traceback" not in finished.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_linear_scene_on_a_rotary_bench_is_refused(command: Command, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        """
+        [bus.can0]
+        interface = "haptic_sim"
+        channel = "sim"
+        [axis.handle]
+        bus = "can0"
+        node = 5
+        profile = "maxon_epos4"
+        rated_torque = 0.4
+        encoder_counts_per_revolution = 4096
+        inertia = 4.0e-5
+        viscous_damping = 1.0e-4
+        [axis.handle.mechanism]
+        kind = "rotary"
+        """
+    )
+    finished = command("run", "wall", "--rig", str(rig))
+    assert finished.status == 2
+    assert "linear" in finished.err
+    assert "rotary" in finished.err
+
+
+def test_a_refused_run_still_prints_what_is_known(command: Command) -> None:
+    finished = command("run", "wall", "--set", "wall.stiffness=3000", "--json")
+    assert finished.status == 4
+    result = json.loads(finished.out)
+    assert list(result) == KEYS
+    assert result["stability"]["verdict"] == "unstable"
+    assert (result["cycles"], result["torque_error"], result["verdict"]) == (None, None, None)
+    assert "refused" in finished.err
+
+
+def test_force_overrides_instability_and_says_so(command: Command) -> None:
+    finished = command("run", "wall", "--set", "wall.stiffness=1600", "--force", "--hand", "none", *SHORT)
+    assert finished.status in (0, 3)
+    assert "unstable" in finished.out + finished.err
+
+
+def test_a_picture_and_the_frames_are_left_behind(command: Command, tmp_path: Path) -> None:
+    picture, frames = tmp_path / "run.png", tmp_path / "run.log"
+    finished = command("run", "wall", "--plot", str(picture), "--record", str(frames), *SHORT)
+    assert finished.status == 0
+    assert str(picture) in finished.out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert " 080#" in frames.read_text()
+
+
+def test_a_rotary_bench_speaks_of_torque(command: Command, tmp_path: Path) -> None:
+    scene = tmp_path / "knob.toml"
+    scene.write_text(
+        """
+        [axis.knob]
+        workspace = "rotary"
+        [[element]]
+        kind = "wall"
+        axis = "knob"
+        position = 0.1
+        stiffness = 0.05
+        """
+    )
+    finished = command("run", str(scene), *SHORT)
+    assert finished.status == 0
+    assert "stiffness 0.05 N·m/rad at 0.1 rad" in finished.out
+    assert "torque error" in finished.out
+
+
+def test_without_matplotlib_a_picture_is_refused_before_anything_runs(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    finished = command("run", "wall", "--plot", str(tmp_path / "run.png"))
+    assert finished.status == 2
+    assert "haptic-fieldbus[plot]" in finished.err
+    assert finished.out == ""
+
+
+def test_a_bit_rate_that_cannot_be_known_is_said(command: Command) -> None:
+    finished = command("plan", "wall", "--bus", "socketcan:can0")
+    assert "1 Mbit/s is assumed" in finished.err
+    assert "assumed" not in command("plan", "wall", "--bus", "socketcan:can0@500000").err
+
+
+def test_on_a_real_bus_an_unknown_bench_is_refused(command: Command) -> None:
+    finished = command("run", "wall", "--bus", "virtual:nobody@1000000")
+    assert finished.status == 4
+    assert "inertia" in finished.err
+
+
+def test_without_a_person_only_yes_enables_a_drive() -> None:
+    with pytest.raises(UsageError, match="--yes"):
+        module._ask("about to enable torque\nEnable?")

@@ -1,0 +1,63 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.scenes.catalogue import scene_names
+from tests.cli.command import Command
+
+
+def test_the_list_names_every_shipped_scene(command: Command) -> None:
+    finished = command("scenes", "list")
+    assert finished.status == 0
+    assert [line.split()[0] for line in finished.out.splitlines()] == ["name", *scene_names()]
+
+
+def test_the_json_list_has_the_keys_of_the_contract(command: Command) -> None:
+    scenes = json.loads(command("scenes", "list", "--json").out)["scenes"]
+    assert [scene["name"] for scene in scenes] == scene_names()
+    assert all(set(scene) == {"name", "description", "axes"} for scene in scenes)
+    assert {"wall", "damped_wall", "sprung_mass"} <= set(scene_names())
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_a_scene_is_shown_with_all_that_can_be_set(name: str, command: Command) -> None:
+    shown = json.loads(command("scenes", "show", name, "--json").out)
+    text = command("scenes", "show", name).out
+    assert shown["name"] == name
+    assert shown["description"] in text
+    for element in shown["elements"]:
+        assert element["kind"]
+        for parameter in set(element) - {"kind", "name", "axis"}:
+            assert f"{element['name']}.{parameter}" in text
+
+
+def test_parameters_have_their_unit(command: Command) -> None:
+    text = command("scenes", "show", "damped_wall").out
+    rows = {line.split()[0]: line.split()[1:] for line in text.splitlines() if "." in line.partition(" ")[0]}
+    assert rows["wall.stiffness"] == ["600", "N/m"]
+    assert rows["wall.damping"] == ["2", "N·s/m"]
+    assert rows["wall.position"] == ["0.02", "m"]
+
+
+def test_all_shipped_scenes_are_checked_when_none_is_named(command: Command) -> None:
+    finished = command("scenes", "check")
+    assert finished.status == 0
+    assert finished.out.splitlines() == [f"{name}: no fault" for name in scene_names()]
+
+
+def test_faults_of_a_scene_are_listed(tmp_path: Path, command: Command) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(
+        '[axis.handle]\nworkspace = "linear"\n[[element]]\nkind = "wall"\naxis = "hand"\nstiffness = -1.0\n'
+    )
+    finished = command("scenes", "check", str(path), "--json")
+    assert finished.status == 2
+    errors = json.loads(finished.out)["errors"]
+    assert {error["line"] for error in errors} == {5, 6}
+
+
+def test_an_unknown_scene_is_answered_with_the_nearest_names(command: Command) -> None:
+    finished = command("scenes", "show", "wal")
+    assert (finished.status, finished.out) == (2, "")
+    assert "wall" in finished.err

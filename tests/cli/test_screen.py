@@ -1,0 +1,109 @@
+import io
+import json
+import math
+import sys
+
+import pytest
+
+from haptic_fieldbus.cli.screen import Bar, bar, plain, print_json, show, show_table
+from haptic_fieldbus.signals import Workspace
+
+
+class Terminal(io.StringIO):
+    """A text stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture(autouse=True)
+def narrow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal of 40 columns that knows colours, whatever the one is that runs the tests."""
+    for name, value in (("COLUMNS", "40"), ("TERM", "xterm-256color")):
+        monkeypatch.setenv(name, value)
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+
+
+LONG = "one two three four five six seven eight nine ten"
+
+
+def test_lines_stay_whole_and_plain_in_a_pipe() -> None:
+    pipe = io.StringIO()
+    show([("scene", LONG), ("", "more"), (None, "[b]alone[/b] :smile:"), ("end", "")], pipe)
+    assert pipe.getvalue() == f"scene      {LONG}\n           more\n[b]alone[/b] :smile:\nend\n".replace(
+        "end\n", "end        \n"
+    )
+
+
+def test_lines_are_wrapped_beside_their_key_on_a_terminal() -> None:
+    terminal = Terminal()
+    show([("scene", LONG)], terminal)
+    lines = [line.replace("\x1b[1m", "").replace("\x1b[0m", "") for line in terminal.getvalue().splitlines()]
+    assert len(lines) == 2
+    assert lines[0].startswith("scene      one")
+    assert lines[1].startswith("           ")
+    assert all(len(line) <= 40 for line in lines)
+    assert " ".join(line[11:] for line in lines) == LONG
+
+
+def test_keys_are_bold_on_a_terminal_only() -> None:
+    terminal, pipe = Terminal(), io.StringIO()
+    for stream in (terminal, pipe):
+        show([("refused", "no")], stream)
+    assert "\x1b[" in terminal.getvalue()
+    assert "\x1b[" not in pipe.getvalue()
+
+
+def test_columns_are_as_wide_as_their_longest_entry(capsys: pytest.CaptureFixture[str]) -> None:
+    show_table(("a", "b"), [("one", "x"), ("three", "y")])
+    assert capsys.readouterr().out == "a      b\none    x\nthree  y\n"
+
+
+def test_json_is_one_object_with_its_keys_in_order(capsys: pytest.CaptureFixture[str]) -> None:
+    print_json({"b": 1, "a": {"µ": None}})
+    out = capsys.readouterr().out
+    assert json.loads(out) == {"b": 1, "a": {"µ": None}}
+    assert out.index('"b"') < out.index('"a"')
+
+
+def test_json_refuses_what_is_no_number() -> None:
+    with pytest.raises(ValueError, match="JSON"):
+        print_json({"a": math.nan})
+
+
+def test_values_become_plain() -> None:
+    assert plain({"w": Workspace.LINEAR, "t": (1, 2.5, None, True), "o": 1j}) == {
+        "w": "linear",
+        "t": [1, 2.5, None, True],
+        "o": "1j",
+    }
+
+
+def test_there_is_no_bar_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    assert bar(1000.0) is None
+
+
+def test_the_bar_shows_the_seconds_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    progress = bar(1000.0)
+    assert progress is not None
+    progress(500, 10_000)
+    progress(501, 10_000)
+    progress(10_000, 10_000)
+    progress.close()
+    assert "0.5 of 10.0 s" in terminal.getvalue()
+    assert "10.0 of 10.0 s" in terminal.getvalue()
+    assert "501" not in terminal.getvalue()
+
+
+def test_a_silent_bar_draws_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    progress = Bar(1000.0)
+    progress.silent = True
+    progress(10_000, 10_000)
+    progress.close()
+    assert terminal.getvalue() == ""

@@ -1,0 +1,90 @@
+"""How much of the pure half the tests must cover: `python tests/coverage_gates.py COVERAGE.json TESTS.xml`.
+
+What decides about torque is covered in full, branches included; the rest of the pure half to 95 %. Which modules are
+pure is read from the import contract, so the two cannot drift apart. Ends with a line that says how many tests passed.
+"""
+
+import json
+import sys
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+PROJECT = Path(__file__).resolve().parents[1]
+PURE_CONTRACT = "pure half"
+"""Part of the name of the import contract that lists the pure half."""
+FULL = ("haptic_fieldbus.drive", "haptic_fieldbus.plan", "haptic_fieldbus.axis_plan", "haptic_fieldbus.safety",
+        "haptic_fieldbus.trips", "haptic_fieldbus.cycle")  # fmt: skip
+FULL_PERCENT, PURE_PERCENT = 100.0, 95.0
+
+
+@dataclass(frozen=True)
+class Gate:
+    """A module or folder, and how much of its lines and branches must be run [%]."""
+
+    module: str
+    required: float
+
+    @property
+    def path(self) -> str:
+        return self.module.replace(".", "/")
+
+    def holds(self, file: str) -> bool:
+        return file == f"{self.path}.py" or file.startswith(f"{self.path}/")
+
+
+def gates() -> list[Gate]:
+    """Of all pure modules, those of `FULL` first."""
+    contracts = tomllib.loads((PROJECT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    pure = next(contract for contract in contracts if PURE_CONTRACT in contract["name"])["source_modules"]
+    rest = [module for module in pure if module not in FULL]
+    return [Gate(module, FULL_PERCENT) for module in FULL] + [Gate(module, PURE_PERCENT) for module in rest]
+
+
+def measured(gate: Gate, files: dict[str, dict[str, dict[str, int]]]) -> float | None:
+    """Share of the gate's lines and branches that were run [%]; None when it has no files."""
+    summaries = [report["summary"] for file, report in files.items() if gate.holds(file)]
+    if not summaries:
+        return None
+    total = sum(summary["num_statements"] + summary["num_branches"] for summary in summaries)
+    run = sum(summary["covered_lines"] + summary["covered_branches"] for summary in summaries)
+    return 100.0 * run / total if total else 100.0
+
+
+def missing(gate: Gate, files: dict[str, dict[str, list[object]]]) -> Iterator[str]:
+    """Where the gate's uncovered lines and branches are."""
+    for file, report in files.items():
+        if gate.holds(file) and (report["missing_lines"] or report["missing_branches"]):
+            yield f"  {file}: lines {report['missing_lines']}, branches {report['missing_branches']}"
+
+
+def tests_line(path: Path) -> str:
+    """`N passed, N failed, N skipped` of a JUnit file."""
+    suites = list(ElementTree.parse(path).getroot().iter("testsuite"))
+    total, failures, errors, skipped = (
+        sum(int(suite.get(key, "0")) for suite in suites) for key in ("tests", "failures", "errors", "skipped")
+    )
+    return f"{total - failures - errors - skipped} passed, {failures + errors} failed, {skipped} skipped"
+
+
+def main(coverage: Path, tests: Path) -> int:
+    files = json.loads(coverage.read_text())["files"]
+    failed = 0
+    print("\ncoverage of lines and branches")
+    for gate in gates():
+        percent = measured(gate, files)
+        good = percent is not None and percent >= gate.required - 1e-9
+        shown = "no file" if percent is None else f"{percent:6.2f} %"
+        print(f"{'ok  ' if good else 'FAIL'} {gate.module:36} {shown}, at least {gate.required:.0f} %")
+        if not good:
+            failed += 1
+            print("\n".join(missing(gate, files)))
+    print(f"{failed} of the coverage gates failed" if failed else "all coverage gates hold")
+    print(tests_line(tests))
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2])))

@@ -1,0 +1,182 @@
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+
+from haptic_fieldbus.report.plot import BINS, ZOOM_AFTER, ZOOM_BEFORE, cut, draw_axis, first_force, held, plot_run, thin
+from haptic_fieldbus.result import Array, Result, TorqueError, Trace
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Workspace
+
+PERIOD, POINTS = 1e-3, 16
+
+
+def push(duration: float = 2.0, workspace: Workspace = Workspace.LINEAR, *, simulated: bool = True) -> Trace:
+    """A handle that swings into a wall at 20 mm and out again, the force a period late."""
+    times = np.arange(round(duration / PERIOD * POINTS)) * PERIOD / POINTS
+    position = 0.03 * np.sin(2 * np.pi * times)
+    ideal = np.minimum(0.0, -600.0 * (position - 0.02))
+    force = np.concatenate([np.zeros(POINTS), ideal[:-POINTS]])
+    sampled = slice(0, None, POINTS)
+    return Trace(
+        "handle", workspace, times, position, force, ideal if simulated else None, times[sampled], position[sampled]
+    )
+
+
+def result_of(*traces: Trace, walls: tuple[Wall, ...] = ()) -> Result:
+    """A result that shows these traces."""
+    plan = SimpleNamespace(scene=SimpleNamespace(of_axis=lambda axis: walls))
+    return Result(
+        scene="wall",
+        drive="maxon EPOS4",
+        bus="sim",
+        rate=1000.0,
+        cycles=2000,
+        missed_cycles=0,
+        bus_load=0.27,
+        plan=cast("None", plan),
+        torque_error=TorqueError(0.09, 0.41, "N", {"encoder": 1.0}),
+        verdict="Feels like a wall.",
+        traces=traces,
+    )
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_a_run_is_drawn_in_every_format(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"demo{suffix}"
+    plot_run(result_of(push(), walls=(Wall("handle", 600.0, 0.02),)), path)
+    assert path.stat().st_size > 10_000
+
+
+def panels_of(trace: Trace, *walls: Wall) -> Figure:
+    figure = Figure()
+    draw_axis(figure, trace, list(walls))
+    return figure
+
+
+def labels(figure: Figure, panel: int) -> set[str]:
+    return set(figure.axes[panel].get_legend_handles_labels()[1])
+
+
+def test_position_wall_force_and_error_are_on_the_picture() -> None:
+    figure = panels_of(push(), Wall("handle", 600.0, 0.02))
+    assert len(figure.axes) == 6
+    assert labels(figure, 0) == {"encoder, held for a period", "handle", "wall"}
+    assert labels(figure, 2) == {"rendered", "ideal: continuous, exact"}
+    assert labels(figure, 4) == {"rendered − ideal", "±8 %: a hand cannot tell"}
+    assert [figure.axes[panel].get_ylabel() for panel in (0, 2, 4)] == [
+        "position [mm]",
+        "force on the handle [N]",
+        "error [N]",
+    ]
+
+
+@pytest.mark.parametrize(("side", "inside"), [("positive", 25.0), ("negative", 15.0)])
+def test_the_wall_is_shaded_where_its_material_is(side: str, inside: float) -> None:
+    figure = panels_of(push(), Wall("handle", 600.0, 0.02, side="positive" if side == "positive" else "negative"))
+    (shade,) = [patch for patch in figure.axes[0].patches if patch.get_hatch()]
+    low, high = shade.get_extents().transformed(figure.axes[0].transData.inverted()).intervaly
+    assert low < inside < high
+
+
+def test_a_bilateral_wall_is_a_line_without_material() -> None:
+    figure = panels_of(push(), Wall("handle", 600.0, 0.02, sides="bilateral"))
+    assert not [patch for patch in figure.axes[0].patches if patch.get_hatch()]
+
+
+def test_a_virtual_mass_is_drawn_beside_the_handle() -> None:
+    trace = push()
+    figure = panels_of(
+        Trace(
+            "handle", trace.workspace, trace.times, trace.position, trace.force, virtual={"sprung_mass": trace.position}
+        )
+    )
+    assert "virtual mass of sprung_mass" in labels(figure, 0)
+
+
+def test_a_rotary_axis_is_drawn_in_degrees_and_newton_metres() -> None:
+    figure = panels_of(push(workspace=Workspace.ROTARY))
+    assert [figure.axes[panel].get_ylabel() for panel in (0, 2)] == ["position [°]", "torque on the handle [N·m]"]
+
+
+def test_without_an_ideal_there_is_no_error_to_draw() -> None:
+    figure = panels_of(push(simulated=False))
+    assert labels(figure, 4) == set()
+    assert "no ideal" in figure.axes[4].texts[0].get_text()
+
+
+def test_without_any_force_there_is_nothing_to_look_at_closely() -> None:
+    quiet = push()
+    still = Trace("handle", quiet.workspace, quiet.times, quiet.position, 0 * quiet.force, 0 * quiet.force)
+    assert first_force(still) is None
+    assert len(panels_of(still).axes) == 3
+
+
+def test_the_time_before_the_full_force_is_marked() -> None:
+    whole = push()
+    late = cut(whole, 0.5, 2.0)
+    faded = replace(late, sample_times=whole.sample_times, samples=whole.samples)
+    assert "force fades in" in [text.get_text() for text in panels_of(faded).axes[2].texts]
+    assert not panels_of(whole).axes[2].texts
+
+
+def test_two_axes_stand_below_one_another(tmp_path: Path) -> None:
+    plot_run(result_of(push(), push()), tmp_path / "two.png")
+    plot_run(result_of(push()), tmp_path / "one.png")
+    assert image_height(tmp_path / "two.png") == 2 * image_height(tmp_path / "one.png")
+
+
+def image_height(path: Path) -> int:
+    """From the header of a PNG file (ISO 15948, 11.2.2)."""
+    return int.from_bytes(path.read_bytes()[20:24], "big")
+
+
+def test_the_closer_look_spans_some_periods_around_the_first_force() -> None:
+    trace = push()
+    window = first_force(trace)
+    assert window is not None
+    first, last = window
+    contact = np.arcsin(0.02 / 0.03) / (2 * np.pi)
+    assert first < contact < last
+    assert last - first == pytest.approx((ZOOM_BEFORE + ZOOM_AFTER) * PERIOD)
+
+
+def test_the_closer_look_stays_inside_the_run() -> None:
+    trace = push(0.13)
+    window = first_force(trace)
+    assert window is not None
+    assert window[1] == trace.times[-1]
+
+
+def test_a_cut_keeps_all_that_lies_between_two_times() -> None:
+    trace = push()
+    close = cut(trace, 0.1, 0.12)
+    assert close.times[0] >= 0.1
+    assert close.times[-1] <= 0.12
+    assert len(close.times) == len(close.force) == len(close.position) == pytest.approx(20 * POINTS, abs=1)
+    assert close.samples is not None
+    assert len(close.samples) == pytest.approx(20, abs=1)
+
+
+def test_a_held_value_is_a_staircase_to_the_end() -> None:
+    times, values = held(np.array([0.0, 1.0]), np.array([5.0, 7.0]), 3.0)
+    assert times.tolist() == [0.0, 1.0, 1.0, 3.0]
+    assert values.tolist() == [5.0, 5.0, 7.0, 7.0]
+
+
+@given(st.integers(1, 40_000), st.integers(0, 2**32 - 1))
+def test_thinning_keeps_ends_and_extremes_in_order(points: int, seed: int) -> None:
+    values: Array = np.random.default_rng(seed).normal(size=points)
+    times: Array = np.arange(points, dtype=float)
+    at, kept = thin(times, values)
+    assert len(kept) <= 4 * BINS
+    assert (kept.min(), kept.max()) == (values.min(), values.max())
+    assert (at[0], at[-1]) == (times[0], times[-1])
+    assert (np.diff(at) > 0).all()
+    assert (values[at.astype(int)] == kept).all()

@@ -1,0 +1,122 @@
+from dataclasses import replace
+
+import pytest
+
+from haptic_fieldbus.api import plan
+from haptic_fieldbus.drive.rig import BusSection, Rig, default_axis
+from haptic_fieldbus.report.words import (
+    announcement,
+    bit_rate,
+    count,
+    energy_text,
+    is_simulated,
+    key_figures,
+    length,
+    outcome,
+    percent,
+    quantity,
+    stability_text,
+)
+from haptic_fieldbus.result import Result, TorqueError, Trip
+from haptic_fieldbus.signals import Workspace
+
+RUN = Result(
+    scene="wall",
+    drive="maxon_epos4",
+    bus="sim",
+    rate=1000.0,
+    clock="virtual",
+    cycles=10_000,
+    missed_cycles=0,
+    duration=10.0,
+    bus_load=0.272,
+    torque_error=TorqueError(0.09, 0.412, "N", {"encoder": 0.171, "sampling and delay": 0.612, "torque loop": 0.001}),
+    energy_generated=3e-4,
+    verdict="Feels like a wall.",
+    elapsed=0.5,
+)
+
+
+def test_an_outcome_names_the_sources_of_error_by_size() -> None:
+    assert outcome(RUN) == [
+        ("result", "10 000 periods, none missed · bus load 27 % · 10.0 s in 0.5 s"),
+        ("", "force error 0.09 N rms, 0.41 N max (sampling and delay 61 %, encoder 17 %)"),
+        ("", "gives the hand 0.3 mJ more than the ideal · no trip"),
+        ("verdict", "Feels like a wall."),
+    ]
+
+
+def test_of_a_run_that_never_began_nothing_is_told() -> None:
+    assert outcome(Result("wall", "maxon_epos4", "sim", 1000.0)) == []
+
+
+def test_missed_periods_are_told_and_a_trip_is_left_to_its_error() -> None:
+    tripped = replace(
+        RUN, missed_cycles=3, trips=(Trip("speed limit", 1.0, "too fast"),), clock="monotonic", verdict=None
+    )
+    assert [text for _, text in outcome(tripped)] == [
+        "10 000 periods, 3 missed · bus load 27 %",
+        "force error 0.09 N rms, 0.41 N max (sampling and delay 61 %, encoder 17 %)",
+    ]
+
+
+def test_an_announcement_has_each_key_once() -> None:
+    keys = [key for key, _ in announcement(plan("wall")) if key]
+    assert keys == ["scene", "bench", "plan", "delay", "stability"]
+
+
+def test_every_parameter_of_an_element_has_its_unit() -> None:
+    text = dict(announcement(plan("damped_wall")))["scene"]
+    assert text == "damped_wall: stiffness 600 N/m, damping 2 N·s/m at 20 mm"
+    assert dict(announcement(plan("sprung_mass")))["scene"] == "sprung_mass: stiffness 200 N/m, mass 0.5 kg"
+
+
+def test_the_bench_of_a_real_bus_is_told_with_what_is_unknown() -> None:
+    axis = default_axis(Workspace.LINEAR, bus="b", node=5, profile="maxon_epos4")
+    known = plan("wall", Rig({"b": BusSection("socketcan", "can0", 500_000)}, {"handle": axis}), rate=500.0)
+    blind = replace(known.axes[0], rig=replace(axis, inertia=None), plant=None, stability=None)
+    lines = dict(announcement(replace(known, axes=(blind,))))
+    assert lines["bench"].startswith("maxon EPOS4 (socketcan can0), node 5, 500 kbit/s, 500 Hz · ")
+    assert lines["bench"].endswith("inertia and damping unknown")
+    assert lines["stability"].startswith("unknown")
+    assert not is_simulated(known)
+    assert is_simulated(plan("wall"))
+
+
+def test_a_loop_that_is_passive_at_no_stiffness_is_told_so() -> None:
+    assert "(passive at none)" in stability_text(plan("sprung_mass"))
+
+
+def test_stability_is_told_with_its_limits_and_margin() -> None:
+    compiled = plan("wall")
+    assert compiled.stability is not None
+    limit = compiled.stability.stiffness_limit
+    assert limit.stable is not None
+    assert limit.passive is not None
+    assert stability_text(compiled) == (
+        f"stable to {count(limit.stable)} N/m on this bench (passive to {count(limit.passive)}); "
+        f"you ask 600: {compiled.stability.verdict.value}, margin {limit.stable / 600:.1f}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0, "0 N"), (0.412, "0.41 N"), (3.04e-4, "0.3 mN"), (-0.0071, "-7.1 mN"), (12.0, "12 N")]
+)
+def test_a_quantity_has_two_digits(value: float, text: str) -> None:
+    assert quantity(value, "N") == text
+
+
+def test_numbers_are_written_for_people() -> None:
+    assert (count(1_234_567), count(12.6)) == ("1 234 567", "13")
+    assert percent(0.272) == "27 %"
+    assert (length(0.02, Workspace.LINEAR), length(0.5, Workspace.ROTARY)) == ("20 mm", "0.5 rad")
+    assert (bit_rate(1_000_000), bit_rate(125_000)) == ("1 Mbit/s", "125 kbit/s")
+    assert energy_text(None) == ""
+    assert energy_text(-2e-3).startswith("takes from the hand 2 mJ more")
+
+
+def test_a_picture_has_one_line_of_figures() -> None:
+    assert key_figures(RUN) == (
+        "wall on maxon_epos4, sim, 1000 Hz · 10 000 periods, none missed · "
+        "force error 0.09 N rms, 0.41 N max · bus load 27 %"
+    )

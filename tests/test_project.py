@@ -1,0 +1,130 @@
+"""The project's own promises: documents, dependencies, checks and contracts agree with the code."""
+
+import ast
+import os
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.cli import main
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+
+PROJECT = Path(__file__).resolve().parents[1]
+PACKAGE = PROJECT / "haptic_fieldbus"
+SETTINGS = tomllib.loads((PROJECT / "pyproject.toml").read_text())
+MAKEFILE = (PROJECT / "Makefile").read_text()
+DOCUMENTS = sorted(
+    path for path in PROJECT.rglob("*.md") if not any(part.startswith(".") for part in path.relative_to(PROJECT).parts)
+)
+LONGEST_FILE = 300
+REFUSED = 4
+
+DISTRIBUTIONS = {"can": "python-can", "tree_sitter": "tree-sitter", "tree_sitter_toml": "tree-sitter-toml"}
+"""Where a package is not called as its distribution is."""
+
+
+def shown_commands() -> Iterator[tuple[Path, str]]:
+    """Every line of every `sh` block, its comment left out."""
+    for document in DOCUMENTS:
+        for block in re.findall(r"^```sh\n(.*?)^```", document.read_text(), re.MULTILINE | re.DOTALL):
+            for line in block.splitlines():
+                command = line.partition("#")[0].strip()
+                if command:
+                    yield document, command
+
+
+OWN_COMMANDS = sorted({command for _, command in shown_commands() if command.startswith("haptic-fieldbus ")})
+
+
+@pytest.mark.parametrize("command", OWN_COMMANDS)
+def test_every_command_in_the_documents_does_what_they_say(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stopped:
+        main(command.split()[1:])
+    assert (stopped.value.code or 0) == (REFUSED if "stiffness=3000" in command else 0)
+
+
+def test_every_make_target_in_the_documents_exists() -> None:
+    targets = set(re.findall(r"^([a-z-]+):", MAKEFILE, re.MULTILINE))
+    for document, command in shown_commands():
+        if command.startswith("make "):
+            assert command.split()[1] in targets, f"{document.name}: {command}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(PROJECT)))
+def test_every_link_between_documents_leads_somewhere(document: Path) -> None:
+    for link in re.findall(r"\]\(([^)#]+)", document.read_text()):
+        if not link.startswith(("http://", "https://")):
+            assert (document.parent / link).exists(), link
+
+
+def test_every_decision_is_in_the_list() -> None:
+    folder = PROJECT / "docs" / "explanation" / "decisions"
+    listed = set(re.findall(r"\]\((\d{4}-[^)]+)\)", (folder / "README.md").read_text()))
+    assert listed == {path.name for path in folder.glob("[0-9]*.md")}
+
+
+def test_github_and_ci_run_what_a_person_runs() -> None:
+    script = PROJECT / ".ci" / "run"
+    assert os.access(script, os.X_OK)
+    assert {"make check", "make test"} <= set(script.read_text().splitlines())
+    assert "run: .ci/run" in (PROJECT / ".github" / "workflows" / "ci.yml").read_text()
+
+
+def test_make_makes_the_environment_before_it_uses_it() -> None:
+    for target in ("demo", "test", "check"):
+        assert re.search(rf"^{target}: setup$", MAKEFILE, re.MULTILINE)
+
+
+def test_the_installed_version_is_the_one_that_is_written_down() -> None:
+    assert version("haptic-fieldbus") == SETTINGS["project"]["version"]
+
+
+def test_the_change_log_tells_of_what_comes_next() -> None:
+    headings = re.findall(r"^## \[(.+?)\]", (PROJECT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert headings[0] == "Unreleased"
+
+
+def imported() -> set[str]:
+    """Packages from elsewhere that any module of this one imports."""
+    names: set[str] = set()
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names.add(node.module.partition(".")[0])
+    return names - set(sys.stdlib_module_names) - {"haptic_fieldbus"}
+
+
+def test_every_import_is_a_declared_dependency_and_the_other_way_round() -> None:
+    project = SETTINGS["project"]
+    required = [*project["dependencies"], *project["optional-dependencies"]["plot"]]
+    declared = {re.split(r"[\[<>=,;]", requirement)[0] for requirement in required}
+    assert {DISTRIBUTIONS.get(name, name.replace("_", "-")) for name in imported()} == declared
+
+
+def contract(words: str) -> list[str]:
+    """The modules of the import contract whose name has these words."""
+    contracts = SETTINGS["tool"]["importlinter"]["contracts"]
+    modules: list[str] = next(each for each in contracts if words in each["name"])["modules"]
+    return modules
+
+
+def test_every_element_is_kept_apart_from_the_others() -> None:
+    elements = {element_type(kind).__module__ for kind in ELEMENTS}
+    assert set(contract("one element")) == elements, "list the element in the import contract of pyproject.toml"
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PROJECT)))
+def test_every_module_fits_on_a_few_screens_and_says_what_it_is(path: Path) -> None:
+    text = path.read_text()
+    assert len(text.splitlines()) <= LONGEST_FILE
+    assert ast.get_docstring(ast.parse(text)), "a module begins with one sentence about itself"

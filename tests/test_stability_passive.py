@@ -1,0 +1,105 @@
+"""The limit of passivity, and what is suggested instead of an unstable scene."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.sampled import damping_needed
+from haptic_fieldbus.stability import (
+    Plant,
+    Stability,
+    Suggestion,
+    Verdict,
+    judge,
+    passive_limit,
+    stiffness_limit,
+    suggest,
+)
+from tests.loops import BENCH, DELAYS, LAG, PERIOD, sprung_mass, wall, with_damping
+
+
+class TestPassiveLimit:
+    @pytest.mark.parametrize("delay", DELAYS)
+    def test_the_limit_of_a_spring_is_where_the_damping_needed_is_the_damping(self, delay: float) -> None:
+        limit = passive_limit(BENCH, PERIOD, delay * PERIOD)
+        assert damping_needed(wall(limit), PERIOD, delay * PERIOD) == pytest.approx(BENCH.damping, rel=1e-6)
+
+    @pytest.mark.parametrize("delay", DELAYS)
+    @pytest.mark.parametrize("damping", [0.3, -0.3, 1.5])
+    def test_the_limit_with_a_damper_is_on_the_safe_side(self, delay: float, damping: float) -> None:
+        limit = passive_limit(BENCH, PERIOD, delay * PERIOD, damping)
+        assert damping_needed(wall(limit, damping), PERIOD, delay * PERIOD) <= BENCH.damping * (1 + 1e-9)
+
+    def test_without_delay_it_is_the_published_bound(self) -> None:
+        """b > K·T/2 + |B|"""
+        assert passive_limit(BENCH, PERIOD, 0.0) == pytest.approx(2 * BENCH.damping / PERIOD)
+        assert passive_limit(BENCH, PERIOD, 0.0, 0.5) == pytest.approx(2 * (BENCH.damping - 0.5) / PERIOD)
+
+    def test_more_virtual_than_real_damping_is_never_passive(self) -> None:
+        assert passive_limit(BENCH, PERIOD, 0.0, BENCH.damping + 0.1) == 0.0
+
+    def test_the_lag_of_the_torque_loop_counts_as_delay(self) -> None:
+        assert passive_limit(replace(BENCH, torque_lag=LAG), PERIOD, 0.33e-3) == pytest.approx(
+            passive_limit(BENCH, PERIOD, 0.33e-3 + LAG)
+        )
+
+    @pytest.mark.parametrize("delay", [0.0, 0.33, 1.0])
+    @pytest.mark.parametrize(("mass", "damping"), [(0.63, 1.58), (0.01, 0.4), (5.0, 20.0)])
+    def test_what_is_passive_is_stable(self, delay: float, mass: float, damping: float) -> None:
+        plant = Plant(mass, damping)
+        limit = passive_limit(plant, PERIOD, delay * PERIOD)
+        assert limit <= stiffness_limit(plant, PERIOD, delay * PERIOD, wall) * (1 + 1e-9)
+
+    def test_an_undamped_virtual_mass_is_passive_at_no_stiffness(self) -> None:
+        found = judge(replace(BENCH, resolution=0.0), PERIOD, 0.33e-3, sprung_mass(5.0, "exact-foh"), 300.0)
+        assert found.stiffness_limit.passive == 0.0
+        assert found.verdict is Verdict.STABLE
+
+    @pytest.mark.parametrize("delay", [0.0, 0.4])
+    def test_any_other_environment_is_swept(self, delay: float) -> None:
+        """A spring behind a low-pass filter: what it needs is proportional to its stiffness."""
+
+        def filtered(stiffness: float) -> StateSpace:
+            a = np.array([[0.8]])
+            return StateSpace(a, np.array([[0.2]]), np.array([[-stiffness]]), np.array([[0.0]]))
+
+        found = judge(BENCH, PERIOD, delay * PERIOD, filtered, 100.0)
+        needed = damping_needed(filtered(1.0), PERIOD, delay * PERIOD)
+        assert found.stiffness_limit.passive == pytest.approx(BENCH.damping / needed, rel=1e-5)
+
+
+class TestSuggestion:
+    PLANT = replace(BENCH, torque_lag=LAG)
+
+    def judged(self, stiffness: float, damping: float) -> Stability:
+        return judge(self.PLANT, PERIOD, 0.33e-3, with_damping(damping), stiffness, damping)
+
+    def test_offers_a_softer_wall_or_one_with_damping_for_the_shipped_bench(self) -> None:
+        assert self.judged(3000.0, 0.0).verdict is Verdict.UNSTABLE
+        found = suggest(self.PLANT, PERIOD, 0.33e-3, wall, 3000.0, 0.0)
+        assert (found.stiffness, found.damping) == (1100.0, 2.0)
+        assert found.damping_limit == pytest.approx(3609, abs=1)
+        assert self.judged(1100.0, 0.0).verdict is not Verdict.UNSTABLE
+        assert self.judged(3000.0, 2.0).verdict is not Verdict.UNSTABLE
+
+    def test_adds_to_the_damping_that_there_is(self) -> None:
+        found = suggest(self.PLANT, PERIOD, 0.33e-3, wall, 5000.0, 2.0)
+        assert found.stiffness == 2500.0
+        assert found.damping is not None
+        assert found.damping > 2.0
+        assert found.damping_limit is not None
+        assert found.damping_limit >= 1.2 * 5000.0
+
+    def test_offers_no_damping_where_the_scene_has_none(self) -> None:
+        found = suggest(self.PLANT, PERIOD, 0.33e-3, lambda k, _: sprung_mass(0.1, "exact-foh")(k), 600.0, None)
+        assert found == Suggestion(150.0, None, None)
+
+    def test_offers_nothing_where_nothing_helps(self) -> None:
+        undamped = Plant(0.5, 0.0)
+        assert suggest(undamped, PERIOD, 1e-3, lambda k, _: wall(k), 100.0, 0.0) == Suggestion(None, None, None)
+        assert suggest(self.PLANT, PERIOD, 1e-3, wall, 1e9, 0.0).damping is None
+
+    def test_a_massless_handle_is_offered_a_softer_wall_only(self) -> None:
+        assert suggest(Plant(0.0, 1.0), PERIOD, 0.0, wall, 1e5, 0.0) == Suggestion(1300.0, None, None)
