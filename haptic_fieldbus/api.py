@@ -8,11 +8,13 @@ from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError, UnstableSceneError
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.plan import Plan
-from haptic_fieldbus.report.summary import known_before
 from haptic_fieldbus.request import BusName, check_request
-from haptic_fieldbus.result import Result
+from haptic_fieldbus.result import Result, known_before
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.selection import Value, refuse_unknown, select
+from haptic_fieldbus.sim.fault_file import load_faults
+from haptic_fieldbus.sim.faults import Fault
+from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.stability import Stability, Verdict, suggest
 
 DEFAULT_DRIVE = "maxon_epos4"
@@ -74,7 +76,7 @@ def run(
     method: str | None = None,
     estimator: str | None = None,
     seed: int = 0,
-    faults: str | Path | Sequence[object] = (),
+    faults: str | Path | Sequence[Fault] = (),
     record: str | Path | None = None,
     force: bool = False,
     confirm: Callable[[str], bool] | None = None,
@@ -88,6 +90,8 @@ def run(
     SafetyTripError; torque is zero before any of them is raised, and their `result` is what was known by then.
     """
     recording = Path(record) if record is not None else None
+    simulated_hand = hand_named(hand)
+    known_faults = load_faults(faults) if isinstance(faults, str | Path) else tuple(faults)
     check_request(bus=bus or "sim", node=node, rate=rate, duration=duration, seed=seed, record=recording)
     try:
         selection = select(
@@ -119,9 +123,9 @@ def run(
         Request(
             selection=selection,
             duration=duration,
-            hand=hand,
+            hand=simulated_hand,
             seed=seed,
-            faults=faults,
+            faults=known_faults,
             record=recording,
             confirm=confirm,
             progress=progress,

@@ -23,6 +23,7 @@ ALWAYS_OUT = (Signal.CONTROLWORD, Signal.TARGET_TORQUE)
 MAPPED_ON_DEMAND = (Signal.TORQUE_ACTUAL,)
 DEFAULT_ESTIMATOR = "backward-difference"
 DEFAULT_METHOD = "exact-foh"
+"""Here, not imported from `numerics`: a scene that needs neither must not import them. Tests compare."""
 
 
 @dataclass(frozen=True)

@@ -226,7 +226,7 @@ class _AxisBinder:
     def _force(self, period: float) -> Step:
         """The sum of the elements; each takes exactly the signals that it declared."""
         row, force_at = self._cycle.row, self._at("force")
-        laws = [_law(element, self._axis, period) for element in self._axis.elements]
+        laws = [law_of(element, period, self._axis.method) for element in self._axis.elements]
         places = [tuple(self._at(signal.value) for signal in element.needs) for element in self._axis.elements]
         if len(laws) == 1 and len(places[0]) == 1:
             law, place = laws[0], places[0][0]
@@ -270,11 +270,12 @@ class _AxisBinder:
         return encode
 
 
-def _law(element: Element, axis: AxisPlan, period: float) -> Callable[..., float]:
+def law_of(element: Element, period: float, method: str | None = None) -> Callable[..., float]:
+    """The element as a function of the signals that it needs, fresh; only virtual states import an integrator."""
     if isinstance(element, DynamicElement):
-        from haptic_fieldbus.numerics.integrators import bind
+        from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, bind
 
-        return bind(element.dynamics, period, axis.method or "")
+        return bind(element.dynamics, period, method or DEFAULT_METHOD)
     if isinstance(element, StaticElement):
         return element.force
     raise TypeError(f"{element.name} is neither a static nor a dynamic element")

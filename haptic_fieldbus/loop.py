@@ -15,11 +15,11 @@ from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle import Cycle
 from haptic_fieldbus.drive.pdo import worst_case_bits
-from haptic_fieldbus.errors import BusTimeoutError
+from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.plan import Plan
 from haptic_fieldbus.realtime import no_garbage_collection
 from haptic_fieldbus.record import Record
-from haptic_fieldbus.trips import explained, trip_error
+from haptic_fieldbus.trips import explained, moment, trip_error
 
 ENABLING_TIME = 2.0
 """[s]; on top of the drives' mode change time."""
@@ -86,6 +86,9 @@ def run_loop(
             _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report)
     except KeyboardInterrupt:
         report.interrupted = True
+    except BusError as error:
+        failure = type(error)(f"{error}, {moment(clock.now_ns(), report.enabled_at_ns)}")
+        failure.__cause__ = error
     except Exception as error:
         failure = error
     finally:

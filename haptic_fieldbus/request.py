@@ -203,14 +203,18 @@ def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list
     """Why a file could not be written, known before the run rather than after it."""
     if path is None:
         return []
-    faults = []
     if path.suffix not in suffixes:
-        faults.append(f'{option} "{path}": the suffix must be one of {", ".join(suffixes)}')
+        return [f'{option} "{path}": the suffix must be one of {", ".join(suffixes)}']
     if not path.parent.is_dir():
-        faults.append(f'{option} "{path}": there is no folder {path.parent}')
-    if path.is_dir():
-        faults.append(f'{option} "{path}": this is a folder')
-    return faults
+        return [f'{option} "{path}": there is no folder {path.parent}']
+    existed = path.exists()
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        return [f'{option} "{path}": cannot be written: {error.strerror}']
+    if not existed:
+        path.unlink()
+    return []
 
 
 def _raise(faults: list[str]) -> None:

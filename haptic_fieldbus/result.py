@@ -4,17 +4,22 @@ A result may be partial: of a refused or tripped run it holds what is known by t
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import cast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from haptic_fieldbus import safety
 from haptic_fieldbus.drive.pdo import Pdo
 from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.selection import Selection
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.stability import Stability
+
+if TYPE_CHECKING:  # the loop brings python-can along, which `plan` does not need
+    from haptic_fieldbus.loop import LoopReport
 
 Array = NDArray[np.float64]
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -205,3 +210,46 @@ def _finite(value: Json) -> Json:
     if isinstance(value, list):
         return [_finite(member) for member in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def known_before(
+    selection: Selection, report: "LoopReport | None" = None, trip: safety.Trip | None = None, message: str = ""
+) -> Result:
+    """The result of a run that has not begun, or that ended early."""
+    plan = selection.plan
+    result = Result(
+        scene=plan.scene.name,
+        drive=plan.axes[0].profile.name,
+        bus=selection.bus.text,
+        rate=plan.rate,
+        bus_load=plan.bus_load,
+        plan=plan,
+        stability=plan.stability,
+    )
+    if report is None:
+        return result
+    return replace(
+        result,
+        trips=tuple(_trips(report, trip, message)),
+        timing=_timing(report),
+        cycles=report.cycles,
+        missed_cycles=report.missed,
+        duration=report.duration,
+    )
+
+
+def _trips(report: "LoopReport", trip: safety.Trip | None, message: str) -> Iterator[Trip]:
+    """A trip of ours, or a bus that died while torque was on."""
+    begin_ns = report.enabled_at_ns
+    if trip is not None:
+        yield Trip(trip.kind.value, None if begin_ns is None else (trip.t_ns - begin_ns) * 1e-9, message)
+    elif message and begin_ns is not None:
+        yield Trip("bus failed", report.duration, message)
+
+
+def _timing(report: "LoopReport") -> Timing:
+    return Timing(
+        period_us=Percentiles.of(report.sample("period_ns")),
+        age_us=Percentiles.of(report.sample("age_ns")),
+        compute_us=Percentiles.of(report.sample("compute_ns")),
+    )

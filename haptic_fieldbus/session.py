@@ -1,6 +1,6 @@
 """One run from an opened bus to a result: simulated or real, recorded, and torque-free at its end whatever happens."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,12 +20,11 @@ from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.loop import LoopReport, run_loop
 from haptic_fieldbus.plan import Plan
 from haptic_fieldbus.record import FrameWriter, Record, open_frame_writer, write_rows
-from haptic_fieldbus.report.summary import Run, known_before, summarise
-from haptic_fieldbus.result import Result
+from haptic_fieldbus.report.summary import Run, summarise
+from haptic_fieldbus.result import Result, known_before
 from haptic_fieldbus.selection import Selection
-from haptic_fieldbus.sim.fault_file import load_faults
-from haptic_fieldbus.sim.faults import Fault, faults_of
-from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.faults import Fault
+from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.world import World
 
 ENABLING_PERIODS = 4000
@@ -38,9 +37,9 @@ class Request:
 
     selection: Selection
     duration: float
-    hand: str
+    hand: Hand | None
     seed: int
-    faults: str | Path | Sequence[Fault]
+    faults: tuple[Fault, ...]
     record: Path | None
     confirm: Callable[[str], bool] | None
     progress: Callable[[int, int], None] | None
@@ -100,11 +99,10 @@ def open_site(request: Request) -> Site:
         return Site(MonotonicClock(), open_can(section), None)
     clock = VirtualClock()
     world = World(clock, plan.bitrate, seed=request.seed)
-    faults = load_faults(request.faults) if isinstance(request.faults, str | Path) else tuple(request.faults)
-    hand = hand_named(request.hand)
+    hand = request.hand
     for axis in plan.axes:
         waiting = hand.after(axis.limits.fade_in) if hand is not None else None
-        world.add_drive(axis.node, axis.profile, axis.rig, waiting, faults=faults_of(faults, axis.node))
+        world.add_drive(axis.node, axis.profile, axis.rig, waiting, faults=request.faults)
     return Site(clock, world.bus(), world)
 
 

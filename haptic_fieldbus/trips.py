@@ -37,12 +37,16 @@ def explained(trip: Trip, restarted: Collection[str]) -> Trip:
 
 def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticFieldbusError:
     """The exception for a trip; `enabled_at_ns` is None before operation enabled."""
-    if enabled_at_ns is None:
-        when = "before operation enabled"
-    else:
-        when = f"{(trip.t_ns - enabled_at_ns) * 1e-9:.3f} s after operation enabled"
     axis = next(axis for axis in plan.axes if axis.name == trip.axis)
-    return TRIP_ERRORS[trip.kind](f"axis {trip.axis}: {CAUSES[trip.kind](trip, axis)}, {when}. Torque was taken away")
+    cause, when = CAUSES[trip.kind](trip, axis), moment(trip.t_ns, enabled_at_ns)
+    return TRIP_ERRORS[trip.kind](f"axis {trip.axis}: {cause}, {when}. Torque was taken away")
+
+
+def moment(t_ns: int, enabled_at_ns: int | None) -> str:
+    """When something happened, as messages say it."""
+    if enabled_at_ns is None:
+        return "before operation enabled"
+    return f"{(t_ns - enabled_at_ns) * 1e-9:.3f} s after operation enabled"
 
 
 def _emergency(trip: Trip, axis: AxisPlan) -> str:
@@ -59,7 +63,7 @@ def _feedback(trip: Trip, axis: AxisPlan) -> str:
 
 
 def _not_finite(trip: Trip, axis: AxisPlan) -> str:
-    return f"the scene's {axis.workspace.effort_name} became {trip.value} {axis.workspace.effort_unit}"
+    return f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
 
 
 def _speed(trip: Trip, axis: AxisPlan) -> str:

@@ -16,7 +16,7 @@ from haptic_fieldbus.drive.profile import (
     TimingSection,
     TorqueSection,
 )
-from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis, default_axis
+from haptic_fieldbus.drive.rig import BusSection, Limits, Rig, RigAxis, default_axis
 from haptic_fieldbus.plan import Plan, compile_plan
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
@@ -44,11 +44,11 @@ PROFILE = DriveProfile(
 
 
 def rig_of(scene: Scene, **changes: Any) -> Rig:
-    """The shipped bench for a scene, with changes to every axis; nodes count from 1."""
+    """The shipped bench without limits of its own, with changes to every axis; nodes count from 1."""
     axes: dict[str, RigAxis] = {}
     for position, axis in enumerate(scene.axes):
         bench = default_axis(axis.workspace, bus="bus", node=1 + position, profile=PROFILE.name)
-        axes[axis.name] = replace(bench, **changes)
+        axes[axis.name] = replace(bench, **{"limits": Limits(), **changes})
     return Rig({"bus": BusSection("haptic_sim", "sim")}, axes)
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from haptic_fieldbus import axis_plan
 from haptic_fieldbus.drive.rig import Limits, RotaryMechanism
 from haptic_fieldbus.errors import (
     BusOverloadError,
@@ -11,6 +12,7 @@ from haptic_fieldbus.errors import (
     SceneError,
     SignalUnavailableError,
 )
+from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal, Workspace
@@ -168,3 +170,8 @@ def test_the_explanation_names_what_is_mapped_left_out_and_run() -> None:
     text = plan_of().explain()
     for part in ("6064h:00 position actual value", "TPDO1 181h", "left out", "element: wall", "stable to", "ms: bus"):
         assert part in text
+
+
+def test_the_defaults_are_those_of_numerics() -> None:
+    assert axis_plan.DEFAULT_METHOD == integrators.DEFAULT_METHOD
+    assert axis_plan.DEFAULT_ESTIMATOR == estimators.DEFAULT_ESTIMATOR

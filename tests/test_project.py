@@ -111,16 +111,23 @@ def test_every_import_is_a_declared_dependency_and_the_other_way_round() -> None
     assert {DISTRIBUTIONS.get(name, name.replace("_", "-")) for name in imported()} == declared
 
 
-def contract(words: str) -> list[str]:
+def contract(words: str, key: str = "modules") -> list[str]:
     """The modules of the import contract whose name has these words."""
     contracts = SETTINGS["tool"]["importlinter"]["contracts"]
-    modules: list[str] = next(each for each in contracts if words in each["name"])["modules"]
+    modules: list[str] = next(each for each in contracts if words in each["name"])[key]
     return modules
 
 
 def test_every_element_is_kept_apart_from_the_others() -> None:
     elements = {element_type(kind).__module__ for kind in ELEMENTS}
     assert set(contract("one element")) == elements, "list the element in the import contract of pyproject.toml"
+
+
+def test_all_of_the_simulation_is_pure_but_its_bus_and_the_world_behind_it() -> None:
+    modules = {f"haptic_fieldbus.sim.{path.stem}" for path in (PACKAGE / "sim").glob("*.py") if path.stem != "__init__"}
+    pure = {module for module in contract("pure half", "source_modules") if module.startswith("haptic_fieldbus.sim")}
+    with_a_bus = {"haptic_fieldbus.sim.bus", "haptic_fieldbus.sim.world"}
+    assert modules - with_a_bus == pure, "list the module in the import contract of pyproject.toml"
 
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PROJECT)))

@@ -179,9 +179,16 @@ def test_a_choice_that_is_left_open_or_known_is_no_fault() -> None:
     assert Choice("hand", "tap", names).faults() == []
 
 
-def test_a_folder_is_no_place_for_a_picture(tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_known_before(tmp_path: Path) -> None:
     folder = tmp_path / "folder.png"
     folder.mkdir()
-    with pytest.raises(UsageError, match="this is a folder"):
+    with pytest.raises(UsageError, match="Is a directory"):
         check_request(plot=folder)
-    check_request(plot=tmp_path / "picture.png", record=tmp_path / "frames.log")
+
+
+def test_asking_whether_a_file_can_be_written_leaves_no_trace(tmp_path: Path) -> None:
+    kept = tmp_path / "frames.log"
+    kept.write_text("frames of another run")
+    check_request(plot=tmp_path / "picture.png", record=kept)
+    assert [path.name for path in tmp_path.iterdir()] == ["frames.log"]
+    assert kept.read_text() == "frames of another run"

@@ -41,8 +41,8 @@ def show(lines: Iterable[tuple[str | None, str]], stream: TextIO | None = None) 
         indent = 0 if key is None else KEY_WIDTH
         for part in Text(text).wrap(screen, max(20, screen.width - indent)):
             part.rstrip()
-            head = Text(f"{key or '':{indent}}" if indent else "", style=KEY_STYLES.get(key or "", "bold"))
-            screen.print(head + part, soft_wrap=True)
+            head = f"{key or '':{indent}}" if indent else ""
+            screen.print(Text.assemble((head, KEY_STYLES.get(key or "", "bold")), part), soft_wrap=True)
             key = key and ""
 
 

@@ -82,11 +82,6 @@ def discrete(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> 
     return StateSpace(system.a + np.eye(space.order), system.b, system.c, system.d)
 
 
-def uses_velocity(space: StateSpace) -> bool:
-    """Whether the second input of a (position, velocity) system matters."""
-    return bool(np.any(space.b[:, 1]) or np.any(space.d[:, 1]))
-
-
 def rest(space: StateSpace) -> tuple[Matrix, float]:
     """(state, force) at rest for unit position; where the state is not unique, the smallest."""
     state = equilibrium(space.a, space.b[:, 0])
@@ -96,11 +91,11 @@ def rest(space: StateSpace) -> tuple[Matrix, float]:
 def bind(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> Step:
     """A fresh step in plain floats for a system with inputs (position, velocity) and one output.
 
-    Takes the velocity only where `uses_velocity`. For another start, bind again.
+    Takes the velocity only where the system `uses_velocity`. For another start, bind again.
     """
     system = method_named(method).increments(space, period)
     stiffness = rest(space)[1]
-    if uses_velocity(space):
+    if space.uses_velocity:
         return _bind_general(system, stiffness)
     if space.order == 2:
         return _bind_pair(system, stiffness)

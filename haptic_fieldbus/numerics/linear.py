@@ -24,6 +24,11 @@ class StateSpace:
     def order(self) -> int:
         return int(self.a.shape[0])
 
+    @property
+    def uses_velocity(self) -> bool:
+        """Whether the second input of a (position, velocity) system matters."""
+        return bool(np.any(self.b[:, 1]) or np.any(self.d[:, 1]))
+
 
 def gain(d: list[list[float]]) -> StateSpace:
     """A memoryless system y = D u."""

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.exact import zoh
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 
@@ -19,16 +18,21 @@ from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 def environment(space: StateSpace, *, period: float, method: str | None, estimator: str | None) -> StateSpace:
     """The loop's environment x_k → F_k of a continuous (position, velocity) → force system.
 
-    `method` may be None without virtual states, `estimator` when the velocity does not matter; else UsageError.
+    `method` may be None without virtual states, `estimator` when the velocity does not matter; else UsageError. What
+    a scene does not need is not imported.
     """
     if space.order:
         if method is None:
             raise UsageError("a scene with virtual states needs an integrator")
+        from haptic_fieldbus.numerics import integrators
+
         space = integrators.discrete(space, period, method)
-    if not integrators.uses_velocity(space):
+    if not space.uses_velocity:
         return StateSpace(space.a, space.b[:, :1], space.c, space.d[:, :1])
     if estimator is None:
         raise UsageError("a scene that uses velocity needs an estimator")
+    from haptic_fieldbus.numerics import estimators
+
     velocity = estimators.discrete(estimator, period)
     (from_position, from_velocity), order = (space.b[:, :1], space.b[:, 1:]), space.order
     return StateSpace(

@@ -12,8 +12,7 @@ from haptic_fieldbus.record import Record
 from haptic_fieldbus.report.recording import Conversion, Recording
 from haptic_fieldbus.report.torque_error import ErrorSplit, split
 from haptic_fieldbus.report.verdict import ripple, verdict_of
-from haptic_fieldbus.result import Percentiles, Result, Timing, TorqueError, Trace, Trip
-from haptic_fieldbus.safety import Trip as SafetyTrip
+from haptic_fieldbus.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.selection import Selection
 from haptic_fieldbus.sim.world import World
 
@@ -31,35 +30,6 @@ class Run:
     world: World | None
     clock: str
     elapsed: float
-
-
-def known_before(
-    selection: Selection, report: LoopReport | None = None, trip: SafetyTrip | None = None, message: str = ""
-) -> Result:
-    """The result of a run that has not begun, or that ended early."""
-    plan = selection.plan
-    result = Result(
-        scene=plan.scene.name,
-        drive=plan.axes[0].profile.name,
-        bus=selection.bus.text,
-        rate=plan.rate,
-        bus_load=plan.bus_load,
-        plan=plan,
-        stability=plan.stability,
-    )
-    if report is None:
-        return result
-    begin_ns = report.enabled_at_ns
-    time = None if trip is None or begin_ns is None else (trip.t_ns - begin_ns) * 1e-9
-    trips = () if trip is None else (Trip(trip.kind.value, time, message),)
-    return replace(
-        result,
-        trips=trips,
-        timing=_timing(report),
-        cycles=report.cycles,
-        missed_cycles=report.missed,
-        duration=report.duration,
-    )
 
 
 def summarise(run: Run) -> Result:
@@ -86,14 +56,6 @@ def summarise(run: Run) -> Result:
         energy_generated=sum(found.energy_generated for found in known) if known else None,
         traces=tuple(_trace(axis, columns, splits[axis.name]) for axis in plan.axes),
         verdict=verdict if run.world is not None else "Rendered on a real drive: its true error is not known here.",
-    )
-
-
-def _timing(report: LoopReport) -> Timing:
-    return Timing(
-        period_us=Percentiles.of(report.sample("period_ns")),
-        age_us=Percentiles.of(report.sample("age_ns")),
-        compute_us=Percentiles.of(report.sample("compute_ns")),
     )
 
 

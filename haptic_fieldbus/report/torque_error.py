@@ -19,8 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.numerics import integrators
-from haptic_fieldbus.numerics.response import ExactResponse, sequence_response
+from haptic_fieldbus.cycle import law_of
 from haptic_fieldbus.report.recording import (
     Array,
     Conversion,
@@ -31,7 +30,7 @@ from haptic_fieldbus.report.recording import (
     target_in_force,
     true_motion,
 )
-from haptic_fieldbus.scenes.element import DynamicElement, Element, StaticElement
+from haptic_fieldbus.scenes.element import DynamicElement, Element
 from haptic_fieldbus.signals import Signal
 
 POINTS_PER_PERIOD = 16 / 1.001
@@ -156,29 +155,22 @@ def _stages(
     virtual: dict[str, Array] = {}
     for element in elements:
         if isinstance(element, DynamicElement):
-            space = element.dynamics
-            exact = ExactResponse(space, nodes_ns, motion[Signal.POSITION], motion[Signal.VELOCITY])
+            from haptic_fieldbus.report.virtual_states import exact_response, response_to_error
+
+            exact = exact_response(element, nodes_ns, motion)
             at_samples = exact.force_at(recording.times_ns, sampled[Signal.POSITION], sampled[Signal.VELOCITY])
             virtual[element.name] = exact.states
             ideal += exact.force
             for name, real in feedback.items():
-                stages[name] += at_samples + _response_to_error(element, real, sampled, period)
-        elif isinstance(element, StaticElement):
-            ideal += _forces(element.force, element, motion)
+                stages[name] += at_samples + response_to_error(element, real, sampled, period)
+        else:
+            law = law_of(element, period)
+            ideal += _forces(law, element, motion)
             for name, real in feedback.items():
-                stages[name] += _forces(element.force, element, real)
+                stages[name] += _forces(law, element, real)
     if virtual:
         stages["integrator"] = recording.force
     return ideal, stages, virtual
-
-
-def _response_to_error(
-    element: DynamicElement, real: Mapping[Signal, Array], true: Mapping[Signal, Array], period: float
-) -> Array:
-    """What an element adds, being linear, for the difference of its inputs from the truth: straight between samples."""
-    error = np.stack([real[signal] - true[signal] for signal in (Signal.POSITION, Signal.VELOCITY)], axis=-1)
-    space = element.dynamics
-    return sequence_response(integrators.discrete(space, period, "exact-foh"), integrators.rest(space)[1], error)
 
 
 def _forces(law: Callable[..., float], element: Element, feedback: Mapping[Signal, Array]) -> Array:
@@ -193,9 +185,5 @@ def _replay(elements: Sequence[Element], recording: Recording, period: float, me
         feedback[Signal.VELOCITY] = recording.velocity
     total = np.zeros(len(recording.position))
     for element in elements:
-        if isinstance(element, DynamicElement):
-            step = integrators.bind(element.dynamics, period, method or integrators.DEFAULT_METHOD)
-            total += _forces(step, element, feedback)
-        elif isinstance(element, StaticElement):
-            total += _forces(element.force, element, feedback)
+        total += _forces(law_of(element, period, method), element, feedback)
     return total

@@ -56,13 +56,12 @@ def _announcement(plan: Plan) -> Iterator[Line]:
 
 
 def _outcome(result: Result) -> Iterator[Line]:
-    if result.cycles is not None:
+    if result.cycles:
         yield "result", f"{periods(result)}{_load_text(result)}{_speed_text(result)}"
     if result.torque_error is not None:
         yield "result", f"{error_sizes(result.torque_error)}{_sources_text(result.torque_error)}"
-    if result.cycles is not None and not result.trips:
-        yield "result", f"{energy_text(result.energy_generated)}no trip"
     if result.verdict is not None:
+        yield "result", f"{energy_text(result.energy_generated)}no trip"
         yield "verdict", result.verdict
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from annotated_types import Ge, Le
 
 from haptic_fieldbus.drive.profile import STRICT, NonNegativeFloat, PositiveFloat, UInt32
+from haptic_fieldbus.drive.rig import ByKind
 
 Node = Annotated[int, Ge(1), Le(127)]
 ErrorCode = Annotated[int, Ge(0x0001), Le(0xFFFF)]
@@ -176,7 +177,7 @@ Fault = TimedFault | LastingFault
 class FaultFile:
     """A file of faults: `[[fault]] kind = "silence", at = 1.0`."""
 
-    fault: tuple[Fault, ...] = ()
+    fault: tuple[Annotated[Fault, ByKind()], ...] = ()
     __pydantic_config__: ClassVar = STRICT
 
 

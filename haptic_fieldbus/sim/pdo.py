@@ -88,8 +88,7 @@ class Pdo:
         self.can_id = self._cob_id.value & _ID
         self.synchronous = self._type.value <= _LAST_SYNCHRONOUS
         self.mapped = [self._resolve(entry.value) for entry in self._entries[: self._count.value]]
-        types = [entry.type for entry in self.mapped if entry.type is not None]
-        self.packing = struct.Struct("<" + "".join(type.code for type in types))
+        self.packing = struct.Struct("<" + "".join(entry.type.code for entry in self.mapped if entry.type is not None))
 
     def _add_communication(self, defaults: PdoDefaults) -> tuple[Entry, Entry]:
         index = self.communication_base + defaults.number - 1
@@ -151,7 +150,7 @@ class Pdo:
             entry = Entry(index, subindex, _DUMMIES[index], mappable=Mappable.RPDO)
         else:
             entry = self._dictionary.find(index, subindex)
-        if self.direction not in entry.mappable or entry.bits != bits:
+        if self.direction not in entry.mappable or entry.type is None or entry.bits != bits:
             raise SdoAbort(AbortCode.NOT_MAPPABLE)
         return entry
 

@@ -1,7 +1,7 @@
 """The process data of a simulated node: which PDOs act on SYNC, which on an event, and when.
 
-At a SYNC the measured entries are latched first, then the synchronous RPDOs received since the last one act, then the
-synchronous TPDOs are sent (CiA 301, 7.2.5). Event-driven TPDOs are looked at once every `event_period_ns`.
+At a SYNC the measured entries are latched and the synchronous TPDOs made of them, then the synchronous RPDOs received
+since the last one act (CiA 301, 7.2.5). Event-driven TPDOs are looked at once every `event_period_ns`.
 """
 
 from collections.abc import Callable
@@ -97,15 +97,15 @@ class ProcessData:
     def sync(self, _data: bytes, t_ns: int) -> None:
         """A SYNC ended."""
         self._application.sync(t_ns)
+        for tpdo in self._at_sync:
+            octets = tpdo.at_sync()
+            if octets is not None:
+                self._send_pdo(tpdo, octets)
         if self._waiting:
             for rpdo, data in self._waiting.items():
                 rpdo.apply(data)
             self._waiting.clear()
             self._application.act(t_ns)
-        for tpdo in self._at_sync:
-            octets = tpdo.at_sync()
-            if octets is not None:
-                self._send_pdo(tpdo, octets)
 
     def poll(self, t_ns: int) -> None:
         """Look at the event-driven TPDOs."""

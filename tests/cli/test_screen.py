@@ -50,9 +50,9 @@ def test_lines_are_wrapped_beside_their_key_on_a_terminal() -> None:
 def test_keys_are_bold_on_a_terminal_only() -> None:
     terminal, pipe = Terminal(), io.StringIO()
     for stream in (terminal, pipe):
-        show([("refused", "no")], stream)
-    assert "\x1b[" in terminal.getvalue()
-    assert "\x1b[" not in pipe.getvalue()
+        show([("scene", "wall")], stream)
+    assert terminal.getvalue() == "\x1b[1mscene      \x1b[0mwall\n"
+    assert pipe.getvalue() == "scene      wall\n"
 
 
 def test_columns_are_as_wide_as_their_longest_entry(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, METHODS, bind, discrete, rest, uses_velocity
+from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, METHODS, bind, discrete, rest
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 
@@ -46,7 +46,7 @@ SPACES = {
 def run(space: StateSpace, method: str, period: float, position: NDArray[np.float64]) -> list[float]:
     """Forces for a sampled position, its velocity by central differences where it matters."""
     step = bind(space, period, method)
-    if not uses_velocity(space):
+    if not space.uses_velocity:
         return [step(x) for x in position.tolist()]
     velocity = np.gradient(position, period)
     return [step(x, v) for x, v in zip(position.tolist(), velocity.tolist(), strict=True)]
@@ -200,7 +200,7 @@ def test_a_position_that_is_no_number_gives_a_force_that_is_none() -> None:
 
 
 def test_whether_velocity_matters_is_read_from_the_system() -> None:
-    assert {name: uses_velocity(space) for name, space in SPACES.items()} == {
+    assert {name: space.uses_velocity for name, space in SPACES.items()} == {
         "sprung mass": False,
         "damped": True,
         "grounded": False,

@@ -48,6 +48,7 @@ def test_an_outcome_names_the_sources_of_error_by_size() -> None:
 
 def test_of_a_run_that_never_began_nothing_is_told() -> None:
     assert outcome(Result("wall", "maxon_epos4", "sim", 1000.0)) == []
+    assert outcome(Result("wall", "maxon_epos4", "sim", 1000.0, cycles=0, missed_cycles=0, bus_load=0.3)) == []
 
 
 def test_missed_periods_are_told_and_a_trip_is_left_to_its_error() -> None:

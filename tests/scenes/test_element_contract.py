@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from haptic_fieldbus.numerics.integrators import bind, uses_velocity
+from haptic_fieldbus.numerics.integrators import bind
 from haptic_fieldbus.scenes import element as element_module
 from haptic_fieldbus.scenes.element import DynamicElement, Element, StaticElement
 from haptic_fieldbus.scenes.registry import ELEMENTS
@@ -73,7 +73,7 @@ class TestEveryElement:
     def test_is_linearised_to_one_force_from_position_and_velocity(self, kind: str, element: Element) -> None:
         space = element.linearised()
         assert (space.b.shape, space.c.shape, space.d.shape) == ((space.order, 2), (1, space.order), (1, 2))
-        assert uses_velocity(space) == (Signal.VELOCITY in element.needs)
+        assert space.uses_velocity == (Signal.VELOCITY in element.needs)
 
     def test_gives_finite_plain_floats(self, kind: str, element: Element) -> None:
         if isinstance(element, StaticElement):

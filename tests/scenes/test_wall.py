@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from haptic_fieldbus.numerics.integrators import uses_velocity
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
 
@@ -87,7 +86,7 @@ def test_a_position_that_is_no_number_gives_a_force_that_is_none(
 def test_it_asks_for_velocity_only_when_it_has_damping() -> None:
     assert Wall("handle", stiffness=600.0).needs == (Signal.POSITION,)
     assert Wall("handle", stiffness=600.0, damping=0.1).needs == (Signal.POSITION, Signal.VELOCITY)
-    assert not uses_velocity(Wall("handle", stiffness=600.0).linearised())
+    assert not Wall("handle", stiffness=600.0).linearised().uses_velocity
 
 
 def test_stability_is_judged_by_the_contact() -> None:

@@ -205,8 +205,8 @@ def test_a_run_imports_only_what_its_scene_needs(scene: str) -> None:
     """In a fresh interpreter, for `plan`: the modules that only some scenes need are those the plan names."""
     code = (
         "import sys, haptic_fieldbus as h; p = h.plan(sys.argv[1]); "
-        "optional = [m for m in sys.modules if m.startswith(('haptic_fieldbus.scenes.', 'haptic_fieldbus.numerics.'))]; "
-        "print(*optional); print(*p.modules)"
+        "folders = ('haptic_fieldbus.scenes.', 'haptic_fieldbus.numerics.'); "
+        "print(*[m for m in sys.modules if m.startswith(folders)]); print(*p.modules)"
     )
     out = subprocess.run([sys.executable, "-c", code, scene], check=True, capture_output=True, text=True).stdout
     imported, named = (set(line.split()) for line in out.splitlines())
