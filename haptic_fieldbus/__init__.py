@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api import plan, run
-    from haptic_fieldbus.plan import Plan
+    from haptic_fieldbus.planning import Plan
     from haptic_fieldbus.result import Result
 
 _HOMES = {
     "plan": "haptic_fieldbus.api",
     "run": "haptic_fieldbus.api",
-    "Plan": "haptic_fieldbus.plan",
+    "Plan": "haptic_fieldbus.planning",
     "Result": "haptic_fieldbus.result",
 }
 

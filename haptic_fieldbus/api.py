@@ -7,7 +7,7 @@ from haptic_fieldbus.axis_plan import AxisPlan, environment_of, stiffest_of
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError, UnstableSceneError
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.request import BusName, check_request
 from haptic_fieldbus.result import Result, known_before
 from haptic_fieldbus.scenes.scene import Scene
@@ -109,14 +109,14 @@ def run(
     except PlanError as error:
         error.result = Result(scene=str(scene), drive=drive, bus=bus or "sim", rate=rate)
         raise
-    if announce is not None:
-        announce(selection.plan)
     try:
         if not force:
             _check_stable(selection.plan)
     except UnstableSceneError as error:
         error.result = known_before(selection)
         raise
+    if announce is not None:
+        announce(selection.plan)
     from haptic_fieldbus.session import Request, render
 
     return render(

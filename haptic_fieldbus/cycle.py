@@ -18,7 +18,7 @@ from haptic_fieldbus.drive.power import (
     TOWARDS_OPERATION_ENABLED,
     PowerState,
 )
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.safety import Trip, TripKind, bind_limiter, hold_gain, is_finite
 from haptic_fieldbus.scenes.element import DynamicElement, Element, StaticElement
 from haptic_fieldbus.signals import LinkFlag, Signal

@@ -12,7 +12,7 @@ from haptic_fieldbus.drive.pdo import Pdo
 
 if TYPE_CHECKING:
     from haptic_fieldbus.axis_plan import AxisPlan
-    from haptic_fieldbus.plan import Plan
+    from haptic_fieldbus.planning import Plan
 
 KEY_WIDTH = 11
 
@@ -74,14 +74,11 @@ def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
     if stability is None:
         yield "stability", "unknown: the rig does not give inertia and viscous_damping"
         return
-    unit = plan.axes[0].workspace
-    per = f"{unit.effort_unit}/{unit.length_unit}"
     limit = stability.stiffness_limit
-    if limit.stable is None:
+    if stability.stiffness is None or limit.stable is None or limit.passive is None:
         yield "stability", stability.verdict.value
         return
-    yield (
-        "stability",
-        f"{stability.verdict.value}: {stability.stiffness:g} {per} asked, stable to {limit.stable:.4g}, "
-        f"passive to {limit.passive:.4g}",
-    )
+    workspace = plan.axes[0].workspace
+    per = f"{workspace.effort_unit}/{workspace.length_unit}"
+    limits = f"stable to {limit.stable:.4g}, passive to {limit.passive:.4g}"
+    yield "stability", f"{stability.verdict.value}: {stability.stiffness:g} {per} asked, {limits}"

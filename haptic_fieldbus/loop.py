@@ -16,7 +16,7 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle import Cycle
 from haptic_fieldbus.drive.pdo import worst_case_bits
 from haptic_fieldbus.errors import BusError, BusTimeoutError
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.realtime import no_garbage_collection
 from haptic_fieldbus.record import Record
 from haptic_fieldbus.trips import explained, moment, trip_error

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptic_fieldbus import safety
 from haptic_fieldbus.drive.pdo import Pdo
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.selection import Selection
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.stability import Stability
@@ -135,6 +135,8 @@ class Result:
     trips: tuple[Trip, ...] = ()
     verdict: str | None = None
     traces: tuple[Trace, ...] = field(default=(), repr=False)
+    warnings: tuple[str, ...] = ()
+    """What went wrong without stopping anything; for people, not part of the JSON object."""
     elapsed: float | None = None
     """Wall-clock time that the loop took [s]; for people, not part of the JSON object."""
 

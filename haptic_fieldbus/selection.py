@@ -11,7 +11,7 @@ from pathlib import Path
 from haptic_fieldbus.drive.catalogue import load_profile, load_rig
 from haptic_fieldbus.drive.rig import BusSection, LinearMechanism, Rig, RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.errors import PlanError, UsageError
-from haptic_fieldbus.plan import Plan, compile_plan
+from haptic_fieldbus.planning import Plan, compile_plan
 from haptic_fieldbus.request import BusName, parse_bus
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.scene import Scene
@@ -131,12 +131,13 @@ def _on_bus(rig: Rig, name: BusName) -> Rig:
 def _shipped_bench(scene: Scene, drive: str, bus: BusName, node: int) -> Rig:
     """One axis per axis of the scene, nodes counting from `node`; on a real bus its plant is unknown."""
     section = BusSection(bus.interface, bus.channel, bus.bitrate)
+    name = bus.text.partition("@")[0]
     make = default_axis if bus.simulated else _unknown_axis
     axes = {
-        axis.name: make(axis.workspace, bus="bus", node=node + position, profile=drive)
+        axis.name: make(axis.workspace, bus=name, node=node + position, profile=drive)
         for position, axis in enumerate(scene.axes)
     }
-    return Rig({"bus": section}, axes)
+    return Rig({name: section}, axes)
 
 
 def _unknown_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:

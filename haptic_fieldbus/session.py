@@ -10,15 +10,16 @@ import can
 
 from haptic_fieldbus.buses.canopen import CanopenBus
 from haptic_fieldbus.buses.canopen_node import Node
-from haptic_fieldbus.buses.canopen_setup import RATED_TORQUE_UNITS
+from haptic_fieldbus.buses.canopen_setup import NO_ANSWER_ADVICE
 from haptic_fieldbus.buses.wire import Wire, open_can
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from haptic_fieldbus.cycle import Cycle, columns
 from haptic_fieldbus.drive.catalogue import load_profile
+from haptic_fieldbus.drive.profile import RATED_TORQUE_UNITS
 from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.errors import BusTimeoutError, HapticFieldbusError, UsageError
 from haptic_fieldbus.loop import LoopReport, run_loop
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.record import FrameWriter, Record, open_frame_writer, write_rows
 from haptic_fieldbus.report.summary import Run, summarise
 from haptic_fieldbus.result import Result, known_before
@@ -29,6 +30,8 @@ from haptic_fieldbus.sim.world import World
 
 ENABLING_PERIODS = 4000
 """Rows kept for the time before operation enabled."""
+LONGEST_RECORD = 2_000_000
+"""Rows; of a longer run the last ones are kept."""
 
 
 @dataclass(frozen=True)
@@ -58,37 +61,26 @@ def render(request: Request) -> Result:
     """Run and summarise; errors carry what is known by then as `result`."""
     plan = request.selection.plan
     cycles = max(1, round(request.duration * plan.rate))
-    cycle = Cycle(plan)
-    record = Record(columns(plan), cycles + ENABLING_PERIODS)
-    report = LoopReport()
-    site = open_site(request)
+    cycle, report = Cycle(plan), LoopReport()
+    record = Record(columns(plan), min(cycles, LONGEST_RECORD) + ENABLING_PERIODS)
     started = perf_counter()
     try:
-        with _frames(request.record) as log:
+        with _recording(request.record, record) as log:
+            site = open_site(request)
             bus = CanopenBus(site.can_bus, site.clock, log, owned=True)
             try:
                 bus.open(plan)
                 _ask(request, plan, bus)
-                run_loop(
-                    plan,
-                    cycle,
-                    bus,
-                    site.clock,
-                    cycles=cycles,
-                    record=record,
-                    progress=_counted(request.progress, cycles),
-                    report=report,
-                )
+                progress = _counted(request.progress, cycles)
+                run_loop(plan, cycle, bus, site.clock, cycles=cycles, record=record, progress=progress, report=report)
             finally:
                 bus.close()
     except HapticFieldbusError as error:
         error.result = known_before(request.selection, report, cycle.trip, str(error))
         raise
-    finally:
-        if request.record is not None and request.record.suffix == ".csv":
-            write_rows(record, request.record)
     elapsed = perf_counter() - started
-    return summarise(Run(request.selection, cycle, record, report, site.world, site.clock.name, elapsed))
+    result = summarise(Run(request.selection, cycle, record, report, site.world, site.clock.name, elapsed))
+    return replace(result, warnings=tuple(bus.warnings))
 
 
 def open_site(request: Request) -> Site:
@@ -116,6 +108,8 @@ def read_rated_torques(rig: Rig) -> Rig:
             try:
                 wire = Wire(can_bus, MonotonicClock(), can_bus.channel_info)
                 raw = Node(wire, axis.node, f"node {axis.node} (axis {name})").read(mapped.entry)
+            except BusTimeoutError as error:
+                raise BusTimeoutError(f"{error}. {NO_ANSWER_ADVICE}") from error
             finally:
                 can_bus.shutdown()
             axis = replace(axis, rated_torque=raw * RATED_TORQUE_UNITS[mapped.unit])
@@ -149,10 +143,13 @@ def _counted(progress: Callable[[int, int], None] | None, cycles: int) -> Callab
 
 
 @contextmanager
-def _frames(path: Path | None) -> Iterator[FrameWriter | None]:
+def _recording(path: Path | None, record: Record) -> Iterator[FrameWriter | None]:
+    """A writer for frames, where they are asked for; rows are written at the end, however it comes."""
     writer = open_frame_writer(path) if path is not None else None
     try:
         yield writer
     finally:
         if writer is not None:
             writer.close()
+        elif path is not None:
+            write_rows(record, path)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from haptic_fieldbus.axis_plan import AxisPlan
 from haptic_fieldbus.drive.emergency import emergency_meaning
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.safety import Trip, TripKind
 
 TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {

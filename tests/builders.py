@@ -17,7 +17,7 @@ from haptic_fieldbus.drive.profile import (
     TorqueSection,
 )
 from haptic_fieldbus.drive.rig import BusSection, Limits, Rig, RigAxis, default_axis
-from haptic_fieldbus.plan import Plan, compile_plan
+from haptic_fieldbus.planning import Plan, compile_plan
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall

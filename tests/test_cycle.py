@@ -12,7 +12,7 @@ from haptic_fieldbus.cycle import Cycle
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.rig import Limits, LinearMechanism
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.safety import TripKind
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.sprung_mass import SprungMass

@@ -13,7 +13,7 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle import Cycle
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DriveFaultError, SafetyTripError
 from haptic_fieldbus.loop import LoopReport, run_loop
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.record import CandumpWriter, FrameWriter
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults

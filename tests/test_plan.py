@@ -172,6 +172,15 @@ def test_the_explanation_names_what_is_mapped_left_out_and_run() -> None:
         assert part in text
 
 
+def test_a_scene_without_stiffness_is_explained_by_its_verdict_alone() -> None:
+    assert plan_of(scene_of(Constant("handle", 0.0))).explain().endswith("stability  passive")
+
+
+def test_our_own_node_id_is_one_that_no_drive_has() -> None:
+    assert plan_of().master_node == 127
+    assert plan_of(rig=rig_of(WALL, node=127)).master_node == 126
+
+
 def test_the_defaults_are_those_of_numerics() -> None:
     assert axis_plan.DEFAULT_METHOD == integrators.DEFAULT_METHOD
     assert axis_plan.DEFAULT_ESTIMATOR == estimators.DEFAULT_ESTIMATOR

@@ -1,7 +1,6 @@
 """Limits and verdicts against loops written out by hand, Jury's criterion and published bounds."""
 
 import math
-import timeit
 from dataclasses import replace
 
 import numpy as np
@@ -210,8 +209,3 @@ class TestVerdict:
 def test_a_device_that_cannot_be_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(UsageError):
         Plant(**{"mass": 0.6, "damping": 1.5, **wrong})
-
-
-def test_a_limit_is_found_in_some_milliseconds() -> None:
-    plant = replace(BENCH, torque_lag=LAG)
-    assert min(timeit.repeat(lambda: stiffness_limit(plant, PERIOD, 0.33e-3, wall), number=1, repeat=10)) < 0.02

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from haptic_fieldbus.drive.image import HEADER
 from haptic_fieldbus.drive.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID
 from haptic_fieldbus.drive.power import power_state
 from haptic_fieldbus.errors import BusError, BusTimeoutError
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.signals import Signal
 
 SYNC_BITS = 48

@@ -17,9 +17,9 @@ from haptic_fieldbus.buses.canopen_node import SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.pdo import SYNC_COB_ID, Direction, Pdo
 from haptic_fieldbus.drive.power import DISABLE_VOLTAGE, PowerState, power_state
-from haptic_fieldbus.drive.profile import OptionCode
+from haptic_fieldbus.drive.profile import RATED_TORQUE_UNITS, OptionCode
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 
 DEVICE_TYPE = ObjectEntry(0x1000, DataType.UINT32)
 SYNC_ID = ObjectEntry(0x1005, DataType.UINT32)
@@ -43,8 +43,7 @@ CAN_ID = 0x7FF
 SHAFT_BRAKES = 3
 """Abort connection option code: quick stop command."""
 SHAFT_WORDS = {1: "the drive faults", 2: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
-RATED_TORQUE_UNITS = {"µN·m": 1e-6, "μN·m": 1e-6, "mN·m": 1e-3, "N·m": 1.0}
-"""The micro sign and the Greek letter look the same."""
+NO_ANSWER_ADVICE = "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
 RATED_TORQUE_TOLERANCE = 0.02
 HEARTBEATS_TO_CONFIRM = 3
 POLL_NS = 5_000_000
@@ -117,7 +116,7 @@ class Setup:
         except BusTimeoutError as error:
             raise BusTimeoutError(
                 f"{self.node.label} does not answer on {self.axis.rig.bus} at {self.plan.bitrate} bit/s: "
-                "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
+                f"{NO_ANSWER_ADVICE}"
             ) from error
         if device_type & 0xFFFF != DRIVE_PROFILE:
             raise BusConfigurationError(

@@ -28,7 +28,7 @@ from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.plan import Plan
+    from haptic_fieldbus.planning import Plan
     from haptic_fieldbus.result import Result
 
 SIMULATION, OUTPUT = "Simulation", "Output"

@@ -15,6 +15,7 @@ from haptic_fieldbus.report.verdict import ripple, verdict_of
 from haptic_fieldbus.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.selection import Selection
 from haptic_fieldbus.sim.world import World
+from haptic_fieldbus.stability import Verdict
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,8 @@ def summarise(run: Run) -> Result:
     contacts = [found.error_rms_contact / found.ideal_rms_contact for found in known if found.ideal_rms_contact]
     first = plan.axes[0]
     verdict = verdict_of(
-        scene=plan.scene.name,
+        scene=plan.scene.name.replace("_", " "),
+        stable=all(axis.stability is None or axis.stability.verdict is not Verdict.UNSTABLE for axis in plan.axes),
         effort=first.workspace.effort_name,
         contact=max(contacts, default=None),
         ripple=ripple(columns[f"{first.name}.command"], plan.rate),

@@ -28,8 +28,12 @@ def ripple(force: Array, rate: float) -> float | None:
     return float(np.sqrt(np.mean((middle - slow) ** 2)) / np.abs(slow).mean())
 
 
-def verdict_of(*, scene: str, effort: str, contact: float | None, ripple: float | None, missed: int) -> str:
+def verdict_of(
+    *, scene: str, effort: str, stable: bool, contact: float | None, ripple: float | None, missed: int
+) -> str:
     """The sentence; `contact` is rms(error) / rms(ideal) in contact, None without contact; `effort` force or torque."""
+    if not stable:
+        return f"Unstable: a {scene} beyond this bench's limit, which a hand may hold down but not the drive alone."
     if contact is None:
         return "The handle met nothing: no contact in this run."
     parts = [_felt(scene, effort, contact)]

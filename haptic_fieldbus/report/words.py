@@ -9,7 +9,7 @@ from haptic_fieldbus.axis_plan import AxisPlan
 from haptic_fieldbus.drive.pdo import Direction
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.explain import delay_text
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.request import SIMULATION_INTERFACE
 from haptic_fieldbus.result import Result, TorqueError
 from haptic_fieldbus.scenes.element import Element
@@ -63,6 +63,8 @@ def _outcome(result: Result) -> Iterator[Line]:
     if result.verdict is not None:
         yield "result", f"{energy_text(result.energy_generated)}no trip"
         yield "verdict", result.verdict
+    for warning in result.warnings:
+        yield "warning", warning
 
 
 def scene_text(plan: Plan) -> str:

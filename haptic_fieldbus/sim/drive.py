@@ -96,9 +96,9 @@ class Drive:
 
     def timer(self, t_ns: int) -> None:
         """Do what is due."""
-        if self._brake_ns <= t_ns:
+        if self._brake is not None and self._brake_ns <= t_ns:
             self.node.now_ns = t_ns
-            self._brake_tick(t_ns)
+            self._brake_tick(self._brake, t_ns)
         self.node.timer(t_ns)
 
     def fault(self, code: int, t_ns: int) -> None:
@@ -216,10 +216,7 @@ class Drive:
         self._brake = Brake(t_ns, self._inertia, self._limit, self.event_period_ns * 1e-9)
         self._brake_ns = self.servo.tick(t_ns)
 
-    def _brake_tick(self, t_ns: int) -> None:
-        brake = self._brake
-        if brake is None:
-            return
+    def _brake_tick(self, brake: Brake, t_ns: int) -> None:
         self.servo.advance(t_ns)
         if self._brake_ends and brake.finished(self.plant.velocity, t_ns):
             self._slowed_down(t_ns)

@@ -13,7 +13,8 @@ from haptic_fieldbus.numerics.exact import expm
 from haptic_fieldbus.numerics.linear import Matrix
 
 MAX_TRANSITIONS = 4096
-_TERMS = 24
+_TERMS = 16
+"""Of the Taylor series; at a rate of 1/4 a quantum the first one left out is below 1e-22."""
 _BISECTIONS = 60
 
 

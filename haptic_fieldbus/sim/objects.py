@@ -97,13 +97,15 @@ def _add_identity(dictionary: Dictionary, profile: DriveProfile, serial: int) ->
 
 
 def _add_rated(dictionary: Dictionary, profile: DriveProfile, rated_torque: float) -> float:
-    """6076h; returns the rated torque as the object, in whole steps of its unit, says it [N·m]."""
+    """6076h; returns the rated torque as the object, in whole steps of its unit, says it [N·m], UsageError for none."""
     rated = profile.torque.rated
     if rated is None:
         return rated_torque
     unit = RATED_TORQUE_UNITS[rated.unit]
     entry = _add_mapped(dictionary, rated, Access.RO, Mappable.TPDO)
     entry.value = entry.default = round(rated_torque / unit)
+    if not entry.value:
+        raise UsageError(f"{profile.name}: {rated_torque} N·m of rated torque is less than one step of {rated.unit}")
     return entry.value * unit
 
 

@@ -70,10 +70,6 @@ class Pdo:
         self._compile()
 
     @property
-    def transmission_type(self) -> int:
-        return self._type.value
-
-    @property
     def size(self) -> int:
         """Octets of the mapped objects."""
         return self.packing.size

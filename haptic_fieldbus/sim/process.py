@@ -109,14 +109,12 @@ class ProcessData:
 
     def poll(self, t_ns: int) -> None:
         """Look at the event-driven TPDOs."""
-        self.due_ns = NEVER_NS
-        if self._at_event:
-            self.due_ns = t_ns + self._application.event_period_ns
-            self._application.measure(t_ns)
-            for tpdo in self._at_event:
-                octets = tpdo.at_event(t_ns)
-                if octets is not None:
-                    self._send_pdo(tpdo, octets)
+        self.due_ns = t_ns + self._application.event_period_ns
+        self._application.measure(t_ns)
+        for tpdo in self._at_event:
+            octets = tpdo.at_event(t_ns)
+            if octets is not None:
+                self._send_pdo(tpdo, octets)
 
     def _receiver(self, rpdo: Rpdo) -> Handler:
         size = rpdo.size

@@ -61,7 +61,8 @@ class Wire:
         self.ports: list[Port] = []
         self.sender: Port | None = None
         self._frame: Frame | None = None
-        self._end_ns = NEVER_NS
+        self.end_ns = NEVER_NS
+        """When the frame on the wire will have been received; NEVER_NS when there is none."""
         self._free_ns = 0
         self._ends = array("q")
         self._bits = array("H")
@@ -75,14 +76,9 @@ class Wire:
         """Remove a node; what it is sending is completed."""
         self.ports.remove(port)
 
-    @property
-    def end_ns(self) -> int:
-        """When the frame on the wire will have been received; NEVER_NS when there is none."""
-        return self._end_ns
-
     def start_ns(self, now_ns: int) -> int:
         """When the next arbitration takes place, as things stand."""
-        if self._end_ns != NEVER_NS:
+        if self.end_ns != NEVER_NS:
             return NEVER_NS
         for port in self.ports:
             if port.waiting:
@@ -97,9 +93,9 @@ class Wire:
         winner.waiting.remove(item)
         self.sender, self._frame = winner, item[1]
         bits = wire_bits(item[1])
-        self._end_ns = t_ns + self.duration_ns(bits)
+        self.end_ns = t_ns + self.duration_ns(bits)
         self._free_ns = t_ns + self.duration_ns(bits + INTERMISSION_BITS)
-        self._ends.append(self._end_ns)
+        self._ends.append(self.end_ns)
         self._bits.append(bits + INTERMISSION_BITS)
 
     def finish(self) -> Frame:
@@ -108,7 +104,7 @@ class Wire:
         if frame is None:
             raise RuntimeError("nothing is on the wire")
         self._frame = None
-        self._end_ns = NEVER_NS
+        self.end_ns = NEVER_NS
         return frame
 
     def duration_ns(self, bits: int) -> int:

@@ -167,11 +167,12 @@ class World:
     def _run(self, limit_ns: int, until: deque[Received] | None = None) -> None:
         """Events up to and including the limit, or until something was received."""
         wire = self._wire
-        while True:
-            end_ns, due_ns, start_ns = wire.end_ns, self._due_ns, wire.start_ns(self._now_ns)
-            t_ns = min(end_ns, due_ns, start_ns)
+        while not until:
+            end_ns, due_ns = wire.end_ns, self._due_ns
+            t_ns = min(end_ns, due_ns) if end_ns != NEVER_NS else min(wire.start_ns(self._now_ns), due_ns)
             if t_ns > limit_ns:
-                break
+                self._now_ns = max(self._now_ns, limit_ns)
+                return
             self._now_ns = t_ns
             if end_ns == t_ns:
                 self._deliver(t_ns)
@@ -179,9 +180,6 @@ class World:
                 self._timers(t_ns)
             else:
                 wire.start(t_ns)
-            if until:
-                return
-        self._now_ns = max(self._now_ns, limit_ns)
 
     def _deliver(self, t_ns: int) -> None:
         sender = self._wire.sender

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from haptic_fieldbus.buses.canopen import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.plan import Plan
+from haptic_fieldbus.planning import Plan
 from tests.builders import plan_of
 from tests.buses.fake_can import FakeCan, FakeDrive, epos4_objects
 

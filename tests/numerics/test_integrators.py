@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import timeit
 from collections.abc import Callable
 
 import mpmath
@@ -218,26 +217,3 @@ def test_the_default_is_a_method() -> None:
 def test_an_unknown_name_is_refused_with_those_that_there_are(ask: Callable[..., object]) -> None:
     with pytest.raises(UsageError, match=r'no method "euler"; there are: exact-foh, forward-euler'):
         ask(GROUNDED, 1e-3, "euler")
-
-
-def test_one_exact_step_costs_at_most_two_and_a_half_hand_written_euler_steps() -> None:
-    exact, euler = bind(SprungMass("handle", 600.0, 0.5).dynamics, 1e-3, "exact-foh"), written_out_euler()
-    exact(0.0)
-
-    def cost(step: Callable[[float], float]) -> float:
-        return min(timeit.repeat(lambda: step(0.001), number=2000, repeat=30))
-
-    assert min(cost(exact) / cost(euler) for _ in range(3)) <= 2.5
-
-
-def written_out_euler() -> Callable[[float], float]:
-    stiffness, period, pull = 600.0, 1e-3, 1e-3 * 600.0 / 0.5
-    p = q = 0.0
-
-    def step(x: float) -> float:
-        nonlocal p, q
-        force = stiffness * (p - x)
-        p, q = p + period * q, q + pull * (x - p)
-        return force
-
-    return step

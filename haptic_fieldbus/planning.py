@@ -20,7 +20,8 @@ from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.stability import Stability
 
-MASTER_NODE = 127
+MASTER_NODES = range(127, 0, -1)
+"""Our own node-ID, for the heartbeat: the first that no drive has."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Plan:
     left_out: tuple[LeftOut, ...]
     steps: tuple[str, ...]
     modules: tuple[str, ...]
-    master_node: int = MASTER_NODE
+    master_node: int
     node_heartbeat_ms: int = NODE_HEARTBEAT_MS
     compute_ns: int = COMPUTE_NS
 
@@ -124,6 +125,7 @@ def compile_plan(
         left_out=tuple(_left_out(axes)),
         steps=tuple(step for axis in axes for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "")),
         modules=_modules(axes),
+        master_node=next(node for node in MASTER_NODES if node not in {axis.node for axis in axes}),
     )
 
 

@@ -1,0 +1,43 @@
+"""Figures beside a reference of the same run."""
+
+import platform
+import timeit
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Row:
+    """Ours and the reference [s]; `allowed` is the largest ratio that is promised anywhere."""
+
+    name: str
+    ours: float
+    reference: float
+    allowed: float | None = None
+
+    @property
+    def ratio(self) -> float:
+        return self.ours / self.reference
+
+
+def cost(call: Callable[[], object], number: int, repeat: int = 30) -> float:
+    """Shortest time of one call [s]."""
+    return min(timeit.repeat(call, number=number, repeat=repeat)) / number
+
+
+def show(rows: list[Row]) -> None:
+    print(f"{_processor()}, Python {platform.python_version()}")
+    for row in rows:
+        promise = "" if row.allowed is None else f", at most {row.allowed:g} promised"
+        print(
+            f"{row.name}: {row.ours * 1e6:.2f} µs beside {row.reference * 1e6:.2f} µs, ratio {row.ratio:.2f}{promise}"
+        )
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
