@@ -46,6 +46,7 @@ def select(
 
     `complete` gets the bench before it is compiled, to fill in or refuse what is unknown.
     """
+    _check_numerics(method, estimator)
     bench = load_rig(rig) if isinstance(rig, str | Path) else rig
     name = parse_bus(bus or "sim") if bench is None or bus is not None else _bus_of(bench)
 
@@ -57,6 +58,18 @@ def select(
 
     values = {key: parse_value(value) if isinstance(value, str) else value for key, value in settings.items()}
     return Selection(compiled(_load(scene, _without_limits(scene, values, compiled))), name)
+
+
+def _check_numerics(method: str | None, estimator: str | None) -> None:
+    """A name that does not exist is refused also where the scene needs neither; only a named one is imported."""
+    if method is not None:
+        from haptic_fieldbus.numerics.integrators import method_named
+
+        method_named(method)
+    if estimator is not None:
+        from haptic_fieldbus.numerics.estimators import estimator_named
+
+        estimator_named(estimator)
 
 
 def refuse_unknown(rig: Rig, bus: BusName) -> Rig:

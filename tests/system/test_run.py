@@ -12,7 +12,7 @@ import pytest
 from haptic_fieldbus import Result
 from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.drive.rig import BusSection, Limits, Rig, default_axis
-from haptic_fieldbus.errors import BusOverloadError, UnstableSceneError
+from haptic_fieldbus.errors import BusOverloadError, UnstableSceneError, UsageError
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
@@ -220,3 +220,9 @@ def test_a_run_imports_only_what_its_scene_needs(scene: str) -> None:
         "haptic_fieldbus.numerics.sampled",
     }
     assert imported - shared == named
+
+
+@pytest.mark.parametrize("option", [{"method": "euler"}, {"estimator": "foo"}])
+def test_a_method_or_estimator_that_does_not_exist_is_refused_even_where_none_is_needed(option: dict[str, str]) -> None:
+    with pytest.raises(UsageError, match=r"no (method|estimator) .*there are: "):
+        run("wall", **option)  # type: ignore[arg-type]
