@@ -76,13 +76,15 @@ def bind_limiter(limits: EffortLimits, period: float) -> Callable[[float], float
         if fade < 1.0:
             fade = min(1.0, fade + growth)
             asked *= fade
-        asked = min(max(asked, -effort), effort)
-        before = min(max(asked, before - largest_change), before + largest_change)
-        return before
+        if not -effort <= asked <= effort:
+            asked = effort if asked > effort else -effort
+        if not -largest_change <= asked - before <= largest_change:
+            asked = before + (largest_change if asked > before else -largest_change)
+        before = asked
+        return asked
 
     return limit
 
 
-def is_finite(value: float) -> bool:
-    """False for NaN and infinities; in this module so that the loop has one guard for all."""
-    return math.isfinite(value)
+is_finite = math.isfinite
+"""False for NaN and infinities; in this module so that the loop has one guard for all."""
