@@ -5,7 +5,8 @@ HapticFieldbusError
 │   ├── ProfileError
 │   ├── SceneError
 │   ├── RigError
-│   └── FaultFileError
+│   ├── FaultFileError
+│   └── EdsError
 ├── PlanError                    refused before anything moves
 │   ├── SignalUnavailableError
 │   ├── ImageTooLargeError
@@ -66,6 +67,10 @@ class RigError(DocumentError):
 
 class FaultFileError(DocumentError):
     """A file of faults to be simulated."""
+
+
+class EdsError(DocumentError):
+    """An electronic data sheet of a device that holds nothing usable."""
 
 
 class UsageError(HapticFieldbusError, ValueError):

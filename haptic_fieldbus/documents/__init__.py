@@ -7,13 +7,14 @@ fault.
 
 from haptic_fieldbus.documents.document import Document, knows, read_document, schema_of
 from haptic_fieldbus.documents.expected import KeyPath
-from haptic_fieldbus.documents.names import file_names, file_of, is_path, nearest, suggestion
+from haptic_fieldbus.documents.names import file_names, file_of, is_eds, is_path, nearest, suggestion
 
 __all__ = [
     "Document",
     "KeyPath",
     "file_names",
     "file_of",
+    "is_eds",
     "is_path",
     "knows",
     "nearest",

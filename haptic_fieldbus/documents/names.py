@@ -9,6 +9,9 @@ from haptic_fieldbus.errors import UsageError
 LISTED = 12
 """So many names are listed when none is near; more would hide the message."""
 
+_EDS_SUFFIXES = (".eds", ".dcf")
+_SUFFIXES = (".toml", *_EDS_SUFFIXES)
+
 
 def nearest(name: str, names: Iterable[str]) -> list[str]:
     """Up to three of `names` that are nearly `name`, or contain it; the nearest first."""
@@ -35,7 +38,12 @@ def file_names(folder: Path) -> list[str]:
 
 def is_path(name: str | Path) -> bool:
     """Whether a file is meant, and not the name of a shipped one."""
-    return isinstance(name, Path) or name.endswith(".toml") or "/" in name or "\\" in name
+    return isinstance(name, Path) or name.lower().endswith(_SUFFIXES) or "/" in name or "\\" in name
+
+
+def is_eds(name: str | Path) -> bool:
+    """Whether an EDS or DCF is meant."""
+    return str(name).lower().endswith(_EDS_SUFFIXES)
 
 
 def file_of(kind: str, name: str | Path, folder: Path) -> Path:

@@ -14,6 +14,7 @@ from haptic_fieldbus.documents import (
     KeyPath,
     file_names,
     file_of,
+    is_eds,
     is_path,
     knows,
     read_document,
@@ -29,7 +30,7 @@ PROFILE_LOADED = ("name", "source")
 """Filled in by the loader; a profile file must not give them."""
 RIG_LOADED = ("source",)
 
-SOURCED = ("identity", "torque", "position", "pdo", "link_loss", "timing")
+SOURCED = ("identity", "torque", "position", "pdo", "link_loss", "timing", "simulation")
 """Sections whose every value needs an entry in [sources]."""
 
 _TYPES = {
@@ -58,10 +59,12 @@ def profile_names() -> list[str]:
 
 
 def load_profile(name_or_path: str | Path) -> DriveProfile:
-    """A shipped profile by name, or any by the path of its file.
+    """A shipped profile by name, or any by the path of its file; an EDS or DCF makes one too (see `from_eds`).
 
-    Raises ProfileError with all faults of the file, UsageError for an unknown name.
+    Raises ProfileError or EdsError with all faults of the file, UsageError for an unknown name.
     """
+    if is_eds(name_or_path):
+        return _profile_of_eds(name_or_path)
     document = read_document(file_of("profile", name_or_path, profile_folder()), ProfileError)
     profile = document.validate(DriveProfile, loaded=PROFILE_LOADED)
     document.integers(("schema",))
@@ -69,6 +72,13 @@ def load_profile(name_or_path: str | Path) -> DriveProfile:
     _check_objects(document)
     _check_sources(document)
     return replace(document.checked(profile), name=Path(document.source).stem, source=document.source)
+
+
+def _profile_of_eds(path: str | Path) -> DriveProfile:
+    from haptic_fieldbus.drive.from_eds import profile_from_eds
+    from haptic_fieldbus.eds import load_eds
+
+    return profile_from_eds(load_eds(path))
 
 
 def profile_summaries() -> list[dict[str, str | bool]]:
@@ -96,6 +106,7 @@ def load_rig(path: str | Path) -> Rig:
         _check_bus(document, name, nodes)
         _check_profile_exists(document, name)
         _check_position_limits(document, name)
+        _check_simulation(document, name)
     rig = document.checked(rig)
     folder = Path(path).resolve().parent
     axes = {
@@ -207,3 +218,14 @@ def _check_position_limits(document: Document, axis: str) -> None:
         return
     if all(isinstance(limit, int | float) for limit in limits) and not limits[0] < limits[1]:
         document.refuse(path, "the lower limit before the upper one")
+
+
+def _check_simulation(document: Document, axis: str) -> None:
+    """A load behind a coupling is a part of the axis' inertia; a lever hangs down only where it can turn."""
+    simulation: KeyPath = ("axis", axis, "simulation")
+    load, inertia = document.value(*simulation, "coupling", "load_inertia"), document.value("axis", axis, "inertia")
+    if isinstance(load, int | float) and not (isinstance(inertia, int | float) and load < inertia):
+        document.refuse((*simulation, "coupling", "load_inertia"), "a part of the axis' inertia, which must be given")
+    hanging = document.value(*simulation, "gravity", "hanging_at")
+    if hanging is not None and document.value("axis", axis, "mechanism", "kind") == "linear":
+        document.refuse((*simulation, "gravity", "hanging_at"), "no such key: a linear mechanism has no lever")

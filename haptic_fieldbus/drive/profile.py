@@ -123,6 +123,32 @@ class TimingSection:
 
 
 @dataclass(frozen=True)
+class SimulationSection:
+    """Where this drive leaves the standards, for the simulated drive alone; the master finds out like with a real one.
+
+    `sim.quirks` gives each of them its effect, and names a drive that has it.
+    """
+
+    pdos_disabled: bool = False
+    """After power-on no PDO is valid, not even the first of each direction."""
+    cob_ids_missing: bool = False
+    """The COB-IDs of PDOs hold no identifier until one is written."""
+    absent: tuple[Index, ...] = ()
+    """Objects that the drive does not have."""
+    sync_honoured: bool = True
+    """False: RPDOs act at once, although their transmission type says at the next SYNC."""
+    max_torque: Annotated[int, Ge(0), Le(0xFFFF)] | None = None
+    """6072h after power-on [‰ of rated torque]."""
+    supported_modes: UInt32 | None = None
+    """What 6502h says, whatever the drive can do."""
+    mode_change_time: NonNegativeFloat = 0.0
+    """[s], from the writing of 6060h until 6061h shows it."""
+    boot_time: NonNegativeFloat = 0.0
+    """[s], from power-on or a reset to the boot-up message."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
 class DriveProfile:
     """One drive model; `name` is the file's name without suffix, `source` its path."""
 
@@ -134,6 +160,7 @@ class DriveProfile:
     timing: TimingSection
     identity: IdentitySection = field(default_factory=IdentitySection)
     link_loss: LinkLossSection = field(default_factory=LinkLossSection)
+    simulation: SimulationSection = field(default_factory=SimulationSection)
     sources: dict[str, Annotated[str, Len(1)]] = field(default_factory=dict)
     """Where each value comes from, by key; the source of a table covers all in it."""
     name: str = ""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, Len
 
+from haptic_fieldbus.drive.mechanics import Mechanics
 from haptic_fieldbus.drive.profile import STRICT, NonNegativeFloat, PositiveFloat
 from haptic_fieldbus.signals import Workspace
 
@@ -99,6 +100,8 @@ class RigAxis:
     coulomb_friction: NonNegativeFloat = 0.0
     on_link_loss: Literal["free", "brake"] = "free"
     limits: Limits = field(default_factory=Limits)
+    simulation: Mechanics = field(default_factory=Mechanics)
+    """What a simulated bench has beyond a rigid shaft; nothing else looks at it."""
     __pydantic_config__: ClassVar = STRICT
 
     @property

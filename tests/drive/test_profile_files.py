@@ -237,7 +237,7 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
             "schema = 1",
             'schema = 1\nname = "x"',
             "line 2: name: unknown key"
-            "; known: drive, identity, link_loss, pdo, position, schema, sources, timing, torque",
+            "; known: drive, identity, link_loss, pdo, position, schema, simulation, sources, timing, torque",
         ),
         (
             'type = "int16"',

@@ -1,0 +1,31 @@
+"""Electronic data sheets (EDS) and device configuration files (DCF) of CANopen devices: read tolerantly, and written.
+
+Reference: CiA 306-1 (EDS and DCF), CiA 301 4.2 (data types, object codes).
+"""
+
+from haptic_fieldbus.eds.model import (
+    DeviceInfo,
+    Eds,
+    EdsEntry,
+    EdsObject,
+    NodeOffset,
+    ObjectCode,
+    Value,
+)
+from haptic_fieldbus.eds.reader import load_eds, read_eds
+from haptic_fieldbus.eds.types import EdsType
+from haptic_fieldbus.eds.writer import eds_text
+
+__all__ = [
+    "DeviceInfo",
+    "Eds",
+    "EdsEntry",
+    "EdsObject",
+    "EdsType",
+    "NodeOffset",
+    "ObjectCode",
+    "Value",
+    "eds_text",
+    "load_eds",
+    "read_eds",
+]

@@ -1,0 +1,100 @@
+"""The lines of an EDS: sections and their keys, each with its line; whatever else stands there becomes a fault.
+
+Keys and section names do not depend on case (CiA 306-1, 4.2). The text is UTF-8, UTF-16 with a byte order mark, or
+Windows-1252, which some vendors' editors write and which no octet can contradict.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from haptic_fieldbus.errors import Fault
+
+_HEAD = re.compile(r"\[([^\]]*)\]\s*(;.*)?$")
+_LINE_END = re.compile(r"\r\n?|\n")
+_COMMENT = re.compile(r"\s+;.*$")
+_UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+
+
+@dataclass(frozen=True)
+class Item:
+    """One `key=value` with its line; `key` as it is written."""
+
+    key: str
+    value: str
+    line: int
+
+
+@dataclass
+class Section:
+    """One `[name]`; the items by their keys in lower case."""
+
+    name: str
+    line: int
+    items: dict[str, Item] = field(default_factory=dict)
+
+    def text(self, key: str) -> str:
+        """The value, empty when the key is missing or its value is."""
+        item = self.items.get(key.lower())
+        return item.value if item is not None else ""
+
+    def line_of(self, key: str) -> int:
+        """The key's line, or the section's."""
+        item = self.items.get(key.lower())
+        return item.line if item is not None else self.line
+
+    def __contains__(self, key: str) -> bool:
+        return key.lower() in self.items
+
+
+def text_of_octets(data: bytes, faults: list[Fault]) -> str:
+    """The text, whatever its encoding."""
+    if data.startswith(_UTF16_MARKS):
+        return data.decode("utf-16", errors="replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        octet = data[error.start]
+        faults.append(Fault("", f"octet {octet:02X}h is no UTF-8: the file is read as Windows-1252", line))
+        return data.decode("cp1252", errors="replace")
+
+
+def sections_of(text: str, faults: list[Fault]) -> Mapping[str, Section]:
+    """All sections by their names in lower case; one that stands twice is taken together."""
+    sections: dict[str, Section] = {}
+    present: Section | None = None
+    for number, raw in enumerate(_LINE_END.split(text), start=1):
+        line = raw.strip()
+        if not line or line.startswith((";", "#")):
+            continue
+        head = _HEAD.match(line)
+        if head is not None:
+            present = _opened(head[1].strip(), number, sections, faults)
+        elif present is None:
+            faults.append(Fault("", f'"{line}" stands before the first section', number))
+        else:
+            _add(present, line, number, faults)
+    return sections
+
+
+def _opened(name: str, number: int, sections: dict[str, Section], faults: list[Fault]) -> Section:
+    found = sections.get(name.lower())
+    if found is None:
+        return sections.setdefault(name.lower(), Section(name, number))
+    faults.append(Fault(f"[{name}]", f"stands in line {found.line} already: both are taken together", number))
+    return found
+
+
+def _add(section: Section, line: str, number: int, faults: list[Fault]) -> None:
+    key, equals, value = (part.strip() for part in line.partition("="))
+    if not equals or not key:
+        faults.append(Fault(f"[{section.name}]", f'"{line}" is no key with a value', number))
+        return
+    bare = _COMMENT.sub("", value)
+    if bare != value:
+        faults.append(Fault(f"[{section.name}] {key}", "a comment behind a value; expected a line of its own", number))
+    before = section.items.get(key.lower())
+    if before is not None:
+        faults.append(Fault(f"[{section.name}] {key}", f"stands in line {before.line} already", number))
+    section.items[key.lower()] = Item(key, bare, number)

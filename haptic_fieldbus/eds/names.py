@@ -1,0 +1,172 @@
+"""Names of the standards' objects, as an EDS gives them in `ParameterName`.
+
+Reference: CiA 301 4.2, 7.5 (communication profile area), CiA 402-2 (drive profile), object descriptions.
+"""
+
+from collections.abc import Mapping
+
+PARAMETERS: Mapping[int, str] = {
+    0x1000: "Device type",
+    0x1001: "Error register",
+    0x1002: "Manufacturer status register",
+    0x1003: "Pre-defined error field",
+    0x1005: "COB-ID SYNC message",
+    0x1006: "Communication cycle period",
+    0x1007: "Synchronous window length",
+    0x1008: "Manufacturer device name",
+    0x1009: "Manufacturer hardware version",
+    0x100A: "Manufacturer software version",
+    0x100C: "Guard time",
+    0x100D: "Life time factor",
+    0x1010: "Store parameters",
+    0x1011: "Restore default parameters",
+    0x1012: "COB-ID time stamp object",
+    0x1013: "High resolution time stamp",
+    0x1014: "COB-ID EMCY",
+    0x1015: "Inhibit time EMCY",
+    0x1016: "Consumer heartbeat time",
+    0x1017: "Producer heartbeat time",
+    0x1018: "Identity object",
+    0x1019: "Synchronous counter overflow value",
+    0x1020: "Verify configuration",
+    0x1021: "Store EDS",
+    0x1022: "Store format",
+    0x1028: "Emergency consumer object",
+    0x1029: "Error behaviour object",
+    0x1200: "SDO server parameter",
+    0x1F80: "NMT startup",
+    0x5FF0: "User data memory",
+    0x5FF1: "Time of day",
+    0x5FF2: "Erase user data memory",
+    0x6007: "Abort connection option code",
+    0x603F: "Error code",
+    0x6040: "Controlword",
+    0x6041: "Statusword",
+    0x605A: "Quick stop option code",
+    0x605B: "Shutdown option code",
+    0x605C: "Disable operation option code",
+    0x605D: "Halt option code",
+    0x605E: "Fault reaction option code",
+    0x6060: "Modes of operation",
+    0x6061: "Modes of operation display",
+    0x6062: "Position demand value",
+    0x6063: "Position actual internal value",
+    0x6064: "Position actual value",
+    0x6065: "Following error window",
+    0x6066: "Following error time out",
+    0x6067: "Position window",
+    0x6068: "Position window time",
+    0x6069: "Velocity sensor actual value",
+    0x606A: "Sensor selection code",
+    0x606B: "Velocity demand value",
+    0x606C: "Velocity actual value",
+    0x606D: "Velocity window",
+    0x606E: "Velocity window time",
+    0x606F: "Velocity threshold",
+    0x6070: "Velocity threshold time",
+    0x6071: "Target torque",
+    0x6072: "Max torque",
+    0x6073: "Max current",
+    0x6074: "Torque demand",
+    0x6075: "Motor rated current",
+    0x6076: "Motor rated torque",
+    0x6077: "Torque actual value",
+    0x6078: "Current actual value",
+    0x6079: "DC link circuit voltage",
+    0x607A: "Target position",
+    0x607B: "Position range limit",
+    0x607C: "Home offset",
+    0x607D: "Software position limit",
+    0x607E: "Polarity",
+    0x607F: "Max profile velocity",
+    0x6080: "Max motor speed",
+    0x6081: "Profile velocity",
+    0x6082: "End velocity",
+    0x6083: "Profile acceleration",
+    0x6084: "Profile deceleration",
+    0x6085: "Quick stop deceleration",
+    0x6086: "Motion profile type",
+    0x6087: "Torque slope",
+    0x6088: "Torque profile type",
+    0x608F: "Position encoder resolution",
+    0x6090: "Velocity encoder resolution",
+    0x6091: "Gear ratio",
+    0x6092: "Feed constant",
+    0x6096: "Velocity factor",
+    0x6097: "Acceleration factor",
+    0x6098: "Homing method",
+    0x6099: "Homing speeds",
+    0x609A: "Homing acceleration",
+    0x60A8: "SI unit position",
+    0x60A9: "SI unit velocity",
+    0x60B0: "Position offset",
+    0x60B1: "Velocity offset",
+    0x60B2: "Torque offset",
+    0x60C1: "Interpolation data record",
+    0x60C2: "Interpolation time period",
+    0x60C5: "Max acceleration",
+    0x60C6: "Max deceleration",
+    0x60E0: "Positive torque limit value",
+    0x60E1: "Negative torque limit value",
+    0x60E3: "Supported homing methods",
+    0x60F4: "Following error actual value",
+    0x60FC: "Position demand internal value",
+    0x60FD: "Digital inputs",
+    0x60FE: "Digital outputs",
+    0x60FF: "Target velocity",
+    0x6402: "Motor type",
+    0x6502: "Supported drive modes",
+    0x67FF: "Single device type",
+}
+
+_RECORDS: tuple[tuple[range, str], ...] = (
+    (range(0x1400, 0x1600), "RPDO communication parameter"),
+    (range(0x1600, 0x1800), "RPDO mapping parameter"),
+    (range(0x1800, 0x1A00), "TPDO communication parameter"),
+    (range(0x1A00, 0x1C00), "TPDO mapping parameter"),
+)
+_COMMUNICATION = {
+    1: "COB-ID",
+    2: "Transmission type",
+    3: "Inhibit time",
+    4: "Compatibility entry",
+    5: "Event timer",
+    6: "SYNC start value",
+}
+_GROUPS = {1: "all", 2: "communication", 3: "application", 4: "manufacturer"}
+_SUBINDICES: Mapping[int, Mapping[int, str]] = {
+    0x1010: {number: f"Save {group} parameters" for number, group in _GROUPS.items()},
+    0x1011: {number: f"Restore {group} default parameters" for number, group in _GROUPS.items()},
+    0x1018: {1: "Vendor-ID", 2: "Product code", 3: "Revision number", 4: "Serial number"},
+    0x1029: {1: "Communication error"},
+    0x1200: {1: "COB-ID client to server (rx)", 2: "COB-ID server to client (tx)"},
+    0x5FF1: {1: "Milliseconds after midnight", 2: "Days since 1984"},
+    0x608F: {1: "Encoder increments", 2: "Motor revolutions"},
+    0x6091: {1: "Motor shaft revolutions", 2: "Driving shaft revolutions"},
+    0x6092: {1: "Feed", 2: "Shaft revolutions"},
+    0x6099: {1: "Speed during search for switch", 2: "Speed during search for zero"},
+    0x60C2: {1: "Interpolation time period value", 2: "Interpolation time index"},
+}
+_ARRAY_ELEMENTS = {0x1003: "Standard error field", 0x1016: "Consumer heartbeat time"}
+HIGHEST = "Highest sub-index supported"
+MAPPED_COUNT = "Number of mapped application objects in PDO"
+
+
+def parameter_name(index: int) -> str:
+    """The name of an object; that of a manufacturer's is its index."""
+    for records, name in _RECORDS:
+        if index in records:
+            return f"{name} {index - records.start + 1}"
+    return PARAMETERS.get(index, f"Object {index:04X}h")
+
+
+def member_name(index: int, subindex: int) -> str:
+    """The name of a sub-index of a record or an array."""
+    record = index & ~0x1FF
+    if record in (0x1600, 0x1A00):
+        return f"Application object {subindex}" if subindex else MAPPED_COUNT
+    if not subindex:
+        return HIGHEST
+    names = _COMMUNICATION if record in (0x1400, 0x1800) else _SUBINDICES.get(index, {})
+    element = _ARRAY_ELEMENTS.get(index, parameter_name(index))
+    return names.get(subindex, f"{element} {subindex}")

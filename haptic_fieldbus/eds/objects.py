@@ -1,0 +1,158 @@
+"""The objects of an EDS out of their sections; what is missing or wrong is told and replaced by the nearest sense.
+
+Reference: CiA 306-1, object description (ParameterName, ObjectType, DataType, AccessType, LowLimit, HighLimit,
+DefaultValue, PDOMapping, SubNumber, CompactSubObj) and, in a DCF, ParameterValue.
+"""
+
+from collections.abc import Mapping
+
+from haptic_fieldbus.eds.lines import Section
+from haptic_fieldbus.eds.model import ACCESS_TYPES, EdsEntry, EdsObject, ObjectCode, Value
+from haptic_fieldbus.eds.types import EdsType
+from haptic_fieldbus.eds.values import value_of, whole_number
+from haptic_fieldbus.errors import Fault
+
+DEFAULT_ACCESS = "ro"
+"""Of an entry that does not say: nothing can be broken by it."""
+_TYPES = {type.value: type for type in EdsType}
+
+
+class ObjectReader:
+    """Reads one object; `sections` are all of the file, for names and values of compact arrays."""
+
+    def __init__(self, index: int, sections: Mapping[str, Section], faults: list[Fault]) -> None:
+        self._index = index
+        self._sections = sections
+        self._faults = faults
+
+    def read(self, head: Section | None, members: Mapping[int, Section]) -> EdsObject:
+        """The object from its own section, if any, and those of its sub-indices."""
+        if head is None:
+            first = next(iter(members.values()))
+            self._fault(first, "", f"[{self._index:04X}], the object itself, is missing: taken as a record")
+            return EdsObject(self._index, "", ObjectCode.RECORD, self._members(members), first.line)
+        code = self._code(head)
+        compact = self._number(head, "CompactSubObj")
+        found = EdsObject(self._index, self._name(head), code, {}, head.line)
+        if compact:
+            entries = self._compact(head, compact) | self._members(members)
+        elif found.is_simple and not members:
+            entries = {0: self.entry(head, 0, code)}
+        else:
+            entries = self._members(members)
+            self._check_members(head, found, len(members))
+        return EdsObject(found.index, found.name, found.code, dict(sorted(entries.items())), found.line)
+
+    def entry(self, section: Section, subindex: int, code: ObjectCode = ObjectCode.VAR) -> EdsEntry:
+        """One sub-index as its section describes it."""
+        type = self._type(section, code)
+        return EdsEntry(
+            index=self._index,
+            subindex=subindex,
+            name=self._name(section),
+            type=type,
+            access=self._access(section, type),
+            default=self._value(section, "DefaultValue", type),
+            parameter=self._value(section, "ParameterValue", type),
+            low=self._limit(section, "LowLimit", type),
+            high=self._limit(section, "HighLimit", type),
+            mappable=bool(self._number(section, "PDOMapping")),
+            line=section.line,
+        )
+
+    def _members(self, members: Mapping[int, Section]) -> dict[int, EdsEntry]:
+        return {
+            subindex: self.entry(section, subindex, self._code(section))
+            for subindex, section in sorted(members.items())
+        }
+
+    def _check_members(self, head: Section, found: EdsObject, count: int) -> None:
+        if found.is_simple:
+            self._fault(head, "ObjectType", "a variable with sub-indices: they are read, it is taken as a record")
+            return
+        said = self._number(head, "SubNumber")
+        if said != count:
+            self._fault(head, "SubNumber", f"{head.text('SubNumber') or 'missing'}, but {count} sub-indices are there")
+
+    def _compact(self, head: Section, count: int) -> dict[int, EdsEntry]:
+        """`CompactSubObj`: so many like elements, and sub-index 0 with their number."""
+        names = self._sections.get(f"{self._index:04x}name")
+        values = self._sections.get(f"{self._index:04x}value")
+        pattern = self.entry(head, 1)
+        length = EdsEntry(
+            self._index, 0, "Number of entries", EdsType.UNSIGNED8, DEFAULT_ACCESS, default=count, line=head.line
+        )
+        entries = {0: length}
+        for subindex in range(1, count + 1):
+            name = names.text(str(subindex)) if names is not None else ""
+            value = self._value(values, str(subindex), pattern.type) if values is not None else None
+            entries[subindex] = EdsEntry(
+                self._index, subindex, name or f"{pattern.name}{subindex}", pattern.type, pattern.access,
+                pattern.default, value, pattern.low, pattern.high, pattern.mappable, pattern.line,
+            )  # fmt: skip
+        return entries
+
+    def _name(self, section: Section) -> str:
+        name = section.text("ParameterName")
+        if not name:
+            self._fault(section, "ParameterName", "missing")
+        return name
+
+    def _code(self, section: Section) -> ObjectCode:
+        """A missing object type is that of a variable (CiA 306-1), an unknown one too."""
+        number = self._number(section, "ObjectType")
+        if number is None:
+            return ObjectCode.VAR
+        try:
+            return ObjectCode(number)
+        except ValueError:
+            self._fault(section, "ObjectType", f"{number} is no object code: taken as a variable")
+            return ObjectCode.VAR
+
+    def _type(self, section: Section, code: ObjectCode) -> EdsType | None:
+        """The data type; that of a domain need not be given."""
+        if not section.text("DataType"):
+            if code is not ObjectCode.DOMAIN:
+                self._fault(section, "DataType", "missing: the length of the value is not known")
+                return None
+            return EdsType.DOMAIN
+        number = self._number(section, "DataType")
+        if number is None or number in _TYPES:
+            return _TYPES.get(number or 0)
+        self._fault(section, "DataType", f"{number:04X}h is no basic data type: its length is not known")
+        return None
+
+    def _access(self, section: Section, type: EdsType | None) -> str:
+        access = section.text("AccessType").lower()
+        if access in ACCESS_TYPES:
+            return access
+        if type is not EdsType.DOMAIN or access:
+            found = f'"{access}"' if access else "missing"
+            self._fault(section, "AccessType", f"{found}, expected one of {', '.join(ACCESS_TYPES)}: taken as ro")
+        return DEFAULT_ACCESS
+
+    def _limit(self, section: Section, key: str, type: EdsType | None) -> int | float | None:
+        value = self._value(section, key, type) if type is None or type.is_integer or type.size else None
+        return value if isinstance(value, int | float) else None
+
+    def _value(self, section: Section, key: str, type: EdsType | None) -> Value | None:
+        """A value of the type; None when it is missing, empty or not understood."""
+        text = section.text(key)
+        if not text:
+            return None
+        try:
+            return value_of(text, type)
+        except ValueError as error:
+            self._fault(section, key, str(error))
+            return None
+
+    def _number(self, section: Section, key: str) -> int | None:
+        try:
+            return whole_number(section.text(key)) if section.text(key) else None
+        except ValueError as error:
+            self._fault(section, key, str(error))
+            return None
+
+    def _fault(self, section: Section, key: str, message: str) -> None:
+        place = f"[{section.name}] {key}".rstrip()
+        self._faults.append(Fault(place, message, section.line_of(key)))

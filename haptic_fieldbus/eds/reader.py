@@ -1,0 +1,161 @@
+"""Read an EDS or DCF as it comes from vendors: everything usable is taken, everything wrong is listed with its line.
+
+Theory (CiA 306-1): `[1018]` describes an object, `[1018sub1]` one of its sub-indices; an array of like elements may be
+written by `CompactSubObj`, with names in `[1018Name]` and configured values in `[1018Value]`. The three lists
+`[MandatoryObjects]`, `[OptionalObjects]` and `[ManufacturerObjects]` say which objects there are; a section that none
+of them lists is read all the same. Only a file without a single object is refused.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from haptic_fieldbus.eds.lines import Section, sections_of, text_of_octets
+from haptic_fieldbus.eds.model import DeviceInfo, Eds, EdsObject
+from haptic_fieldbus.eds.objects import ObjectReader
+from haptic_fieldbus.eds.values import whole_number
+from haptic_fieldbus.errors import EdsError, Fault
+
+LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
+BIT_RATES = (10, 20, 50, 100, 125, 250, 500, 800, 1000)
+COMMISSIONING = ("devicecomissioning", "devicecommissioning")
+"""CiA 306 spells it with one m."""
+DUMMY_TYPES = range(1, 8)
+_OBJECT = re.compile(r"(?:0x)?([0-9a-f]{4})$")
+_SUBINDEX = re.compile(r"(?:0x)?([0-9a-f]{4})sub(?:0x)?([0-9a-f]{1,3})$")
+_HIGHEST_SUBINDEX = 0xFF
+
+
+def load_eds(path: str | Path) -> Eds:
+    """The file of a device; EdsError when it cannot be read or holds no object."""
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise EdsError(path, [Fault("", f"cannot be read: {error.strerror or error}")]) from error
+    return read_eds(data, str(path))
+
+
+def read_eds(data: bytes, source: str = "") -> Eds:
+    """The content of a file; EdsError when it holds no object."""
+    faults: list[Fault] = []
+    sections = sections_of(text_of_octets(data, faults), faults)
+    objects = _objects(sections, faults)
+    if not objects:
+        raise EdsError(source, [*faults, Fault("", "no object: expected sections such as [1000] or [6040]")])
+    _check_lists(sections, objects, faults)
+    return Eds(
+        objects=objects,
+        device=_device(sections.get("deviceinfo"), faults),
+        node=_node(sections, faults),
+        dummies=_dummies(sections.get("dummyusage"), faults),
+        file_info=_texts(sections.get("fileinfo")),
+        comments=_comments(sections.get("comments")),
+        source=source,
+        faults=tuple(sorted(dict.fromkeys(faults), key=lambda fault: fault.line or 0)),
+    )
+
+
+def _objects(sections: Mapping[str, Section], faults: list[Fault]) -> dict[int, EdsObject]:
+    """All objects in the order of their indices, each with its sub-indices."""
+    heads: dict[int, Section] = {}
+    members: dict[int, dict[int, Section]] = {}
+    for name, section in sections.items():
+        head, member = _OBJECT.match(name), _SUBINDEX.match(name)
+        if head is not None:
+            heads[int(head[1], 16)] = section
+        elif member is not None and int(member[2], 16) <= _HIGHEST_SUBINDEX:
+            members.setdefault(int(member[1], 16), {})[int(member[2], 16)] = section
+    return {
+        index: ObjectReader(index, sections, faults).read(heads.get(index), members.get(index, {}))
+        for index in sorted(heads.keys() | members.keys())
+    }
+
+
+def _check_lists(sections: Mapping[str, Section], objects: Mapping[int, EdsObject], faults: list[Fault]) -> None:
+    """Every listed object is described, every described one is listed."""
+    listed: set[int] = set()
+    for name in LISTS:
+        section = sections.get(name.lower())
+        if section is None:
+            faults.append(Fault(f"[{name}]", "this list of objects is missing"))
+            continue
+        for item in section.items.values():
+            number = _number(section, item.key, faults)
+            if item.key.lower() == "supportedobjects" or number is None:
+                continue
+            listed.add(number)
+            if number not in objects:
+                faults.append(Fault(f"[{section.name}] {item.key}", f"[{number:04X}] is not in this file", item.line))
+        _check_count(section, faults)
+    for index, found in objects.items():
+        if index not in listed:
+            faults.append(Fault(f"[{index:04X}]", "is in none of the lists of objects", found.line))
+
+
+def _check_count(section: Section, faults: list[Fault]) -> None:
+    count, entries = _number(section, "SupportedObjects", faults), len(section.items) - ("supportedobjects" in section)
+    if count is not None and count != entries:
+        line = section.line_of("SupportedObjects")
+        faults.append(Fault(f"[{section.name}] SupportedObjects", f"{count}, but {entries} are listed", line))
+
+
+def _device(section: Section | None, faults: list[Fault]) -> DeviceInfo:
+    if section is None:
+        faults.append(Fault("[DeviceInfo]", "this section is missing"))
+        return DeviceInfo()
+
+    def number(key: str) -> int | None:
+        return _number(section, key, faults)
+
+    if number("CompactPDO"):
+        line = section.line_of("CompactPDO")
+        faults.append(Fault("[DeviceInfo] CompactPDO", "PDO parameters left out are not filled in", line))
+    granularity = number("Granularity")
+    return DeviceInfo(
+        vendor_name=section.text("VendorName"),
+        vendor_number=number("VendorNumber"),
+        product_name=section.text("ProductName"),
+        product_number=number("ProductNumber"),
+        revision_number=number("RevisionNumber"),
+        order_code=section.text("OrderCode"),
+        bit_rates=tuple(rate for rate in BIT_RATES if number(f"BaudRate_{rate}")),
+        rpdos=number("NrOfRXPDO"),
+        tpdos=number("NrOfTXPDO"),
+        granularity=8 if granularity is None else granularity,
+        lss=bool(number("LSS_Supported")),
+    )
+
+
+def _node(sections: Mapping[str, Section], faults: list[Fault]) -> int | None:
+    for name in COMMISSIONING:
+        if name in sections:
+            return _number(sections[name], "NodeID", faults)
+    return None
+
+
+def _dummies(section: Section | None, faults: list[Fault]) -> tuple[int, ...]:
+    if section is None:
+        return ()
+    return tuple(number for number in DUMMY_TYPES if _number(section, f"Dummy{number:04d}", faults))
+
+
+def _texts(section: Section | None) -> dict[str, str]:
+    return {item.key: item.value for item in section.items.values()} if section is not None else {}
+
+
+def _comments(section: Section | None) -> tuple[str, ...]:
+    items = section.items.values() if section is not None else ()
+    return tuple(item.value for item in items if item.key.lower().startswith("line") and item.key.lower() != "lines")
+
+
+def _number(section: Section, key: str, faults: list[Fault]) -> int | None:
+    """The number of a key; None when it is missing, empty or none."""
+    return _understood(whole_number, section, key, faults) if section.text(key) else None
+
+
+def _understood(parse: Callable[[str], int], section: Section, key: str, faults: list[Fault]) -> int | None:
+    try:
+        return parse(section.text(key))
+    except ValueError as error:
+        faults.append(Fault(f"[{section.name}] {key}", str(error), section.line_of(key)))
+        return None
