@@ -13,7 +13,12 @@ class AbortCode(Enum):
     """CiA 301, table 22."""
 
     TOGGLE_BIT = 0x0503_0000
+    TIMEOUT = 0x0504_0000
     UNKNOWN_COMMAND = 0x0504_0001
+    BLOCK_SIZE = 0x0504_0002
+    SEQUENCE_NUMBER = 0x0504_0003
+    CRC = 0x0504_0004
+    OUT_OF_MEMORY = 0x0504_0005
     UNSUPPORTED_ACCESS = 0x0601_0000
     WRITE_ONLY = 0x0601_0001
     READ_ONLY = 0x0601_0002
@@ -29,6 +34,7 @@ class AbortCode(Enum):
     VALUE_TOO_HIGH = 0x0609_0031
     VALUE_TOO_LOW = 0x0609_0032
     GENERAL = 0x0800_0000
+    CANNOT_STORE = 0x0800_0020
     DEVICE_STATE = 0x0800_0022
     NO_DATA = 0x0800_0024
 
@@ -58,13 +64,14 @@ class Mappable(Flag):
 
 
 class Entry:
-    """One sub-index. `value` is what the last write or the drive put there.
+    """One sub-index. `value` is what the last write or the drive put there; octets and strings stand in `text`.
 
-    `accept` may refuse a write by raising SdoAbort, `changed` is called after one, `fetch` computes what is read.
+    `accept` may refuse a write by raising SdoAbort (of octets: it is given their number), `changed` is called after
+    one, `fetch` computes what is read. `default` and `default_text` are the power-on values.
     """
 
     __slots__ = (
-        "accept", "access", "changed", "default", "fetch", "high", "index",
+        "accept", "access", "changed", "default", "default_text", "fetch", "high", "index",
         "low", "mappable", "subindex", "text", "type", "value",
     )  # fmt: skip
 
@@ -80,15 +87,16 @@ class Entry:
         mappable: Mappable = Mappable.NO,
         accept: Callable[[int], None] | None = None,
         text: bytes = b"",
+        capacity: int = 0,
     ) -> None:
-        """`type` None is a VISIBLE_STRING whose octets are `text`."""
+        """`type` None is a string or a DOMAIN whose octets are `text`; it can be written up to its `capacity`."""
         self.index = index
         self.subindex = subindex
         self.type = type
         self.value = self.default = value
-        self.text = text
+        self.text = self.default_text = text
         self.access = access
-        self.low, self.high = limits or (type.limits if type is not None else (0, 0))
+        self.low, self.high = limits or (type.limits if type is not None else (0, capacity))
         self.mappable = mappable
         self.accept = accept
         self.changed: Callable[[], None] | None = None
@@ -106,20 +114,44 @@ class Entry:
             return self.text
         return self.type.pack(self.fetch() if self.fetch is not None else self.value)
 
+    def begin_write(self, size: int | None) -> None:
+        """Refuse a download of so many octets (None: not known yet) before any of them arrives."""
+        if self.access in (Access.RO, Access.CONST) or (self.type is None and not self.high):
+            raise SdoAbort(AbortCode.READ_ONLY)
+        if size is None:
+            return
+        if size > self.capacity:
+            raise SdoAbort(AbortCode.TOO_LONG)
+        if self.type is not None and size < self.capacity:
+            raise SdoAbort(AbortCode.TOO_SHORT)
+
+    @property
+    def capacity(self) -> int:
+        """So many octets can be written at most."""
+        return self.type.size if self.type is not None else self.high
+
     def write(self, data: bytes) -> None:
         """What an SDO download does."""
-        if self.access in (Access.RO, Access.CONST) or self.type is None:
-            raise SdoAbort(AbortCode.READ_ONLY)
-        if len(data) != self.type.size:
-            raise SdoAbort(AbortCode.TOO_LONG if len(data) > self.type.size else AbortCode.TOO_SHORT)
-        value = self.type.unpack(data)
+        self.begin_write(len(data))
+        if self.type is None:
+            if self.accept is not None:
+                self.accept(len(data))
+            self.text = data
+        else:
+            self._write_value(self.type.unpack(data))
+        if self.changed is not None:
+            self.changed()
+
+    def reset(self) -> None:
+        """Power-on value."""
+        self.value, self.text = self.default, self.default_text
+
+    def _write_value(self, value: int) -> None:
         if not self.low <= value <= self.high:
             raise SdoAbort(AbortCode.VALUE_TOO_HIGH if value > self.high else AbortCode.VALUE_TOO_LOW)
         if self.accept is not None:
             self.accept(value)
         self.value = value
-        if self.changed is not None:
-            self.changed()
 
 
 def one_of(values: Iterable[int]) -> Callable[[int], None]:
@@ -138,6 +170,7 @@ class Dictionary:
 
     def __init__(self, entries: Iterable[Entry] = ()) -> None:
         self._objects: dict[int, dict[int, Entry]] = {}
+        self._numbered: list[Entry] = []
         for entry in entries:
             self.add(entry)
 
@@ -152,6 +185,27 @@ class Dictionary:
         """Add an entry, or replace the one at its place."""
         self._objects.setdefault(entry.index, {})[entry.subindex] = entry
         return entry
+
+    def add_numbered(self, entry: Entry) -> Entry:
+        """Add an entry whose power-on value contains the node-ID ($NODEID of an EDS)."""
+        self._numbered.append(entry)
+        return self.add(entry)
+
+    def follow_node(self, entry: Entry, *, follows: bool) -> None:
+        """Whether the power-on value of an entry contains the node-ID."""
+        self._numbered = [other for other in self._numbered if other is not entry] + [entry] * follows
+
+    def renumber(self, change: int) -> None:
+        """The node-ID grew by `change`: power-on values follow it."""
+        for entry in self._numbered:
+            entry.default += change
+
+    def remove(self, index: int, subindex: int | None = None) -> None:
+        """Take away an object, or one sub-index of it: what this model does not have. Unknown ones are passed over."""
+        if subindex is None:
+            self._objects.pop(index, None)
+        else:
+            self._objects.get(index, {}).pop(subindex, None)
 
     def add_record(self, entries: Iterable[Entry]) -> None:
         """Add the sub-indices of one record together with its sub-index 0, the highest of them."""
@@ -177,4 +231,4 @@ class Dictionary:
         """Power-on values of a range of objects."""
         for entry in self:
             if first <= entry.index <= last:
-                entry.value = entry.default
+                entry.reset()

@@ -1,4 +1,4 @@
-"""Motor shaft, friction and hand, followed exactly between events.
+"""Motor shaft, friction and hand, followed exactly between events; `loaded_plant` is for all that a rig may ask beyond.
 
 Theory: with a constant target the shaft moves linearly while it *slips* in one direction s (friction −fc·s) and while
 it *sticks*. It sticks when it comes to rest with |pull| ≤ fc, the pull being what acts on it at rest, friction apart;
@@ -9,12 +9,11 @@ step lasts 1 ms at most when there is Coulomb friction, so only an oscillation a
 Everything at the motor shaft, SI; `t_ns` is the plant's own time.
 """
 
-from collections import deque
-
 import numpy as np
 
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.sim.hand import Grip, Piece
+from haptic_fieldbus.sim.body import Body
+from haptic_fieldbus.sim.hand import Grip
 from haptic_fieldbus.sim.motion import (
     ANGLE,
     FORCE,
@@ -29,7 +28,6 @@ from haptic_fieldbus.sim.motion import (
     Shaft,
     State,
 )
-from haptic_fieldbus.sim.trajectory import Recorder
 
 MAX_STEP_NS = 1_000_000
 _UNBOUNDED_NS = 1 << 62
@@ -38,71 +36,20 @@ _MAX_EVENTS = 100
 _BREAKAWAY = 1.0 + 1e-12
 
 
-class Plant:
-    """A shaft, perhaps held by a hand; moves when told to."""
+class Plant(Body):
+    """A rigid shaft, perhaps held by a hand; moves when told to."""
 
     def __init__(
         self, shaft: Shaft, grip: Grip | None, *, position: float = 0.0, velocity: float = 0.0, t_ns: int = 0
     ) -> None:
-        self.t_ns = t_ns
-        self.state: State = (position, velocity, 0.0, 0.0, velocity if grip else 0.0, 0.0, 0.0, 0.0, 0.0)
-        self.recorder = Recorder()
+        super().__init__(t_ns, (position, velocity, 0.0, 0.0, velocity if grip else 0.0, 0.0, 0.0, 0.0, 0.0), ORDER)
         self._shaft = shaft
-        self._agenda: deque[tuple[int, Piece | None]] = deque()
         self._coulomb = shaft.coulomb
         self._threshold = shaft.coulomb * _BREAKAWAY
         self._longest_ns = MAX_STEP_NS if shaft.coulomb > 0 else _UNBOUNDED_NS
         self._hold(grip)
 
-    @property
-    def position(self) -> float:
-        """Shaft angle [rad]."""
-        return self.state[ANGLE]
-
-    @property
-    def velocity(self) -> float:
-        """[rad/s]"""
-        return self.state[SPEED]
-
-    @property
-    def torque(self) -> float:
-        """Motor torque after the torque loop [N·m]."""
-        return self.state[TORQUE]
-
-    def set_target(self, torque: float) -> None:
-        """What the torque loop follows from now on [N·m]."""
-        self.recorder.target(self.t_ns, torque)
-        if torque != self.state[TARGET]:
-            self.state = (*self.state[:TARGET], torque, self.state[FRICTION])
-            self._record(0.0)
-
-    def start_hand(self) -> None:
-        """The hand's clock starts now."""
-        if self._grip is not None:
-            self._agenda.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in self._grip.pieces)
-            if self._grip.release is not None:
-                self._agenda.append((self.t_ns + round(self._grip.release * 1e9), None))
-            self.advance(self.t_ns)
-
-    def advance(self, t_ns: int) -> None:
-        """Move to `t_ns`, which is not before the plant's own time."""
-        while self._agenda and self._agenda[0][0] <= t_ns:
-            at_ns, piece = self._agenda.popleft()
-            self._move(at_ns)
-            self._begin(piece)
-        self._move(t_ns)
-
-    def _begin(self, piece: Piece | None) -> None:
-        """A new piece of the hand's force, or (None) the hand lets go."""
-        if piece is not None:
-            self.state = (*self.state[:FORCE], piece.force, piece.slope, *self.state[TARGET:])
-            self._record(0.0)
-        else:
-            self.state = (*self.state[:STRETCH], 0.0, 0.0, 0.0, 0.0, *self.state[TARGET:])
-            self._hold(None)
-
     def _hold(self, grip: Grip | None) -> None:
-        """The modes with this hand, or with none."""
         self._grip = grip
         self._stiffness, self._damping = (grip.stiffness, grip.damping) if grip is not None else (0.0, 0.0)
         self._slipping = Motion(self._shaft, grip, sticking=False)
@@ -114,9 +61,14 @@ class Plant:
             self._enter(1 if speed > 0.0 else -1)
         self._record(0.0)
 
+    def _continue(self, state: State) -> None:
+        self.state = state
+        self._record(0.0)
+
     def _move(self, t_ns: int) -> None:
-        while t_ns > self.t_ns:
-            self._step(min(t_ns - self.t_ns, self._longest_ns))
+        longest_ns = self._longest_ns
+        while (span_ns := t_ns - self.t_ns) > 0:
+            self._step(span_ns if span_ns < longest_ns else longest_ns)
 
     def _step(self, span_ns: int) -> None:
         before = self.state

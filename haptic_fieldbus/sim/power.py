@@ -3,10 +3,12 @@
 Theory (CiA 402-2, 8.2): the controlword's bits 0, 1, 2, 3 and 7 name a command; a command or an event makes a numbered
 transition where the table has one from the present state, and nothing elsewhere. Transitions 0 and 1 follow by
 themselves at power-on, 13 from any state on a fault, 14 when the fault reaction is complete, 12 also when a quick stop
-is complete. *Switch on and enable operation* from *ready to switch on* makes 3 and then 4. The state is changed only in
-`_follow`.
+is complete. *Switch on and enable operation* from *ready to switch on* makes 3 and then 4. A transition that an option
+code puts off until the motor stands (5 by 605Ch, 8 by 605Bh) is held, and made by `complete`. While the power stage is
+locked (safe torque off) *switch on disabled* is not left. The state is changed only in `_make`.
 """
 
+from collections.abc import Container
 from dataclasses import dataclass
 from enum import Enum
 
@@ -120,33 +122,56 @@ class PowerAutomaton:
         self.state = State.NOT_READY_TO_SWITCH_ON
         self.stays_in_quick_stop = False
         """Whether 605Ah allows transition 16."""
+        self.locked = False
+        """Whether the power stage cannot be switched on: transition 2 is not made."""
+        self.deferred: Container[int] = ()
+        """Transitions that a controlword only announces; they are made by `complete`."""
+        self.held: Transition | None = None
+        """The one that was announced."""
         self._controlword = 0
 
     def start(self) -> tuple[int, ...]:
         """Power-on: 0 and 1."""
         self.state = State.NOT_READY_TO_SWITCH_ON
+        self.held = None
         self._controlword = 0
-        return self._follow(Cause.SELF_TEST_PASSED) + self._follow(Cause.INITIALISED)
+        return self.event(Cause.SELF_TEST_PASSED) + self.event(Cause.INITIALISED)
 
     def controlword(self, value: int) -> tuple[int, ...]:
-        """A controlword was written."""
+        """A controlword was written; it takes back what an earlier one announced, or announces it again."""
+        self.held = None
         reset = value & ~self._controlword & FAULT_RESET_BIT
         self._controlword = value
-        if reset and (made := self._follow(Cause.FAULT_RESET)):
+        if reset and (made := self._command(Cause.FAULT_RESET)):
             return made
         for command in commands_of(value):
-            if made := self._follow(command):
+            if made := self._command(command):
                 # Operation is enabled by the same command once *switched on* is reached.
-                return made + self._follow(command) if made == (3,) else made
+                return made + self._command(command) if made == (3,) else made
         return ()
+
+    def complete(self) -> tuple[int, ...]:
+        """The motor stands: make the transition that was held."""
+        return self._make(self.held) if self.held is not None else ()
 
     def event(self, cause: Cause) -> tuple[int, ...]:
         """Something happened inside the drive."""
-        return self._follow(cause)
-
-    def _follow(self, cause: Cause) -> tuple[int, ...]:
         transition = _TABLE.get((self.state, cause))
-        if transition is None or (transition.number == 16 and not self.stays_in_quick_stop):
+        return self._make(transition) if transition is not None else ()
+
+    def _command(self, cause: Cause) -> tuple[int, ...]:
+        transition = _TABLE.get((self.state, cause))
+        if transition is None or not self._allowed(transition.number):
             return ()
+        if transition.number in self.deferred:
+            self.held = transition
+            return ()
+        return self._make(transition)
+
+    def _allowed(self, number: int) -> bool:
+        return not (number == 16 and not self.stays_in_quick_stop) and not (number == 2 and self.locked)
+
+    def _make(self, transition: Transition) -> tuple[int, ...]:
+        self.held = None
         self.state = transition.end
         return (transition.number,)

@@ -1,27 +1,21 @@
-"""The SDO server: expedited and segmented transfers.
+"""The SDO server: which transfer a request begins, continues or ends.
 
-Theory (CiA 301, 7.2.4.3): the client starts a download (1) or an upload (2); what does not fit into four octets follows
-in segments of seven, each with a toggle bit that starts at 0. One transfer at a time; a new initiate replaces the old.
-Block transfers are answered with *command specifier not valid*.
+Theory (CiA 301, 7.2.4.3): the client starts a download or an upload, expedited or segmented (`sdo_segments`), or in
+blocks (`sdo_block`). One transfer at a time; a new initiate replaces the old one, either side may abort. A request that
+fits no transfer is answered with *command specifier not valid*. A client that goes silent is told *SDO protocol timed
+out* after `TIMEOUT_NS`, and harms nothing: inside a block any octet may be data, so without this its successor would
+not be understood.
 """
 
-from dataclasses import dataclass, field
-
 from haptic_fieldbus.sim.dictionary import AbortCode, Dictionary, Entry, SdoAbort
+from haptic_fieldbus.sim.sdo_block import BlockDownload, BlockUpload
+from haptic_fieldbus.sim.sdo_segments import EXPEDITED, SegmentedDownload, SegmentedUpload, initiated
+from haptic_fieldbus.sim.sdo_transfer import Response, Transfer
 
-_SEGMENT = 7
-_EXPEDITED = 4
-
-
-@dataclass
-class _Transfer:
-    """A segmented transfer under way."""
-
-    entry: Entry
-    data: bytearray
-    upload: bool
-    announced: int | None = None
-    toggle: int = field(default=0)
+TIMEOUT_NS = 1_000_000_000
+_FRAME = 8
+_ABORT = 0x80
+_DOWNLOAD, _UPLOAD, _ABORT_SPECIFIER, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD = 1, 2, 4, 5, 6
 
 
 class SdoServer:
@@ -29,92 +23,110 @@ class SdoServer:
 
     def __init__(self, dictionary: Dictionary) -> None:
         self.refuse: dict[tuple[int, int], int] = {}
+        self.block_size = 127
+        """Segments of a block download between two confirmations."""
         self._dictionary = dictionary
-        self._transfer: _Transfer | None = None
+        self._transfer: Transfer | None = None
         self._services = {
-            0: self._download_segment,
-            1: self._download,
-            2: self._upload,
-            3: self._upload_segment,
+            _DOWNLOAD: self._download,
+            _UPLOAD: self._upload,
+            _BLOCK_UPLOAD: self._block_upload,
+            _BLOCK_DOWNLOAD: self._block_download,
         }
 
-    def request(self, data: bytes) -> bytes | None:
-        """The response to one request of eight octets; None where the protocol has none."""
-        if len(data) != 8:
-            return None
-        specifier = data[0] >> 5
-        if specifier == 4:
+    @property
+    def busy(self) -> bool:
+        """Whether a transfer is under way."""
+        return self._transfer is not None
+
+    def request(self, data: bytes) -> Response:
+        """The responses to one request of eight octets; none where the protocol has none."""
+        if len(data) != _FRAME:
+            return []
+        transfer = self._transfer
+        continues = transfer is not None and transfer.takes(data[0])
+        if data[0] == _ABORT or (not continues and data[0] >> 5 == _ABORT_SPECIFIER):
             self._transfer = None
-            return None
-        index, subindex = int.from_bytes(data[1:3], "little"), data[3]
-        if specifier in (0, 3) and self._transfer is not None:
-            index, subindex = self._transfer.entry.index, self._transfer.entry.subindex
+            return []
         try:
-            service = self._services.get(specifier)
-            if service is None:
-                raise SdoAbort(AbortCode.UNKNOWN_COMMAND)
-            return service(data)
+            if transfer is None or not continues:
+                return self._initiate(data)
+            responses = transfer.request(data)
         except SdoAbort as abort:
             self._transfer = None
-            return bytes((0x80, *index.to_bytes(2, "little"), subindex)) + abort.code.to_bytes(4, "little")
+            return [_abort(abort.code, *_multiplexer(data, transfer))]
+        if transfer.finished:
+            self._transfer = None
+        return responses
 
     def reset(self) -> None:
         """Forget a transfer under way."""
         self._transfer = None
 
-    def _find(self, data: bytes) -> Entry:
+    def expire(self) -> Response:
+        """The client was silent for too long."""
+        transfer, self._transfer = self._transfer, None
+        if transfer is None:
+            return []
+        return [_abort(AbortCode.TIMEOUT.value, transfer.entry.index, transfer.entry.subindex)]
+
+    def _initiate(self, data: bytes) -> Response:
+        service = self._services.get(data[0] >> 5)
+        if service is None or (data[0] >> 5 in _BEGINNINGS and data[0] & _BEGINNINGS[data[0] >> 5]):
+            raise SdoAbort(AbortCode.UNKNOWN_COMMAND)
         self._transfer = None
         index, subindex = int.from_bytes(data[1:3], "little"), data[3]
         if (index, subindex) in self.refuse:
             raise SdoAbort(self.refuse[index, subindex])
-        return self._dictionary.find(index, subindex)
+        return service(self._dictionary.find(index, subindex), data)
 
-    def _download(self, data: bytes) -> bytes:
-        entry = self._find(data)
-        expedited, sized = data[0] & 0x02, data[0] & 0x01
-        if expedited:
-            default = entry.type.size if entry.type is not None else _EXPEDITED
-            size = _EXPEDITED - (data[0] >> 2 & 3) if sized else default
-            entry.write(data[4 : 4 + size])
+    def _download(self, entry: Entry, data: bytes) -> Response:
+        sized = data[0] & 0x01
+        if data[0] & 0x02:
+            default = min(entry.capacity, EXPEDITED)
+            entry.write(data[4 : 4 + (EXPEDITED - (data[0] >> 2 & 3) if sized else default)])
         else:
-            announced = int.from_bytes(data[4:8], "little") if sized else None
-            self._transfer = _Transfer(entry, bytearray(), upload=False, announced=announced)
-        return bytes((0x60, *data[1:4], 0, 0, 0, 0))
+            self._transfer = SegmentedDownload(entry, _announced(data) if sized else None)
+        return [initiated(entry)]
 
-    def _download_segment(self, data: bytes) -> bytes:
-        transfer = self._current(upload=False, toggle=data[0] >> 4 & 1)
-        transfer.data += data[1 : 1 + _SEGMENT - (data[0] >> 1 & 7)]
-        if data[0] & 0x01:
-            self._transfer = None
-            if transfer.announced is not None and transfer.announced != len(transfer.data):
-                raise SdoAbort(AbortCode.LENGTH)
-            transfer.entry.write(bytes(transfer.data))
-        return bytes((0x20 | (transfer.toggle ^ 1) << 4, 0, 0, 0, 0, 0, 0, 0))
+    def _upload(self, entry: Entry, _data: bytes) -> Response:
+        transfer = SegmentedUpload(entry, entry.read())
+        self._transfer = None if transfer.finished else transfer
+        return [transfer.begin()]
 
-    def _upload(self, data: bytes) -> bytes:
-        entry = self._find(data)
+    def _block_download(self, entry: Entry, data: bytes) -> Response:
+        transfer = BlockDownload(
+            entry, _announced(data) if data[0] & 0x02 else None, crc=bool(data[0] & 0x04), block_size=self.block_size
+        )
+        self._transfer = transfer
+        return [transfer.begin()]
+
+    def _block_upload(self, entry: Entry, data: bytes) -> Response:
         content = entry.read()
-        if 0 < len(content) <= _EXPEDITED:
-            return bytes((0x43 | (_EXPEDITED - len(content)) << 2, *data[1:4])) + content.ljust(_EXPEDITED, b"\0")
-        self._transfer = _Transfer(entry, bytearray(content), upload=True)
-        return bytes((0x41, *data[1:4])) + len(content).to_bytes(4, "little")
+        if data[5] and len(content) <= data[5]:  # below the client's protocol switch threshold blocks are not worth it
+            return self._upload(entry, data)
+        transfer = BlockUpload(entry, content, crc=bool(data[0] & 0x04), block_size=data[4])
+        self._transfer = transfer
+        return [transfer.begin()]
 
-    def _upload_segment(self, data: bytes) -> bytes:
-        transfer = self._current(upload=True, toggle=data[0] >> 4 & 1)
-        part = bytes(transfer.data[:_SEGMENT])
-        del transfer.data[:_SEGMENT]
-        last = not transfer.data
-        if last:
-            self._transfer = None
-        head = (transfer.toggle ^ 1) << 4 | (_SEGMENT - len(part)) << 1 | last
-        return bytes((head,)) + part.ljust(_SEGMENT, b"\0")
 
-    def _current(self, *, upload: bool, toggle: int) -> _Transfer:
-        """The transfer that a segment belongs to; its toggle bit is turned for the next one."""
-        transfer = self._transfer
-        if transfer is None or transfer.upload is not upload:
-            raise SdoAbort(AbortCode.UNKNOWN_COMMAND)
-        if transfer.toggle != toggle:
-            raise SdoAbort(AbortCode.TOGGLE_BIT)
-        transfer.toggle ^= 1
-        return transfer
+# By command specifier: the sub-command bits that are 0 in an initiate (CiA 301, 7.2.4.3.9 and 7.2.4.3.13).
+_BEGINNINGS = {_BLOCK_UPLOAD: 0x03, _BLOCK_DOWNLOAD: 0x01}
+
+
+def _announced(data: bytes) -> int:
+    return int.from_bytes(data[4:8], "little")
+
+
+def _multiplexer(data: bytes, transfer: Transfer | None) -> tuple[int, int]:
+    """What an abort is about: what an initiate names, else the transfer that was under way."""
+    names = data[0] >> 5 in (_DOWNLOAD, _UPLOAD) or (
+        data[0] >> 5 in _BEGINNINGS and not data[0] & _BEGINNINGS[data[0] >> 5]
+    )
+    if transfer is None or (names and not transfer.takes(data[0])):
+        return int.from_bytes(data[1:3], "little"), data[3]
+    return transfer.entry.index, transfer.entry.subindex
+
+
+def _abort(code: int, index: int, subindex: int) -> bytes:
+    return bytes((_ABORT, *index.to_bytes(2, "little"), subindex)) + code.to_bytes(4, "little")

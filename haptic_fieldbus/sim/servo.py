@@ -7,7 +7,7 @@ The encoder counts floor(N·θ/2π + phase + 1/2) in 32 bits; the phase, where w
 
 import math
 
-from haptic_fieldbus.sim.plant import Plant
+from haptic_fieldbus.sim.body import Body
 from haptic_fieldbus.sim.wire import NEVER_NS
 
 _WRAP = 1 << 32
@@ -17,7 +17,7 @@ _HALF = 1 << 31
 class Servo:
     """Between the drive's firmware and the plant; times in integer nanoseconds."""
 
-    def __init__(self, plant: Plant, *, counts_per_revolution: int, control_period_ns: int, phase: float = 0.0) -> None:
+    def __init__(self, plant: Body, *, counts_per_revolution: int, control_period_ns: int, phase: float = 0.0) -> None:
         self.plant = plant
         self.stuck_until_ns = 0
         """Until then the encoder shows what it showed."""
@@ -50,6 +50,10 @@ class Servo:
             return t_ns
         return self._grid_ns + -(-(t_ns - self._grid_ns) // self._period_ns) * self._period_ns
 
+    def next_tick(self, t_ns: int, period_ns: int) -> int:
+        """The same for loops that need a period even where targets act at once."""
+        return self._grid_ns + -(-(t_ns - self._grid_ns) // period_ns) * period_ns
+
     def command(self, torque: float, t_ns: int) -> None:
         """A target [N·m] arrived; it replaces one that still waits."""
         if self._pending_ns <= t_ns:
@@ -74,6 +78,12 @@ class Servo:
             shown = math.floor(plant.state[0] * self._counts_per_radian + self._round) + self._offset
             self._shown = (shown + _HALF) % _WRAP - _HALF
         return self._shown
+
+    def fine_counts(self) -> float:
+        """The same before rounding, and without end; whole where the shaft stands in the middle of a count."""
+        if self.plant.t_ns < self.stuck_until_ns:
+            return float(self._shown)
+        return self.plant.state[0] * self._counts_per_radian + self._round - 0.5 + self._offset
 
     def counts_per_second(self) -> int:
         """Speed at the plant's present time."""

@@ -4,19 +4,28 @@ What a rig leaves open (inertia, damping, rated torque unknown) is taken from th
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis, default_axis
+from haptic_fieldbus.drive.rig import RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.sim.body import Body
+from haptic_fieldbus.sim.cob_id import INVALID
+from haptic_fieldbus.sim.dictionary import Dictionary
 from haptic_fieldbus.sim.hand import Hand, grip
 from haptic_fieldbus.sim.motion import Shaft
 from haptic_fieldbus.sim.node import NodeOptions
-from haptic_fieldbus.sim.pdo import INVALID, PdoDefaults
+from haptic_fieldbus.sim.object_table import Defaults
+from haptic_fieldbus.sim.objects import Objects
+from haptic_fieldbus.sim.pdo import PdoDefaults
 from haptic_fieldbus.sim.plant import Plant
+from haptic_fieldbus.sim.stage import Gains, gains
+from haptic_fieldbus.sim.units import Units
 
 _NO_RTR = 1 << 30
+_RAMP = 0.05
+"""[s]; chosen here."""
 _PREDEFINED = 4
 """CiA 301, table 39: PDOs with an identifier of their own."""
 
@@ -33,7 +42,19 @@ class DriveSettings:
     reset_ns: int = 20_000_000
     """The same after a reset."""
     max_torque_permille: int = 3000
-    """Targets are limited to this [‰ of rated torque]."""
+    """6072h, 6073h, 60E0h and 60E1h after power-on [‰ of rated torque]."""
+    rated_current: float = 5.0
+    """6075h [A]; assumed, nothing else depends on it."""
+    modes: frozenset[int] | None = None
+    """Modes of operation that the drive has, by the numbers of 6060h; the profile's torque mode always, None: all."""
+    without: frozenset[int] = frozenset()
+    """Objects of CiA 402-2 that the drive does not show; it works with their power-on values."""
+    mode_change_ns: int = 0
+    """From the writing of 6060h until 6061h follows; until then the old mode goes on."""
+    following_error_faults: bool = False
+    """Whether a following error is a fault (8611h) and not only bit 13: the standard leaves it open."""
+    sto_error: int = 0
+    """Error code of the fault when safe torque off opens while torque is made; 0: no fault, voltage is disabled."""
     position: float = 0.0
     """Shaft angle at power-on [rad]."""
     velocity: float = 0.0
@@ -51,17 +72,57 @@ def known(axis: RigAxis) -> tuple[float, float, float]:
     return inertia, damping, rated
 
 
-def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int) -> Plant:
-    """Motor, load and hand at the motor shaft, from `t_ns` on."""
+def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int) -> Body:
+    """Motor, load and hand at the motor shaft, from `t_ns` on; rigid unless the rig asks for more."""
     inertia, damping, _ = known(axis)
-    lag = 1 / (2 * math.pi * profile.timing.torque_bandwidth)
-    return Plant(
-        Shaft(inertia, damping, axis.coulomb_friction, lag),
-        grip(hand, axis.mechanism) if hand is not None else None,
-        position=settings.position,
-        velocity=settings.velocity,
-        t_ns=t_ns,
+    shaft = Shaft(inertia, damping, axis.coulomb_friction, _lag(profile))
+    held = grip(hand, axis.mechanism) if hand is not None else None
+    position, velocity = settings.position, settings.velocity
+    if axis.simulation.is_rigid:
+        return Plant(shaft, held, position=position, velocity=velocity, t_ns=t_ns)
+    from haptic_fieldbus.sim.load import Load
+    from haptic_fieldbus.sim.loaded_plant import LoadedPlant
+
+    mechanism = axis.mechanism
+    lever = mechanism.sign * mechanism.ratio if isinstance(mechanism, RotaryMechanism) else None
+    load = Load(shaft, axis.simulation, lever)
+    return LoadedPlant(load, held, position=position, velocity=velocity, t_ns=t_ns)
+
+
+def build_gains(profile: DriveProfile, axis: RigAxis, tick: float) -> Gains:
+    """Of the drive's own loops [s]."""
+    inertia, damping, _ = known(axis)
+    return gains(inertia, damping, _lag(profile), tick)
+
+
+def build_units(axis: RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
+    """The factor group of this drive."""
+    resolution, gear, feed = ((objects.row(index, 1), objects.row(index, 2)) for index in (0x608F, 0x6091, 0x6092))
+    counts_per_radian = axis.encoder_counts_per_revolution / (2 * math.pi)
+    return Units(counts_per_radian, objects.row(0x607E), resolution, gear, feed, dictionary)
+
+
+def object_defaults(axis: RigAxis, settings: DriveSettings) -> Defaults:
+    """Ramps that half of rated torque makes with the inertia alone, and the speed they reach in `_RAMP`."""
+    inertia, _, rated = known(axis)
+    acceleration = 0.5 * rated / inertia * axis.encoder_counts_per_revolution / (2 * math.pi)
+    return Defaults(
+        max_torque_permille=settings.max_torque_permille,
+        rated_current_ma=round(settings.rated_current * 1e3),
+        counts_per_revolution=axis.encoder_counts_per_revolution,
+        velocity=_whole(_RAMP * acceleration),
+        acceleration=_whole(acceleration),
     )
+
+
+def _whole(value: float) -> int:
+    """In an UNSIGNED32 that can be doubled."""
+    return max(1, min(0x7FFF_FFFF, round(value)))
+
+
+def _lag(profile: DriveProfile) -> float:
+    """Of the torque loop [s]."""
+    return 1 / (2 * math.pi * profile.timing.torque_bandwidth)
 
 
 def node_options(node: int, profile: DriveProfile, settings: DriveSettings) -> NodeOptions:
@@ -69,10 +130,9 @@ def node_options(node: int, profile: DriveProfile, settings: DriveSettings) -> N
     signals = profile.offers()
     status, control = signals[Signal.STATUSWORD], signals[Signal.CONTROLWORD]
     inhibit = round(profile.pdo.inhibit_time_default * 1e4)
+    rpdos = _defaults(profile.pdo.rpdos, 0x200 + node, profile.pdo.entries, 0, control, signals[Signal.TARGET_TORQUE])
     return NodeOptions(
-        rpdos=_defaults(
-            profile.pdo.rpdos, 0x200 + node, profile.pdo.entries, 0, control, signals[Signal.TARGET_TORQUE]
-        ),
+        rpdos=[replace(rpdo, sync_honoured=profile.simulation.sync_honoured) for rpdo in rpdos],
         tpdos=_defaults(
             profile.pdo.tpdos, 0x180 + node, profile.pdo.entries, inhibit, status, signals[Signal.POSITION]
         ),

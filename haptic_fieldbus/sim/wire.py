@@ -54,9 +54,12 @@ def _port_key(port: Port) -> int:
 
 
 class Wire:
-    """Who sends when, and how long it takes; two nodes that send the same identifier at once are not modelled."""
+    """Who sends when, and how long it takes; two nodes that send the same identifier at once are not modelled.
 
-    def __init__(self, bitrate: int) -> None:
+    `longest`: of so many frames at least, the last ones, statistics are kept; None: of all.
+    """
+
+    def __init__(self, bitrate: int, longest: int | None = None) -> None:
         self.bitrate = bitrate
         self.ports: list[Port] = []
         self.sender: Port | None = None
@@ -66,6 +69,7 @@ class Wire:
         self._free_ns = 0
         self._ends = array("q")
         self._bits = array("H")
+        self._longest = longest
 
     def attach(self, *, in_order: bool) -> Port:
         port = Port(in_order=in_order)
@@ -97,6 +101,8 @@ class Wire:
         self._free_ns = t_ns + self.duration_ns(bits + INTERMISSION_BITS)
         self._ends.append(self.end_ns)
         self._bits.append(bits + INTERMISSION_BITS)
+        if self._longest is not None and len(self._ends) > 2 * self._longest:
+            del self._ends[: -self._longest], self._bits[: -self._longest]
 
     def finish(self) -> Frame:
         """Take the received frame off the wire."""

@@ -1,17 +1,14 @@
-"""The simulated world: drives and programs on one wire, in virtual time, as a discrete-event simulation.
+"""The simulated world: drives and programs on one wire, as a discrete-event simulation.
 
 Theory: an event is a frame that ends, a timer of a drive, a fault, or the start of a frame; at one instant they come in
 this order, so that whatever is queued at an instant takes part in its arbitration. Plants are moved when a drive looks
 at them, exactly (see `plant`). The world is lazy: it runs when a program sends (up to the present) or receives (up to
-the next frame, or to the deadline, and the clock goes along). Everything random (serial number, where within a count
-the encoder's zero lies, boot time) is drawn from the seed, so the same seed gives the same octets.
+the next frame, or to the deadline, and the clock goes along). Everything random is drawn from the seed (see `rack`), so
+in virtual time the same seed gives the same octets. How programs share it in real time is told in `pace`.
 """
 
-import heapq
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import replace
-from random import Random
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.clock import Clock
@@ -19,41 +16,37 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim.controller import Controller, Received
 from haptic_fieldbus.sim.drive import Drive
-from haptic_fieldbus.sim.faults import Fault, LastingFault, TimedFault, faults_of
+from haptic_fieldbus.sim.faults import Fault
 from haptic_fieldbus.sim.frame import Frame
 from haptic_fieldbus.sim.hand import Hand
-from haptic_fieldbus.sim.injection import inject, install
-from haptic_fieldbus.sim.settings import DriveSettings
+from haptic_fieldbus.sim.pace import Pace, pace_of
+from haptic_fieldbus.sim.rack import Rack, Slot
 from haptic_fieldbus.sim.trajectory import Trajectory
-from haptic_fieldbus.sim.wire import NEVER_NS, Port, Wire, WireStatistics
+from haptic_fieldbus.sim.wire import NEVER_NS, Wire, WireStatistics
 
 if TYPE_CHECKING:  # `bus` builds worlds, so it is imported by `World.bus` only when that is called
     from haptic_fieldbus.sim.bus import SimulatedBus
 
 Tap = Callable[[int, int, bytes], None]
 
-_START_JITTER_NS = 40_000
-_RESET_NS = (20_000_000, 30_000_000)
-
 
 class World:
-    """Drives, wire and time; all times are those of the clock [ns]."""
+    """Drives, wire and time; all times are those of the clock [ns].
 
-    def __init__(self, clock: Clock, bitrate: int = 1_000_000, seed: int = 0) -> None:
+    `longest`: so many frames and segments of motion are remembered at least; None: all, for a run that ends.
+    """
+
+    def __init__(self, clock: Clock, bitrate: int = 1_000_000, seed: int = 0, longest: int | None = None) -> None:
         self.clock = clock
         self.bitrate = bitrate
         self.seed = seed
-        self.on_enabled: Callable[[int, int], None] = _ignore
-        """Called with (node, time) when a drive is first *operation enabled*."""
-        self._wire = Wire(bitrate)
+        self._wire = Wire(bitrate, longest)
+        self._rack = Rack(self, seed, longest)
         self._now_ns = clock.now_ns()
-        self._due_ns = NEVER_NS
-        self._drives: dict[int, Drive] = {}
-        self._slaves: list[tuple[Port, Drive]] = []
         self._controllers: list[Controller] = []
         self._taps: list[Tap] = []
-        self._agenda: list[tuple[int, int, Callable[[int], None]]] = []
-        self._planned = 0
+        self.pace: Pace = pace_of(self)
+        """How programs use it."""
 
     # Setting up.
 
@@ -75,33 +68,25 @@ class World:
         message is still to come.
         ValueError when the node-ID is taken.
         """
-        if node in self._drives:
-            raise ValueError(f"node {node} is on this bus already")
+        return self.add(Slot(node, profile, axis, hand, tuple(faults), position, velocity, booted))
+
+    def add(self, slot: Slot) -> Drive:
+        """Put a drive on the wire; ValueError when the node-ID is taken."""
+        self._rack.check_free(slot.node)
         self.run()
-        port = self._wire.attach(in_order=False)
-        settings = replace(_drawn(self.seed, node), position=position, velocity=velocity)
-        drive = Drive(node, profile, axis, port.send, hand, settings, t_ns=self._now_ns)
-        timed: list[TimedFault] = []
-        for fault in faults_of(faults, node):
-            if isinstance(fault, LastingFault):
-                install(fault, drive)
-            else:
-                timed.append(fault)
-        drive.on_enabled = self._enabled(node, drive, timed)
-        self._drives[node] = drive
-        self._slaves.append((port, drive))
-        drive.power_on(self._now_ns, booted=booted)
-        self._find_due()
+        drive = self._rack.add(slot, self._wire.attach(in_order=False), self._now_ns)
+        drive.node.commission(self.bitrate)
         return drive
 
-    def attach(self, *, receive_own: bool = False) -> Controller:
+    def attach(self, *, receive_own: bool = False, room: int | None = None) -> Controller:
         """A program's end of the wire, with a first-in-first-out transmit queue as SocketCAN has."""
-        controller = Controller(self._wire.attach(in_order=True), receive_own=receive_own)
+        controller = Controller(self._wire.attach(in_order=True), receive_own=receive_own, room=room)
         self._controllers.append(controller)
         return controller
 
     def detach(self, controller: Controller) -> None:
         """The program leaves; what it had queued is not sent."""
+        controller.closed = True
         self._controllers.remove(controller)
         self._wire.detach(controller.port)
 
@@ -115,15 +100,24 @@ class World:
         """Tell (end of frame [ns], identifier, octets) of every data frame on the wire."""
         self._taps.append(callback)
 
+    @property
+    def on_enabled(self) -> Callable[[int, int], None]:
+        """Called with (node, time) when a drive is first *operation enabled*."""
+        return self._rack.on_enabled
+
+    @on_enabled.setter
+    def on_enabled(self, callback: Callable[[int, int], None]) -> None:
+        self._rack.on_enabled = callback
+
     # Looking at it.
 
     def drive(self, node: int) -> Drive:
-        return self._drives[node]
+        return self._rack.drives[node]
 
     def trajectory(self, node: int) -> Trajectory:
         """The true motion of a shaft up to the present."""
         self.run()
-        drive = self._drives[node]
+        drive = self._rack.drives[node]
         drive.servo.advance(self._now_ns)
         return Trajectory(drive.plant.recorder, self._now_ns)
 
@@ -160,15 +154,20 @@ class World:
         return item
 
     @property
+    def next_ns(self) -> int:
+        """When the next event is, if no program sends before; NEVER_NS: there will be none."""
+        return min(self._rack.due_ns, self._wire.end_ns, self._wire.start_ns(self._now_ns))
+
+    @property
     def is_idle(self) -> bool:
         """Whether nothing will ever happen unless a program sends."""
-        return min(self._due_ns, self._wire.end_ns, self._wire.start_ns(self._now_ns)) == NEVER_NS
+        return self.next_ns == NEVER_NS
 
     def _run(self, limit_ns: int, until: deque[Received] | None = None) -> None:
         """Events up to and including the limit, or until something was received."""
-        wire = self._wire
+        wire, rack = self._wire, self._rack
         while not until:
-            end_ns, due_ns = wire.end_ns, self._due_ns
+            end_ns, due_ns = wire.end_ns, rack.due_ns
             t_ns = min(end_ns, due_ns) if end_ns != NEVER_NS else min(wire.start_ns(self._now_ns), due_ns)
             if t_ns > limit_ns:
                 self._now_ns = max(self._now_ns, limit_ns)
@@ -177,36 +176,19 @@ class World:
             if end_ns == t_ns:
                 self._deliver(t_ns)
             elif due_ns == t_ns:
-                self._timers(t_ns)
+                rack.timers(t_ns)
             else:
                 wire.start(t_ns)
 
     def _deliver(self, t_ns: int) -> None:
         sender = self._wire.sender
         frame = self._wire.finish()
-        for port, drive in self._slaves:
-            if port is not sender:
-                drive.receive(frame, t_ns)
+        self._rack.receive(frame, sender, t_ns)
         for controller in self._controllers:
             controller.frame_ended(frame, sender, t_ns)
         if not frame.remote:
             for tap in self._taps:
                 tap(t_ns, frame.can_id, frame.data)
-        self._find_due()
-
-    def _timers(self, t_ns: int) -> None:
-        while self._agenda and self._agenda[0][0] <= t_ns:
-            heapq.heappop(self._agenda)[2](t_ns)
-        for _port, drive in self._slaves:
-            if drive.due_ns <= t_ns:
-                drive.timer(t_ns)
-        self._find_due()
-
-    def _find_due(self) -> None:
-        due_ns = self._agenda[0][0] if self._agenda else NEVER_NS
-        for _port, drive in self._slaves:
-            due_ns = min(due_ns, drive.due_ns)
-        self._due_ns = due_ns
 
     # Faults.
 
@@ -215,40 +197,9 @@ class World:
         for controller in self._controllers:
             controller.bus_off(t_ns)
             if until_ns != NEVER_NS:
-                self._plan(until_ns, controller.restarted)
+                self._rack.plan(until_ns, controller.restarted)
 
     def error_frame(self, t_ns: int) -> None:
         """Every program's controller reports a disturbed frame."""
         for controller in self._controllers:
             controller.error_frame(t_ns)
-
-    def _enabled(self, node: int, drive: Drive, faults: list[TimedFault]) -> Callable[[int], None]:
-        def enabled(t_ns: int) -> None:
-            for fault in faults:
-                self._plan(t_ns + round(fault.at * 1e9), _injection(fault, drive, self))
-            self.on_enabled(node, t_ns)
-
-        return enabled
-
-    def _plan(self, t_ns: int, action: Callable[[int], None]) -> None:
-        self._planned += 1
-        heapq.heappush(self._agenda, (t_ns, self._planned, action))
-
-
-def _injection(fault: TimedFault, drive: Drive, world: World) -> Callable[[int], None]:
-    return lambda t_ns: inject(fault, drive, world, t_ns)
-
-
-def _drawn(seed: int, node: int) -> DriveSettings:
-    """The random properties of one drive."""
-    random = Random(f"{seed}/{node}")
-    return DriveSettings(
-        serial=random.getrandbits(32),
-        encoder_phase=random.random() - 0.5,
-        start_delay_ns=random.randrange(_START_JITTER_NS),
-        reset_ns=random.randrange(*_RESET_NS),
-    )
-
-
-def _ignore(_node: int, _t_ns: int) -> None:
-    """Nobody wants to know."""

@@ -1,15 +1,21 @@
-"""The simulated wire as a python-can interface."""
+"""The simulated wire as a python-can interface, stepped; its paced half is in `test_pace`."""
 
 import can
 import pytest
 
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.sim.bus import LONGEST_WAIT_NS, SimulatedBus
+from haptic_fieldbus.sim.bus import SimulatedBus
+from haptic_fieldbus.sim.pace import LONGEST_WAIT_NS
 from haptic_fieldbus.sim.world import World
 from tests.sim.bench import NODE, axis, profile
 
 CHANNEL = "maxon_epos4@5,generic_cia402@6"
 READ_IDENTITY = bytes.fromhex("40 18 10 01 00 00 00 00")
+
+
+def _open(channel: str = CHANNEL, **options: object) -> SimulatedBus:
+    """A bus in virtual time."""
+    return SimulatedBus(channel, clock=VirtualClock(), **options)  # type: ignore[arg-type]
 
 
 def _request(bus: can.BusABC, node: int, data: bytes = READ_IDENTITY) -> can.Message | None:
@@ -24,7 +30,7 @@ def test_the_interface_is_found_by_its_name() -> None:
 
 
 def test_a_channel_creates_the_drives_that_it_names() -> None:
-    with SimulatedBus(CHANNEL) as bus:
+    with _open() as bus:
         answers = [_request(bus, node) for node in (5, 6)]
         assert [answer is not None and answer.data[0] for answer in answers] == [0x43, 0x43]
         assert _request(bus, 7) is None
@@ -52,7 +58,7 @@ class TestSharing:
     """One channel name in a process is one bus."""
 
     def test_two_buses_of_one_channel_hear_each_other(self) -> None:
-        with SimulatedBus(CHANNEL) as one, SimulatedBus(CHANNEL) as other:
+        with _open() as one, SimulatedBus(CHANNEL) as other:
             one.send(can.Message(arbitration_id=0x123, data=b"\1\2", is_extended_id=False))
             heard = other.recv(0.01)
             assert heard is not None
@@ -60,11 +66,11 @@ class TestSharing:
             assert one.recv(0.01) is None
 
     def test_the_world_ends_with_its_last_bus(self) -> None:
-        with SimulatedBus(CHANNEL) as one:
+        with _open() as one:
             world = one.world
             with SimulatedBus(CHANNEL) as other:
                 assert other.world is world
-        with SimulatedBus(CHANNEL) as later:
+        with _open() as later:
             assert later.world is not world
 
     def test_a_shared_channel_has_one_clock_and_one_bit_rate(self) -> None:
@@ -90,20 +96,20 @@ class TestReceive:
     """Time goes along with recv."""
 
     def test_a_time_out_moves_virtual_time(self) -> None:
-        with SimulatedBus(CHANNEL) as bus:
+        with _open() as bus:
             start_ns = bus.clock.now_ns()
             assert bus.recv(0.25) is None
             assert bus.clock.now_ns() == start_ns + 250_000_000
 
     @pytest.mark.parametrize("timeout", [0, 0.0, -1.0])
     def test_no_time_out_takes_what_is_there(self, timeout: float) -> None:
-        with SimulatedBus(CHANNEL) as bus:
+        with _open() as bus:
             start_ns = bus.clock.now_ns()
             assert bus.recv(timeout) is None
             assert bus.clock.now_ns() == start_ns
 
     def test_waiting_for_ever_ends_with_the_next_frame(self) -> None:
-        with SimulatedBus(CHANNEL) as bus:
+        with _open() as bus:
             bus.send(can.Message(arbitration_id=0x605, data=READ_IDENTITY, is_extended_id=False))
             answer = bus.recv()
             assert answer is not None
@@ -111,11 +117,11 @@ class TestReceive:
             assert answer.timestamp == pytest.approx(bus.clock.now_ns() * 1e-9)
 
     def test_waiting_for_ever_for_nothing_is_an_error_and_not_a_hang(self) -> None:
-        with SimulatedBus(CHANNEL) as bus, pytest.raises(can.CanOperationError, match="nothing will come"):
+        with _open() as bus, pytest.raises(can.CanOperationError, match="nothing will come"):
             bus.recv()
 
     def test_waiting_for_ever_while_only_frames_of_no_interest_come_ends_after_a_minute(self) -> None:
-        with SimulatedBus("generic_cia402@6", can_filters=[{"can_id": 0x123, "can_mask": 0x7FF}]) as bus:
+        with _open("generic_cia402@6", can_filters=[{"can_id": 0x123, "can_mask": 0x7FF}]) as bus:
             bus.send(
                 can.Message(arbitration_id=0x606, data=bytes.fromhex("2b 17 10 00 e8 03 00 00"), is_extended_id=False)
             )
@@ -124,7 +130,7 @@ class TestReceive:
             assert bus.clock.now_ns() == pytest.approx(LONGEST_WAIT_NS, abs=1_000_000)
 
     def test_filters_hide_other_frames_and_the_deadline_stays(self) -> None:
-        with SimulatedBus(CHANNEL, can_filters=[{"can_id": 0x586, "can_mask": 0x7FF, "extended": False}]) as bus:
+        with _open(CHANNEL, can_filters=[{"can_id": 0x586, "can_mask": 0x7FF, "extended": False}]) as bus:
             for node in (5, 6):
                 bus.send(can.Message(arbitration_id=0x600 + node, data=READ_IDENTITY, is_extended_id=False))
             answer = bus.recv(0.01)
@@ -136,7 +142,7 @@ class TestReceive:
             assert bus.clock.now_ns() == start_ns + 10_000_000
 
     def test_messages_do_not_share_their_octets(self) -> None:
-        with SimulatedBus(CHANNEL) as one, SimulatedBus(CHANNEL) as other, SimulatedBus(CHANNEL) as third:
+        with _open() as one, SimulatedBus(CHANNEL) as other, SimulatedBus(CHANNEL) as third:
             one.send(can.Message(arbitration_id=0x123, data=b"\1", is_extended_id=False))
             heard, again = other.recv(0.01), third.recv(0.01)
             assert heard is not None
@@ -158,7 +164,7 @@ class TestSend:
         ids=["extended", "remote", "empty"],
     )
     def test_frames_arrive_as_they_were_sent(self, message: can.Message) -> None:
-        with SimulatedBus(CHANNEL) as one, SimulatedBus(CHANNEL) as other:
+        with _open() as one, SimulatedBus(CHANNEL) as other:
             one.send(message)
             heard = other.recv(0.01)
             assert heard is not None
@@ -174,7 +180,7 @@ class TestSend:
         ids=["FD", "error frame", "nine octets"],
     )
     def test_what_a_classical_bus_cannot_carry_is_refused(self, message: can.Message) -> None:
-        with SimulatedBus(CHANNEL) as bus, pytest.raises(can.CanOperationError, match="classical"):
+        with _open() as bus, pytest.raises(can.CanOperationError, match="classical"):
             bus.send(message)
 
     def test_a_bus_that_is_off_sends_nothing_and_says_so(self) -> None:
@@ -192,11 +198,11 @@ class TestSend:
                 bus.send(can.Message(arbitration_id=1, is_extended_id=False))
 
     def test_the_state_cannot_be_set(self) -> None:
-        with SimulatedBus(CHANNEL) as bus, pytest.raises(NotImplementedError):
+        with _open() as bus, pytest.raises(NotImplementedError):
             bus.state = can.BusState.PASSIVE
 
 
 def test_shutting_down_twice_is_allowed() -> None:
-    bus = SimulatedBus(CHANNEL)
+    bus = _open()
     bus.shutdown()
     bus.shutdown()

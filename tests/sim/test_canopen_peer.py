@@ -122,12 +122,6 @@ def test_refusals_reach_the_foreign_client(bench: Bench, index: int, subindex: i
     assert caught.value.code == code
 
 
-def test_a_block_transfer_is_refused(bench: Bench) -> None:
-    with pytest.raises(canopen.SdoAbortedError) as caught:
-        bench.node.sdo.open(0x1008, 0, "rb", block_transfer=True).read()
-    assert caught.value.code == 0x0504_0001
-
-
 def test_the_drive_is_mapped_enabled_and_moved_and_the_motion_is_the_closed_form(bench: Bench) -> None:
     bench.map(0x1800, 0x180 + NODE, 1, [0x6041_0010, 0x6064_0020])
     bench.map(0x1400, 0x200 + NODE, 255, [0x6040_0010, 0x6071_0010])

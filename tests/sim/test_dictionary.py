@@ -87,3 +87,41 @@ def test_power_on_values_come_back_in_the_range_asked_for_only() -> None:
         entry.value = 1
     dictionary.restore(0x1000, 0x1FFF)
     assert (dictionary.value(0x1017), dictionary.value(0x6060)) == (7, 1)
+
+
+def test_what_a_model_does_not_have_is_removed() -> None:
+    dictionary = Dictionary([Entry(0x2000, 1, DataType.UINT8), Entry(0x2000, 2, DataType.UINT8)])
+    dictionary.remove(0x2000, 2)
+    dictionary.remove(0x2001)
+    dictionary.remove(0x2001, 1)
+    assert [entry.subindex for entry in dictionary] == [1]
+    dictionary.remove(0x2000)
+    assert 0x2000 not in dictionary
+
+
+def test_power_on_values_with_the_node_id_follow_it() -> None:
+    dictionary = Dictionary()
+    follows = dictionary.add_numbered(Entry(0x1014, 0, DataType.UINT32, 0x85))
+    stays = dictionary.add(Entry(0x1005, 0, DataType.UINT32, 0x80))
+    dictionary.renumber(3)
+    assert (follows.value, follows.default, stays.default) == (0x85, 0x88, 0x80)
+
+
+def test_octets_are_written_up_to_their_capacity() -> None:
+    entry = Entry(0x2000, 0, None, access=Access.RW, text=b"old", capacity=5)
+    assert _refusal(entry, b"123456") == AbortCode.TOO_LONG.value
+    entry.write(b"12345")
+    assert entry.read() == b"12345"
+    entry.write(b"")
+    assert entry.read() == b""
+    entry.reset()
+    assert entry.read() == b"old"
+
+
+def test_a_value_of_one_length_is_refused_before_its_octets_arrive() -> None:
+    entry = Entry(0x2000, 0, DataType.UINT16, access=Access.RW)
+    entry.begin_write(None)
+    entry.begin_write(2)
+    for size, code in ((1, AbortCode.TOO_SHORT), (3, AbortCode.TOO_LONG)):
+        with pytest.raises(SdoAbort, match=f"{code.value:08X}h"):
+            entry.begin_write(size)

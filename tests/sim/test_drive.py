@@ -80,8 +80,9 @@ class TestTorque:
         assert self._targets(bench)[-1] == pytest.approx(-0.04)
 
     @pytest.mark.parametrize("controlword", [SHUTDOWN, SWITCH_ON, VOLTAGE_OFF])
-    def test_leaving_operation_enabled_zeroes_it_at_once(self, controlword: int) -> None:
+    def test_leaving_operation_enabled_without_a_ramp_zeroes_it_at_once(self, controlword: int) -> None:
         bench = DriveBench()
+        assert bench.write(0x605C, 0, 0, "h") is None
         bench.enable()
         bench.control(ENABLE, 250)
         bench.run(5 * MS + 123)
@@ -128,8 +129,8 @@ class TestTorque:
 class TestModes:
     """6060h, 6061h, 6502h."""
 
-    def test_only_the_mode_of_the_profile_is_supported(self) -> None:
-        bench = DriveBench()
+    def test_a_drive_with_no_other_modes_has_the_one_of_its_profile(self) -> None:
+        bench = DriveBench(settings=DriveSettings(modes=frozenset()))
         assert bench.read(0x6502) == 1 << 9
         assert bench.write(0x6060, 0, 8, "b") == Refusal(0x0609_0030)
         assert bench.write(0x6060, 0, 10, "b") is None
@@ -139,16 +140,44 @@ class TestModes:
         bench = DriveBench()
         bench.map(2, 255, [0x6040_0010, 0x6060_0008], tpdo=False)
         bench.operational()
-        bench.give(0x305, struct.pack("<Hb", SHUTDOWN, 8))
+        bench.give(0x305, struct.pack("<Hb", SHUTDOWN, 7))
         assert bench.read(0x6061) == 10
         bench.give(0x305, struct.pack("<Hb", SHUTDOWN, 0))
         assert bench.read(0x6061) == 0
 
-    def test_a_manufacturer_specific_mode_has_its_bit_above_the_others(self) -> None:
+    def test_a_manufacturer_specific_mode_has_its_bit_above_the_others_and_works_as_cyclic_torque(self) -> None:
         base = profile()
-        bench = DriveBench(replace(base, torque=replace(base.torque, mode_of_operation=-3)))
+        torque = replace(base.torque, mode_of_operation=-3)
+        bench = DriveBench(replace(base, torque=torque), settings=DriveSettings(modes=frozenset()))
         assert bench.read(0x6502) == 1 << 18
         assert bench.write(0x6060, 0, -3, "b") is None
+        for controlword in (SHUTDOWN, ENABLE):
+            assert bench.write(0x6040, 0, controlword, "H") is None
+        assert bench.write(0x6071, 0, 100, "h") is None
+        bench.run(20 * MS)
+        assert bench.read(0x6077) == 100
+
+    def test_controlword_mode_and_targets_come_by_pdo_as_well(self) -> None:
+        bench = DriveBench()
+        bench.map(2, 1, [0x6040_0010, 0x6060_0008, 0x60FF_0020], tpdo=False)
+        bench.operational()
+        for controlword in (SHUTDOWN, SWITCH_ON, ENABLE):
+            bench.give(0x305, struct.pack("<Hbi", controlword, 9, 4096))
+            bench.sync()
+        for _ in range(100):
+            bench.run(MS)
+            bench.give(0x305, struct.pack("<Hbi", ENABLE, 9, 4096))
+            bench.sync()
+        assert bench.read(0x606C) == pytest.approx(4096, abs=3)
+
+    def test_a_torque_limit_by_pdo_acts_on_the_target_that_comes_with_it(self) -> None:
+        bench = DriveBench()
+        bench.map(2, 255, [0x6071_0010, 0x6072_0010], tpdo=False)
+        bench.enable()
+        bench.give(0x305, struct.pack("<hH", 500, 120))
+        assert bench.read(0x6074) == 120
+        bench.give(0x305, struct.pack("<hH", -32768, 65535))
+        assert bench.read(0x6074) == 0x10000 - 3000
 
 
 class TestObjects:

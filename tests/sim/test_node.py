@@ -2,6 +2,7 @@
 
 import pytest
 
+from haptic_fieldbus.sim.frame import Frame
 from haptic_fieldbus.sim.settings import DriveSettings
 from haptic_fieldbus.sim.wire import NEVER_NS
 from tests.sim.bench import MS, NODE, DriveBench, Refusal, profile
@@ -128,8 +129,6 @@ class TestStates:
         assert bench.take(EMERGENCY) == []
 
     def test_frames_that_are_not_standard_data_frames_concern_nobody(self) -> None:
-        from haptic_fieldbus.sim.frame import Frame
-
         bench = _bench()
         bench.drive.receive(Frame(0, bytes((START, 0)), extended=True), 0)
         bench.drive.receive(Frame(0, bytes(2), remote=True), 0)
@@ -253,8 +252,18 @@ class TestConsumer:
         bench.run(100 * MS)
         assert bench.sent == []
 
-    def test_a_node_that_cannot_be_is_refused(self) -> None:
-        assert DriveBench().write(0x1016, 1, 200 << 16 | 50, "I") == Refusal(0x0609_0030)
+    def test_a_node_that_cannot_be_is_not_watched(self) -> None:
+        bench = self._bench()
+        assert bench.write(0x1016, 1, 200 << 16 | 50, "I") is None
+        assert 0x7C8 not in bench.drive.node.handlers
+
+    def test_writing_1016h_while_the_master_is_lost_ends_the_error(self) -> None:
+        bench = self._bench()
+        bench.give(MASTER, b"\5")
+        bench.run(51 * MS)
+        bench.sent.clear()
+        assert bench.write(0x1016, 1, 0, "I") is None
+        assert bench.read(0x1001) == 0
 
     def test_a_drive_without_it_has_no_1016h(self) -> None:
         from dataclasses import replace
@@ -369,3 +378,69 @@ def test_identity_and_name_are_those_of_the_profile() -> None:
     assert bench.read(0x1018, 2) == (identity.product_codes or (0,))[0]
     assert bench.read(0x1018, 4) == 0x1234
     assert (bench.read(0x1200, 1), bench.read(0x1200, 2)) == (0x605, 0x585)
+
+
+class TestErrorsThatOutlive:
+    """Whose errors a reset, a fault reset or a written parameter ends."""
+
+    def test_a_fault_of_the_device_outlives_a_reset_of_communication_that_of_communication_does_not(self) -> None:
+        bench = _bench()
+        for code in (0x3210, 0x8130):
+            bench.drive.node.emergencies.raise_error(code)
+        bench.nmt(RESET_COMMUNICATION)
+        bench.run(RESET_NS)
+        assert bench.read(0x1001) == 0x05
+        bench.nmt(RESET_NODE)
+        bench.run(RESET_NS)
+        assert bench.read(0x1001) == 0
+
+    def test_a_fault_reset_leaves_errors_of_communication_alone(self) -> None:
+        bench = DriveBench()
+        for code in (0x3210, 0x8130):
+            bench.drive.node.emergencies.raise_error(code)
+        bench.drive.node.emergencies.clear_all()
+        assert bench.take(EMERGENCY)[-1] == bytes.fromhex("00 00 11 00 00 00 00 00")
+        bench.drive.node.emergencies.clear_all()
+        assert bench.take(EMERGENCY) == []
+
+    def test_writing_the_life_time_while_the_master_is_lost_ends_the_error(self) -> None:
+        bench = DriveBench()
+        bench.write(0x100C, 0, 10, "H")
+        bench.write(0x100D, 0, 2, "B")
+        bench.drive.receive(Frame(HEARTBEAT, b"", remote=True), bench.t_ns)
+        bench.run(20 * MS)
+        assert bench.read(0x1001) == 0x11
+        bench.write(0x100D, 0, 0, "B")
+        assert bench.read(0x1001) == 0
+
+    def test_of_two_rpdos_that_are_wrong_each_must_be_right_again(self) -> None:
+        bench = DriveBench()
+        for number in (1, 2):
+            bench.map(number, 255, [0x6040_0010], tpdo=False)
+        bench.nmt(START)
+        bench.give(0x205, b"\0")
+        bench.give(0x305, b"\0")
+        assert len(bench.take(EMERGENCY)) == 1
+        bench.give(0x205, bytes(2))
+        assert bench.take(EMERGENCY) == []
+        bench.give(0x305, bytes(2))
+        assert bench.take(EMERGENCY) == [bytes(8)]
+
+
+def test_the_lss_address_has_zeros_for_what_1018h_does_not_say() -> None:
+    bench = DriveBench(settings=DriveSettings(serial=7))
+    bench.drive.dictionary.remove(0x1018, 3)
+    bench.give(0x7E5, bytes((4, 1)) + bytes(6))
+    for specifier, part in ((0x5C, 0), (0x5D, 7)):
+        bench.sent.clear()
+        bench.give(0x7E5, bytes((specifier,)) + bytes(7))
+        assert bench.take(0x7E4) == [bytes((specifier, part)) + bytes(6)]
+
+
+def test_a_node_is_set_to_the_bit_rate_of_its_bus() -> None:
+    bench = DriveBench()
+    bench.drive.node.commission(500_000)
+    for request in (bytes((4, 1)), bytes((0x13, 0, 2)), bytes((0x15, 10))):
+        bench.give(0x7E5, request.ljust(8, b"\0"))
+    bench.run(20 * MS)
+    assert bench.read(0x1000) == 0x0002_0192

@@ -6,8 +6,9 @@ from itertools import pairwise
 import pytest
 
 from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.sim.cob_id import INVALID
 from haptic_fieldbus.sim.dictionary import Access, Dictionary, Entry, Mappable, SdoAbort
-from haptic_fieldbus.sim.pdo import INVALID, PdoDefaults, Rpdo, Tpdo
+from haptic_fieldbus.sim.pdo import PdoDefaults, Rpdo, Tpdo
 from tests.sim.bench import MS, DriveBench, Refusal, profile
 
 TPDO1, RPDO1 = 0x185, 0x205
@@ -43,7 +44,7 @@ class TestPowerOn:
         bench = DriveBench()
         assert bench.read(0x1804, 1) == Refusal(0x0602_0000)
         assert bench.read(0x1800, 4) == Refusal(0x0609_0011)
-        assert bench.read(0x1400, 5) == Refusal(0x0609_0011)
+        assert bench.read(0x1400, 3) == Refusal(0x0609_0011)
 
     def test_a_drive_with_more_than_four_pdos_has_the_others_without_identifier(self) -> None:
         dictionary = Dictionary()
@@ -129,10 +130,16 @@ class TestConfiguration:
     def test_extended_identifiers_are_refused(self) -> None:
         assert DriveBench().write(0x1800, 1, INVALID | 1 << 29 | TPDO1, "I") == INVALID_VALUE
 
-    @pytest.mark.parametrize("type_", [241, 251, 252, 253])
-    def test_reserved_and_remote_transmission_types_are_refused(self, type_: int) -> None:
+    @pytest.mark.parametrize("type_", [241, 251])
+    def test_reserved_transmission_types_are_refused(self, type_: int) -> None:
         bench = DriveBench()
         assert bench.write(0x1800, 2, type_, "B") == INVALID_VALUE
+        assert bench.write(0x1400, 2, type_, "B") == INVALID_VALUE
+
+    @pytest.mark.parametrize("type_", [252, 253])
+    def test_only_what_is_sent_can_be_asked_for(self, type_: int) -> None:
+        bench = DriveBench()
+        assert bench.write(0x1800, 2, type_, "B") is None
         assert bench.write(0x1400, 2, type_, "B") == INVALID_VALUE
 
     @pytest.mark.parametrize("type_", [0, 1, 240, 254, 255])
@@ -330,3 +337,41 @@ def test_a_compiled_rpdo_writes_signed_values() -> None:
     pdo = Rpdo(dictionary, PdoDefaults(1, 0x201, (TARGET,), max_entries=1), lambda: None)
     pdo.apply(b"\xff\xff\x00")
     assert dictionary.value(0x6071) == -1
+
+
+class TestDeadline:
+    """1400h:05, the event timer of an RPDO; what the standard leaves to the application: 6007h."""
+
+    def _bench(self) -> DriveBench:
+        bench = DriveBench(profile("generic_cia402"))
+        assert bench.write(0x1400, 5, 20, "H") is None
+        bench.enable()
+        bench.sent.clear()
+        return bench
+
+    def test_a_missed_deadline_is_a_lost_link(self) -> None:
+        bench = self._bench()
+        assert bench.write(0x6007, 0, 2, "h") is None
+        bench.control(0x0F)
+        bench.run(19 * MS)
+        assert bench.status() & 0x6F == 0x27
+        bench.run(MS)
+        assert bench.status() & 0x6F == 0x60
+
+    def test_a_pdo_that_is_taken_away_has_none(self) -> None:
+        bench = self._bench()
+        bench.run(20 * MS)
+        assert bench.read(0x1001) == 0x11
+        assert bench.write(0x1400, 1, INVALID | RPDO1, "I") is None
+        assert bench.read(0x1001) == 0
+        bench.sent.clear()
+        bench.run(100 * MS)
+        assert bench.take(0x85) == []
+
+    def test_a_frame_that_is_too_short_does_not_keep_it(self) -> None:
+        bench = self._bench()
+        bench.control(0x0F)
+        bench.run(10 * MS)
+        bench.give(RPDO1, b"\0")
+        bench.run(10 * MS)
+        assert [data[:2] for data in bench.take(0x85)] == [b"\x10\x82", b"\x50\x82"]

@@ -44,6 +44,22 @@ def test_a_torque_step_gives_the_closed_form_of_inertia_damper_and_lag() -> None
     )
 
 
+def test_a_torque_step_against_coulomb_friction_gives_the_closed_form_from_its_breakaway_on() -> None:
+    plant, u = Plant(ROUGH, None), 0.02
+    plant.set_target(u)
+    t = np.arange(0, 1001) * 1e-3
+    for moment in range(1001):
+        plant.advance(moment * MS)
+    _, velocity, torque = Trajectory(plant.recorder, plant.t_ns).sample(np.arange(0, 1001) * MS)
+    # u·(1 − e^(−t/T)) reaches the friction at t0; from there J·ω' = u·(1 − e^(−t/T)) − c − b·ω.
+    pole, since = ROUGH.damping / ROUGH.inertia, t + LAG * math.log(1 - ROUGH.coulomb / u)
+    slow = (u - ROUGH.coulomb) / ROUGH.damping
+    fast = (u - ROUGH.coulomb) / ROUGH.inertia / (1 / LAG - pole)
+    moving = slow + fast * np.exp(-since / LAG) - (slow + fast) * np.exp(-pole * since)
+    assert velocity == pytest.approx(np.where(since > 0, moving, 0.0), rel=1e-9, abs=1e-12)
+    assert torque == pytest.approx(u * (1 - np.exp(-t / LAG)), rel=1e-9, abs=1e-14)
+
+
 def test_coulomb_friction_alone_stops_the_shaft_where_the_closed_form_says() -> None:
     shaft = Shaft(4e-5, 0.0, 2e-3, LAG)
     plant = Plant(shaft, None, velocity=7.0)

@@ -1,0 +1,82 @@
+"""`simulate`: host simulated drives on a bus that other programs join, in real time."""
+
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptic_fieldbus.cli.options import JsonOption, note_assumed_bitrate
+from haptic_fieldbus.cli.screen import show
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.sim.rack import Slot
+
+SIMULATION = "Simulation"
+
+
+def simulate(
+    drive: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PROFILE@NODE",
+            help=r"Drive profile by name or path, may be repeated. \[default: maxon_epos4]",
+        ),
+    ] = None,
+    bus: Annotated[
+        str | None,
+        typer.Option(
+            metavar="BUS", help="INTERFACE:CHANNEL@BITRATE, such as udp_multicast:239.74.163.2 or socketcan:can0."
+        ),
+    ] = None,
+    node: Annotated[int, typer.Option(metavar="ID", help="Node-ID of the first drive that names none.")] = 1,
+    hand: Annotated[
+        str, typer.Option(metavar="NAME", help="push, tap, sine, release or none.", rich_help_panel=SIMULATION)
+    ] = "none",
+    seed: Annotated[int, typer.Option(metavar="N", help="Of all that is random.", rich_help_panel=SIMULATION)] = 0,
+    faults: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Faults of the drives.", rich_help_panel=SIMULATION)
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Host simulated drives in real time until Ctrl-C; one line a drive when it is ready."""
+    from haptic_fieldbus.hosting import HostRequest, check, host
+    from haptic_fieldbus.sim.fault_file import load_faults
+
+    known_faults = load_faults(faults) if faults is not None else ()
+    name, slots = check(HostRequest(drive or ["maxon_epos4"], bus, node, hand, known_faults))
+    show(note_assumed_bitrate(bus), sys.stderr)
+    with _until_asked_to_stop() as stopped:
+        lost = host(name, slots, seed, _teller(name.text, as_json), stopped)
+    if lost:
+        show([("note", f"{lost} frames could not be sent: the transmit queue was full")], sys.stderr)
+
+
+@contextmanager
+def _until_asked_to_stop() -> Iterator[Callable[[], bool]]:
+    """Ctrl-C and SIGTERM are a request, answered within 0.1 s; what they did before is put back."""
+    asked: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _frame: asked.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield lambda: bool(asked)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _teller(bus: str, as_json: bool) -> Callable[["Slot"], None]:
+    def tell(slot: "Slot") -> None:
+        if as_json:
+            print(json.dumps({"drive": slot.axis.profile, "node": slot.node, "bus": bus}, ensure_ascii=False))
+        else:
+            show([("ready", f"{slot.axis.profile}, node {slot.node}, on {bus}")])
+        sys.stdout.flush()
+
+    return tell

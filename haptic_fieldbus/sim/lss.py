@@ -1,0 +1,189 @@
+"""The LSS slave: node-ID and bit timing set over the bus.
+
+Theory (CiA 305): an LSS slave *waits* until it is switched to *configuration*, with all others or alone by its address,
+vendor-ID, product code, revision number and serial number of 1018h. Only in *configuration* it takes a new node-ID or
+bit timing, which are *pending* until communication is reset; *store* makes them the ones of the next power-on. Node-ID
+FFh is that of a node which has none: its NMT state machine waits in *initialising*, and fastscan finds its address bit
+by bit. Requests and responses have eight octets. Services are table entries by command specifier.
+"""
+
+from collections.abc import Callable
+from enum import Enum
+
+REQUEST_ID = 0x7E5
+RESPONSE_ID = 0x7E4
+UNCONFIGURED = 0xFF
+_OCTETS = 8
+_LAST_NODE = 127
+
+# CiA 305, standard bit timing table 0 [bit/s]; 5 is reserved, 9 (automatic) is not offered.
+BIT_RATES = {0: 1_000_000, 1: 800_000, 2: 500_000, 3: 250_000, 4: 125_000, 6: 50_000, 7: 20_000, 8: 10_000}
+
+_SWITCH_GLOBAL = 0x04
+_SELECTED, _IDENTIFIED, _NOT_CONFIGURED = 0x44, 0x4F, 0x50
+_SELECT, _IDENTIFY, _INQUIRE = range(0x40, 0x44), range(0x46, 0x4C), range(0x5A, 0x5E)
+_IDENTIFY_NOT_CONFIGURED, _FASTSCAN = 0x4C, 0x51
+_FASTSCAN_START = 0x80
+_OUT_OF_RANGE = 1
+
+Answer = tuple[int, ...] | None
+"""Octets of a response before padding; None for none."""
+
+
+class LssState(Enum):
+    """The value is the mode octet of *switch state global*."""
+
+    WAITING = 0
+    CONFIGURATION = 1
+
+
+class LssSlave:
+    """One slave; `identity` tells the four parts of its address.
+
+    `configured` is called when a node without node-ID has got one, `activate` with the switch delay [ms].
+    """
+
+    def __init__(
+        self,
+        identity: Callable[[], list[int]],
+        node: int,
+        bitrate: int,
+        configured: Callable[[], None],
+        activate: Callable[[int], None],
+    ) -> None:
+        self.state = LssState.WAITING
+        self.active_node = self.node = self._stored_node = node
+        self.bitrate = self._stored_bitrate = bitrate
+        """`node` and `bitrate` are pending, those whose names say so are in use or kept."""
+        self._identity = identity
+        self._configured = configured
+        self._activate = activate
+        self._heard: dict[range, list[int]] = {_SELECT: [], _IDENTIFY: []}
+        """Parts of an address, in the order in which a selective service sends them."""
+        self._position = 0
+        self._waiting = {
+            **dict.fromkeys(_SELECT, self._select),
+            **dict.fromkeys(_IDENTIFY, self._identify),
+            _IDENTIFY_NOT_CONFIGURED: self._identify_not_configured,
+            _FASTSCAN: self._fastscan,
+        }
+        self._configuration: dict[int, Callable[[bytes], Answer]] = {
+            0x11: self._configure_node,
+            0x13: self._configure_bit_timing,
+            0x15: self._activate_bit_timing,
+            0x17: self._store,
+            **dict.fromkeys(_INQUIRE, self._inquire_identity),
+            0x5E: lambda data: (data[0], self.active_node),
+        }
+
+    def request(self, data: bytes) -> bytes | None:
+        """The response to one request of eight octets, None where there is none."""
+        if len(data) != _OCTETS:
+            return None
+        if data[0] == _SWITCH_GLOBAL:
+            self._switch(data[1])
+            return None
+        services = self._waiting if self.state is LssState.WAITING else self._configuration
+        service = services.get(data[0])
+        answer = service(data) if service is not None else None
+        return None if answer is None else bytes(answer).ljust(_OCTETS, b"\0")
+
+    def reset(self, *, power_on: bool) -> None:
+        """What was stored becomes pending at power-on, what is pending becomes active."""
+        if power_on:
+            self.node, self.bitrate = self._stored_node, self._stored_bitrate
+        self.active_node = self.node
+        self.state = LssState.WAITING
+        self._forget()
+        self._position = 0
+
+    def commission(self, bitrate: int) -> None:
+        """Set the bit rate that is in use and kept, as on a bench."""
+        self.bitrate = self._stored_bitrate = bitrate
+
+    # Waiting.
+
+    def _switch(self, mode: int) -> None:
+        before = self.state
+        if mode in (state.value for state in LssState):
+            self.state = LssState(mode)
+            self._forget()
+        gets_one = self.active_node == UNCONFIGURED and self.node != UNCONFIGURED
+        if before is LssState.CONFIGURATION and self.state is LssState.WAITING and gets_one:
+            self._configured()
+
+    def _part(self, services: range, data: bytes) -> list[int] | None:
+        """The address so far; None while it is incomplete or out of order."""
+        heard, position = self._heard[services], data[0] - services.start
+        if position == 0:
+            heard.clear()
+        if len(heard) != position:
+            return None
+        heard.append(int.from_bytes(data[1:5], "little"))
+        return heard if len(heard) == len(services) else None
+
+    def _forget(self) -> None:
+        for heard in self._heard.values():
+            heard.clear()
+
+    def _select(self, data: bytes) -> Answer:
+        if self._part(_SELECT, data) != self._identity():
+            return None
+        self.state = LssState.CONFIGURATION
+        return (_SELECTED,)
+
+    def _identify(self, data: bytes) -> Answer:
+        heard = self._part(_IDENTIFY, data)
+        if heard is None:
+            return None
+        vendor, product, low_revision, high_revision, low_serial, high_serial = heard
+        own = self._identity()
+        hit = own[:2] == [vendor, product] and low_revision <= own[2] <= high_revision
+        return (_IDENTIFIED,) if hit and low_serial <= own[3] <= high_serial else None
+
+    def _identify_not_configured(self, _data: bytes) -> Answer:
+        return (_NOT_CONFIGURED,) if self._is_unconfigured else None
+
+    def _fastscan(self, data: bytes) -> Answer:
+        number, (bit, part, following) = int.from_bytes(data[1:5], "little"), data[5:8]
+        if not self._is_unconfigured or part > 3 or following > 3:
+            return None
+        if bit == _FASTSCAN_START:
+            self._position = 0
+            return (_IDENTIFIED,)
+        if bit > 31 or part != self._position or (self._identity()[part] ^ number) >> bit:
+            return None
+        self._position = following
+        if bit == 0 and following < part:
+            self.state = LssState.CONFIGURATION
+        return (_IDENTIFIED,)
+
+    @property
+    def _is_unconfigured(self) -> bool:
+        return self.active_node == self.node == UNCONFIGURED
+
+    # Configuration.
+
+    def _configure_node(self, data: bytes) -> Answer:
+        if not (1 <= data[1] <= _LAST_NODE or data[1] == UNCONFIGURED):
+            return data[0], _OUT_OF_RANGE
+        self.node = data[1]
+        return data[0], 0
+
+    def _configure_bit_timing(self, data: bytes) -> Answer:
+        rate = BIT_RATES.get(data[2]) if data[1] == 0 else None
+        if rate is None:
+            return data[0], _OUT_OF_RANGE
+        self.bitrate = rate
+        return data[0], 0
+
+    def _activate_bit_timing(self, data: bytes) -> Answer:
+        self._activate(int.from_bytes(data[1:3], "little"))
+        return None
+
+    def _store(self, data: bytes) -> Answer:
+        self._stored_node, self._stored_bitrate = self.node, self.bitrate
+        return data[0], 0
+
+    def _inquire_identity(self, data: bytes) -> Answer:
+        return data[0], *self._identity()[data[0] - _INQUIRE.start].to_bytes(4, "little")

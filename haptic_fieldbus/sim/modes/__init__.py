@@ -1,0 +1,1 @@
+"""The modes of operation of the simulated drive, one file a group."""

@@ -1,0 +1,98 @@
+"""Ramps of the profile modes: motions of piecewise constant acceleration, known in closed form from the start.
+
+Theory (CiA 402-2, 6086h = 0, linear ramp). A change of speed goes by the acceleration where speed grows and by the
+deceleration where it falls, through zero with both. A distance d from rest or from speed v is covered with a peak p
+where accelerating and decelerating alone take the whole way, p² = (2·a·b·d + b·v²)/(a + b) with acceleration a and
+deceleration b, or with the profile velocity between them where that is less. What cannot stop before its end, or moves
+away from it, is stopped first.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+Leg = tuple[float, float]
+"""Duration [s] and acceleration [unit/s²]."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """From `start` [s] on, with constant acceleration."""
+
+    start: float
+    position: float
+    velocity: float
+    acceleration: float
+
+
+class Motion:
+    """Pieces one after another from time 0, position 0; the last one does not accelerate and goes on for ever."""
+
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self._pieces = tuple(pieces)
+        self.end = self._pieces[-1].start
+        """When the last change of speed is over [s]."""
+        self._now = 0
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Position, velocity and acceleration at a time that is not before the last one asked for."""
+        pieces = self._pieces
+        while self._now + 1 < len(pieces) and pieces[self._now + 1].start <= time:
+            self._now += 1
+        piece = pieces[self._now]
+        h = time - piece.start
+        velocity = piece.velocity + piece.acceleration * h
+        return piece.position + (piece.velocity + 0.5 * piece.acceleration * h) * h, velocity, piece.acceleration
+
+
+def to_velocity(velocity: float, target: float, acceleration: float, deceleration: float) -> Motion:
+    """From one speed to another."""
+    return _motion(velocity, _speed_legs(velocity, target, acceleration, deceleration), None, target)
+
+
+def to_distance(velocity: float, distance: float, speed: float, acceleration: float, deceleration: float) -> Motion:
+    """To rest at a distance, not faster than `speed`; with a speed of 0 only to rest."""
+    if speed <= 0.0:
+        return to_velocity(velocity, 0.0, acceleration, deceleration)
+    legs: list[Leg] = []
+    stop = velocity * abs(velocity) / (2 * deceleration)
+    rest = distance
+    if velocity * (distance - stop) < 0.0:
+        legs += _speed_legs(velocity, 0.0, acceleration, deceleration)
+        rest, velocity_then = distance - stop, 0.0
+    else:
+        velocity_then = abs(velocity)
+    direction = math.copysign(1.0, rest)
+    legs += [(time, direction * a) for time, a in _way(velocity_then, abs(rest), speed, acceleration, deceleration)]
+    return _motion(velocity, legs, distance, 0.0)
+
+
+def _way(v: float, distance: float, speed: float, a: float, b: float) -> list[Leg]:
+    """Legs to rest over a distance ≥ v²/2b, everything counted forward."""
+    if v > speed:
+        return [((v - speed) / b, -b), ((distance - v * v / (2 * b)) / speed, 0.0), (speed / b, -b)]
+    peak = min(speed, math.sqrt((2 * a * b * distance + b * v * v) / (a + b)))
+    cruise = distance - (peak * peak - v * v) / (2 * a) - peak * peak / (2 * b)
+    return [((peak - v) / a, a), (cruise / peak if peak > 0.0 else 0.0, 0.0), (peak / b, -b)]
+
+
+def _speed_legs(velocity: float, target: float, acceleration: float, deceleration: float) -> list[Leg]:
+    if velocity * target < 0.0:
+        first = _speed_legs(velocity, 0.0, acceleration, deceleration)
+        return [*first, *_speed_legs(0.0, target, acceleration, deceleration)]
+    rate = acceleration if abs(target) > abs(velocity) else deceleration
+    change = target - velocity
+    return [(abs(change) / rate, math.copysign(rate, change))]
+
+
+def _motion(velocity: float, legs: Iterable[Leg], position: float | None, target: float) -> Motion:
+    """The legs one after another; the end is put exactly where it belongs."""
+    time = at = 0.0
+    pieces = []
+    for duration, acceleration in legs:
+        if duration > 0.0:
+            pieces.append(Piece(time, at, velocity, acceleration))
+            at += (velocity + 0.5 * acceleration * duration) * duration
+            velocity += acceleration * duration
+            time += duration
+    return Motion((*pieces, Piece(time, at if position is None else position, target, 0.0)))

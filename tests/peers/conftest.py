@@ -1,0 +1,53 @@
+"""Foreign masters against simulated drives, over both ways to reach them."""
+
+from collections.abc import Callable, Iterator
+from threading import Event
+
+import canopen
+import pytest
+
+from tests.peers.hosts import Reach, in_another_process, in_this_process
+
+LONG = 10.0
+"""[s]: no answer takes so long, on any machine."""
+RESET_NODE = 129
+
+Connect = Callable[[canopen.RemoteNode], canopen.RemoteNode]
+
+
+@pytest.fixture(scope="module", params=["haptic_sim-5", "haptic_sim-6", "simulate-5"])
+def reach(request: pytest.FixtureRequest) -> Iterator[Reach]:
+    """Where the drives are, and which is talked to; those of another process live as long as the tests of a module."""
+    where, _, node = request.param.partition("-")
+    if where == "haptic_sim":
+        yield in_this_process(int(node))
+        return
+    with in_another_process(int(node)) as there:
+        yield there
+
+
+@pytest.fixture
+def network(reach: Reach) -> Iterator[canopen.Network]:
+    """canopen with its receiving thread, as anybody uses it."""
+    subject = canopen.Network()
+    subject.NOTIFIER_CYCLE = 0.01
+    subject.connect(**reach.options)
+    yield subject
+    subject.sync.stop()
+    subject.disconnect()
+
+
+@pytest.fixture
+def connect(network: canopen.Network) -> Connect:
+    """Add a node to the network, and reset it: other tests may have used the drive before."""
+
+    def add(node: canopen.RemoteNode) -> canopen.RemoteNode:
+        node.sdo.RESPONSE_TIMEOUT = LONG
+        network.add_node(node)
+        booted = Event()
+        node.nmt.add_heartbeat_callback(lambda state: booted.set() if state == 0 else None)
+        node.nmt.send_command(RESET_NODE)
+        assert booted.wait(LONG), "no boot-up message after a reset"
+        return node
+
+    return add

@@ -1,0 +1,110 @@
+"""How a foreign master reaches simulated drives: in its own process on `haptic_sim`, or in another one on UDP."""
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Timer
+from typing import Any
+
+import can
+import pytest
+
+PROJECT = Path(__file__).resolve().parents[2]
+GROUP = "239.74.163.2"
+DRIVES = ("maxon_epos4@5", "generic_cia402@6")
+SEED = 473
+"""With it node 5 has a serial number with few ones: canopen's fastscan waits for a time-out at each."""
+STARTS_WITHIN = 60.0
+"""[s] A Python process with numpy, on a busy machine."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What `can.Bus` or `canopen.Network.connect` is given, and the node that the master is to talk to."""
+
+    options: dict[str, Any]
+    node: int
+
+
+def in_this_process(node: int, drives: Sequence[str] = DRIVES) -> Reach:
+    """The paced bus."""
+    return Reach({"interface": "haptic_sim", "channel": ",".join(drives), "seed": SEED}, node)
+
+
+@contextmanager
+def in_another_process(node: int, drives: Sequence[str] = DRIVES) -> Iterator[Reach]:
+    """`haptic-fieldbus simulate` on UDP multicast, until the end; then it must end by itself, with status 0."""
+    port = free_port()
+    require_multicast(port)
+    named = [word for drive in drives for word in ("--drive", drive)]
+    process = start("simulate", *named, "--bus", f"udp_multicast:{GROUP}", "--seed", str(SEED), port=port)
+    try:
+        for drive in drives:
+            assert f"{drive.partition('@')[0]}, node {drive.partition('@')[2]}" in line_of(process)
+        yield Reach({"interface": "udp_multicast", "channel": GROUP, "port": port}, node)
+        assert process.poll() is None, f"simulate ended early: {process.stderr.read() if process.stderr else ''}"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(STARTS_WITHIN) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def start(*words: str, port: int) -> "subprocess.Popen[str]":
+    """The command line in a process of its own; the bus name cannot say the port, python-can's environment can."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "haptic_fieldbus", *words],
+        cwd=PROJECT,
+        env={**os.environ, "CAN_CONFIG": f'{{"port": {port}}}'},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def line_of(process: "subprocess.Popen[str]") -> str:
+    """The next line that it prints; what it says on standard error when it ends instead."""
+    assert process.stdout is not None
+    assert process.stderr is not None
+    giving_up = Timer(STARTS_WITHIN, process.kill)
+    giving_up.start()
+    try:
+        line = process.stdout.readline()
+    finally:
+        giving_up.cancel()
+    assert line, process.stderr.read()
+    return line
+
+
+def free_port() -> int:
+    """Sockets of one machine hear every multicast group on their port, so each test has a port of its own."""
+    while True:
+        port = random.SystemRandom().randrange(20_000, 30_000)  # below the range that the system itself gives away
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", port))
+            except OSError:
+                continue
+            return port
+
+
+def require_multicast(port: int) -> None:
+    """Skip, and say so, where a datagram to the group does not come back."""
+    try:
+        with (
+            can.Bus(interface="udp_multicast", channel=GROUP, port=port) as one,
+            can.Bus(interface="udp_multicast", channel=GROUP, port=port) as other,
+        ):
+            one.send(can.Message(arbitration_id=0x7FF, is_extended_id=False))
+            heard = other.recv(5.0)
+    except (can.CanError, OSError) as error:
+        pytest.skip(f"UDP multicast does not work on this machine: {error}")
+    if heard is None:
+        pytest.skip("UDP multicast does not work on this machine: a frame did not come back")
