@@ -10,10 +10,10 @@ import scipy.linalg
 import scipy.signal
 from numpy.typing import NDArray
 
+from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.sampled import environment
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
-from haptic_fieldbus.stability import Plant
 
 Array = NDArray[np.float64]
 PERIOD = 1e-3

@@ -1,4 +1,4 @@
-"""A plant under a delayed hold, closed over a discrete environment: matrices, growth, passivity.
+"""A plant under a delayed hold, closed over a discrete environment: matrices and growth.
 
 The position is sampled at t_k = k·T, the environment gives F_k, and F_k is held from t_k + td until t_{k+1} + td with
 td = n·T + δ. Between these instants all is linear, so one period is exact.
@@ -8,7 +8,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.exact import zoh
@@ -33,7 +32,7 @@ def environment(space: StateSpace, *, period: float, method: str | None, estimat
         raise UsageError("a scene that uses velocity needs an estimator")
     from haptic_fieldbus.numerics import estimators
 
-    velocity = estimators.discrete(estimator, period)
+    velocity = estimators.judged(estimator, period)
     (from_position, from_velocity), order = (space.b[:, :1], space.b[:, 1:]), space.order
     return StateSpace(
         a=np.block([[space.a, from_velocity @ velocity.c], [np.zeros((velocity.order, order)), velocity.a]]),
@@ -55,6 +54,8 @@ class SampledPlant:
     """Whole periods of delay, n."""
     fraction: float
     """δ [s]"""
+    shift: Matrix | None = None
+    """The state at rest with position 1, where no force acts on it; None: something holds the plant to the ground."""
 
 
 def split_delay(delay: float, period: float) -> tuple[int, float]:
@@ -69,22 +70,40 @@ def sample(a: Matrix, b: Matrix, period: float, delay: float) -> SampledPlant:
     whole, fraction = split_delay(delay, period)
     first_transition, first = zoh(a, b, fraction)
     rest_transition, rest = zoh(a, b, period - fraction)
-    return SampledPlant(rest_transition @ first_transition, rest_transition @ first, rest, whole, fraction)
+    transition = rest_transition @ first_transition
+    return SampledPlant(transition, rest_transition @ first, rest, whole, fraction, _shift(a))
 
 
-def loop_matrix(plant: SampledPlant, environment: StateSpace) -> Matrix:
-    """One period of the closed loop on the states (ξ, environment, F_{k−1}, F_{k−2}, …)."""
+def _shift(a: Matrix) -> Matrix | None:
+    """The r with A r = 0 and r_0 = 1."""
+    size = np.abs(a).max(axis=1, keepdims=True)
+    rows = a / np.where(size > 0.0, size, 1.0)
+    state: Matrix = np.append(1.0, np.linalg.lstsq(rows[:, 1:], -rows[:, 0], rcond=None)[0])
+    return state if np.abs(rows @ state).max() <= 1e-9 else None
+
+
+def loop_matrix(
+    plant: SampledPlant, environment: StateSpace, *, received: bool = True, least_memory: int = 0
+) -> Matrix:
+    """One period of the closed loop on the states (ξ, environment, F_{k−1}, F_{k−2}, …).
+
+    Where the sample was not `received` the environment stands still and F_{k−1} goes on. So many forces are remembered
+    at least.
+    """
     order, inner = len(plant.transition), environment.order
-    memory = plant.whole + (1 if plant.fraction else 0)
+    memory = max(plant.whole + (1 if plant.fraction else 0), least_memory)
     size = order + inner + memory
     force = np.zeros((1 + memory, size))
     force[0, 0], force[0, order : order + inner] = environment.d[0, 0], environment.c[0]
     force[1:, order + inner :] = np.eye(memory)
+    if not received:
+        force[0] = force[1]
+        environment = StateSpace(np.eye(inner), np.zeros((inner, 1)), environment.c, environment.d)
     matrix = np.zeros((size, size))
     matrix[:order, :order] = plant.transition
     matrix[:order] += plant.after @ force[plant.whole : plant.whole + 1]
     if plant.fraction:
-        matrix[:order] += plant.before @ force[plant.whole + 1 :]
+        matrix[:order] += plant.before @ force[plant.whole + 1 : plant.whole + 2]
     matrix[order : order + inner, :1] = environment.b
     matrix[order : order + inner, order : order + inner] = environment.a
     matrix[order + inner :] = force[:memory]
@@ -105,36 +124,25 @@ def shift_mode(environment: StateSpace) -> Matrix | None:
 
 
 def growth(plant: SampledPlant, environment: StateSpace) -> float:
-    """Spectral radius of the loop without its shift mode, where it has one: below 1 is stable.
+    """Spectral radius of the loop without its shift mode, where it has one: below 1 is stable."""
+    return spectral_radius(without_shift(loop_matrix(plant, environment), plant, environment))
+
+
+def without_shift(matrix: Matrix, plant: SampledPlant, environment: StateSpace) -> Matrix:
+    """A loop's matrix, its eigenvalue 1 left out where the handle may be left anywhere.
 
     With r the shift mode, r_0 = 1 the position, the rest of the states minus r times the position evolves by itself.
     """
-    matrix = loop_matrix(plant, environment)
     state = shift_mode(environment)
-    if state is None:
-        return spectral_radius(matrix)
+    if state is None or plant.shift is None:
+        return matrix
     mode = np.zeros(len(matrix))
     order = len(plant.transition)
-    mode[order : order + environment.order] = state
-    return spectral_radius(matrix[1:, 1:] - np.outer(mode[1:], matrix[0, 1:]))
+    mode[:order], mode[order : order + environment.order] = plant.shift, state
+    rest: Matrix = matrix[1:, 1:] - np.outer(mode[1:], matrix[0, 1:])
+    return rest
 
 
-def damping_needed(environment: StateSpace, period: float, delay: float, points: int = 400) -> float:
-    """The device damping [N·s/m or N·m·s/rad] with which the sampled environment is passive, by frequency sweep.
-
-    Colgate & Schenkel (J. Robotic Systems 14(1), 1997, 37) for delay 0:
-    b > T/2/(1 − cos ωT)·Re{(1 − e^{−jωT})·H(e^{jωT})}. With a fractional delay the handle matters at two instants a
-    period, X at t_k and Y at t_k + δ. What the device takes at least, b·(|Y − X|²/δ + |X·z − Y|²/(T − δ)), must
-    exceed what the hold gives, Re{(H·X)*·zⁿ·(z − 1)·Y}, for all X and Y: a 2 × 2 Hermitian form, solved for b.
-    """
-    angle = np.concatenate([np.geomspace(1e-5, 0.1, points // 4), np.linspace(0.1, math.pi, points)])
-    z: NDArray[np.complex128] = np.exp(1j * angle)
-    systems = z[:, None, None] * np.eye(environment.order) - environment.a
-    response = -(environment.c @ np.linalg.solve(systems, environment.b[None] + 0j) + environment.d)[:, 0, 0]
-    whole, fraction = split_delay(delay, period)
-    chord = 4.0 * np.sin(angle / 2.0) ** 2
-    work = 0.5 * response.conj() * z**whole * (1j * np.sin(angle) - 0.5 * chord)
-    path = (period - fraction) + fraction * z.conj()
-    along = (work * path.conj()).real
-    spread = chord * fraction * (period - fraction) * np.abs(work) ** 2
-    return float(((np.sqrt(along**2 + spread) - along) / chord).max())
+def scaled(environment: StateSpace, factor: float) -> StateSpace:
+    """So many times its force."""
+    return StateSpace(environment.a, environment.b, factor * environment.c, factor * environment.d)

@@ -8,7 +8,7 @@ import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptic_fieldbus.numerics.exact import expm, expm1, foh, polynomial_step, zoh
+from haptic_fieldbus.numerics.exact import expm, expm1, foh, polynomial_step, polynomial_system, zoh
 from haptic_fieldbus.numerics.linear import Matrix
 
 SQUARES = [-1e12, -1e6, -4.0, -1e-3, 0.0, 25.0]
@@ -104,3 +104,36 @@ def test_a_cubic_input_is_followed_exactly() -> None:
     by_theta = [1.0, 2.0 * 2, 6.0 * 4, 24.0 * 8]
     moved = sum(float(gamma[0, 0]) * derivative for gamma, derivative in zip(gammas, by_theta, strict=True))
     assert moved == pytest.approx(2 + 4 + 8 + 16, rel=1e-14)
+
+
+BADLY_SCALED = {
+    "oscillator": [[0.0, 1.0], [-1e12, 0.0]],
+    "critically damped": [[0.0, 1.0], [-1e12, -2e6]],
+    "nearly critically damped": [[0.0, 1.0], [-1e12, -2e6 * (1 + 1e-9)]],
+    "overdamped": [[0.0, 1.0], [-1e12, -1e7]],
+    "light": [[0.0, 1.0], [-1e-6, -1e-9]],
+    "free mass": [[0.0, 1.0], [0.0, 0.0]],
+    "repeated oscillator": [[0, 1, 0, 0], [-1e12, 0, 1e12, 0], [0, 0, 0, 1], [0, 0, -1e12, 0]],
+}
+"""Of which scipy's expm errs by 1e-11, or whose eigenvectors are parallel."""
+
+
+@pytest.mark.parametrize("name", BADLY_SCALED)
+@pytest.mark.parametrize("h", [1e-6, 1e-3, 0.1, 1.0, 30.0, 1e3])
+def test_badly_scaled_and_repeated_modes_agree_with_fifty_digits(name: str, h: float) -> None:
+    """Transition and both inputs of the exact step, positions in units of velocity/ω: 1e-12·max(1, h/100)."""
+    a = np.array(BADLY_SCALED[name])
+    natural = max(1e-3, abs(a[1, 0]) ** 0.5)
+    step, order = h / natural, len(a)
+    b = np.eye(order)[:, 1:2] * natural**2
+    increment, (held, slope) = polynomial_step(a, b, step, 1)
+    system = polynomial_system(a * step, b * step, 1)
+    with mpmath.workdps(50):
+        exponential = mpmath.expm(mpmath.matrix(system.tolist()), method="taylor")
+        expected = np.array((exponential - mpmath.eye(order + 2)).tolist(), dtype=float)[:order]
+    units = np.array([1.0, 1.0 / natural] * (order // 2))
+    found = np.hstack([increment / units, held, slope]) * units[:, None]
+    expected = np.hstack([expected[:, :order] / units, expected[:, order:]]) * units[:, None]
+    allowed = 1e-12 * max(1.0, h / 100)
+    for part in (slice(0, order), slice(order, order + 1), slice(order + 1, order + 2)):
+        assert np.abs((found - expected)[:, part]).max() <= allowed * np.abs(expected[:, part]).max()

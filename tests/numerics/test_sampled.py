@@ -8,7 +8,8 @@ import scipy.linalg
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.numerics.sampled import damping_needed, environment, split_delay
+from haptic_fieldbus.numerics.passivity import damping_needed
+from haptic_fieldbus.numerics.sampled import environment, split_delay
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from tests.loops import DELAYS, PERIOD, wall

@@ -1,23 +1,43 @@
 """The limit of passivity, and what is suggested instead of an unstable scene."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.sampled import damping_needed
-from haptic_fieldbus.stability import (
+from haptic_fieldbus.margins import (
     Plant,
     Stability,
     Suggestion,
     Verdict,
     judge,
     passive_limit,
+    passive_limit_of,
     stiffness_limit,
     suggest,
 )
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.passivity import damping_needed
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, sprung_mass, wall, with_damping
+
+
+def low_pass(stiffness: float, damping: float) -> StateSpace:
+    """Velocity by backward difference through v⁺ = 0.8 v + 0.2 u; states: the position before, and v before."""
+    a = np.array([[0.0, 0.0], [-0.2 / PERIOD, 0.8]])
+    b = np.array([[1.0], [0.2 / PERIOD]])
+    velocity, feedthrough = a[1], b[1, 0]
+    return StateSpace(a, b, -damping * velocity[None], np.array([[-stiffness - damping * feedthrough]]))
+
+
+def moving_average(stiffness: float, damping: float) -> StateSpace:
+    """(x_k − x_{k−4})/(4·T); states: the four positions before."""
+    a, b = np.eye(4, k=-1), np.eye(4)[:, :1]
+    slope = damping / (4 * PERIOD)
+    return StateSpace(a, b, np.array([[0.0, 0.0, 0.0, slope]]), np.array([[-stiffness - slope]]))
+
+
+FILTERED = {"first-order low-pass": low_pass, "moving average": moving_average}
 
 
 class TestPassiveLimit:
@@ -27,23 +47,62 @@ class TestPassiveLimit:
         assert damping_needed(wall(limit), PERIOD, delay * PERIOD) == pytest.approx(BENCH.damping, rel=1e-6)
 
     @pytest.mark.parametrize("delay", DELAYS)
+    @pytest.mark.parametrize("lag", [0.0, LAG, 2 * PERIOD])
     @pytest.mark.parametrize("damping", [0.3, -0.3, 1.5])
-    def test_the_limit_with_a_damper_is_on_the_safe_side(self, delay: float, damping: float) -> None:
-        limit = passive_limit(BENCH, PERIOD, delay * PERIOD, damping)
-        assert damping_needed(wall(limit, damping), PERIOD, delay * PERIOD) <= BENCH.damping * (1 + 1e-9)
+    def test_the_limit_with_a_damper_needs_all_the_damping_there_is(
+        self, delay: float, lag: float, damping: float
+    ) -> None:
+        plant = replace(BENCH, torque_lag=lag)
+        limit = passive_limit_of(plant, PERIOD, delay * PERIOD, with_damping(damping), math.inf)
+        needed = [
+            damping_needed(wall(part * limit, damping), PERIOD, delay * PERIOD, lag) for part in (0.3, 1.0, 1.001)
+        ]
+        assert needed[1] == pytest.approx(BENCH.damping, rel=1e-6)
+        assert needed[0] < BENCH.damping < needed[2]
 
     def test_without_delay_it_is_the_published_bound(self) -> None:
         """b > K·T/2 + |B|"""
         assert passive_limit(BENCH, PERIOD, 0.0) == pytest.approx(2 * BENCH.damping / PERIOD)
-        assert passive_limit(BENCH, PERIOD, 0.0, 0.5) == pytest.approx(2 * (BENCH.damping - 0.5) / PERIOD)
+        for damping in (0.5, -0.5):
+            found = passive_limit_of(BENCH, PERIOD, 0.0, with_damping(damping), math.inf)
+            assert found == pytest.approx(2 * (BENCH.damping - 0.5) / PERIOD)
+
+    @pytest.mark.parametrize("delay", DELAYS)
+    def test_with_delay_it_is_the_bound_of_the_two_instants_that_a_fractional_delay_mixes(self, delay: float) -> None:
+        """K < 2b/(g + √(g² + δ·(T − δ)))"""
+        rest = math.fmod(delay, 1.0) * PERIOD
+        centre = PERIOD / 2 + delay * PERIOD
+        expected = 2 * BENCH.damping / (centre + math.sqrt(centre**2 + rest * (PERIOD - rest)))
+        assert passive_limit(BENCH, PERIOD, delay * PERIOD) == pytest.approx(expected, rel=1e-9)
 
     def test_more_virtual_than_real_damping_is_never_passive(self) -> None:
-        assert passive_limit(BENCH, PERIOD, 0.0, BENCH.damping + 0.1) == 0.0
+        assert passive_limit_of(BENCH, PERIOD, 0.0, with_damping(BENCH.damping + 0.1), math.inf) == 0.0
 
-    def test_the_lag_of_the_torque_loop_counts_as_delay(self) -> None:
-        assert passive_limit(replace(BENCH, torque_lag=LAG), PERIOD, 0.33e-3) == pytest.approx(
-            passive_limit(BENCH, PERIOD, 0.33e-3 + LAG)
-        )
+    def test_a_device_without_damping_is_passive_at_no_stiffness(self) -> None:
+        assert passive_limit_of(Plant(1.0, 0.0), PERIOD, 0.0, wall, math.inf) == 0.0
+
+    @pytest.mark.parametrize("delay", DELAYS)
+    @pytest.mark.parametrize("lag", [0.1 * PERIOD, LAG, 3 * PERIOD])
+    def test_the_lag_of_the_torque_loop_costs_a_little_less_than_a_delay_of_the_same_time(
+        self, delay: float, lag: float
+    ) -> None:
+        lagging = passive_limit(replace(BENCH, torque_lag=lag), PERIOD, delay * PERIOD)
+        centre = PERIOD / 2 + delay * PERIOD + lag
+        assert passive_limit(BENCH, PERIOD, delay * PERIOD) > lagging <= BENCH.damping / centre
+        needed = damping_needed(wall(lagging), PERIOD, delay * PERIOD, lag)
+        assert needed == pytest.approx(BENCH.damping, rel=1e-6)
+
+    @pytest.mark.parametrize("name", ["first-order low-pass", "moving average"])
+    def test_a_filtered_damper_is_passive_as_colgate_and_schenkel_say(self, name: str) -> None:
+        """b > T/2/(1 − cos ωT)·Re{(1 − e^{−jωT})·H}, H by its formula; brute force over frequency."""
+        angle = np.linspace(1e-4, math.pi, 200_001)
+        z = np.exp(1j * angle)
+        weight = {"first-order low-pass": 0.2 / (1 - 0.8 / z), "moving average": (1 + 1 / z + z**-2 + z**-3) / 4}[name]
+        force = 300.0 + 1.2 * weight * (1 - 1 / z) / PERIOD
+        expected = (PERIOD / 2 / (1 - np.cos(angle)) * ((1 - 1 / z) * force).real).max()
+        assert damping_needed(FILTERED[name](300.0, 1.2), PERIOD, 0.0) == pytest.approx(expected, rel=1e-6)
+        found = passive_limit_of(BENCH, PERIOD, 0.0, lambda k: FILTERED[name](k, 1.2), math.inf)
+        assert damping_needed(FILTERED[name](found, 1.2), PERIOD, 0.0) == pytest.approx(BENCH.damping, rel=1e-6)
 
     @pytest.mark.parametrize("delay", [0.0, 0.33, 1.0])
     @pytest.mark.parametrize(("mass", "damping"), [(0.63, 1.58), (0.01, 0.4), (5.0, 20.0)])

@@ -1,0 +1,51 @@
+"""One step of every velocity estimator beside a backward difference written by hand; noise gain and delay with it."""
+
+import itertools
+from collections.abc import Callable
+
+from rows import Row, cost, show
+
+from haptic_fieldbus.numerics.estimators import ESTIMATORS, bind, discrete
+from haptic_fieldbus.numerics.estimators.figures import delay, measured_delay, measured_noise_gain, noise_gain
+
+PERIOD, COUNT = 1e-3, 0.05 / 4096
+SLOW = 0.002
+"""[m/s]; the longest windows of the adaptive ones, which is what they cost at most."""
+
+
+def by_hand() -> Callable[[float], float]:
+    before = 0.0
+
+    def step(x: float) -> float:
+        nonlocal before
+        velocity = (x - before) / PERIOD
+        before = x
+        return velocity
+
+    return step
+
+
+def slow_motion() -> Callable[[], float]:
+    """Positions in whole counts, again and again."""
+    positions = itertools.cycle([COUNT * int(SLOW * n * PERIOD / COUNT) for n in range(20_000)])
+    return positions.__next__
+
+
+def row(name: str) -> Row:
+    step, reference, here, there = bind(name, PERIOD, COUNT), by_hand(), slow_motion(), slow_motion()
+    return Row(figures(name), cost(lambda: step(here()), 2000), cost(lambda: reference(there()), 2000))
+
+
+def figures(name: str) -> str:
+    """Noise gain times T and delay over T: of the system, or measured on a noise of one count and a slow start."""
+    system = discrete(name, PERIOD)
+    if system is not None:
+        noise, late = noise_gain(system), delay(system, PERIOD)
+    else:
+        noise = measured_noise_gain(bind(name, PERIOD, COUNT), COUNT / 12**0.5, 20_000)
+        late = measured_delay(bind(name, PERIOD, COUNT), PERIOD, COUNT, speed=0.02, acceleration=1.0)
+    return f"{name} (noise gain {noise * PERIOD:.3f}/T, delay {late / PERIOD:.2f} T)"
+
+
+if __name__ == "__main__":
+    show([row(name) for name in ESTIMATORS])

@@ -1,0 +1,116 @@
+"""Limit cycles predicted by describing functions: chatter over the edge of an encoder count, and saturated torque.
+
+The environment's force is taken ν times, ν the gain of the nonlinearity; where the loop with ν is on the border of
+stability it oscillates at the frequency of its critical eigenvalue, with the amplitude at which the gain is ν.
+
+- A handle pressed against a wall, between two counts: encoder and wall are a relay, ν(A) = 2·D/(π·A). Without Coulomb
+  friction there always is such a cycle. Friction acts as damping 4·fc/(π·ω·A), and above K ≤ 2·fc/D or so ends it.
+- Saturated torque: ν falls from 1 as A grows. Where the loop becomes stable as ν falls, chatter settles at that
+  amplitude; where it becomes unstable, motions larger than that amplitude grow though small ones decay.
+
+Predictions are as good as the loop is a low-pass filter: some ten per cent for the amplitude at periods of ten samples
+and more, and only the order of magnitude at two or four.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from haptic_fieldbus.margins.linear import limit_of
+from haptic_fieldbus.margins.plant import Plant, sample
+from haptic_fieldbus.numerics import describing, sampled
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.passivity import response
+from haptic_fieldbus.numerics.sampled import SampledPlant
+
+GAINS = np.geomspace(1.0, 1e-3, 121)
+"""Of saturation, looked at one after the other."""
+MOST_DAMPING = 1e6
+"""Times the device's own, or m/T: friction that would have to act like more than this ends a cycle."""
+
+
+@dataclass(frozen=True)
+class LimitCycle:
+    """Position A·sin(ωt) around where it is pressed to [m or rad, rad/s]."""
+
+    amplitude: float
+    angular_frequency: float
+    attracts: bool
+    """True: motions settle to it; False: larger ones grow and smaller ones decay."""
+
+
+def _critical(plant: Plant, period: float, delay: float, environment: StateSpace) -> tuple[float, float]:
+    """(ν, ω): the part of the environment's force at which the loop begins to oscillate, and how fast."""
+    device = sample(plant, period, delay)
+    scale = (plant.mass / period**2 + plant.damping / period) / abs(float(environment.d[0, 0]))
+    gain = limit_of(lambda part: sampled.growth(device, sampled.scaled(environment, part)), scale)
+    return gain, _frequency(device, sampled.scaled(environment, gain), period)
+
+
+def _frequency(device: SampledPlant, environment: StateSpace, period: float) -> float:
+    modes = np.linalg.eigvals(sampled.without_shift(sampled.loop_matrix(device, environment), device, environment))
+    return float(abs(np.angle(modes[np.abs(modes).argmax()]))) / period
+
+
+def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSpace) -> LimitCycle | None:
+    """The cycle of a handle pressed to the edge between two counts; None where friction holds it.
+
+    The environment is that of the contact, x_k → F_k, with a direct force. None also without quantisation, and where
+    the loop is unstable, whose motions grow beyond a count.
+    """
+    if not plant.resolution or _critical(plant, period, delay, environment)[0] <= 1.0:
+        return None
+
+    def cycle(damping: float) -> tuple[float, float]:
+        gain, turn = _critical(replace(plant, damping=damping), period, delay, environment)
+        return 2.0 * plant.resolution / (math.pi * gain) if gain else math.inf, turn
+
+    def lacking(damping: float) -> float:
+        amplitude, turn = cycle(damping)
+        return plant.damping + describing.coulomb(amplitude, turn, plant.coulomb) - damping
+
+    low = high = plant.damping
+    if plant.coulomb:
+        high = max(plant.damping, 1e-3 * plant.mass / period)
+        while lacking(high) > 0.0:
+            low, high = high, 2.0 * high
+            if high > MOST_DAMPING * max(plant.damping, plant.mass / period):
+                return None
+        while high - low > 1e-9 * high:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if lacking(middle) > 0.0 else (low, middle)
+    amplitude, turn = cycle(high)
+    return LimitCycle(amplitude, turn, attracts=True) if math.isfinite(amplitude) else None
+
+
+def saturated_cycles(
+    plant: Plant, period: float, delay: float, environment: StateSpace, force: float
+) -> tuple[LimitCycle, ...]:
+    """The cycles of a contact from both sides whose force is cut off at `force` [N or N·m], the smallest first."""
+    device = sample(plant, period, delay)
+    return tuple(_saturated(device, period, environment, force))
+
+
+def _saturated(device: SampledPlant, period: float, environment: StateSpace, force: float) -> Iterator[LimitCycle]:
+    def excess(gain: float) -> float:
+        return sampled.growth(device, sampled.scaled(environment, gain)) - 1.0
+
+    values = [excess(gain) for gain in GAINS.tolist()]
+    for above, below, before, after in zip(GAINS[:-1], GAINS[1:], values[:-1], values[1:], strict=True):
+        if before > 0.0 >= after or before <= 0.0 < after:
+            gain = _border(excess, float(above), float(below))
+            turn = _frequency(device, sampled.scaled(environment, gain), period)
+            stiffness = float(np.abs(response(environment, np.array([turn * period])))[0])
+            amplitude = describing.saturated_amplitude(gain, force) / stiffness
+            yield LimitCycle(amplitude, turn, attracts=before > 0.0)
+
+
+def _border(excess: Callable[[float], float], above: float, below: float) -> float:
+    """Where `excess` changes its sign between two gains."""
+    grows = excess(above) > 0.0
+    for _ in range(50):
+        middle = 0.5 * (above + below)
+        above, below = (middle, below) if (excess(middle) > 0.0) is grows else (above, middle)
+    return 0.5 * (above + below)

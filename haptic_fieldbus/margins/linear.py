@@ -1,0 +1,46 @@
+"""The largest stable stiffness of the sampled loop: eigenvalues of one exact period, and bisection."""
+
+import math
+from collections.abc import Callable
+
+from haptic_fieldbus.margins.plant import Plant, sample
+from haptic_fieldbus.numerics import sampled
+from haptic_fieldbus.numerics.linear import StateSpace
+
+EnvironmentOf = Callable[[float], StateSpace]
+"""Stiffness → the discrete environment x_k → F_k."""
+
+SCAN_START = 1e-9
+"""Of m/T² + b/T: the smallest stiffness looked at."""
+SCAN_FACTOR = math.sqrt(2.0)
+ROUNDING = 1e-11
+"""A spectral radius this little above 1 may be the rounding of 1."""
+
+
+def stiffness_limit(plant: Plant, period: float, delay: float, environment_of: EnvironmentOf) -> float:
+    """The stiffness [N/m or N·m/rad] below which every loop is stable; 0 when the smallest already is not, or ∞."""
+    device = sample(plant, period, delay)
+    return limit_of(
+        lambda stiffness: sampled.growth(device, environment_of(stiffness)),
+        plant.mass / period**2 + plant.damping / period,
+    )
+
+
+def limit_of(growth: Callable[[float], float], scale: float) -> float:
+    """The stiffness at which `growth`, largest modulus of a loop's eigenvalues, first passes 1; 0 or ∞ as above.
+
+    Looked for from 1e-9 to 1e9 of `scale`, an m/T² + b/T.
+    """
+
+    def excess(stiffness: float) -> float:
+        return growth(stiffness) - 1.0
+
+    low, high = 0.0, SCAN_START * scale
+    while excess(high) <= ROUNDING:
+        low, high = high, high * SCAN_FACTOR
+        if high > scale / SCAN_START:
+            return math.inf
+    while low and high - low > 1e-10 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) <= 0.0 else (low, middle)
+    return low

@@ -1,0 +1,72 @@
+"""The device of one axis, and its exact discretisation under the delayed hold."""
+
+import math
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerics import sampled
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.sampled import SampledPlant
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The device in the workspace of its axis: kg, N·s/m, N, m — or kg·m², N·m·s/rad, N·m, rad."""
+
+    mass: float
+    damping: float
+    coulomb: float = 0.0
+    resolution: float = 0.0
+    """One encoder count."""
+    torque_lag: float = 0.0
+    """Time constant of the torque loop [s]."""
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if not 0.0 <= value < math.inf:
+                raise UsageError(f"{name} {value}: expected a number from 0 up")
+        if not (self.mass or self.damping):
+            raise UsageError("a device without mass needs damping")
+
+
+def check_times(period: float, delay: float) -> None:
+    """Raises UsageError for times [s] that no loop has."""
+    if not 0.0 < period < math.inf:
+        raise UsageError(f"period {period:g}: expected a time above 0 s")
+    if not 0.0 <= delay < math.inf:
+        raise UsageError(f"delay {delay:g}: expected a time from 0 s up")
+
+
+def dynamics(plant: Plant) -> tuple[Matrix, Matrix]:
+    """(A, B) of ξ̇ = A ξ + B F with ξ = (position, velocity), without a mass (position,)."""
+    if plant.mass:
+        a = np.array([[0.0, 1.0], [0.0, -plant.damping / plant.mass]])
+        return a, np.array([[0.0], [1.0 / plant.mass]])
+    return np.zeros((1, 1)), np.array([[1.0 / plant.damping]])
+
+
+def through_torque_loop(a: Matrix, b: Matrix, lag: float) -> tuple[Matrix, Matrix]:
+    """The same behind a first-order torque loop with time constant `lag` [s]; the motor's force is the last state."""
+    if not lag:
+        return a, b
+    order, rate = len(a), 1.0 / lag
+    system = np.block([[a, b], [np.zeros((1, order)), np.full((1, 1), -rate)]])
+    return system, np.vstack([np.zeros((order, 1)), np.full((1, 1), rate)])
+
+
+def sample(plant: Plant, period: float, delay: float) -> SampledPlant:
+    """The device under the delayed hold; its states are position, velocity (with a mass), motor force (with a lag)."""
+    check_times(period, delay)
+    return sampled.sample(*through_torque_loop(*dynamics(plant), plant.torque_lag), period, delay)
+
+
+def weakened(plant: Plant, share: float = 0.7) -> Plant:
+    """The same device with so much less friction: what is known of friction is rarely known better."""
+    return replace(plant, damping=share * plant.damping, coulomb=share * plant.coulomb)
+
+
+def loop_matrix(plant: Plant, period: float, delay: float, environment: StateSpace) -> Matrix:
+    """One period of the closed loop: states of the plant, of the environment, and forces on their way."""
+    return sampled.loop_matrix(sample(plant, period, delay), environment)

@@ -1,0 +1,134 @@
+"""Limits of a sampled haptic loop before anything moves: numbers in, limits and a verdict out.
+
+The loop. A device of mass m and viscous damping b moves freely (no hand: a hand's damping hides instability that
+appears on release). Its position is sampled every T, and the environment's force is held from td after the sample
+until td after the next. `numerics.sampled` discretises this exactly, fractional delay and torque loop included, and
+the eigenvalues of one period decide. A loop whose environment never opposes a slow shift (a sprung mass, a damper) has
+an eigenvalue of exactly 1, the handle staying where it is left: that is no instability and is left out.
+
+Passivity is asked of the same loop with *any* passive hand: the condition of Colgate & Schenkel, extended to fractional
+delays and to the torque loop (`numerics.passivity`).
+
+Encoder and Coulomb friction (Abbott & Okamura, IEEE Trans. Robotics 21(5), 2005, 952): with a step D every force is a
+multiple of K·D; a handle pushed by a force between two multiples rests only if friction bridges K·D/2, K ≤ 2·fc/D.
+Above, it moves to and fro over the edge of a count for ever. The verdicts are the regions of Diolaiti et al. (2006,
+doi:10.1109/TRO.2005.862487) in the plane β = b/(K·T), σ = fc/(K·D), with the exact linear limit in place of theirs:
+
+| verdict     | linear limit (β)   | friction (σ)  |
+|-------------|--------------------|---------------|
+| unstable    | K above `stable`   | any (their "locally stable", a small motion that sticks, is counted as unstable) |
+| limit-cycle | K up to `stable`   | K > 2·fc/D    |
+| stable      | K up to `stable`   | K ≤ 2·fc/D or D = 0 |
+| passive     | K up to `passive`  | K ≤ 2·fc/D or D = 0 |
+"""
+
+import math
+from dataclasses import asdict, dataclass
+from enum import Enum
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, stiffness_limit
+from haptic_fieldbus.margins.passivity import passive_limit_of
+from haptic_fieldbus.margins.plant import Plant, sample
+from haptic_fieldbus.margins.quantisation import quantisation_limit
+from haptic_fieldbus.numerics import sampled
+from haptic_fieldbus.numerics.passivity import damping_needed
+
+
+class Verdict(Enum):
+    """What a loop does; the value is the name on the command line."""
+
+    PASSIVE = "passive"
+    STABLE = "stable"
+    LIMIT_CYCLE = "limit-cycle"
+    UNSTABLE = "unstable"
+
+
+@dataclass(frozen=True)
+class StiffnessLimit:
+    """Virtual stiffness [N/m or N·m/rad] at which the loop stops being so, all else kept; None: does not apply."""
+
+    passive: float | None
+    stable: float | None
+    quantisation: float | None
+
+
+@dataclass(frozen=True)
+class Stability:
+    """The judgement of one axis; the fields are the keys of `--json`."""
+
+    period_s: float
+    delay_s: float
+    """From sampling to acting; the torque loop's lag is in the plant, the hold's T/2 in neither."""
+    plant: Plant
+    stiffness: float | None
+    damping: float
+    stiffness_limit: StiffnessLimit
+    spectral_radius: float
+    margin: float | None
+    """Limit of stability over stiffness."""
+    verdict: Verdict
+
+    def to_json(self) -> dict[str, object]:
+        """The contract of the command line; what is not finite is null."""
+        limits = {name: _finite(value) for name, value in asdict(self.stiffness_limit).items()}
+        return {
+            **asdict(self),
+            "stiffness_limit": limits,
+            "margin": _finite(self.margin),
+            "verdict": self.verdict.value,
+        }
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+def judge(
+    plant: Plant,
+    period: float,
+    delay: float,
+    environment_of: EnvironmentOf,
+    stiffness: float | None,
+    damping: float = 0.0,
+) -> Stability:
+    """Limits and verdict of one axis; `stiffness` None: there is none to vary, and `environment_of` is given 0.
+
+    Raises UsageError for a stiffness that is none, naming the limit, and for times that no loop has.
+    """
+    device = sample(plant, period, delay)
+    stable = None if stiffness is None else stiffness_limit(plant, period, delay, environment_of)
+    if stiffness is not None and not 0.0 <= stiffness < math.inf:
+        raise UsageError(f"stiffness {stiffness:g}: expected a number from 0 up; this loop is stable to {stable:.6g}")
+    asked = environment_of(stiffness or 0.0)
+    growth = sampled.growth(device, asked)
+    if stiffness is None or stable is None:
+        limit = StiffnessLimit(None, None, None)
+        is_stable = growth <= 1.0 + ROUNDING
+        needed = damping_needed(asked, period, delay, plant.torque_lag)
+        is_passive, is_bridged = needed <= plant.damping * (1.0 + ROUNDING), True
+    else:
+        passive = passive_limit_of(plant, period, delay, environment_of, stable)
+        quantisation = quantisation_limit(plant)
+        limit = StiffnessLimit(passive, stable, quantisation)
+        is_stable = stiffness <= stable or growth < 1.0 - ROUNDING
+        is_passive, is_bridged = stiffness <= passive, quantisation is None or stiffness <= quantisation
+    return Stability(
+        period_s=period,
+        delay_s=delay,
+        plant=plant,
+        stiffness=stiffness,
+        damping=damping,
+        stiffness_limit=limit,
+        spectral_radius=sampled.spectral_radius(sampled.loop_matrix(device, asked)),
+        margin=stable / stiffness if stiffness and stable is not None else None,
+        verdict=_verdict(is_stable, is_bridged, is_passive),
+    )
+
+
+def _verdict(is_stable: bool, is_bridged: bool, is_passive: bool) -> Verdict:
+    if not is_stable:
+        return Verdict.UNSTABLE
+    if not is_bridged:
+        return Verdict.LIMIT_CYCLE
+    return Verdict.PASSIVE if is_passive else Verdict.STABLE

@@ -1,0 +1,154 @@
+"""Lines and curves through the last positions: least squares, and windows that adapt (FOAW).
+
+- least-squares: the polynomial of an order p through the last N positions, its slope at the newest. For a line the
+  noise gain is √(12/(N·(N² − 1)))/T and the delay (N − 1)·T/2; from p = 2 on slow motions are not late at all, and
+  noise pays for it.
+- foaw-end-fit, foaw-best-fit: first-order adaptive windowing (Janabi-Sharifi, Hayward, Chen, IEEE Trans. Control
+  Systems Technology 8(6), 2000, 1003, doi:10.1109/87.880606). The longest window is taken whose line through the newest
+  sample passes within ±`band` of all its samples; the line's slope is the chord over the window, or the least-squares
+  slope. Slow motions get long windows and little noise, fast ones short windows and little delay. A band of one encoder
+  count is what a constant speed needs.
+
+The line through the newest sample is within the band of sample j iff its slope lies between
+(x_n − x_{n−j} ∓ band)/(j·T). So one pass over the window suffices: the slopes allowed so far are an interval that only
+shrinks, and the first window whose slope falls out of it ends the search.
+
+FOAW is no linear system; each of its windows is one, from the backward difference (window 1) to the longest. Stability
+is judged with the longest, which has the most delay and the lowest limit.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerics.estimators.differences import shift_register
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, Parameter, Setup
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+
+ROUNDING = 1e-12
+"""Of the positions: a band of 0 must not split a line that is straight but for rounding."""
+
+
+def slope_weights(length: int, order: int, period: float) -> Matrix:
+    """Weights of x_n, x_{n−1}, … in the slope at n of the polynomial of that order through so many positions."""
+    times = -np.arange(length, dtype=np.float64) / max(1, length - 1)
+    powers = np.vander(times, order + 1, increasing=True)
+    weights: Matrix = np.linalg.pinv(powers)[1] / (max(1, length - 1) * period)
+    return weights
+
+
+def _weights(setup: Setup) -> Matrix:
+    return slope_weights(setup.whole("window"), setup.whole("order"), setup.period)
+
+
+def _start_least_squares(setup: Setup) -> Estimate:
+    """Works with differences from the newest position: the weights sum to zero, and digits are kept far from zero."""
+    weights: list[float] = _weights(setup).tolist()
+    window: list[float] = []
+
+    def step(position: float) -> float:
+        nonlocal window
+        window = [position, *window[:-1]] if window else [position] * len(weights)
+        return sum([weight * (x - position) for weight, x in zip(weights, window, strict=True)])
+
+    return step
+
+
+def _least_squares(setup: Setup) -> StateSpace:
+    return shift_register(_weights(setup))
+
+
+def _check_order(setup: Setup) -> None:
+    if setup.whole("window") <= setup.whole("order"):
+        raise UsageError(
+            f"least-squares: window={setup.whole('window')} is too short for order={setup.whole('order')}; "
+            f"expected at least {setup.whole('order') + 1} positions"
+        )
+
+
+def _line_noise_gain(setup: Setup) -> float:
+    """√Σ weights²; 12/(N·(N² − 1)·T²) under the root for a line."""
+    length = setup.whole("window")
+    if setup.whole("order") > 1:
+        return float(np.linalg.norm(_weights(setup)))
+    return math.sqrt(12.0 / (length * (length * length - 1.0))) / setup.period
+
+
+def _line_delay(setup: Setup) -> float:
+    return 0.0 if setup.whole("order") > 1 else 0.5 * (setup.whole("window") - 1) * setup.period
+
+
+Slope = Callable[[int], tuple[float, float, float]]
+"""i → weights of (way over i periods, Σ ways, Σ j·ways up to i) in the way a period of the line over i periods."""
+
+
+def _chord(i: int) -> tuple[float, float, float]:
+    return (1.0 / i, 0.0, 0.0)
+
+
+def _best(i: int) -> tuple[float, float, float]:
+    """Least squares over x_n … x_{n−i}: Σ (j − i/2)·way_j over Σ (j − i/2)²."""
+    share = 12.0 / (i * (i + 1.0) * (i + 2.0))
+    return (0.0, -0.5 * i * share, share)
+
+
+def _start_adaptive(setup: Setup, slope_of: Slope) -> Estimate:
+    length, period, band = setup.whole("window"), setup.period, setup.number("band")
+    table = [(float(i), *slope_of(i)) for i in range(1, length + 1)]
+    window: list[float] = []
+
+    def step(position: float) -> float:
+        nonlocal window
+        if not window:
+            window = [position] * length
+        tolerance = band + ROUNDING * abs(position)
+        slope, lowest, highest, total, moment = position - window[0], -math.inf, math.inf, 0.0, 0.0
+        for before, (i, by_way, by_total, by_moment) in zip(window, table, strict=True):
+            way = position - before
+            total += way
+            moment += i * way
+            least, most = (way - tolerance) / i, (way + tolerance) / i
+            lowest = least if least > lowest else lowest
+            highest = most if most < highest else highest
+            longer = by_way * way + by_total * total + by_moment * moment
+            if not lowest <= longer <= highest:
+                break
+            slope = longer
+        window = [position, *window[:-1]]
+        return slope / period
+
+    return step
+
+
+WINDOW = Parameter("window", 16.0, "longest window, in periods", lowest=1.0, highest=128.0, is_whole=True)
+BAND = Parameter("band", None, "how far a sample may be from the line", "m or rad")
+LEAST_SQUARES = Estimator(
+    "least-squares",
+    "slope of a polynomial through the last positions",
+    start=_start_least_squares,
+    system=_least_squares,
+    noise_gain=_line_noise_gain,
+    delay=_line_delay,
+    parameters=(
+        Parameter("window", 8.0, "positions", lowest=2.0, highest=256.0, is_whole=True),
+        Parameter("order", 1.0, "of the polynomial", lowest=1.0, highest=4.0, is_whole=True),
+    ),
+    check=_check_order,
+)
+FOAW_END_FIT = Estimator(
+    "foaw-end-fit",
+    "chord over the longest window that is straight within a count",
+    start=lambda setup: _start_adaptive(setup, _chord),
+    stand_in=lambda setup: f"moving-average:window={setup.whole('window')}",
+    parameters=(WINDOW, BAND),
+)
+FOAW_BEST_FIT = Estimator(
+    "foaw-best-fit",
+    "least-squares slope over the longest window that is straight within a count",
+    start=lambda setup: _start_adaptive(setup, _best),
+    stand_in=lambda setup: f"least-squares:window={setup.whole('window') + 1}",
+    parameters=(WINDOW, BAND),
+)
+ESTIMATORS = (LEAST_SQUARES, FOAW_END_FIT, FOAW_BEST_FIT)

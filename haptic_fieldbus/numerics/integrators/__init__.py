@@ -1,0 +1,101 @@
+"""Integrators of virtual states, ż = A z + B u, y = C z + D u, as the loop runs them.
+
+One method is one entry of METHODS: data with an order, a stability region and an update order that tests hold it to.
+Every method is causal: y_n is known as soon as u_n is. Their theory opens `one_step` (Euler, trapezoid, Runge–Kutta,
+exact) and `staggered` (leapfrog and Verlet); `explicit` has those that also take nonlinear rates.
+
+Two kinds of stability are told apart: what a method does to its own oscillator (`oscillator_growth`, here) and what
+the sampled loop does with a hand on it. A method that preserves energy does not make the loop stable.
+"""
+
+import numpy as np
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerics.integrators import one_step, staggered
+from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, check
+from haptic_fieldbus.numerics.integrators.stepping import Step, bind_general, bind_pair
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
+
+__all__ = [
+    "DEFAULT_METHOD",
+    "METHODS",
+    "Integrator",
+    "OneStep",
+    "Step",
+    "bind",
+    "discrete",
+    "discretise",
+    "method_named",
+    "rest",
+]
+
+DEFAULT_METHOD = "exact-foh"
+
+METHODS = {
+    method.name: method
+    for method in (
+        one_step.FORWARD_EULER,
+        one_step.BACKWARD_EULER,
+        one_step.TRAPEZOIDAL,
+        staggered.SEMI_IMPLICIT,
+        staggered.DRIFT_FIRST,
+        staggered.VERLET,
+        one_step.RK4,
+        one_step.EXACT_ZOH,
+        one_step.EXACT_FOH,
+    )
+}
+
+
+def method_named(name: str) -> Integrator:
+    """Raises UsageError when there is none of that name."""
+    if name not in METHODS:
+        raise UsageError(_unknown(name))
+    return METHODS[name]
+
+
+def _unknown(name: str) -> str:
+    from haptic_fieldbus.documents import nearest
+
+    near = nearest(name, METHODS)
+    return f'no method "{name}"; {f"nearest: {near[0]}; " if near else ""}there are: {", ".join(METHODS)}'
+
+
+def discretise(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> OneStep:
+    """One step of a method on a linear system of any order; raises UsageError for numbers that make no sense."""
+    chosen = method_named(method)
+    check(space, period)
+    try:
+        return chosen.discretise(space, period)
+    except np.linalg.LinAlgError as error:
+        raise UsageError(
+            f"{method} has no step of {period:g} s for these virtual states: one of their modes grows too fast for its "
+            "implicit equation; a shorter period has one"
+        ) from error
+
+
+def discrete(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> StateSpace:
+    """The system that `bind` runs: x_{n+1} = A x_n + B u_n, y_n = C x_n + D u_n."""
+    return discretise(space, period, method).system
+
+
+def rest(space: StateSpace) -> tuple[Matrix, float]:
+    """(state, force) at rest for unit position; where the state is not unique, the smallest."""
+    state = equilibrium(space.a, space.b[:, 0])
+    return state, float(space.c[0] @ state + space.d[0, 0])
+
+
+def bind(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> Step:
+    """A fresh step in plain floats for a system with inputs (position, velocity) and one output.
+
+    It begins at rest where the handle is at its first call. Takes the velocity only where the system `uses_velocity`.
+    For another start, bind again; `trajectory.follow` starts anywhere.
+    """
+    system = discretise(space, period, method).increments
+    stiffness = rest(space)[1]
+    if space.uses_velocity:
+        return bind_general(system, stiffness)
+    if space.order == 2:
+        return bind_pair(system, stiffness)
+    by_position_and_velocity = bind_general(system, stiffness)
+    return lambda position: by_position_and_velocity(position, 0.0)

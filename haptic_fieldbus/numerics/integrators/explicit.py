@@ -1,0 +1,161 @@
+"""The explicit methods for rates of any kind, ż = f(t, z, u): for virtual states that no matrix describes.
+
+The steps are those of `one_step` and `staggered`, with the same inputs and starts; a call gives z_n as soon as u_n is
+known, and the element computes its force from both. What is implicit there cannot be had from f alone: for "verlet" the
+velocity in a(p, v, u) is predicted by half a kick with the old one and corrected once, which keeps second order.
+
+A bristle that is faster than the period makes every one of these explode (LuGre at |v| > 2·g/(σ0·T)); the period that
+is small enough is the caller's to know, from `lag_limit` and `oscillator_limit` of the method; only for "verlet" the
+limit of a lag λ is another one here: with x = λT/2 it grows by (1 − x)(1 − x + x²), stable to T·λ = 3.087.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from haptic_fieldbus.errors import UsageError
+
+States = tuple[float, ...]
+Rates = Callable[..., Sequence[float]]
+"""f(t [s], states, *inputs) → rates of the states, in their order."""
+Advance = Callable[..., States]
+"""Inputs of this sample → states at this sample; remembers the states and inputs before."""
+
+
+EXPLICIT_VERLET_LAG_LIMIT = 3.0873780253841527
+"""Twice the real root of x³ − 2x² + 2x − 2 = 0."""
+
+
+@dataclass(frozen=True)
+class System:
+    """Rates, what they start from, and which states are positions (ṗ = v), for the staggered methods."""
+
+    rates: Rates
+    start: States
+    positions: tuple[int, ...] = ()
+
+    @property
+    def velocities(self) -> tuple[int, ...]:
+        return tuple(state for state in range(len(self.start)) if state not in self.positions)
+
+
+def _moved(states: States, rates: Sequence[float], span: float) -> States:
+    return tuple([z + span * rate for z, rate in zip(states, rates, strict=True)])
+
+
+def _some_moved(states: States, rates: Sequence[float], span: float, which: tuple[int, ...]) -> States:
+    moved = list(states)
+    for state in which:
+        moved[state] += span * rates[state]
+    return tuple(moved)
+
+
+def _forward_euler(system: System, period: float) -> Advance:
+    states, sample, rates = system.start, 0, system.rates
+
+    def advance(*inputs: float) -> States:
+        nonlocal states, sample
+        now = states
+        states = _moved(now, rates(sample * period, now, *inputs), period)
+        sample += 1
+        return now
+
+    return advance
+
+
+def _runge_kutta(system: System, period: float) -> Advance:
+    """Classic, the input halfway being the mean of those at both ends."""
+    states, sample, rates, half = system.start, -1, system.rates, 0.5 * period
+    before: tuple[float, ...] = ()
+
+    def advance(*inputs: float) -> States:
+        nonlocal states, sample, before
+        if sample >= 0:
+            time, middle = sample * period, [0.5 * (old + new) for old, new in zip(before, inputs, strict=True)]
+            first = rates(time, states, *before)
+            second = rates(time + half, _moved(states, first, half), *middle)
+            third = rates(time + half, _moved(states, second, half), *middle)
+            fourth = rates(time + period, _moved(states, third, period), *inputs)
+            slopes = zip(first, second, third, fourth, strict=True)
+            states = _moved(states, [a + 2.0 * (b + c) + d for a, b, c, d in slopes], period / 6.0)
+        sample, before = sample + 1, inputs
+        return states
+
+    return advance
+
+
+def _semi_implicit(system: System, period: float) -> Advance:
+    """Kick, then drift; the velocities that are returned belong to half a period earlier."""
+    rates, positions, velocities = system.rates, system.positions, system.velocities
+    states, sample = system.start, 0
+
+    def advance(*inputs: float) -> States:
+        nonlocal states, sample
+        time = sample * period
+        acceleration = rates(time, states, *inputs)
+        if sample == 0:
+            states = _some_moved(states, acceleration, -0.5 * period, velocities)
+        now = states
+        kicked = _some_moved(now, acceleration, period, velocities)
+        states = _some_moved(kicked, rates(time, kicked, *inputs), period, positions)
+        sample += 1
+        return now
+
+    return advance
+
+
+def _drift_first(system: System, period: float) -> Advance:
+    rates, positions, velocities = system.rates, system.positions, system.velocities
+    states, sample = system.start, 0
+
+    def advance(*inputs: float) -> States:
+        nonlocal states, sample
+        now, time = states, sample * period
+        drifted = _some_moved(now, rates(time, now, *inputs), period, positions)
+        states = _some_moved(drifted, rates(time, drifted, *inputs), period, velocities)
+        sample += 1
+        return now
+
+    return advance
+
+
+def _verlet(system: System, period: float) -> Advance:
+    """Half a kick completes v_n, half a kick and a drift begin the next step."""
+    rates, positions, velocities, half = system.rates, system.positions, system.velocities, 0.5 * period
+    states, sample = system.start, 0
+
+    def advance(*inputs: float) -> States:
+        nonlocal states, sample
+        now, time = states, sample * period
+        if sample:
+            predicted = _some_moved(now, rates(time, now, *inputs), half, velocities)
+            now = _some_moved(now, rates(time, predicted, *inputs), half, velocities)
+        kicked = _some_moved(now, rates(time, now, *inputs), half, velocities)
+        states = _some_moved(kicked, rates(time, kicked, *inputs), period, positions)
+        sample += 1
+        return now
+
+    return advance
+
+
+EXPLICIT: dict[str, Callable[[System, float], Advance]] = {
+    "forward-euler": _forward_euler,
+    "semi-implicit": _semi_implicit,
+    "semi-implicit-drift-first": _drift_first,
+    "verlet": _verlet,
+    "rk4": _runge_kutta,
+}
+
+
+def bind_rates(
+    rates: Rates, start: Sequence[float], period: float, method: str, positions: Sequence[int] = ()
+) -> Advance:
+    """A fresh step of an explicit method for ż = f(t, z, u), from states at the first call; `positions` are indices.
+
+    Raises UsageError for a method that needs a linear system, and for a period that is not above 0.
+    """
+    if method not in EXPLICIT:
+        raise UsageError(f'"{method}" is not for nonlinear rates; there are: {", ".join(EXPLICIT)}')
+    if not 0.0 < period < math.inf:
+        raise UsageError(f"period {period:g} s: expected a finite number above 0")
+    return EXPLICIT[method](System(rates, tuple(start), tuple(positions)), period)

@@ -1,0 +1,134 @@
+"""One-step methods: each is a function that stands for eˣ, applied to one matrix.
+
+Let the input be a polynomial of θ = time/T within a step: held, u_n (degree 0), or on the straight line from u_n to
+u_{n+1} (degree 1). Then z, u, u′ together are one autonomous linear system with the matrix X of
+`exact.polynomial_system`, whose exact step is eˣ. A method puts R(X) in its place:
+
+| method         | R(x)                                | degree | meaning                                            |
+|----------------|-------------------------------------|--------|----------------------------------------------------|
+| forward-euler  | 1 + x                               | 0      | z⁺ = z + T·f(z, u)                                 |
+| backward-euler | 1/(1 − x)                           | 1      | z⁺ = z + T·f(z⁺, u⁺)                               |
+| trapezoidal    | (1 + x/2)/(1 − x/2)                 | 1      | z⁺ = z + T/2·(f(z, u) + f(z⁺, u⁺)), Tustin         |
+| rk4            | 1 + x + x²/2 + x³/6 + x⁴/24         | 1      | four stages; the input halfway is (u + u⁺)/2       |
+| exact-zoh      | eˣ                                  | 0      | exact for a held input (step-invariant)            |
+| exact-foh      | eˣ                                  | 1      | exact for straight lines (ramp-invariant)          |
+
+All are causal: y_n is known as soon as u_n is. Those of degree 1 need u_{n+1} for z_{n+1}, so the state that is stored
+is w_n = z_n − Γ1 u_n, and z_n is completed when u_n has been read (Franklin, Powell, Workman: Digital Control of
+Dynamic Systems, 3rd ed., 6.3.2). A held input is late by half a period: it makes any method first order, the exact one
+too. A straight line makes an error ∝ T²: rk4, fourth order in its free motion, is second order in a loop.
+
+Growth of a mode λ is R(λT) (Hairer, Nørsett, Wanner: Solving Ordinary Differential Equations I and II).
+"""
+
+import cmath
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from haptic_fieldbus.numerics.exact import expm1, polynomial_system
+from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+
+RK4_LAG_LIMIT = 2.785293563405282
+"""The real root of 1 − x/2 + x²/6 − x³/24 = 0, where R(−x) = 1."""
+
+GrowthMinusOne = Callable[[Matrix], Matrix]
+
+
+def _forward(x: Matrix) -> Matrix:
+    return x
+
+
+def _backward(x: Matrix) -> Matrix:
+    return _solve(np.eye(len(x)) - x, x)
+
+
+def _trapezoid(x: Matrix) -> Matrix:
+    return _solve(np.eye(len(x)) - 0.5 * x, x)
+
+
+def _runge_kutta(x: Matrix) -> Matrix:
+    """R(x) − 1 = x·(1 + x/2·(1 + x/3·(1 + x/4)))"""
+    identity = np.eye(len(x))
+    return x @ (identity + x / 2.0 @ (identity + x / 3.0 @ (identity + x / 4.0)))
+
+
+def _solve(left: Matrix, right: Matrix) -> Matrix:
+    return np.asarray(np.linalg.solve(left, right), dtype=np.float64)
+
+
+def rk4_growth(x: complex) -> complex:
+    """R(x) of the classic Runge–Kutta method."""
+    return 1.0 + x * (1.0 + x / 2.0 * (1.0 + x / 3.0 * (1.0 + x / 4.0)))
+
+
+def _discretiser(increment_of: GrowthMinusOne, degree: int) -> Callable[[StateSpace, float], OneStep]:
+    """The step of a method from R − 1; see the module for the form that is stored."""
+
+    def discretise(space: StateSpace, period: float) -> OneStep:
+        order, inputs = space.b.shape
+        system = polynomial_system(space.a * period, space.b * period, degree)
+        rows = increment_of(system)[:order]
+        increment, held = rows[:, :order], rows[:, order : order + inputs]
+        slope = rows[:, order + inputs :] if degree else np.zeros_like(held)
+        moved = StateSpace(increment, increment @ slope + held, space.c, space.c @ slope + space.d)
+        return OneStep(moved, (np.eye(order), slope))
+
+    return discretise
+
+
+def _on_an_oscillator(growth: Callable[[complex], complex]) -> Callable[[float], float]:
+    return lambda h: abs(growth(complex(0.0, h)))
+
+
+def _method(
+    name: str,
+    order: int,
+    free_order: float,
+    growth: Callable[[complex], complex],
+    increment_of: GrowthMinusOne,
+    degree: int,
+    limits: tuple[float, float],
+    update: str,
+    oscillator_growth: Callable[[float], float] | None = None,
+) -> Integrator:
+    return Integrator(
+        name=name,
+        order=order,
+        free_order=free_order,
+        inputs="u_n, u_{n-1}" if degree else "u_{n-1}",
+        update=update,
+        growth=growth,
+        oscillator_growth=oscillator_growth or _on_an_oscillator(growth),
+        oscillator_limit=limits[0],
+        lag_limit=limits[1],
+        discretise=_discretiser(increment_of, degree),
+    )
+
+
+EXACT_FOH = _method(
+    "exact-foh", 2, math.inf, cmath.exp, expm1, 1, (math.inf, math.inf),
+    "all states at once, input on a straight line", lambda h: 1.0,
+)  # fmt: skip
+EXACT_ZOH = _method(
+    "exact-zoh", 1, math.inf, cmath.exp, expm1, 0, (math.inf, math.inf),
+    "all states at once, input held", lambda h: 1.0,
+)  # fmt: skip
+FORWARD_EULER = _method(
+    "forward-euler", 1, 1, lambda x: 1.0 + x, _forward, 0, (0.0, 2.0), "all states at once, with the rates of before"
+)
+BACKWARD_EULER = replace(_method(
+    "backward-euler", 1, 1, lambda x: 1.0 / (1.0 - x), _backward, 1, (math.inf, math.inf),
+    "all states at once, with the rates of after",
+), inputs="u_n")  # fmt: skip
+TRAPEZOIDAL = _method(
+    "trapezoidal", 2, 2, lambda x: (1.0 + x / 2.0) / (1.0 - x / 2.0), _trapezoid, 1, (math.inf, math.inf),
+    "all states at once, with the mean of the rates before and after", lambda h: 1.0,
+)  # fmt: skip
+RK4 = _method(
+    "rk4", 2, 4, rk4_growth, _runge_kutta, 1, (2.0 * math.sqrt(2.0), RK4_LAG_LIMIT),
+    "all states at once, four stages",
+)  # fmt: skip

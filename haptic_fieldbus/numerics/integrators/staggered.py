@@ -1,0 +1,127 @@
+"""Staggered methods: positions and velocities are advanced one after the other (leapfrog, Störmer, Verlet).
+
+A state is a *position* when its rate is another state and nothing else, ṗ = v; all others are *velocities*, with rates
+a(p, v, u). A kick changes velocities by T·a, a drift positions by T·v.
+
+| method                    | stored       | a step                                                  | order |
+|---------------------------|--------------|---------------------------------------------------------|-------|
+| semi-implicit             | p_n, v_{n−½} | kick with a(p_n, v_{n−½}, u_n), then drift              | 2 *   |
+| semi-implicit-drift-first | p_n, v_n     | drift with v_n, then kick with a(p_{n+1}, v_n, u_n)     | 1     |
+| verlet                    | p_n, v_{n−½} | v_n by half a kick with u_n, then half a kick and drift | 2     |
+
+(* 1 where a or y depends on v.)
+
+The update order matters, and so does the start. The velocity of "semi-implicit" belongs to half a period earlier: a run
+begins with half a kick backwards, v_{−½} = v_0 − T/2·a_0. Begun with v_0 instead, as the classic pseudocode does, it is
+first order whenever a_0 is not zero, as after the step of a puck. "Drift first" has the new position beside the input
+of before: first order whatever the start.
+
+Verlet (velocity Verlet, kick–drift–kick) moves as semi-implicit does and differs where velocity matters: it completes
+v_n = v_{n−½} + T/2·a(p_n, v_n, u_n) when u_n is read, solved for v_n (Brünger, Brooks, Karplus 1984,
+doi:10.1016/0009-2614(84)80098-6), so that damping and outputs are second order as well. A state that is neither, such
+as a lag, is thereby integrated by the trapezoid.
+
+On an undamped oscillator, h = T·√(k/m): λ² − (2 − h²)·λ + 1 = 0. The modulus is 1 up to h = 2, then one root leaves
+along the negative axis. Hairer, Lubich, Wanner: Geometric Numerical Integration, 2nd ed., I.1.4 and VI.3.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+
+LIMIT = 2.0
+"""Of T·√(k/m)."""
+
+
+def positions(space: StateSpace) -> list[bool]:
+    """Which states are positions: ṗ = v with v another state, that is not in turn the rate of p alone."""
+    found = [False] * space.order
+    for row in range(space.order):
+        (of,) = np.nonzero(space.a[row])
+        alone = len(of) == 1 and space.a[row, of[0]] == 1.0 and of[0] != row and not space.b[row].any()
+        mutual = alone and found[of[0]] and space.a[of[0], row] != 0.0
+        found[row] = bool(alone and not mutual)
+    return found
+
+
+def leapfrog_growth(h: float) -> float:
+    """Spectral radius of all three on an undamped oscillator."""
+    if h <= LIMIT:
+        return 1.0
+    return h * h / 2.0 - 1.0 + h / 2.0 * math.sqrt(h * h - 4.0)
+
+
+def _masks(space: StateSpace) -> tuple[Matrix, Matrix]:
+    """(velocities, positions) as diagonal matrices."""
+    drifting = np.array(positions(space), dtype=float)
+    return np.diag(1.0 - drifting), np.diag(drifting)
+
+
+def _half_kick(space: StateSpace, period: float, kicked: Matrix) -> tuple[Matrix, Matrix]:
+    """κ = J w + K u with κ = T/2·a(w + κ, u) on the velocities: from v_{n−½} to v_n."""
+    half = 0.5 * period * kicked
+    rates = np.hstack([half @ space.a, half @ space.b])
+    solved: Matrix = np.linalg.solve(np.eye(space.order) - half @ space.a @ kicked, rates).astype(np.float64)
+    return solved[:, : space.order], solved[:, space.order :]
+
+
+def _semi_implicit(space: StateSpace, period: float) -> OneStep:
+    kicked, drifted = _masks(space)
+    by_state, by_input = _half_kick(space, period, kicked)
+    kick, kick_by_input = period * kicked @ space.a, period * kicked @ space.b
+    drift = period * drifted @ space.a
+    moved = StateSpace(kick + drift + drift @ kick, kick_by_input + drift @ kick_by_input, space.c, space.d)
+    return OneStep(moved, (np.eye(space.order) + by_state, by_input))
+
+
+def _drift_first(space: StateSpace, period: float) -> OneStep:
+    kicked, drifted = _masks(space)
+    kick, drift = period * kicked @ space.a, period * drifted @ space.a
+    moved = StateSpace(drift + kick + kick @ drift, period * kicked @ space.b, space.c, space.d)
+    return OneStep(moved, (np.eye(space.order), np.zeros_like(space.b)))
+
+
+def _verlet(space: StateSpace, period: float) -> OneStep:
+    kicked, drifted = _masks(space)
+    by_state, by_input = _half_kick(space, period, kicked)
+    drift = period * drifted @ space.a
+    moved = StateSpace(
+        a=2.0 * by_state + drift + 2.0 * drift @ by_state,
+        b=2.0 * by_input + 2.0 * drift @ by_input,
+        c=space.c + space.c @ by_state,
+        d=space.d + space.c @ by_input,
+    )
+    return OneStep(moved, (np.eye(space.order) + by_state, by_input))
+
+
+def _method(
+    name: str,
+    order: int,
+    inputs: str,
+    lag_limit: float,
+    discretise: Callable[[StateSpace, float], OneStep],
+    update: str,
+) -> Integrator:
+    return Integrator(
+        name=name,
+        order=order,
+        free_order=order,
+        inputs=inputs,
+        update=update,
+        growth=None,
+        oscillator_growth=leapfrog_growth,
+        oscillator_limit=LIMIT,
+        lag_limit=lag_limit,
+        discretise=discretise,
+    )
+
+
+SEMI_IMPLICIT = _method(
+    "semi-implicit", 2, "u_{n-1}", 2.0, _semi_implicit, "kick, then drift; begins with half a kick backwards"
+)
+DRIFT_FIRST = _method("semi-implicit-drift-first", 1, "u_{n-1}", 2.0, _drift_first, "drift, then kick")
+VERLET = _method("verlet", 2, "u_n, u_{n-1}", math.inf, _verlet, "half a kick, half a kick, drift")

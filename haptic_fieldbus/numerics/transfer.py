@@ -1,0 +1,137 @@
+"""Transfer functions and difference equations of the systems that are elsewhere given as matrices.
+
+A discrete system has three forms, which tests hold against one another:
+
+- matrices: x⁺ = A x + B u, y = C x + D u
+- transfer function: H(z) = (b_0 zⁿ + b_1 zⁿ⁻¹ + …)/(zⁿ + a_1 zⁿ⁻¹ + …), poles the roots of the denominator
+- difference equation: y_n = b_0 u_n + b_1 u_{n−1} + … − a_1 y_{n−1} − …
+
+From rest they give the same numbers; Z{y_{k+n}} = zⁿ·Y holds only from rest. The loop uses matrices in increments, for
+a reason that is plain here: at h = T·ω the denominator of an oscillator is z² − (2 − h²)·z + …, and of a small h²
+nothing is left beside the 2.
+
+Substitution makes a discrete transfer function of a continuous one without matrices: an integrator 1/s becomes
+
+| rule        | 1/s →            | s →               | method         |
+|-------------|------------------|-------------------|----------------|
+| forward     | T/(z − 1)        | (z − 1)/T         | forward-euler  |
+| backward    | T·z/(z − 1)      | (z − 1)/(T·z)     | backward-euler |
+| trapezoidal | T·(z + 1)/(2·(z − 1)) | 2·(z − 1)/(T·(z + 1)) | trapezoidal |
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerics.linear import StateSpace
+
+Polynomial = tuple[float, ...]
+"""Coefficients, the highest power first."""
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """A rational function of s or z, its denominator monic; proper."""
+
+    num: Polynomial
+    den: Polynomial
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """Roots of the denominator; the spectral radius is the largest modulus of those in z."""
+        return np.roots(self.den).astype(np.complex128)
+
+    @property
+    def zeros(self) -> NDArray[np.complex128]:
+        """Roots of the numerator."""
+        return np.roots(self.num).astype(np.complex128)
+
+    def __call__(self, at: complex) -> complex:
+        return complex(np.polyval(self.num, at) / np.polyval(self.den, at))
+
+
+def transfer_function(system: StateSpace, source: int = 0, output: int = 0) -> TransferFunction:
+    """From one input to one output of a continuous or discrete system.
+
+    Faddeev and LeVerrier: with N_1 = I, a_k = −tr(A N_k)/k and N_{k+1} = A N_k + a_k I, the coefficients of C·adj·B are
+    C N_k B.
+    """
+    a, b, c = system.a, system.b[:, source], system.c[output]
+    direct = float(system.d[output, source])
+    den, num = [1.0], [direct]
+    adjugate = np.eye(system.order)
+    for power in range(1, system.order + 1):
+        through = float(c @ adjugate @ b)
+        adjugate = a @ adjugate
+        coefficient = -float(np.trace(adjugate)) / power
+        adjugate = adjugate + coefficient * np.eye(system.order)
+        den.append(coefficient)
+        num.append(through + direct * coefficient)
+    return TransferFunction(tuple(num), tuple(den))
+
+
+RULES: dict[str, Callable[[float], tuple[Polynomial, Polynomial]]] = {
+    "forward": lambda period: ((1.0, -1.0), (0.0, period)),
+    "backward": lambda period: ((1.0, -1.0), (period, 0.0)),
+    "trapezoidal": lambda period: ((2.0, -2.0), (period, period)),
+}
+"""Rule → (numerator, denominator) of what s becomes."""
+
+
+def substituted(continuous: TransferFunction, period: float, rule: str) -> TransferFunction:
+    """The z-domain function of an s-domain one, by a rule of RULES; raises UsageError for another."""
+    if rule not in RULES:
+        raise UsageError(f'no substitution "{rule}"; there are: {", ".join(RULES)}')
+    if not 0.0 < period < math.inf:
+        raise UsageError(f"period {period:g} s: expected a finite number above 0")
+    above, below = RULES[rule](period)
+    degree = len(continuous.den) - 1
+    num, den = (_in_place_of_s(part, degree, above, below) for part in (continuous.num, continuous.den))
+    if den[0] == 0.0:
+        raise UsageError(f"{rule} substitution at {period:g} s: a pole of the function goes to infinity")
+    return TransferFunction(tuple((num / den[0]).tolist()), tuple((den / den[0]).tolist()))
+
+
+def _in_place_of_s(part: Polynomial, degree: int, above: Polynomial, below: Polynomial) -> NDArray[np.float64]:
+    """Σ p_k s^k with s = above/below, times below^degree: all terms are of that degree in z."""
+    total = np.zeros(degree + 1)
+    for power, coefficient in enumerate(reversed(part)):
+        term = np.ones(1)
+        for factor in [above] * power + [below] * (degree - power):
+            term = np.convolve(term, factor)
+        total += coefficient * term
+    return total
+
+
+def bind_difference_equation(function: TransferFunction) -> Callable[[float], float]:
+    """y_n = b_0 u_n + … − a_1 y_{n−1} − … in plain floats, from rest."""
+    weights = (*_padded(function), *(-coefficient for coefficient in function.den[1:]))
+    order = len(function.den) - 1
+    inputs, outputs = [0.0] * order, [0.0] * order
+
+    def step(u: float) -> float:
+        nonlocal inputs, outputs
+        y: float = sum(map(float.__mul__, weights, (u, *inputs, *outputs)))
+        inputs, outputs = [u, *inputs][:order], [y, *outputs][:order]
+        return y
+
+    return step
+
+
+def difference_equation(function: TransferFunction, source: str = "u", output: str = "y") -> str:
+    """The difference equation as text, for people."""
+    terms = [_term(value, source, lag) for lag, value in enumerate(_padded(function)) if value]
+    terms += [_term(-value, output, lag) for lag, value in enumerate(function.den) if lag and value]
+    return f"{output}[n] = " + (" ".join(terms).removeprefix("+ ") or "0")
+
+
+def _padded(function: TransferFunction) -> Polynomial:
+    return (0.0,) * (len(function.den) - len(function.num)) + function.num
+
+
+def _term(value: float, name: str, lag: int) -> str:
+    return f"{'-' if value < 0 else '+'} {abs(value):.6g} {name}[n{f'-{lag}' if lag else ''}]"

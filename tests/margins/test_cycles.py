@@ -1,0 +1,168 @@
+"""Predicted limit cycles beside the same loop simulated, friction, encoder and saturation exact."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.margins.cycles import LimitCycle, edge_chatter, saturated_cycles
+from haptic_fieldbus.margins.quantisation import Region, quantisation_limit, region
+from haptic_fieldbus.numerics.batch import Running, run
+from haptic_fieldbus.numerics.describing import saturated_amplitude
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.loops import Loops, loops
+from tests.loops import PERIOD, Array, wall
+
+STEP = 1e-5
+
+
+def motion(many: Loops, settle: int, kept: int) -> Array:
+    """Positions at the samples after it has settled, (kept,)."""
+
+    def positions() -> Iterator[float]:
+        running = Running(many)
+        running.advance(settle)
+        for _ in range(kept):
+            running.advance(1)
+            yield float(running.state[0][0])
+
+    return np.fromiter(positions(), dtype=np.float64)
+
+
+def measured(positions: Array) -> tuple[float, float]:
+    """Amplitude and angular frequency of what moves."""
+    moving = positions - positions.mean()
+    upwards = np.flatnonzero((moving[1:] > 0.0) & (moving[:-1] <= 0.0))
+    span = (upwards[-1] - upwards[0]) / (len(upwards) - 1) * PERIOD
+    return float(np.ptp(moving)) / 2.0, 2.0 * math.pi / float(span)
+
+
+def pressed(plant: Plant, delay: float, stiffness: float, damping: float = 0.0) -> Loops:
+    """A wall pressed to the edge between one count and two."""
+    return loops(
+        mass=plant.mass, damping=plant.damping, period=PERIOD, delay=delay, stiffness=stiffness,
+        virtual_damping=damping, resolution=STEP, coulomb=plant.coulomb, push=1.5 * stiffness * STEP,
+        position=1.5 * STEP,
+    )  # fmt: skip
+
+
+class TestChatterOverTheEdgeOfACount:
+    @pytest.mark.parametrize(
+        ("plant", "delay", "damping"),
+        [
+            (Plant(0.63, 1.58, 0.0, STEP), 0.0, 0.0),
+            (Plant(0.63, 1.58, 0.0, STEP), 1e-3, 0.0),
+            (Plant(0.1, 5.0, 0.0, STEP), 0.3e-3, 0.0),
+            (Plant(2.0, 10.0, 0.001, STEP), 2e-3, 0.0),
+            (Plant(2.0, 10.0, 0.002, STEP), 2e-3, 0.0),
+        ],
+    )
+    def test_is_as_large_and_as_fast_as_predicted(self, plant: Plant, delay: float, damping: float) -> None:
+        found = edge_chatter(plant, PERIOD, delay, wall(600.0, damping))
+        assert found is not None
+        amplitude, turn = measured(motion(pressed(plant, delay, 600.0, damping), 5000, 1000))
+        assert amplitude == pytest.approx(found.amplitude, rel=0.2)
+        assert turn == pytest.approx(found.angular_frequency, rel=0.2)
+
+    def test_is_told_right_in_order_of_magnitude_when_it_lasts_a_few_samples_only(self) -> None:
+        plant = Plant(0.63, 1.58, 0.0, STEP)
+        found = edge_chatter(plant, PERIOD, 0.3e-3, wall(600.0, 1.0))
+        assert found is not None
+        amplitude, _ = measured(motion(pressed(plant, 0.3e-3, 600.0, 1.0), 5000, 500))
+        assert 0.4 < found.amplitude / amplitude < 1.2
+
+    @pytest.mark.parametrize("stiffness", [200.0, 600.0])
+    def test_ends_where_friction_bridges_a_count(self, stiffness: float) -> None:
+        """K ≤ 2·fc/D: rest; below, a cycle, in prediction and simulation alike."""
+        for share, rests in ((1.05, True), (0.9, False)):
+            plant = Plant(2.0, 10.0, share * 0.5 * stiffness * STEP, STEP)
+            assert (edge_chatter(plant, PERIOD, 2e-3, wall(stiffness)) is None) is rests
+            assert bool(np.ptp(motion(pressed(plant, 2e-3, stiffness), 3000, 200)) == 0.0) is rests
+            limit = quantisation_limit(plant)
+            assert limit is not None
+            assert (limit >= stiffness) is rests
+
+    def test_needs_an_encoder_and_a_stable_loop(self) -> None:
+        assert edge_chatter(Plant(0.63, 1.58), PERIOD, 0.0, wall(600.0)) is None
+        assert edge_chatter(Plant(0.63, 1.58, 0.0, STEP), PERIOD, 0.0, wall(6000.0)) is None
+        assert edge_chatter(Plant(0.63, 0.0, 0.0, STEP), PERIOD, 0.0, wall(600.0)) is None
+
+
+class TestSaturation:
+    @pytest.mark.parametrize(("stiffness", "damping"), [(3000.0, 0.0), (6000.0, 2.0)])
+    def test_bounds_the_chatter_of_an_unstable_wall(self, stiffness: float, damping: float) -> None:
+        plant = Plant(0.63, 1.58)
+        (found,) = saturated_cycles(plant, PERIOD, 0.3e-3, wall(stiffness, damping), 5.0)
+        assert found.attracts
+        many = loops(
+            mass=0.63, damping=1.58, period=PERIOD, delay=0.3e-3, stiffness=stiffness, virtual_damping=damping,
+            saturation=5.0, position=1e-4,
+        )  # fmt: skip
+        amplitude, turn = measured(motion(many, 12_000, 800))
+        assert amplitude == pytest.approx(found.amplitude, rel=0.1)
+        assert turn == pytest.approx(found.angular_frequency, rel=0.1)
+
+    def test_does_nothing_to_a_wall_that_is_stable_at_every_smaller_force_too(self) -> None:
+        assert saturated_cycles(Plant(0.63, 1.58), PERIOD, 0.3e-3, wall(1000.0), 5.0) == ()
+
+    def test_lets_large_motions_grow_where_less_force_is_unstable(self) -> None:
+        """With an integral Q beside K and B the loop is stable where b + ν·B > m·Q/K, all forces taken ν times."""
+        plant, limit = Plant(0.5, 2.0), 5.0
+        (found,) = saturated_cycles(plant, PERIOD, 0.0, with_integral(400.0, 30.0, 9600.0), limit)
+        assert not found.attracts
+        gain = (0.5 * 9600.0 / 400.0 - 2.0) / 30.0
+        turn = math.sqrt(gain * 400.0 / 0.5)
+        assert found.angular_frequency == pytest.approx(turn, rel=0.02)
+        stiffness = abs(400.0 + 30.0j * turn + 9600.0 / (1j * turn))
+        assert found.amplitude == pytest.approx(saturated_amplitude(gain, limit) / stiffness, rel=0.02)
+        starts = [0.5 * found.amplitude, 2.0 * found.amplitude]
+        many = loops(
+            mass=0.5, damping=2.0, period=PERIOD, saturation=limit, position=starts,
+            environments=[with_integral(400.0, 30.0, 9600.0)] * 2,
+        )  # fmt: skip
+        small, large = run(many, 4000).growth
+        assert small < 0.1
+        assert large > 10.0
+
+    def test_cycles_are_listed_by_size(self) -> None:
+        found = saturated_cycles(Plant(0.63, 1.58), PERIOD, 0.3e-3, wall(3000.0), 5.0)
+        assert all(isinstance(cycle, LimitCycle) for cycle in found)
+        assert sorted(cycle.amplitude for cycle in found) == [cycle.amplitude for cycle in found]
+
+
+def with_integral(spring: float, damper: float, integral: float) -> StateSpace:
+    """F = −K·x − B·(x − x before)/T − Q·Σx·T; states: the sum, and the position before."""
+    a, b = np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([[PERIOD], [1.0]])
+    c, d = np.array([[-integral, damper / PERIOD]]), np.array([[-spring - damper / PERIOD]])
+    return StateSpace(a, b, c, d)
+
+
+@pytest.mark.parametrize(
+    ("damping", "coulomb", "expected"),
+    [
+        (0.51, 0.51, Region.PASSIVE),
+        (0.49, 0.51, Region.LOCALLY_STABLE),
+        (0.51, 0.49, Region.LIMIT_CYCLE),
+        (0.49, 0.49, Region.UNSTABLE),
+    ],
+)
+def test_the_plane_of_damping_and_friction_has_four_regions(damping: float, coulomb: float, expected: Region) -> None:
+    """β = b/(K·T), σ = fc/(K·D)"""
+    plant = Plant(0.5, damping * 1000.0 * PERIOD, coulomb * 1000.0 * STEP, STEP)
+    assert region(plant, PERIOD, 1000.0) is expected
+
+
+def test_locally_stable_means_that_small_motions_stick_and_large_ones_grow() -> None:
+    stiffness = 6000.0
+    plant = Plant(0.63, 1.58, 1.2 * 0.5 * stiffness * STEP, STEP)
+    assert region(plant, PERIOD, stiffness) is Region.LOCALLY_STABLE
+    many = loops(
+        mass=plant.mass, damping=plant.damping, coulomb=plant.coulomb, resolution=STEP, period=PERIOD,
+        stiffness=stiffness, position=[1.3 * STEP, 2000 * STEP],
+    )  # fmt: skip
+    running = Running(many)
+    first, last = running.advance(200), [running.advance(200) for _ in range(10)][-1]
+    assert running.state[1][0] == 0.0
+    assert last[1] > 4.0 * first[1]

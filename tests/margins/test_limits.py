@@ -1,0 +1,117 @@
+"""Limits of stiffness against Schur and Cohn in extended precision, and against the simulator's own period."""
+
+import math
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.margins import Plant, judge, stiffness_limit, weakened
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.sim.motion import Shaft
+from haptic_fieldbus.sim.plant import Plant as SimulatedPlant
+from tests.loops import BENCH, PERIOD, Array, wall, with_damping
+from tests.margins.extended import DIGITS, all_inside, characteristic
+
+MASSES = (1e-5, 1e-3, 0.1, 10.0)
+DAMPINGS = (1e-2, 0.1, 1.0, 10.0, 100.0)
+DELAYS = (0.0, 0.5, 1.0, 2.0, 10.0)
+"""In periods."""
+
+
+def split(delay: float) -> tuple[int, float]:
+    return int(delay), (delay - int(delay)) * PERIOD
+
+
+@pytest.mark.parametrize("delay", DELAYS)
+@pytest.mark.parametrize("virtual", [0.0, 0.4])
+def test_the_limit_is_right_to_a_millionth_in_sixty_digits(delay: float, virtual: float) -> None:
+    for mass in MASSES:
+        for damping in DAMPINGS:
+            limit = stiffness_limit(Plant(mass, damping), PERIOD, delay * PERIOD, with_damping(virtual))
+            with mp.workdps(DIGITS):
+                if limit == 0.0:
+                    smallest = 1e-9 * (mass / PERIOD**2 + damping / PERIOD)
+                    assert not all_inside(characteristic(mass, damping, PERIOD, split(delay), smallest, virtual))
+                    continue
+                inside = [
+                    all_inside(characteristic(mass, damping, PERIOD, split(delay), limit * part, virtual))
+                    for part in (0.5, 1 - 1e-6, 1 + 1e-6)
+                ]
+            assert inside == [True, True, False], (mass, damping)
+
+
+@pytest.mark.parametrize("delay", DELAYS)
+@pytest.mark.parametrize("mass", MASSES)
+def test_without_any_damping_the_limit_is_exactly_zero(delay: float, mass: float) -> None:
+    assert stiffness_limit(Plant(mass, 0.0), PERIOD, delay * PERIOD, wall) == 0.0
+
+
+class Simulated:
+    """One period of the simulation's plant from each unit state: [x, v, motor, target, x before, forces on the way]."""
+
+    def __init__(self, plant: Plant, delay: float, stiffness: float, damping: float) -> None:
+        self.shaft = Shaft(plant.mass, plant.damping, 0.0, plant.torque_lag)
+        self.period_ns, self.delay_ns = round(1e9 * PERIOD), round(1e9 * PERIOD * delay)
+        self.stiffness, self.damping = stiffness, damping
+        self.waiting = self.delay_ns // self.period_ns
+
+    def radius(self) -> float:
+        period_map = np.array([self.period(unit) for unit in np.eye(5 + self.waiting)]).T
+        return float(np.abs(np.linalg.eigvals(period_map)).max())
+
+    def period(self, state: Array) -> Array:
+        x, v, motor, target, before, *forces = state.tolist()
+        plant = SimulatedPlant(self.shaft, None, position=x, velocity=v)
+        plant.state = (*plant.state[:2], motor, *plant.state[3:7], target, 0.0)
+        forces.insert(0, -self.stiffness * x - self.damping * (x - before) / PERIOD)
+        plant.advance(self.delay_ns % self.period_ns)
+        plant.set_target(forces.pop())
+        plant.advance(self.period_ns)
+        return np.array([plant.position, plant.velocity, plant.torque, plant.state[7], x, *forces])
+
+
+@pytest.mark.parametrize("delay", DELAYS)
+@pytest.mark.parametrize("virtual", [0.0, 0.4])
+@pytest.mark.parametrize(("mass", "damping"), [(0.63, 1.58), (0.01, 0.4), (5.0, 20.0), (1e-4, 1.0)])
+def test_the_simulations_own_period_turns_unstable_at_the_limit(
+    delay: float, virtual: float, mass: float, damping: float
+) -> None:
+    plant = Plant(mass, damping, torque_lag=BENCH.torque_lag or 1.6e-4)
+    limit = stiffness_limit(plant, PERIOD, delay * PERIOD, with_damping(virtual))
+    below, above = (Simulated(plant, delay, limit * part, virtual).radius() for part in (1 - 1e-4, 1 + 1e-4))
+    assert below < 1.0 < above
+
+
+def test_friction_that_is_known_badly_is_looked_at_with_less_of_it() -> None:
+    plant = weakened(BENCH)
+    assert (plant.damping, plant.coulomb) == (0.7 * BENCH.damping, 0.7 * BENCH.coulomb)
+    assert stiffness_limit(plant, PERIOD, 0.0, wall) < 0.72 * stiffness_limit(BENCH, PERIOD, 0.0, wall)
+
+
+@pytest.mark.parametrize("period", [0.0, -1e-3, math.nan, math.inf])
+def test_a_period_that_is_none_is_refused_with_its_limit(period: float) -> None:
+    with pytest.raises(UsageError, match="expected a time above 0 s"):
+        stiffness_limit(BENCH, period, 0.0, wall)
+
+
+@pytest.mark.parametrize("delay", [-1e-3, math.nan, math.inf])
+def test_a_delay_that_is_none_is_refused_with_its_limit(delay: float) -> None:
+    with pytest.raises(UsageError, match="expected a time from 0 s up"):
+        judge(BENCH, PERIOD, delay, wall, 100.0)
+
+
+@pytest.mark.parametrize("stiffness", [math.nan, -1.0, math.inf])
+def test_a_stiffness_that_is_none_is_refused_with_the_limit_of_this_loop(stiffness: float) -> None:
+    with pytest.raises(UsageError, match=r"expected a number from 0 up; this loop is stable to \d"):
+        judge(BENCH, PERIOD, 0.0, wall, stiffness)
+
+
+def test_the_limit_does_not_depend_on_how_an_environment_is_written() -> None:
+    def late(stiffness: float) -> StateSpace:
+        """One period of delay inside the environment."""
+        return StateSpace(np.zeros((1, 1)), np.ones((1, 1)), np.array([[-stiffness]]), np.zeros((1, 1)))
+
+    inside, outside = stiffness_limit(BENCH, PERIOD, 0.0, late), stiffness_limit(BENCH, PERIOD, PERIOD, wall)
+    assert inside == pytest.approx(outside, rel=1e-9)

@@ -1,0 +1,85 @@
+"""Position from velocity by the trapezoid, and its two issues, measured."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.integrate
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerics.estimators.tachometer import (
+    bind_position,
+    drift_rate,
+    position_system,
+    share_of_amplitude,
+)
+from haptic_fieldbus.numerics.transfer import TransferFunction, substituted, transfer_function
+
+PERIOD = 1e-3
+STEP = 0.004
+"""Of the velocity [m/s]."""
+
+
+def test_is_the_trapezoidal_rule() -> None:
+    velocity = np.sin(np.arange(500) * 0.03)
+    step = bind_position(PERIOD, start=0.2)
+    expected = 0.2 + scipy.integrate.cumulative_trapezoid(velocity, dx=PERIOD, initial=0.0)
+    np.testing.assert_allclose([step(v) for v in velocity.tolist()], expected, rtol=1e-12)
+
+
+def test_its_system_is_the_trapezoidal_substitution_of_an_integrator() -> None:
+    ours = transfer_function(position_system(PERIOD))
+    expected = substituted(TransferFunction((1.0,), (1.0, 0.0)), PERIOD, "trapezoidal")
+    assert ours.num == pytest.approx(expected.num)
+    assert ours.den == expected.den
+
+
+def test_its_system_runs_as_the_step() -> None:
+    step, system, state = bind_position(PERIOD), position_system(PERIOD), np.zeros(1)
+    step(0.0)
+    for v in (0.3, -1.0, 2.0):
+        expected = float(system.c[0] @ state + system.d[0, 0] * v)
+        state = system.a @ state + system.b[:, 0] * v
+        assert step(v) == pytest.approx(expected)
+
+
+def test_a_slow_motion_is_lost_when_velocity_is_rounded() -> None:
+    """One second at 0.4 of a step: nothing of the way arrives."""
+    step = bind_position(PERIOD)
+    found = [step(STEP * round(0.4 * STEP / STEP)) for _ in range(1001)]
+    assert found[-1] == 0.0
+
+
+def test_quantisation_accumulates_at_half_a_step_a_second_when_velocity_is_rounded_down() -> None:
+    """A slow sine of several steps; the error grows with time as predicted."""
+    step = bind_position(PERIOD)
+    times = np.arange(0.0, 60.0, PERIOD)
+    velocity = 7.3 * STEP * np.sin(0.9 * times)
+    found = np.array([step(STEP * math.floor(v / STEP)) for v in velocity.tolist()])
+    error = found - 7.3 * STEP / 0.9 * (1 - np.cos(0.9 * times))
+    assert np.polyfit(times, error, 1)[0] == pytest.approx(drift_rate(STEP), rel=0.03)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.25, 0.4, 0.49])
+def test_fast_motions_lose_amplitude_as_the_theory_says(share: float) -> None:
+    """A sine at that share of the sampling rate."""
+    frequency = 2 * math.pi * share / PERIOD
+    step = bind_position(PERIOD)
+    found = [step(math.cos(frequency * n * PERIOD)) for n in range(2000)]
+    basis = np.exp(1j * frequency * np.arange(2000) * PERIOD)
+    fitted = np.linalg.lstsq(np.stack([basis.real, basis.imag, np.ones(2000)], axis=-1), found, rcond=None)[0]
+    assert math.hypot(*fitted[:2]) * frequency == pytest.approx(share_of_amplitude(frequency, PERIOD), rel=1e-6)
+
+
+def test_a_motion_at_the_sampling_rate_looks_like_a_steady_one() -> None:
+    """To and fro by 0.16 mm, at each sample at its fastest: the position runs away with 1 m/s."""
+    frequency = 2 * math.pi / PERIOD
+    step = bind_position(PERIOD)
+    found = [step(math.cos(frequency * n * PERIOD)) for n in range(1001)]
+    assert found[-1] == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("period", [0.0, -1.0, math.nan])
+def test_a_period_that_is_none_is_refused(period: float) -> None:
+    with pytest.raises(UsageError, match="above 0"):
+        bind_position(period)
