@@ -6,8 +6,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-# Debian packages that are needed beside Python, for example tshark. None is needed now.
-SYSTEM_PACKAGES :=
+# Debian packages beside Python. tshark: a foreign program reads what is recorded.
+SYSTEM_PACKAGES := tshark
 
 # PYTHON=/path/to/python chooses another interpreter than the first suitable one.
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python; do \
@@ -55,7 +55,9 @@ system-packages:
 		dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || missing="$$missing $$package"; done; \
 	[ -z "$$missing" ] && exit 0; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $$missing; \
+		echo "Installing$$missing, once"; \
+		{ apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $$missing; } \
+			>/dev/null || echo "Not installed:$$missing; tests that need them are skipped" >&2; \
 	else echo "Missing system packages, tests that need them are skipped: apt-get install$$missing" >&2; fi
 
 clean:

@@ -12,18 +12,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.api import plan, run
+    from haptic_fieldbus.api import plan, response, run, stability
+    from haptic_fieldbus.open_loop import Response
     from haptic_fieldbus.planning import Plan
     from haptic_fieldbus.result import Result
 
 _HOMES = {
     "plan": "haptic_fieldbus.api",
+    "response": "haptic_fieldbus.api",
     "run": "haptic_fieldbus.api",
+    "stability": "haptic_fieldbus.api",
     "Plan": "haptic_fieldbus.planning",
+    "Response": "haptic_fieldbus.open_loop",
     "Result": "haptic_fieldbus.result",
 }
 
-__all__ = ["Plan", "Result", "plan", "run"]
+__all__ = ["Plan", "Response", "Result", "plan", "response", "run", "stability"]
 
 
 def __getattr__(name: str) -> object:

@@ -1,4 +1,4 @@
-"""The Python API: `plan` compiles and explains, `run` renders a scene on a drive."""
+"""The Python API: `plan` compiles and explains, `stability` judges, `response` simulates, `run` renders on a drive."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -6,19 +6,19 @@ from pathlib import Path
 from haptic_fieldbus.axis_plan import AxisPlan, environment_of, stiffest_of
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError, UnstableSceneError
+from haptic_fieldbus.judging import device_of, judge_scene
+from haptic_fieldbus.margins import Stability, Verdict, suggest
 from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.open_loop import response as response
 from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.request import BusName, check_request
 from haptic_fieldbus.result import Result, known_before
 from haptic_fieldbus.scenes.scene import Scene
-from haptic_fieldbus.selection import Value, refuse_unknown, select
+from haptic_fieldbus.selection import DEFAULT_DRIVE, DEFAULT_RATE, Value, refuse_unknown, select
 from haptic_fieldbus.sim.fault_file import load_faults
 from haptic_fieldbus.sim.faults import Fault
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.stability import Stability, Verdict, suggest
 
-DEFAULT_DRIVE = "maxon_epos4"
-DEFAULT_RATE = 1000.0
 DEFAULT_DURATION = 10.0
 DEFAULT_HAND = "push"
 
@@ -53,6 +53,43 @@ def plan(
         estimator=estimator,
         complete=refuse_unknown,
     ).plan
+
+
+def stability(
+    scene: str | Path | Scene,
+    rig: str | Path | Rig | None = None,
+    *,
+    drive: str = DEFAULT_DRIVE,
+    bus: str | None = None,
+    node: int = 1,
+    rate: float = DEFAULT_RATE,
+    settings: Mapping[str, Value] | None = None,
+    method: str | None = None,
+    estimator: str | None = None,
+    mass: float | None = None,
+    damping: float | None = None,
+    coulomb: float | None = None,
+    resolution: float | None = None,
+    delay: float | None = None,
+) -> Stability:
+    """The limits of a scene before anything moves, of the axis with the smallest margin; selection as for `plan`.
+
+    Any of mass [kg], damping [N·s/m], Coulomb friction [N], resolution (one encoder count) [m] and delay [s], or their
+    rotary counterparts, replaces the bench: the device is exactly these, the others are 0, and torque is ideal. Raises
+    what `plan` raises.
+    """
+    return judge_scene(
+        scene,
+        rig,
+        drive=drive,
+        bus=bus,
+        node=node,
+        rate=rate,
+        settings=settings,
+        method=method,
+        estimator=estimator,
+        device=device_of(mass=mass, damping=damping, coulomb=coulomb, resolution=resolution, delay=delay),
+    ).stability
 
 
 def _ask_the_drive(rig: Rig, bus: BusName) -> Rig:

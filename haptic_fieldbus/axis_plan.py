@@ -9,12 +9,12 @@ from haptic_fieldbus.drive.pdo import SYNCHRONOUS_TYPES, Direction, Pdo, lay_out
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig, RigAxis
 from haptic_fieldbus.errors import Fault, PlanError, SceneError, SignalUnavailableError
-from haptic_fieldbus.numerics.linear import StateSpace, parallel
+from haptic_fieldbus.margins import Plant, Stability, contact, judge_contact
+from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.safety import SLEW_TIME, SPEED_LIMIT, EffortLimits
 from haptic_fieldbus.scenes.element import DynamicElement, Element
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
-from haptic_fieldbus.stability import Plant, Stability, environment, judge
 
 UNKNOWN_BENCH_EFFORT = 0.05
 """Share of rated torque that is allowed on a bench whose plant is unknown."""
@@ -192,34 +192,19 @@ def _stability(axis: AxisPlan, period: float) -> Stability | None:
     """The verdict on the axis alone; its limit is that of the stiffest element, all else kept."""
     if axis.plant is None:
         return None
-    stiffest = stiffest_of(axis)
-    return judge(
-        axis.plant,
-        period,
-        axis.delay.transport,
-        lambda stiffness: environment_of(axis, period, stiffness=stiffness),
-        stiffness=stiffness_of(stiffest) if stiffest is not None else None,
-        damping=sum(getattr(element, "damping", 0.0) for element in axis.elements),
-    )
+    return judge_contact(axis.plant, period, axis.delay.transport, axis.elements, axis.method, judging_estimator(axis))
+
+
+def judging_estimator(axis: AxisPlan) -> str:
+    """The estimator that stability is judged with; the default where the axis has none."""
+    return axis.estimator or DEFAULT_ESTIMATOR
 
 
 def environment_of(axis: AxisPlan, period: float, **changes: float) -> StateSpace:
     """The linearised elements of the axis as the loop runs them, x_k → F_k, the stiffest one changed."""
-    stiffest = stiffest_of(axis)
-    elements = [
-        replace(element, **changes) if element is stiffest else element  # type: ignore[type-var]
-        for element in axis.elements
-    ]
-    space = parallel([element.linearised() for element in elements])
-    estimator = axis.estimator or DEFAULT_ESTIMATOR
-    return environment(space, period=period, method=axis.method, estimator=estimator)
+    return contact.environment_of(axis.elements, period, axis.method, judging_estimator(axis), **changes)
 
 
 def stiffest_of(axis: AxisPlan) -> Element | None:
     """The element whose stiffness is the axis' largest; None when none has any."""
-    return max(filter(stiffness_of, axis.elements), key=stiffness_of, default=None)
-
-
-def stiffness_of(element: Element) -> float:
-    """The element's own stiffness [N/m or N·m/rad]; 0 when it has none."""
-    return float(getattr(element, "stiffness", 0.0))
+    return contact.stiffest_of(axis.elements)

@@ -15,10 +15,10 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.explain import explain
+from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.scenes.element import DynamicElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
-from haptic_fieldbus.stability import Stability
 
 MASTER_NODES = range(127, 0, -1)
 """Our own node-ID, for the heartbeat: the first that no drive has."""
@@ -142,12 +142,20 @@ def _steps(axis: AxisPlan, prefix: str) -> Iterator[str]:
     yield f"{prefix}power state: statusword → controlword"
     yield f"{prefix}position: counts → {axis.workspace.length_unit}, speed check"
     if axis.estimator:
-        yield f"{prefix}velocity: {axis.estimator}"
+        yield f"{prefix}velocity: {axis.estimator}{_judged_as(axis.estimator)}"
     for element in axis.elements:
         how = f", {axis.method}" if isinstance(element, DynamicElement) else ""
         yield f"{prefix}element: {element.name}{how}"
     yield f"{prefix}limits: finite, fade-in, effort, slew"
     yield f"{prefix}encode: {axis.workspace.effort_unit} → target torque"
+
+
+def _judged_as(estimator: str) -> str:
+    """A remark where the estimator is no linear system, so that its stability is judged with another."""
+    from haptic_fieldbus.numerics.estimators import judged_as
+
+    other = judged_as(estimator)
+    return "" if other is None else f" (not linear: stability is judged with {other})"
 
 
 def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptic_fieldbus import safety
 from haptic_fieldbus.drive.pdo import Pdo
+from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.selection import Selection
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.stability import Stability
 
 if TYPE_CHECKING:  # the loop brings python-can along, which `plan` does not need
     from haptic_fieldbus.loop import LoopReport

@@ -11,12 +11,16 @@ from pathlib import Path
 from haptic_fieldbus.drive.catalogue import load_profile, load_rig
 from haptic_fieldbus.drive.rig import BusSection, LinearMechanism, Rig, RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.errors import PlanError, UsageError
+from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning import Plan, compile_plan
 from haptic_fieldbus.request import BusName, parse_bus
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
 
+DEFAULT_DRIVE = "maxon_epos4"
+DEFAULT_RATE = 1000.0
+"""[Hz]"""
 Value = float | str | bool
 PART_OF_LIMIT = re.compile(r"max(?:/(\d+(?:\.\d*)?))?")
 
@@ -46,7 +50,7 @@ def select(
 
     `complete` gets the bench before it is compiled, to fill in or refuse what is unknown.
     """
-    _check_numerics(method, estimator)
+    check_numerics(method, estimator)
     bench = load_rig(rig) if isinstance(rig, str | Path) else rig
     name = parse_bus(bus or "sim") if bench is None or bus is not None else _bus_of(bench)
 
@@ -56,20 +60,19 @@ def select(
         profiles = {axis.profile: load_profile(axis.profile) for axis in used.axis.values()}
         return compile_plan(chosen, used, profiles, rate, method=method, estimator=estimator)
 
-    values = {key: parse_value(value) if isinstance(value, str) else value for key, value in settings.items()}
-    return Selection(compiled(_load(scene, _without_limits(scene, values, compiled))), name)
+    return Selection(compiled(load_scene_with(scene, settings, lambda chosen: compiled(chosen).stability)), name)
 
 
-def _check_numerics(method: str | None, estimator: str | None) -> None:
+def check_numerics(method: str | None, estimator: str | None) -> None:
     """A name that does not exist is refused also where the scene needs neither; only a named one is imported."""
     if method is not None:
         from haptic_fieldbus.numerics.integrators import method_named
 
         method_named(method)
     if estimator is not None:
-        from haptic_fieldbus.numerics.estimators import estimator_named
+        from haptic_fieldbus.numerics.estimators import chosen
 
-        estimator_named(estimator)
+        chosen(estimator)
 
 
 def refuse_unknown(rig: Rig, bus: BusName) -> Rig:
@@ -86,6 +89,14 @@ def refuse_unknown(rig: Rig, bus: BusName) -> Rig:
             f"{', '.join(missing)}. Without them, --force allows 5 % of rated torque"
         )
     return rig
+
+
+def load_scene_with(
+    scene: str | Path | Scene, settings: Mapping[str, Value], judged: Callable[[Scene], Stability | None]
+) -> Scene:
+    """The scene with its settings made; `judged` gives the limits of which one may be a part."""
+    values = {key: parse_value(value) if isinstance(value, str) else value for key, value in settings.items()}
+    return _load(scene, _without_limits(scene, values, judged))
 
 
 def _load(scene: str | Path | Scene, settings: Mapping[str, Value]) -> Scene:
@@ -107,7 +118,7 @@ def parse_value(text: str) -> Value:
 
 
 def _without_limits(
-    scene: str | Path | Scene, values: dict[str, Value], compiled: Callable[[Scene], Plan]
+    scene: str | Path | Scene, values: dict[str, Value], judged: Callable[[Scene], Stability | None]
 ) -> dict[str, Value]:
     """Replace `max/N` by the number; the limit is that of the scene with all other settings made."""
     wanted = {key: value for key, value in values.items() if isinstance(value, str) and PART_OF_LIMIT.fullmatch(value)}
@@ -119,7 +130,7 @@ def _without_limits(
     if len(wanted) > 1 or faults:
         raise UsageError("; ".join(faults) or f"only one setting may be a part of the limit, not {', '.join(wanted)}")
     ((key, value),) = wanted.items()
-    stability = compiled(_load(scene, {k: v for k, v in values.items() if k != key})).stability
+    stability = judged(_load(scene, {k: v for k, v in values.items() if k != key}))
     if stability is None or not stability.stiffness_limit.stable:
         raise UsageError(f"{key}={value}: this bench has no stability limit to take a part of")
     match = PART_OF_LIMIT.fullmatch(str(value))

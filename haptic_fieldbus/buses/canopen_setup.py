@@ -13,6 +13,7 @@ import canopen
 
 from haptic_fieldbus.axis_plan import AxisPlan
 from haptic_fieldbus.buses.bus import DriveFacts
+from haptic_fieldbus.buses.canopen_limits import MAX_TORQUE, check_max_torque
 from haptic_fieldbus.buses.canopen_node import SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.pdo import SYNC_COB_ID, Direction, Pdo
@@ -76,6 +77,7 @@ class Setup:
         vendor, product = self._check_identity()
         self._check_no_fault()
         self._check_sync()
+        check_max_torque(self.axis, self.node.label, self._optional(MAX_TORQUE))
         return DriveFacts(
             axis=self.axis.name,
             node=self.node.id,

@@ -6,7 +6,11 @@ import typer
 
 from haptic_fieldbus.cli import profiles, scenes
 from haptic_fieldbus.cli.plan import plan
+from haptic_fieldbus.cli.report import report
+from haptic_fieldbus.cli.response import response
 from haptic_fieldbus.cli.run import run
+from haptic_fieldbus.cli.simulate import simulate
+from haptic_fieldbus.cli.stability import stability
 
 app = typer.Typer(
     name="haptic-fieldbus",
@@ -38,5 +42,9 @@ def root(
 
 app.command()(run)
 app.command()(plan)
+app.command()(stability)
+app.command()(response)
+app.command()(report)
+app.command()(simulate)
 app.add_typer(profiles.app, name="profiles")
 app.add_typer(scenes.app, name="scenes")

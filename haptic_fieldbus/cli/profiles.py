@@ -1,8 +1,10 @@
 """`profiles`: what the drive profiles say, and where each value comes from."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict, fields, is_dataclass, replace
+from datetime import datetime
 from enum import Enum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,11 +14,12 @@ from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
 
 if TYPE_CHECKING:
     from haptic_fieldbus.drive.profile import DriveProfile
+    from haptic_fieldbus.result import Json
 
 app = typer.Typer(help="The drive profiles: list, show, check.", no_args_is_help=True)
 
-SECTIONS = ("identity", "torque", "position", "pdo", "link_loss", "timing")
-IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes")
+SECTIONS = ("identity", "torque", "position", "pdo", "link_loss", "timing", "simulation")
+IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", "absent", "supported_modes")
 
 
 @app.command("list")
@@ -47,14 +50,23 @@ def list_profiles(as_json: JsonOption = False) -> None:
 @app.command("show")
 def show_profile(
     name: Annotated[str, typer.Argument(metavar="NAME", help="A profile by name, or the path of its file.")],
+    eds: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the EDS of the simulated drive instead, for other CANopen programs."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a profile: each value with its source."""
+    """Show a profile: each value with its source. From the path of a vendor's EDS: the profile that it makes."""
     from haptic_fieldbus.drive.catalogue import load_profile
 
     profile = load_profile(name)
+    if eds is not None:
+        _write_eds(profile, eds)
     if as_json:
-        print_json(asdict(profile, dict_factory=lambda pairs: {key: plain(value) for key, value in pairs}))
+        print_json(_json(profile))
+        return
+    if eds is not None:
+        show([(None, f"{eds}: the EDS of the simulated {profile.title}")])
         return
     usable = "usable" if profile.drive.usable else "not usable for force"
     show([(None, f"{profile.title} · {profile.drive.protocol} · {usable} · evidence: {profile.drive.evidence}")])
@@ -71,17 +83,66 @@ def check_profiles(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check profiles: all faults of each file, with line and key."""
+    """Check profiles, or vendors' EDS files: all faults of each, with line and key."""
     from haptic_fieldbus.cli.checking import check
-    from haptic_fieldbus.drive.catalogue import load_profile, profile_names
+    from haptic_fieldbus.drive.catalogue import profile_names
 
-    check(names or profile_names(), load_profile, as_json)
+    check(names or profile_names(), _check_profile, as_json)
+
+
+def _check_profile(name: str) -> None:
+    """Load it; of an EDS, from which only what is needed must be right, all faults count."""
+    from haptic_fieldbus.drive.catalogue import load_profile
+    from haptic_fieldbus.drive.from_eds import EdsProfile
+    from haptic_fieldbus.errors import EdsError
+
+    profile = load_profile(name)
+    if isinstance(profile, EdsProfile) and profile.eds.faults:
+        raise EdsError(name, list(profile.eds.faults))
+
+
+def _write_eds(profile: "DriveProfile", path: Path) -> None:
+    """UsageError when the file cannot be written."""
+    from haptic_fieldbus.eds import eds_text
+    from haptic_fieldbus.errors import UsageError
+    from haptic_fieldbus.sim.sheet import sheet
+
+    now = datetime.now().astimezone()
+    made = {
+        "FileName": path.name,
+        "FileVersion": "1",
+        "FileRevision": "0",
+        "EDSVersion": "4.0",
+        "Description": f"Simulated {profile.title}",
+        "CreationTime": f"{now:%I:%M%p}",
+        "CreationDate": f"{now:%m-%d-%Y}",
+        "CreatedBy": "haptic-fieldbus",
+    }
+    try:
+        path.write_text(eds_text(replace(sheet(profile), file_info=made)), encoding="utf-8", newline="")
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def _json(profile: "DriveProfile") -> "dict[str, Json]":
+    """The profile without the vendor's file that it may have been made from."""
+    plain_fields = {field.name: getattr(profile, field.name) for field in fields(profile) if field.name != "eds"}
+    return {name: _plain(value) for name, value in plain_fields.items()}
+
+
+def _plain(value: object) -> "Json":
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value, dict_factory=lambda pairs: {key: plain(member) for key, member in pairs})
+    return plain(value)
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
+    from haptic_fieldbus.drive.profile import SimulationSection
+
+    usual = vars(SimulationSection())
     for section in SECTIONS:
         for key, value in vars(getattr(profile, section)).items():
-            if value not in (None, ()):
+            if value not in (None, ()) and (section != "simulation" or value != usual[key]):
                 name = f"{section}.{key}"
                 yield name, _text(key, value), _source(name, profile.sources)
 

@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,6 +23,7 @@ from haptic_fieldbus.cli.options import (
     SetOption,
     note_assumed_bitrate,
 )
+from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 
@@ -60,15 +60,13 @@ def run(
         Path | None,
         typer.Option(metavar="PATH", help="Frames as .log (candump) or .blf, rows as .csv.", rich_help_panel=OUTPUT),
     ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="A picture: .png, .svg or .pdf.", rich_help_panel=OUTPUT)
-    ] = None,
+    plot: PlotOption = None,
     as_json: JsonOption = False,
     yes: Annotated[bool, typer.Option("--yes", help="Enable a real drive without asking.")] = False,
 ) -> None:
     """Render SCENE on a drive, and say how well it went."""
     chosen = Selection(drive, bus, node, rig, rate, settings, method, estimator).arguments()
-    _check_plot(plot)
+    check_plot(plot)
     show(note_assumed_bitrate(bus), sys.stderr)
     from haptic_fieldbus import api
 
@@ -92,17 +90,6 @@ def run(
             if progress is not None:
                 progress.close()
     _finish(result, plot, as_json)
-
-
-def _check_plot(path: Path | None) -> None:
-    """Before anything moves: where the picture goes, and that it can be drawn."""
-    from haptic_fieldbus.request import PLOT_SUFFIXES, file_faults
-
-    wrong = file_faults("plot", path, PLOT_SUFFIXES)
-    if path is not None and find_spec("matplotlib") is None:
-        wrong.append('--plot needs matplotlib: pip install "haptic-fieldbus[plot]"')
-    if wrong:
-        raise UsageError("\n".join(wrong))
 
 
 def _ask(text: str) -> bool:
@@ -165,7 +152,4 @@ def _draw(result: "Result", path: Path | None) -> None:
         return
     from haptic_fieldbus.report.plot import plot_run
 
-    try:
-        plot_run(result, path)
-    except OSError as error:
-        raise UsageError(f'plot "{path}": {error.strerror}') from error
+    draw(path, lambda place: plot_run(result, place))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus.axis_plan import AxisPlan
 from haptic_fieldbus.cycle import Cycle
 from haptic_fieldbus.loop import LoopReport
+from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.record import Record
 from haptic_fieldbus.report.recording import Conversion, Recording
 from haptic_fieldbus.report.torque_error import ErrorSplit, split
@@ -15,7 +16,6 @@ from haptic_fieldbus.report.verdict import ripple, verdict_of
 from haptic_fieldbus.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.selection import Selection
 from haptic_fieldbus.sim.world import World
-from haptic_fieldbus.stability import Verdict
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.cycle import law_of
+from haptic_fieldbus.axis_cycle import law_of
 from haptic_fieldbus.report.recording import (
     Array,
     Conversion,

@@ -9,12 +9,12 @@ from haptic_fieldbus.axis_plan import AxisPlan
 from haptic_fieldbus.drive.pdo import Direction
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.explain import delay_text
+from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.request import SIMULATION_INTERFACE
 from haptic_fieldbus.result import Result, TorqueError
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.stability import Stability
 
 Line = tuple[str, str]
 """A key, empty where the line before goes on, and a text."""

@@ -30,6 +30,7 @@ STATUS = {
     "SceneError": 2,
     "RigError": 2,
     "FaultFileError": 2,
+    "EdsError": 2,
     "SafetyTripError": 3,
     "PlanError": 4,
     "SignalUnavailableError": 4,

@@ -119,3 +119,73 @@ def test_a_faulty_profile_cannot_be_shown(faulty: Path, command: Command) -> Non
     finished = command("profiles", "show", str(faulty))
     assert (finished.status, finished.out) == (2, "")
     assert "torque_bandwidth" in finished.err
+
+
+def test_the_eds_of_the_simulated_drive_is_written(tmp_path: Path, command: Command) -> None:
+    path = tmp_path / "sim.eds"
+    finished = command("profiles", "show", "generic_cia402", "--eds", str(path))
+    assert (finished.status, finished.out) == (0, f"{path}: the EDS of the simulated generic CiA 402\n")
+    text = path.read_bytes().decode()
+    assert "\r\nFileName=sim.eds\r\n" not in text.splitlines()
+    assert "FileName=sim.eds\r\n" in text
+    assert "[6071]\r\nParameterName=Target torque\r\n" in text
+
+
+def test_the_json_object_is_printed_beside_it(tmp_path: Path, command: Command) -> None:
+    path = tmp_path / "sim.eds"
+    shown = json.loads(command("profiles", "show", "generic_cia402", "--eds", str(path), "--json").out)
+    assert shown["name"] == "generic_cia402"
+    assert path.exists()
+
+
+def test_an_eds_that_cannot_be_written_is_told(tmp_path: Path, command: Command) -> None:
+    finished = command("profiles", "show", "generic_cia402", "--eds", str(tmp_path / "none" / "sim.eds"))
+    assert finished.status == 2
+    assert "cannot be written: No such file or directory" in finished.err
+
+
+@pytest.fixture
+def vendor_file(tmp_path: Path, command: Command) -> Path:
+    path = tmp_path / "push1.eds"
+    command("profiles", "show", "generic_cia402", "--eds", str(path))
+    return path
+
+
+def test_a_vendors_eds_is_shown_as_the_profile_that_it_makes(vendor_file: Path, command: Command) -> None:
+    finished = command("profiles", "show", str(vendor_file))
+    assert finished.status == 0
+    assert "generic CiA 402 · canopen · usable for force" not in finished.out
+    assert "ASSUMED, an EDS names no units" in finished.out
+    shown = json.loads(command("profiles", "show", str(vendor_file), "--json").out)
+    assert shown["torque"]["mode_of_operation"] == 10
+    assert "eds" not in shown
+
+
+def test_a_vendors_eds_is_checked_line_by_line(vendor_file: Path, command: Command) -> None:
+    assert command("profiles", "check", str(vendor_file)).out == f"{vendor_file}: no fault\n"
+    text = vendor_file.read_text(encoding="utf-8")
+    vendor_file.write_text(text.replace("[6071]", "[6071]\nnonsense"), encoding="utf-8")
+    line = vendor_file.read_text(encoding="utf-8").splitlines().index("nonsense") + 1
+    finished = command("profiles", "check", str(vendor_file), "--json")
+    assert finished.status == 2
+    (error,) = json.loads(finished.out)["errors"]
+    assert (error["source"], error["line"], error["key"]) == (str(vendor_file), line, "[6071]")
+
+
+def test_a_vendors_eds_without_torque_is_refused_with_what_is_missing(vendor_file: Path, command: Command) -> None:
+    text = vendor_file.read_text(encoding="utf-8")
+    vendor_file.write_text(text.replace("[6071]", "[3071]"), encoding="utf-8")
+    finished = command("profiles", "show", str(vendor_file))
+    assert (finished.status, finished.out) == (2, "")
+    assert "not usable for force: there is no 6071h target torque" in finished.err
+
+
+def test_quirks_are_shown_only_where_there_are_any(tmp_path: Path, command: Command) -> None:
+    path = tmp_path / "quirky.toml"
+    text = (profile_folder() / "generic_cia402.toml").read_text(encoding="utf-8")
+    path.write_text(text + 'simulation = "a test"\n\n[simulation]\nabsent = [0x6502]\n', encoding="utf-8")
+    shown = command("profiles", "show", str(path)).out
+    assert "simulation.absent" in shown
+    assert "6502h" in shown
+    assert "simulation.boot_time" not in shown
+    assert "simulation" not in command("profiles", "show", "generic_cia402").out

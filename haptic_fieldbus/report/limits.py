@@ -1,0 +1,90 @@
+"""The limits of a loop in words: lines of a key and a text."""
+
+import math
+from collections.abc import Iterator
+
+from haptic_fieldbus.judging import UNCERTAIN, Judged
+from haptic_fieldbus.margins import Plant, Stability, Verdict
+from haptic_fieldbus.report.words import Line, count, parameter_units, quantity
+from haptic_fieldbus.signals import Workspace
+
+MEANING = {
+    Verdict.PASSIVE: "no hand that is passive itself can make it unstable",
+    Verdict.STABLE: "the handle comes to rest; some hand could make it unstable",
+    Verdict.LIMIT_CYCLE: "it moves to and fro over the edge of an encoder count for ever",
+    Verdict.UNSTABLE: "it grows until something saturates",
+}
+
+
+def limits(judged: Judged) -> list[Line]:
+    """Scene, device, delay, limits with all and with less friction, and the verdict."""
+    told, unit = judged.stability, parameter_units(judged.workspace)["stiffness"]
+    return [
+        ("scene", f"{judged.scene.name}: {_asked(told, unit, judged.workspace)}{_axis(judged)}"),
+        ("device", _device(told.plant, judged.workspace)),
+        ("delay", f"{1e3 * told.delay_s:.3g} ms from sampling to acting, period {1e3 * told.period_s:.3g} ms"),
+        *(("limits" if number == 0 else "", text) for number, text in enumerate(_limits(judged, unit))),
+        ("radius", f"{told.spectral_radius:.9g}: what a motion is multiplied by in a period"),
+        ("verdict", f"{told.verdict.value}: {MEANING[told.verdict]}{_margin(told)}"),
+    ]
+
+
+def notes(judged: Judged) -> list[Line]:
+    """What a reader of the numbers alone would miss."""
+    plant, found = judged.stability.plant, []
+    if judged.stability.stiffness_limit.quantisation == 0.0:
+        step = quantity(plant.resolution, judged.workspace.length_unit)
+        found.append(("note", f"quantisation 0: an encoder step of {step} and no Coulomb friction to bridge it"))
+    if judged.linear_estimator is not None:
+        found.append(("note", f"{judged.estimator} is not linear; judged with {judged.linear_estimator} in its place"))
+    return found
+
+
+def _asked(told: Stability, unit: str, workspace: Workspace) -> str:
+    parts = [] if told.stiffness is None else [f"stiffness {told.stiffness:g} {unit}"]
+    if told.damping:
+        parts.append(f"damping {told.damping:g} {parameter_units(workspace)['damping']}")
+    return ", ".join(parts) or "no stiffness"
+
+
+def _axis(judged: Judged) -> str:
+    return f" · axis {judged.axis} has the smallest margin" if len(judged.scene.axes) > 1 else ""
+
+
+def _device(plant: Plant, workspace: Workspace) -> str:
+    units = parameter_units(workspace)
+    parts = [
+        f"mass {plant.mass:.4g} {units['mass']}",
+        f"damping {plant.damping:.4g} {units['damping']}",
+        f"Coulomb friction {plant.coulomb:.4g} {workspace.effort_unit}",
+        f"encoder step {plant.resolution:.4g} {workspace.length_unit}",
+        f"torque loop {1e3 * plant.torque_lag:.3g} ms",
+    ]
+    values = (plant.mass, plant.damping, plant.coulomb, plant.resolution, plant.torque_lag)
+    return ", ".join(part for part, value in zip(parts, values, strict=True) if value)
+
+
+def _limits(judged: Judged, unit: str) -> Iterator[str]:
+    told = judged.stability.stiffness_limit
+    if told.stable is None:
+        yield "none: no element has a stiffness to vary"
+        return
+    yield f"stable to {_value(told.stable, unit)}"
+    yield f"passive to {_value(told.passive, unit)}, whatever hand holds it"
+    if told.quantisation is not None:
+        yield f"at rest between two counts to {_value(told.quantisation, unit)} (2·fc/D)"
+    less = judged.with_friction(UNCERTAIN).stiffness_limit
+    limits = f"stable to {_value(less.stable, unit)}, passive to {_value(less.passive, unit)}"
+    yield f"with {UNCERTAIN:g} of the friction: {limits}"
+
+
+def _value(value: float | None, unit: str) -> str:
+    if value is None:
+        return "unknown"
+    return "any stiffness" if math.isinf(value) else f"{count(value)} {unit}"
+
+
+def _margin(told: Stability) -> str:
+    if told.margin is None or math.isinf(told.margin):
+        return ""
+    return f" · margin {told.margin:.3g}"

@@ -1,0 +1,100 @@
+"""A picture of the stable and the passive region of a loop over virtual stiffness and damping."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.judging import Judged
+from haptic_fieldbus.margins import passive_limit_of, stiffness_limit
+from haptic_fieldbus.margins.contact import stiffest_of
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.report.plot import BLUE, GREEN, INK, VERMILION
+from haptic_fieldbus.report.words import parameter_units
+from haptic_fieldbus.result import Array
+
+POINTS = 48
+"""Dampings looked at in each picture."""
+
+
+def plot_region(judged: Judged, path: Path) -> None:
+    """Draw the limits of stiffness for each damping, whole and around the scene.
+
+    Raises UsageError for a scene without an element that has both.
+    """
+    element = stiffest_of(judged.elements)
+    if element is None or not hasattr(element, "damping"):
+        raise UsageError("--plot draws stiffness over damping; this scene has no element with both")
+    told = judged.stability
+    near = 4.0 * max(told.plant.damping, float(element.damping), 1e-9 * told.plant.mass / told.period_s)
+    figure = Figure(figsize=(11.0, 5.0), dpi=110, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(
+        f"{judged.scene.name}: period {1e3 * told.period_s:g} ms, delay {1e3 * told.delay_s:.2g} ms",
+        size=12, weight="bold", color=INK, x=0.01, ha="left",
+    )  # fmt: skip
+    panels = figure.subplots(1, 2)
+    for panel, end in zip(panels, (_end(judged, told.plant.mass / told.period_s), near), strict=True):
+        _draw(panel, judged, end)
+        if told.stiffness is not None:
+            panel.plot([float(element.damping)], [told.stiffness], "o", color=VERMILION, label=told.verdict.value)
+    panels[0].set_title("the whole region", loc="left", size=10, color=INK)
+    panels[1].set_title("around the scene", loc="left", size=10, color=INK)
+    panels[1].legend(frameon=False)
+    figure.savefig(path)
+
+
+def _draw(panel: Axes, judged: Judged, end: float) -> None:
+    units = parameter_units(judged.workspace)
+    damping, stable, passive = _limits(judged, end)
+    panel.fill_between(damping, stable, color=BLUE, alpha=0.16, linewidth=0)
+    panel.plot(damping, stable, color=BLUE, linewidth=1.8, label="stable below")
+    panel.fill_between(damping, passive, color=GREEN, alpha=0.25, linewidth=0)
+    panel.plot(damping, passive, color=GREEN, linewidth=1.8, label="passive below, with any hand")
+    panel.set_xlabel(f"virtual damping [{units['damping']}]")
+    panel.set_ylabel(f"virtual stiffness [{units['stiffness']}]")
+    panel.margins(x=0)
+    panel.set_ylim(bottom=0.0)
+    panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
+    panel.spines[["top", "right"]].set_visible(False)
+
+
+def _limits(judged: Judged, end: float) -> tuple[Array, Array, Array]:
+    """Dampings from 0 to `end`, and both limits for each, shape (POINTS,)."""
+    told = judged.stability
+    plant, period, delay = told.plant, told.period_s, told.delay_s
+
+    def both(damping: float) -> tuple[float, float]:
+        def varied(stiffness: float) -> StateSpace:
+            return judged.environment(stiffness=stiffness, damping=damping)
+
+        stable = _drawn(stiffness_limit(plant, period, delay, varied))
+        return stable, min(stable, passive_limit_of(plant, period, delay, varied, stable))
+
+    dampings = np.linspace(0.0, end, POINTS)
+    limits = np.array([both(damping) for damping in dampings.tolist()])
+    return dampings, limits[:, 0], limits[:, 1]
+
+
+def _drawn(limit: float) -> float:
+    return limit if math.isfinite(limit) else 0.0
+
+
+def _end(judged: Judged, scale: float) -> float:
+    """A damping [N·s/m or N·m·s/rad] with which no stiffness is stable any more; at most twice `scale`, m/T."""
+    told = judged.stability
+
+    def limit(damping: float) -> float:
+        def varied(stiffness: float) -> StateSpace:
+            return judged.environment(stiffness=stiffness, damping=damping)
+
+        return stiffness_limit(told.plant, told.period_s, told.delay_s, varied)
+
+    value = 1e-3 * scale
+    while value < 2.0 * scale and limit(value):
+        value *= math.sqrt(2.0)
+    return value

@@ -1,0 +1,106 @@
+"""`stability` on the command line: the contract of its keys, its exit status, and what it says."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import haptic_fieldbus
+from haptic_fieldbus.numerics.estimators import judged_as
+from haptic_fieldbus.scenes.catalogue import scene_names
+from tests.cli.command import Command
+
+KEYS = [
+    "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "spectral_radius", "margin", "verdict",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("scene", scene_names())
+def test_the_json_object_has_the_keys_of_the_contract(scene: str, command: Command) -> None:
+    finished = command("stability", scene, "--json")
+    assert finished.status == 0
+    found = json.loads(finished.out)
+    assert list(found) == KEYS
+    assert list(found["stiffness_limit"]) == ["passive", "stable", "quantisation"]
+    assert found == haptic_fieldbus.stability(scene).to_json()
+
+
+@pytest.mark.parametrize(
+    ("options", "verdict"),
+    [
+        (("--mass", "0.5", "--damping", "1.2"), "passive"),
+        (("--mass", "0.001", "--damping", "0.29"), "stable"),
+        (("--mass", "0.5", "--damping", "1.2", "--resolution", "1e-5", "--coulomb", "1e-4"), "limit-cycle"),
+        (("--mass", "0.5", "--damping", "1.2", "--delay", "5e-3"), "unstable"),
+        (("--mass", "0.5"), "unstable"),
+    ],
+)
+def test_every_verdict_ends_with_status_0(options: tuple[str, ...], verdict: str, command: Command) -> None:
+    finished = command("stability", "wall", *options, "--json")
+    assert (finished.status, json.loads(finished.out)["verdict"]) == (0, verdict)
+
+
+def test_given_numbers_are_the_whole_device(command: Command) -> None:
+    found = json.loads(command("stability", "wall", "--mass", "0.5", "--json").out)
+    assert found["plant"] == {"mass": 0.5, "damping": 0.0, "coulomb": 0.0, "resolution": 0.0, "torque_lag": 0.0}
+    assert found["stiffness_limit"] == {"passive": 0.0, "stable": 0.0, "quantisation": None}
+    assert (found["delay_s"], found["margin"]) == (0.0, 0.0)
+
+
+def test_a_limit_of_zero_by_quantisation_is_told_with_its_reason(command: Command) -> None:
+    options = ("--mass", "0.5", "--damping", "1.2", "--resolution", "1e-5", "--json")
+    finished = command("stability", "wall", *options)
+    assert json.loads(finished.out)["stiffness_limit"]["quantisation"] == 0.0
+    assert "no Coulomb friction to bridge it" in finished.err
+
+
+def test_an_estimator_that_is_not_linear_is_told(command: Command) -> None:
+    finished = command("stability", "damped_wall", "--estimator", "foaw-end-fit")
+    assert f"foaw-end-fit is not linear; judged with {judged_as('foaw-end-fit')} in its place" in finished.err
+
+
+def test_the_text_tells_limits_with_all_and_with_less_friction(command: Command) -> None:
+    out = command("stability", "wall").out
+    assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
+        "scene", "device", "delay", "limits", "radius", "verdict",
+    ]  # fmt: skip
+    assert "with 0.7 of the friction: stable to 1 044 N/m, passive to 1 006 N/m" in out
+    assert "verdict    passive: " in out
+    assert "margin 2.49" in out
+
+
+def test_a_device_without_stiffness_to_vary_is_told_so(tmp_path: Path, command: Command) -> None:
+    out = command("stability", "sprung_mass", "--mass", "0.5").out
+    assert "stable to 0 N/m" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--mass", "0"), "mass 0: expected a number above 0"),
+        (("--mass", "-1"), "mass -1: expected a number above 0"),
+        (("--mass", "0.5", "--delay", "-1"), "delay -1: expected a number from 0 up"),
+        (("--set", "wall.stiffness=nan"), "wall.stiffness"),
+        (("--rate", "0"), "rate 0: expected a rate above 0"),
+        (("--plot", "x.doc"), "suffix"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_status_2(options: tuple[str, ...], sentence: str, command: Command) -> None:
+    finished = command("stability", "wall", *options)
+    assert finished.status == 2
+    assert sentence in finished.err
+
+
+@pytest.mark.parametrize("options", [(), ("--mass", "0.5", "--damping", "1.2")])
+def test_the_region_is_drawn(options: tuple[str, ...], tmp_path: Path, command: Command) -> None:
+    picture = tmp_path / "region.png"
+    finished = command("stability", "damped_wall", "--plot", str(picture), *options)
+    assert finished.status == 0
+    assert str(picture) in finished.out
+    assert picture.stat().st_size > 10_000
+
+
+def test_a_region_needs_an_element_with_stiffness_and_damping(tmp_path: Path, command: Command) -> None:
+    finished = command("stability", "sprung_mass", "--plot", str(tmp_path / "region.png"))
+    assert finished.status == 2
+    assert "no element with both" in finished.err
