@@ -5,6 +5,7 @@ import math
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -21,7 +22,14 @@ from haptic_fieldbus.report.page import stability
 from haptic_fieldbus.report.page.context import Context
 from haptic_fieldbus.report.page.html import Cell, Section, number, page, percent, picture, table
 from haptic_fieldbus.report.page.style import LOOKS, look_of, svg
-from haptic_fieldbus.report.page.work_precision import at_fixed_cost, draw, has_failed, order_words, sets_table
+from haptic_fieldbus.report.page.work_precision import (
+    at_fixed_cost,
+    draw,
+    has_failed,
+    is_as_claimed,
+    order_words,
+    sets_table,
+)
 
 TOOLS = Tools(api.run, api.plan)
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -90,6 +98,10 @@ def test_failures_are_drawn_and_told_and_never_dropped() -> None:
     assert whole.count("<use") > part.count("<use")
     assert "failed" in sets_table([a_set([None, None])])
     assert order_words(failed) == "2.00 (2)"
+    assert is_as_claimed(failed)
+    nothing = replace(failed, points=tuple(replace(point, order=None) for point in failed.points))
+    assert not is_as_claimed(nothing), "a set in which every run failed does not count as good"
+    assert is_as_claimed(replace(nothing, claimed=math.inf))
 
 
 def test_the_error_at_a_fixed_cost_lies_between_two_runs() -> None:

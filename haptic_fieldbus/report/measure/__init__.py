@@ -1,0 +1,1 @@
+"""Numbers of the report: each module measures one thing and knows nothing of pages."""

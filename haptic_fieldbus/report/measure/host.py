@@ -1,0 +1,48 @@
+"""What the numbers were measured on."""
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from time import get_clock_info
+
+import numpy as np
+
+PACKAGES = ("haptic-fieldbus", "numpy", "matplotlib", "python-can", "canopen")
+
+
+def host() -> dict[str, str]:
+    """Processor, system and versions, in words."""
+    clock = get_clock_info("perf_counter")
+    return {
+        "processor": processor(),
+        "cores": str(os.cpu_count()),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        **{name: _version(name) for name in PACKAGES},
+        "linear_algebra": _blas(),
+        "clock": f"{clock.implementation}, resolution {clock.resolution * 1e9:g} ns",
+    }
+
+
+def processor() -> str:
+    """As the system names it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or platform.machine())
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _blas() -> str:
+    known = np.show_config(mode="dicts")
+    blas = known.get("Build Dependencies", {}).get("blas", {}) if isinstance(known, dict) else {}
+    return f"{blas.get('name', 'unknown')} {blas.get('version', '')}".strip()

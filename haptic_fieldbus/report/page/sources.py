@@ -1,0 +1,97 @@
+"""The section on where the force error of a rendered scene comes from."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from matplotlib.figure import Figure
+
+from haptic_fieldbus.report.measure.scene_errors import SceneError, scene_errors
+from haptic_fieldbus.report.page.context import Context
+from haptic_fieldbus.report.page.html import Cell, Section, number, paragraph, picture, table
+from haptic_fieldbus.report.page.style import dress, figure, svg
+from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from haptic_fieldbus.scenes.catalogue import scene_names
+
+QUICK, FULL = 2.0, 10.0
+"""[s] of virtual time."""
+COLOURS = {
+    "sampling and delay": (BLUE, ""),
+    "encoder": (ORANGE, "//"),
+    "estimator": (GREEN, "\\\\"),
+    "integrator": (PURPLE, "xx"),
+    "torque step": (SKY, ".."),
+    "torque loop": (VERMILION, "--"),
+}
+
+EXPLAINED = """Each shipped scene runs on the simulated bench (drive, bus, motor, encoder) at 1 kHz with the hand
+<code>push</code>. The ideal is the scene in continuous time on the true motion of the handle. Things are made real
+one after another: sampling and delay, encoder, velocity estimator, integrator, the drive's torque step, its torque
+loop. Each adds its part to the error, and the shares sum to one; a negative share takes away from what the others
+did."""
+
+
+def sources_section(context: Context) -> Section:
+    """All scenes of the library."""
+    names, found = scene_names(), []
+    for each in scene_errors(context.tools, names, QUICK if context.quick else FULL):
+        found.append(each)
+        context.progress(f"scene {each.scene}", len(found) / len(names))
+    known = [each for each in found if each.rms is not None]
+    document = svg(draw(known))
+    caption = "Shares of the mean square error by source. Below zero: the source undoes part of another's error."
+    body = [paragraph(EXPLAINED), picture("sources", document, caption) if known else "", sources_table(found)]
+    return Section(
+        "sources",
+        "Where the error comes from",
+        "".join(body),
+        tuple(_finding(each) for each in known if each.scene == "wall"),
+        {"sources": document} if known else {},
+        [asdict(each) for each in found],
+    )
+
+
+def draw(found: Sequence[SceneError]) -> Figure:
+    """One bar a scene."""
+    drawn = figure(1.7 + 0.5 * len(found))
+    panel = drawn.subplots()
+    for row, each in enumerate(found):
+        ends = {True: 0.0, False: 0.0}
+        for source, share in each.by_source.items():
+            colour, hatch = COLOURS.get(source, (GREY, ""))
+            panel.barh(row, share, left=ends[share >= 0.0], color=colour, hatch=hatch, edgecolor="white", height=0.62)
+            ends[share >= 0.0] += share
+    panel.set_yticks(range(len(found)), [each.scene for each in found])
+    panel.invert_yaxis()
+    panel.axvline(0.0, color="#222222", linewidth=0.8)
+    dress(panel, "error split by source", "share of the mean square error [1]", "")
+    for source, (colour, hatch) in COLOURS.items():
+        panel.barh(0, 0, color=colour, hatch=hatch, edgecolor="white", label=source)
+    drawn.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+    return drawn
+
+
+def sources_table(found: Sequence[SceneError]) -> str:
+    """With every share."""
+    sources = list(COLOURS)
+
+    def row(each: SceneError) -> list[str | Cell]:
+        if each.rms is None:
+            return [each.scene, Cell(each.reason, "text"), *[""] * (3 + len(sources))]
+        shares = [number(100.0 * each.by_source[s]) if s in each.by_source else "–" for s in sources]
+        contact = None if each.contact is None else 100.0 * each.contact
+        energy = None if each.energy is None else 1e3 * each.energy
+        return [each.scene, f"{number(each.rms)} {each.unit}", f"{number(each.max)} {each.unit}", number(contact),
+                number(energy), *shares]  # fmt: skip
+
+    headings = ("scene", "rms error", "largest error", "error in contact, % of force", "energy put in [mJ]",
+                *(f"{source} [%]" for source in sources))  # fmt: skip
+    return table(headings, map(row, found))
+
+
+def _finding(each: SceneError) -> str:
+    largest = max(each.by_source, key=lambda source: each.by_source[source])
+    felt = "" if each.contact is None else f", {100.0 * each.contact:.2g} % of the force (a hand feels from about 8 %)"
+    return (
+        f"The rendered wall is off by {number(each.rms)} {each.unit} rms in contact{felt}; "
+        f"{100.0 * each.by_source[largest]:.0f} % of it is {largest}."
+    )
