@@ -1,0 +1,252 @@
+"""Elements at their edges: fast impacts, stiff tissue, slipping bristles, a standstill, a detent that is too sharp."""
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from haptic_fieldbus.margins import Plant, stiffness_limit
+from haptic_fieldbus.numerics.integrators import bind
+from haptic_fieldbus.numerics.integrators.explicit import bind_rates
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.report.case import CaseResult
+from haptic_fieldbus.sim import plant as sim_plant
+from haptic_fieldbus.sim.motion import Shaft
+
+STIFFNESS, EXPONENT, LOSS, IMPACT_MASS = 1e5, 1.5, 0.6, 0.2
+"""Hunt–Crossley: F = k·xⁿ·(1 + p·v) [N/m^1.5, -, s/m], and the mass that hits it [kg]."""
+PERIOD = 1e-3
+
+
+def _contact(depth: float, speed: float) -> float:
+    """Hunt–Crossley, which never pulls."""
+    return max(0.0, STIFFNESS * math.pow(max(0.0, depth), EXPONENT) * (1.0 + LOSS * speed))
+
+
+def _impact(speed: float, period: float) -> tuple[float, float]:
+    """(exit speed [m/s], smallest force [N]) of a mass that hits at `speed`, followed by RK4."""
+    step = bind_rates(lambda t, z: (z[1], -_contact(*z) / IMPACT_MASS), (0.0, speed), period, "rk4")
+    smallest, (depth, now) = 0.0, step()
+    while depth >= 0.0:
+        depth, now = step()
+        smallest = min(smallest, _contact(depth, now))
+    return -now, smallest
+
+
+def _exit_speed(speed: float) -> float:
+    """The w with −p·w − ln(1 − p·w) = p·v − ln(1 + p·v), by bisection."""
+    entry, low, high = LOSS * speed - math.log1p(LOSS * speed), 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if -middle - math.log1p(-middle) < entry else (low, middle)
+    return low / LOSS
+
+
+def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
+    """Exit speeds of slow and fast impacts solve p·v − ln(1 + p·v) equal at entry and exit, and nothing pulls."""
+    speeds = (0.1, 1.0, 5.0, 20.0)
+    found = [_impact(speed, 2e-6 if quick else 2e-7) for speed in speeds]
+    exact = [_exit_speed(speed) for speed in speeds]
+    error = max(abs(left - right) / right for (left, _), right in zip(found, exact, strict=True))
+    pulled_out = _contact(1e-3, -3.0 / LOSS)
+    smallest = min(force for _, force in found)
+    return CaseResult(
+        "hunt-crossley-fast-impact",
+        f"in at 0.1, 1, 5, 20 m/s, out at {_listed(exact)} m/s (within 1e-6); never a force below 0 N",
+        f"out at {_listed([left for left, _ in found])} m/s, off by {error:.1g}; smallest force {smallest:g} N, "
+        f"{pulled_out:g} N when pulled out at 3/p",
+        error < 1e-6 and smallest >= 0.0 and pulled_out == 0.0,
+        "closed form: p·v − ln(1 + p·v) is equal at entry and exit, solved by bisection",
+    )
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.5g}" for value in values)
+
+
+TISSUE = ((200.0, 0.1), (300.0, 1e-3), (500.0, 1e-5))
+"""Branches of the tissue: stiffness [N/m], relaxation time [s]; beside them REST."""
+REST = 100.0
+
+
+def _tissue() -> StateSpace:
+    """q̇ = (x − q)/τ of each branch; F = −k₀·x − Σ k·(x − q)."""
+    k, tau = np.array(TISSUE).T
+    b = np.stack([1.0 / tau, np.zeros(len(tau))], axis=1)
+    return StateSpace(np.diag(-1.0 / tau), b, k[None, :], np.array([[-(REST + k.sum()), 0.0]]))
+
+
+def _relaxation(method: str, steps: int) -> list[float]:
+    """Force minus the closed form [N], from the period after a press of 1 mm on."""
+    step = bind(_tissue(), PERIOD, method)
+    step(0.0)
+    exact = [-1e-3 * (REST + sum(k * math.exp(-n * PERIOD / tau) for k, tau in TISSUE)) for n in range(steps)]
+    return [step(1e-3) - force for force in exact]
+
+
+def multi_scale_tissue(quick: bool) -> CaseResult:
+    """Branches of 100 ms, 1 ms and 10 µs at a period of 1 ms: what three methods make of a press of 1 mm."""
+    steps = 50
+    euler, trapezoid, exact = (_relaxation(method, steps) for method in ("forward-euler", "trapezoidal", "exact-zoh"))
+    growth = abs(euler[-1] / euler[-2])
+    late = trapezoid[15:]
+    turns = sum(a * b < 0.0 for a, b in pairwise(late))
+    ratio = late[2] - late[1], late[1] - late[0]
+    error = max(map(abs, exact))
+    return CaseResult(
+        "multi-scale-tissue",
+        "forward Euler ×99.0 a period, the trapezoid turns sign every period by ×−0.961 (within 0.01), "
+        "exact step on the closed form within 1e-12 N",
+        f"forward Euler ×{growth:.4g}; trapezoid {turns} turns in {len(late) - 1} periods, "
+        f"×{ratio[0] / ratio[1]:.3f}; "
+        f"exact step off by {error:.1g} N",
+        abs(growth - 99.0) < 0.01
+        and turns == len(late) - 1
+        and abs(ratio[0] / ratio[1] + 49.0 / 51.0) < 0.01
+        and error < 1e-12,
+        "closed form: F = −x·(k₀ + Σ k·e^(−t/τ)); factors 1 − T/τ and (1 − T/2τ)/(1 + T/2τ) of the fastest branch",
+    )
+
+
+BRISTLE, LEVEL = 1e5, 2.0
+"""LuGre: σ0 [N/m] and g [N], here without Stribeck's rise."""
+
+
+def _explicit_bristle(speed: float, steps: int) -> float:
+    """Distance of the bristle from its steady stretch, in steady stretches, after so many periods."""
+    step = bind_rates(lambda t, z, v: (v - BRISTLE * abs(v) / LEVEL * z[0],), (0.0,), PERIOD, "forward-euler")
+    (z,) = [step(speed) for _ in range(steps + 1)][-1]
+    return abs(z * BRISTLE / LEVEL - 1.0)
+
+
+def _exponential_bristle(z: float, speed: float, period: float) -> float:
+    """The bristle after a period of constant speed."""
+    decay = math.exp(-BRISTLE * abs(speed) / LEVEL * period)
+    return z * decay + math.copysign(LEVEL / BRISTLE, speed) * (1.0 - decay)
+
+
+def _fine_bristle(speed: float, steps: int) -> float:
+    """The same ODE by brute force: RK4 with 200 steps a period."""
+    fine = bind_rates(lambda t, z, v: (v - BRISTLE * abs(v) / LEVEL * z[0],), (0.0,), PERIOD / 200, "rk4")
+    return [fine(speed) for _ in range(200 * steps + 1)][-1][0]
+
+
+def lugre_fast_slip(quick: bool) -> CaseResult:
+    """The explicit bristle explodes just above |v| = 2·g/(σ0·T); the exponential step follows at any speed."""
+    limit, steps = 2.0 * LEVEL / (BRISTLE * PERIOD), 500
+    below, above = _explicit_bristle(0.99 * limit, steps), _explicit_bristle(1.01 * limit, steps)
+    error, largest = 0.0, 0.0
+    for speed in (0.01 * limit, limit, 1.01 * limit):
+        z = 0.0
+        for _ in range(3):
+            z = _exponential_bristle(z, speed, PERIOD)
+        error = max(error, abs(z / _fine_bristle(speed, 3) - 1.0))
+    for n in range(steps if quick else 1_000_000):
+        z = _exponential_bristle(z, (-1.0) ** n * limit * 10.0 ** (n % 9), PERIOD)
+        largest = max(largest, BRISTLE * abs(z) / LEVEL)
+    rates = [math.log(value) / steps for value in (below, above)]
+    return CaseResult(
+        "lugre-fast-slip",
+        f"explicit: error ×0.98 a period at 0.99 of {limit:g} m/s, ×1.02 at 1.01; exponential: the ODE within 1e-8, "
+        "force within g up to 1e8 times the limit",
+        f"×{math.exp(rates[0]):.4f} and ×{math.exp(rates[1]):.4f} a period; exponential off by {error:.1g}, "
+        f"largest force {largest:.6g} g",
+        abs(rates[0] - math.log(0.98)) < 1e-6
+        and abs(rates[1] - math.log(1.02)) < 1e-6
+        and error < 1e-8
+        and largest <= 1.0 + 1e-12,
+        "closed form: the error is multiplied by 1 − σ0·|v|·T/g; the exponential step by RK4 with 200 steps a period",
+    )
+
+
+INERTIA, VISCOUS, COULOMB, SPIN = 4e-5, 1e-4, 2e-3, 20.0
+"""The shipped bench at the motor shaft [kg·m², N·m·s/rad, N·m], thrown at [rad/s]."""
+
+
+def _thrown(damping: float, t_ns: int) -> sim_plant.Plant:
+    """The simulated shaft so long after it was thrown, with no torque and nobody holding it."""
+    plant = sim_plant.Plant(Shaft(INERTIA, damping, COULOMB, 1.6e-4), None, velocity=SPIN)
+    plant.advance(t_ns)
+    return plant
+
+
+def _stop(damping: float) -> tuple[float, float]:
+    """(time [s], angle [rad]) of the simulated standstill, the time by bisection to a nanosecond."""
+    low, high = 0, 1_000_000_000
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if _thrown(damping, middle).velocity > 0.0 else (low, middle)
+    return high * 1e-9, _thrown(damping, 2_000_000_000).position
+
+
+def coulomb_stop(quick: bool) -> CaseResult:
+    """A shaft thrown against Coulomb friction stands still after a known time and way, with and without damping."""
+    logarithm = math.log1p(VISCOUS * SPIN / COULOMB)
+    times = INERTIA / VISCOUS * logarithm, INERTIA * SPIN / COULOMB
+    ways = (
+        INERTIA / VISCOUS * (SPIN - COULOMB / VISCOUS * logarithm),
+        INERTIA * SPIN**2 / (2.0 * COULOMB),
+    )
+    found = [_stop(VISCOUS), _stop(0.0)]
+    late = max(abs(t - exact) for (t, _), exact in zip(found, times, strict=True))
+    off = max(abs(way / exact - 1.0) for (_, way), exact in zip(found, ways, strict=True))
+    return CaseResult(
+        "coulomb-stop",
+        f"stands after {times[0]:.6f} s and {ways[0]:.6f} rad with damping, {times[1]:.6f} s and {ways[1]:.6f} rad "
+        "without (within 2 ns and 1e-9), and stays",
+        f"{found[0][0]:.6f} s and {found[0][1]:.6f} rad, {found[1][0]:.6f} s and {found[1][1]:.6f} rad; "
+        f"off by {1e9 * late:.2g} ns and {off:.1g}",
+        late < 2e-9 and off < 1e-9,
+        "closed form: t = J/b·ln(1 + b·ω/fc), θ = J/b·(ω − fc/b·ln(1 + b·ω/fc)); J·ω/fc and J·ω²/2fc for b = 0",
+    )
+
+
+MASS, DAMPING, PITCH = 0.6, 1.6, 2e-3
+"""A handle [kg, N·s/m] on detents of this pitch [m]."""
+
+
+def _hand_limit() -> tuple[float, Callable[[float, float, float], tuple[float, float]]]:
+    """Jury's limit of a held spring on this handle [N/m], and the handle's exact step (x, v, F) → (x, v)."""
+    decay = math.exp(-DAMPING * PERIOD / MASS)
+    way = MASS / DAMPING * (1.0 - decay)
+    pushed, kicked = (PERIOD - way) / DAMPING, (1.0 - decay) / DAMPING
+    limit = (1.0 - decay) / (way * kicked - decay * pushed)
+    return limit, lambda x, v, f: (x + way * v + pushed * f, decay * v + kicked * f)
+
+
+def _swing(stiffness: float, steps: int) -> float:
+    """Growth of a millionth of a pitch in the detent −A·sin(2π·x/p) with 2π·A/p = `stiffness`, step by step."""
+    step, amplitude = _hand_limit()[1], stiffness * PITCH / (2.0 * math.pi)
+    start = x = 1e-6 * PITCH
+    v = largest = 0.0
+    for n in range(steps):
+        x, v = step(x, v, -amplitude * math.sin(2.0 * math.pi * x / PITCH))
+        if n > steps - 500:
+            largest = max(largest, abs(x))
+    return largest / start
+
+
+def detent_too_sharp(quick: bool) -> CaseResult:
+    """A detent is calm in its valley as long as 2π·A/p is below the stiffness limit of a wall, and not above."""
+    limit, steps = _hand_limit()[0], 20_000 if quick else 200_000
+    predicted = stiffness_limit(Plant(MASS, DAMPING), PERIOD, 0.0, lambda k: gain([[-k]]))
+    calm, restless = _swing(0.9 * predicted, steps), _swing(1.1 * predicted, steps)
+    off = abs(predicted / limit - 1.0)
+    return CaseResult(
+        "detent-too-sharp",
+        f"limit {limit:.3f} N/m (within 1e-8), so A = {1e3 * limit * PITCH / (2 * math.pi):.1f} mN at 2 mm; a small "
+        "swing at least halves at 0.9 of it and doubles at 1.1",
+        f"limit {predicted:.3f} N/m, off by {off:.1g}; swing ×{calm:.3g} and ×{restless:.3g} in {steps} periods",
+        off < 1e-8 and calm < 0.5 and restless > 2.0,
+        "Jury's criterion written by hand, and the sine simulated step by step",
+    )
+
+
+CASES: dict[str, Callable[[bool], CaseResult]] = {
+    "hunt-crossley-fast-impact": hunt_crossley_fast_impact,
+    "multi-scale-tissue": multi_scale_tissue,
+    "lugre-fast-slip": lugre_fast_slip,
+    "coulomb-stop": coulomb_stop,
+    "detent-too-sharp": detent_too_sharp,
+}

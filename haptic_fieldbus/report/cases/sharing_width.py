@@ -1,0 +1,232 @@
+"""Energy and passivity: how stiff and how damped a wall may be, and what a filter in its damper costs or saves.
+
+The device m·ẍ + b·ẋ = F moves over a span s by x ← x + a·v + c·F, v ← p·v + d·F with p = e^{−b·s/m}, a = m·(1 − p)/b,
+d = (1 − p)/b, c = (s − a)/b. With the force changing δ into the period, N = (c₁·z + a·d₁ − p·c₁)·z + (the same of what
+acts before the change), and a damper through a low-pass of pole r, the loop's characteristic polynomial is
+
+    (z − 1)·(z − p)·(z − r)·zⁿ⁺¹ + N·(K·(z − r) + B·(1 − r)·(z − 1)/T).
+
+The oracle takes its roots; the package takes eigenvalues of matrices and runs loops.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.margins import Plant, passive_limit_of, sample, stiffness_limit
+from haptic_fieldbus.numerics import batch, sampled
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.numerics.loops import loops
+from haptic_fieldbus.numerics.passivity import damping_needed
+from haptic_fieldbus.numerics.sampled import environment
+from haptic_fieldbus.report.case import CaseResult
+
+Array = NDArray[np.float64]
+Point = tuple[float, float, float]
+"""Virtual damping B, delay [s], pole of the low-pass."""
+PERIOD = 1e-3
+DEVICE = Plant(mass=0.1, damping=2.0)
+AGREEMENT = 1e-6
+"""Relative, of the package's limit with the oracle's."""
+APART = 0.03
+"""How far below and above a limit loops are run."""
+ROOTS = "roots of a characteristic polynomial derived by hand (bisected in K, to 1e-6); loops run 3 % either side"
+
+
+def wall(stiffness: float, damping: float, pole: float = 0.0) -> StateSpace:
+    """A spring and a damper on a low-passed backward difference, as the loop runs them."""
+    estimator = f"low-pass:pole={pole}" if pole else "backward-difference"
+    return environment(gain([[-stiffness, -damping]]), period=PERIOD, method=None, estimator=estimator)
+
+
+def _coefficients(span: float) -> tuple[float, float, float, float]:
+    """(p, a, c, d) of the module's theory."""
+    mass, damping = DEVICE.mass, DEVICE.damping
+    gone = -math.expm1(-damping * span / mass)
+    along = mass * gone / damping
+    return 1.0 - gone, along, (span - along) / damping, gone / damping
+
+
+def _force_polynomial(delay: float) -> tuple[int, Array]:
+    """(n, N) of the module's theory."""
+    whole = math.floor(delay / PERIOD + 1e-9)
+    first = max(delay - whole * PERIOD, 0.0)
+    p, a, _, _ = _coefficients(PERIOD)
+    p_rest, a_rest, c_after, d_after = _coefficients(PERIOD - first)
+    _, _, c_first, d_first = _coefficients(first)
+    c_before, d_before = c_first + a_rest * d_first, p_rest * d_first
+    after = np.array([c_after, a * d_after - p * c_after, 0.0])
+    before = np.array([0.0, c_before, a * d_before - p * c_before])
+    return whole, after + before
+
+
+def oracle_limit(damping: float, delay: float = 0.0, pole: float = 0.0) -> float:
+    """The stiffness at which a root first leaves the unit circle [N/m]; 0: none is stable."""
+    whole, force = _force_polynomial(delay)
+    p = _coefficients(PERIOD)[0]
+    free = np.polymul(np.poly([1.0, p, pole]), np.append(1.0, np.zeros(whole + 1)))
+    damper = damping * (1.0 - pole) / PERIOD * np.array([1.0, -1.0])
+
+    def is_stable(stiffness: float) -> bool:
+        held = np.polymul(force, stiffness * np.array([1.0, -pole]) + damper)
+        return bool(np.abs(np.roots(np.polyadd(free, held))).max() <= 1.0)
+
+    low, high = 0.0, 1.0
+    while is_stable(high):
+        low, high = high, 1.1 * high
+    while low and high - low > 1e-9 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_stable(middle) else (low, middle)
+    return low
+
+
+def _grown(points: list[tuple[float, Point]], quick: bool) -> NDArray[np.bool_]:
+    """Whether loops grow that are run below (first row) and above their limits; points are (limit, point)."""
+    factors = (1.0 - APART, 1.0 + APART)
+    rows = [
+        (wall(factor * limit, damping, pole), delay) for factor in factors for limit, (damping, delay, pole) in points
+    ]
+    order = max(space.order for space, _ in rows)
+    spaces = [_padded(space, order) for space, _ in rows]
+    many = loops(
+        mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, delay=[delay for _, delay in rows],
+        environments=spaces, position=1e-3,
+    )  # fmt: skip
+    grew: NDArray[np.bool_] = (batch.run(many, 4_000 if quick else 40_000).growth > 1.0).reshape(2, -1)
+    return grew
+
+
+def _padded(space: StateSpace, order: int) -> StateSpace:
+    """The same with states that do nothing, so that all have as many."""
+    more = order - space.order
+    return StateSpace(
+        np.pad(space.a, (0, more)),
+        np.pad(space.b, ((0, more), (0, 0))),
+        np.pad(space.c, ((0, 0), (0, more))),
+        space.d,
+    )
+
+
+def _package_limit(damping: float, delay: float, pole: float) -> float:
+    return stiffness_limit(DEVICE, PERIOD, delay, lambda stiffness: wall(stiffness, damping, pole))
+
+
+def _judged(
+    name: str,
+    points: list[Point],
+    says: Callable[[list[float]], tuple[str, bool]],
+    quick: bool,
+) -> CaseResult:
+    """Limits by package, oracle and loops that run; `says` reads a law in the oracle's."""
+    expected = [oracle_limit(*point) for point in points]
+    found = [_package_limit(*point) for point in points]
+    apart = max(abs(one - other) / other if other else abs(one) for one, other in zip(found, expected, strict=True))
+    some = [(limit, point) for limit, point in zip(expected, points, strict=True) if limit]
+    below, above = _grown(some, quick)
+    law, holds = says(expected)
+    right = int((~below).sum() + above.sum())
+    return CaseResult(
+        name,
+        f"{law}; {_listed(expected)} N/m",
+        f"{_listed(found)} N/m, apart by {apart:.1g}; {right} of {2 * len(some)} loops run 3 % off decay or grow so",
+        holds and apart <= AGREEMENT and right == 2 * len(some),
+        ROOTS,
+    )
+
+
+def _listed(values: list[float]) -> str:
+    return ", ".join(f"{value:.4g}" for value in values)
+
+
+def z_width_damping(quick: bool) -> CaseResult:
+    """Without delay, virtual damping widens the range of stiffness up to a point and then closes it."""
+    dampings = (0.0, 10.0, 40.0, 100.0, 160.0)
+
+    def says(limits: list[float]) -> tuple[str, bool]:
+        best = int(np.argmax(limits))
+        low = limits[0] * PERIOD / (2.0 * DEVICE.damping)
+        return "K limit for B = 0, 10, 40, 100, 160 N·s/m rises and falls again", 0 < best < 4 and abs(low - 1) < 0.02
+
+    return _judged("z-width-damping", [(damping, 0.0, 0.0) for damping in dampings], says, quick)
+
+
+def z_width_delay(quick: bool) -> CaseResult:
+    """Delay narrows it: with the same damper each further part of a period costs stiffness."""
+    delays = (0.0, 0.5, 1.0, 1.7, 3.0)
+
+    def says(limits: list[float]) -> tuple[str, bool]:
+        return "K limit with B = 10 N·s/m falls with delays of 0, ½, 1, 1.7, 3 T", limits == sorted(limits)[::-1]
+
+    return _judged("z-width-delay", [(10.0, delay * PERIOD, 0.0) for delay in delays], says, quick)
+
+
+def z_width_filter(quick: bool) -> CaseResult:
+    """A low-pass in the damper costs stiffness, with little virtual damping and with much."""
+    points = [(b, 0.0, pole) for b in (10.0, 160.0) for pole in (0.0, 0.5, 0.9)]
+
+    def says(limits: list[float]) -> tuple[str, bool]:
+        law = "K limit falls with low-passes of pole 0, 0.5, 0.9, with B = 10 and with B = 160 N·s/m"
+        return law, limits[0] > limits[1] > limits[2] > 0.0 and limits[3] > limits[4] > limits[5] > 0.0
+
+    return _judged("z-width-filter", points, says, quick)
+
+
+def pure_damper_limit(quick: bool) -> CaseResult:
+    """A damper alone is stable up to B = T/(a·d − p·c), near 2·m/T, and passive up to the device's own b only."""
+    p, a, c, d = _coefficients(PERIOD)
+    expected = min(PERIOD / (a * d - p * c), (1.0 + p) * PERIOD / (c - (a * d - p * c)))
+    device = sample(DEVICE, PERIOD, 0.0)
+    low, high = 0.0, 4.0 * DEVICE.mass / PERIOD
+    while high - low > 1e-10 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if sampled.growth(device, wall(0.0, middle)) < 1.0 else (low, middle)
+    many = loops(
+        mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, velocity=0.1,
+        virtual_damping=[(1.0 - APART) * expected, (1.0 + APART) * expected],
+    )  # fmt: skip
+    speed = np.abs(batch.run(many, 1_000).velocity)
+    needed = damping_needed(wall(0.0, 5.0), PERIOD, 0.0)
+    return CaseResult(
+        "pure-damper-limit",
+        f"stable to B = {expected:.6g} N·s/m (2·m/T = {2 * DEVICE.mass / PERIOD:.0f}); passive needs b = B = 5 N·s/m",
+        f"stable to {low:.6g} N·s/m; 0.1 m/s becomes {speed[0]:.1g} and {speed[1]:.1g} m/s in 1000 periods 3 % below "
+        f"and above; passive needs b = {needed:.6g}",
+        abs(low / expected - 1.0) <= AGREEMENT and speed[0] < 1e-3 < 1.0 < speed[1] and abs(needed / 5.0 - 1.0) < 1e-9,
+        "Jury's conditions of z² + (B·c/T − p)·z + B·(a·d − p·c)/T in closed form (to 1e-6); b > |B|",
+    )
+
+
+def filtered_damper_passivity(quick: bool) -> CaseResult:
+    """Behind a low-pass of pole r a damper needs b = K·T/2 + B·(1 − r)/(1 + r): a filter makes passivity easier.
+
+    The Colgate–Schenkel condition's weight turns the damper into −B·Re{e^{−jθ}·(1 − r)/(1 − r·e^{−jθ})}, largest at π.
+    """
+    stiffness, virtual = 800.0, 3.0
+    poles = (0.0, 0.3, 0.8, 0.95)
+    expected = [0.5 * stiffness * PERIOD + virtual * (1.0 - r) / (1.0 + r) for r in poles]
+    found = [damping_needed(wall(stiffness, virtual, r), PERIOD, 0.0) for r in poles]
+    given = [_given_at_nyquist(stiffness, virtual, r) for r in poles]
+    apart = max(abs(each / one - 1.0) for one, *others in zip(expected, found, given, strict=True) for each in others)
+    limit = passive_limit_of(DEVICE, PERIOD, 0.0, lambda k: wall(k, virtual, 0.8), math.inf)
+    by_hand = 2.0 * (DEVICE.damping - virtual * 0.2 / 1.8) / PERIOD
+    return CaseResult(
+        "filtered-damper-passivity",
+        f"b = {_listed(expected)} N·s/m for poles 0, 0.3, 0.8, 0.95; K to {by_hand:.6g} N/m with 0.8",
+        f"b = {_listed(found)} N·s/m by sweep, {_listed(given)} by energy; K to {limit:.6g} N/m",
+        apart <= AGREEMENT and abs(limit / by_hand - 1.0) <= AGREEMENT,
+        "closed form, and the work of the forces on a handle shaken to and fro each period (to 1e-6)",
+    )
+
+
+def _given_at_nyquist(stiffness: float, virtual: float, pole: float) -> float:
+    """Work that a wall gives to a handle driven to ±1 mm in turn at constant speed, over ∫v² [N·s/m]."""
+    position, velocity, work, square = 1e-3, 0.0, 0.0, 0.0
+    for step in range(2_000):
+        velocity = pole * velocity + (1.0 - pole) * 2.0 * position / PERIOD
+        if step >= 1_000:
+            work += (-stiffness * position - virtual * velocity) * -2.0 * position
+            square += (2.0 * position) ** 2 / PERIOD
+        position = -position
+    return work / square
