@@ -29,7 +29,8 @@ def run_case(name: str, case: Case, quick: bool) -> tuple[CaseResult, float]:
     """The result and the seconds it took; whatever goes wrong inside is a failure of the case, and told."""
     begun = perf_counter()
     try:
-        result = replace(case(quick), name=name)
+        result = case(quick)
+        result = replace(result, name=name, passed=bool(result.passed))  # a numpy truth is not JSON's
     except Exception as error:  # a case may break in any way; the report goes on and shows it
         result = CaseResult(name, "a result", f"{type(error).__name__}: {error}", False, "none")
     return result, perf_counter() - begun
