@@ -14,7 +14,7 @@ from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.request import BusName, check_request
 from haptic_fieldbus.result import Result, known_before
 from haptic_fieldbus.scenes.scene import Scene
-from haptic_fieldbus.selection import DEFAULT_DRIVE, DEFAULT_RATE, Value, refuse_unknown, select
+from haptic_fieldbus.selection import DEFAULT_DRIVE, DEFAULT_RATE, Selection, Value, refuse_unknown, select
 from haptic_fieldbus.sim.fault_file import load_faults
 from haptic_fieldbus.sim.faults import Fault
 from haptic_fieldbus.sim.hand import hand_named
@@ -146,35 +146,22 @@ def run(
     except PlanError as error:
         error.result = Result(scene=str(scene), drive=drive, bus=bus or "sim", rate=rate)
         raise
-    try:
-        if not force:
-            _check_stable(selection.plan)
-    except UnstableSceneError as error:
-        error.result = known_before(selection)
-        raise
+    if not force:
+        _check_stable(selection)
     if announce is not None:
         announce(selection.plan)
     from haptic_fieldbus.session import Request, render
 
-    return render(
-        Request(
-            selection=selection,
-            duration=duration,
-            hand=simulated_hand,
-            seed=seed,
-            faults=known_faults,
-            record=recording,
-            confirm=confirm,
-            progress=progress,
-        )
-    )
+    return render(Request(selection, duration, simulated_hand, seed, known_faults, recording, confirm, progress))
 
 
-def _check_stable(compiled: Plan) -> None:
-    for axis in compiled.axes:
+def _check_stable(selection: Selection) -> None:
+    for axis in selection.plan.axes:
         if axis.stability is not None and axis.stability.verdict is Verdict.UNSTABLE:
             limit = axis.stability.stiffness_limit.stable
-            raise UnstableSceneError(_refusal(compiled, axis, axis.stability), limit=limit)
+            refused = UnstableSceneError(_refusal(selection.plan, axis, axis.stability), limit=limit)
+            refused.result = known_before(selection)
+            raise refused
 
 
 def _refusal(compiled: Plan, axis: AxisPlan, stability: Stability) -> str:

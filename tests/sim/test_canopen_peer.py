@@ -2,7 +2,6 @@
 
 import struct
 from collections.abc import Iterator
-from queue import Empty
 
 import can
 import canopen
@@ -11,34 +10,11 @@ import pytest
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.catalogue import load_profile
-from haptic_fieldbus.sim.bus import SimulatedBus
 from haptic_fieldbus.sim.world import World
 from tests.sim.bench import NODE, axis
+from tests.sim.responses import Responses
 
 NAMES = ["maxon_epos4", "generic_cia402"]
-
-
-class _Responses:
-    """What canopen's SDO client waits on: `get` receives from the bus until there is a response."""
-
-    def __init__(self, network: canopen.Network, bus: SimulatedBus) -> None:
-        self._network = network
-        self._bus = bus
-        self._waiting: list[bytes] = []
-
-    def put(self, response: bytes) -> None:
-        self._waiting.append(bytes(response))
-
-    def empty(self) -> bool:
-        return not self._waiting
-
-    def get(self, block: bool = True, timeout: float = 0.0) -> bytes:
-        while not self._waiting:
-            message = self._bus.recv(timeout)
-            if message is None:
-                raise Empty
-            self._network.notify(message.arbitration_id, message.data, message.timestamp)
-        return self._waiting.pop(0)
 
 
 class Bench:
@@ -54,7 +30,7 @@ class Bench:
         self.network.bus = self.bus
         self.node = canopen.RemoteNode(NODE, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         self.node.associate_network(self.network)
-        self.node.sdo.responses = _Responses(self.network, self.bus)
+        self.node.sdo.responses = Responses(self.network, self.bus)
         self.network.nodes[NODE] = self.node
 
     def read(self, index: int, subindex: int = 0) -> int:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from queue import Empty
 from typing import Any
 
 import can
@@ -18,36 +17,13 @@ from canopen.lss import (
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.catalogue import load_profile
-from haptic_fieldbus.sim.bus import SimulatedBus
 from haptic_fieldbus.sim.world import World
 from tests.sim.bench import NODE, axis
+from tests.sim.responses import Responses
 
 USER_DATA = 0x5FF0
 TEN_KB = bytes(range(256)) * 40
 S = 1_000_000_000
-
-
-class Responses:
-    """What a canopen client waits on: `get` receives from the bus, in virtual time, until there is a response."""
-
-    def __init__(self, network: canopen.Network, bus: SimulatedBus) -> None:
-        self._network = network
-        self._bus = bus
-        self._waiting: list[bytes] = []
-
-    def put(self, response: bytes) -> None:
-        self._waiting.append(bytes(response))
-
-    def empty(self) -> bool:
-        return not self._waiting
-
-    def get(self, block: bool = True, timeout: float = 0.0) -> bytes:
-        while not self._waiting:
-            message = self._bus.recv(timeout)
-            if message is None:
-                raise Empty
-            self._network.notify(message.arbitration_id, message.data, message.timestamp)
-        return self._waiting.pop(0)
 
 
 class Foreign:
