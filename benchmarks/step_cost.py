@@ -1,11 +1,13 @@
-"""One step of a virtual mass by every method beside forward Euler written by hand, and by nonlinear rates."""
+"""One step of a virtual mass by every method beside forward Euler written by hand, of more states, and by any rates."""
 
 from collections.abc import Callable
 
+import numpy as np
 from rows import Row, cost, show
 
 from haptic_fieldbus.numerics.integrators import METHODS, bind
 from haptic_fieldbus.numerics.integrators.explicit import EXPLICIT, bind_rates
+from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 
 PERIOD = 1e-3
@@ -41,9 +43,38 @@ def linear(method: str) -> Row:
     return beside_by_hand(method, step, PROMISED.get(method))
 
 
+def relaxing(branches: int) -> StateSpace:
+    """A tissue that relaxes in so many times."""
+    rates = np.geomspace(1.0, 1e3, branches)
+    inputs = np.stack([rates, np.zeros(branches)], axis=1)
+    return StateSpace(np.diag(-rates), inputs, np.full((1, branches), 80.0), np.array([[-900.0, 0.0]]))
+
+
+def more_states(method: str = "exact-foh") -> list[Row]:
+    """The step does not depend on the method, only on how many states there are and whether velocity drives them."""
+    mass = SprungMass("handle", STIFFNESS, MASS).dynamics
+    damped = StateSpace(
+        mass.a - np.diag([0.0, 4.0]), mass.b + np.array([[0.0, 0.0], [0.0, 4.0]]), mass.c, mass.d - np.array([[0, 2.0]])
+    )
+    spaces = {
+        "no state": gain([[-STIFFNESS, -2.0]]),
+        "one state": relaxing(1),
+        "two states, by velocity": damped,
+        "three states": parallel([mass, relaxing(1)]),
+        "four states, by velocity": parallel([mass, damped]),
+        "six lags": relaxing(6),
+        "six states, by velocity": parallel([mass, damped, damped]),
+    }
+    return [_row(name, bind(space, PERIOD, method), space.uses_velocity) for name, space in spaces.items()]
+
+
+def _row(name: str, step: Callable[..., float], by_velocity: bool) -> Row:
+    return beside_by_hand(name, (lambda position: step(position, 0.1)) if by_velocity else step)
+
+
 def nonlinear(method: str) -> Row:
     return beside_by_hand(f"{method}, any rates", bind_rates(rates, (0.0, 0.0), PERIOD, method, (0,)))
 
 
 if __name__ == "__main__":
-    show([*map(linear, METHODS), *map(nonlinear, EXPLICIT)])
+    show([*map(linear, METHODS), *more_states(), *map(nonlinear, EXPLICIT)])

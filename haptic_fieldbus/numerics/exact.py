@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from haptic_fieldbus.numerics.linear import Matrix
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 TERMS = 12
 """Of the Taylor series; the first one left out is below 1e-17 of the first at the largest norm, 0.25."""
@@ -57,6 +57,12 @@ def zoh(a: Matrix, b: Matrix, step: float) -> tuple[Matrix, Matrix]:
     """(Φ, Γ): z⁺ = Φ z + Γ u with the input held over the step."""
     increment, (held,) = polynomial_step(a, b, step, 0)
     return increment + np.eye(len(a)), held
+
+
+def followed(space: StateSpace, step: float) -> StateSpace:
+    """The discrete system u_n → y_n with the inputs on straight lines; its states are z_n − Γ1 u_n."""
+    transition, before, after = foh(space.a, space.b, step)
+    return StateSpace(transition, before + transition @ after, space.c, space.d + space.c @ after)
 
 
 def foh(a: Matrix, b: Matrix, step: float) -> tuple[Matrix, Matrix, Matrix]:

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 SMALLEST_ANGLE = 1e-5
 REFINED = 41
-"""Points between the neighbours of the worst angle, in each of two rounds."""
+"""Points between the neighbours of the worst angle, in each of four rounds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,16 @@ def _within(z: Complex, period: float, fraction: float, lag: float) -> tuple[Com
 
 
 def response(environment: StateSpace, angle: Array) -> Complex:
-    """H(e^{jθ}) of a discrete environment, shape (n,)."""
+    """H(e^{jθ}) of a discrete environment x_k → F_k, shape (n,)."""
+    return responses(environment, angle)[:, 0, 0]
+
+
+def responses(environment: StateSpace, angle: Array) -> Complex:
+    """The same with several inputs and outputs, shape (n, n_out, n_in)."""
     z = np.exp(1j * angle)
     systems = z[:, None, None] * np.eye(environment.order) - environment.a
     states = np.linalg.solve(systems.astype(np.complex128), environment.b[None].astype(np.complex128))
-    return np.asarray((environment.c @ states + environment.d)[:, 0, 0], dtype=np.complex128)
+    return np.asarray(environment.c @ states + environment.d, dtype=np.complex128)
 
 
 def damping_needed(environment: StateSpace, period: float, delay: float, lag: float = 0.0) -> float:
@@ -85,7 +90,7 @@ def damping_needed(environment: StateSpace, period: float, delay: float, lag: fl
     def needed(angle: Array) -> Array:
         return _needed(response(environment, angle), hold(angle, period, delay, lag))
 
-    return _worst(needed)
+    return worst(needed, environment)
 
 
 def _needed(force: Complex, behind: Hold) -> Array:
@@ -114,16 +119,29 @@ def largest_gain(
 
     if not damping:
         return 0.0
-    worst = _worst(reciprocal)
-    return 1.0 / worst if worst else math.inf
+    largest = worst(reciprocal, added)
+    return 1.0 / largest if largest else math.inf
 
 
-def _worst(value: Callable[[Array], Array]) -> float:
-    """Largest value over 0 < θ ≤ π: a sweep, then two closer looks around its greatest."""
-    angle = np.concatenate([np.geomspace(SMALLEST_ANGLE, 0.1, 100), np.linspace(0.1, math.pi, 400)[1:]])
-    for _ in range(3):
+def worst(value: Callable[[Array], Array], environment: StateSpace | None = None) -> float:
+    """Largest value over 0 < θ ≤ π: a sweep, and four closer looks around its greatest.
+
+    The resonances of the environment are in the sweep: a sharp one lies between the points of any other.
+    """
+    sweep = [np.geomspace(SMALLEST_ANGLE, 0.1, 100), np.linspace(0.1, math.pi, 400)[1:]]
+    angle = np.unique(np.concatenate(sweep if environment is None else [*sweep, _resonances(environment)]))
+    for _ in range(5):
         found = value(angle)
         at = int(found.argmax())
         low, high = angle[max(at - 1, 0)], angle[min(at + 1, len(angle) - 1)]
         angle = np.linspace(low, high, REFINED)
     return float(found.max())
+
+
+def _resonances(environment: StateSpace) -> Array:
+    """Angles around each mode, by its own width."""
+    modes = np.linalg.eigvals(environment.a)
+    turning = modes[np.abs(modes.imag) > 0.0]
+    width = np.maximum(np.abs(1.0 - np.abs(turning)), 1e-9)
+    around = np.abs(np.angle(turning))[:, None] + width[:, None] * np.linspace(-4.0, 4.0, 33)
+    return np.asarray(around[(around > SMALLEST_ANGLE) & (around < math.pi)], dtype=np.float64)

@@ -10,24 +10,42 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.exact import zoh
+from haptic_fieldbus.numerics.exact import followed, zoh
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
+
+TACHOMETER = "tachometer"
+"""In the place of an estimator: the drive reads velocity itself, and what the loop takes for the position follows."""
 
 
 def environment(space: StateSpace, *, period: float, method: str | None, estimator: str | None) -> StateSpace:
     """The loop's environment x_k → F_k of a continuous (position, velocity) → force system.
 
-    `method` may be None without virtual states, `estimator` when the velocity does not matter; else UsageError. What
-    a scene does not need is not imported.
+    With a tachometer it is (x_k, v_k) → F_k where velocity matters, for a plant that is `integrated`. `method` is that
+    of virtual states (`discretised`); `estimator` may be None when the velocity does not matter, else UsageError.
     """
-    if space.order:
-        if method is None:
-            raise UsageError("a scene with virtual states needs an integrator")
-        from haptic_fieldbus.numerics import integrators
+    return estimated(discretised(space, period, method), period, estimator)
 
-        space = integrators.discrete(space, period, method)
+
+def discretised(space: StateSpace, period: float, method: str | None) -> StateSpace:
+    """(position, velocity)_k → F_k; without a method exactly, the inputs on straight lines between samples.
+
+    What a scene does not need is not imported.
+    """
+    if not space.order:
+        return space
+    if method is None:
+        return followed(space, period)
+    from haptic_fieldbus.numerics import integrators
+
+    return integrators.discrete(space, period, method)
+
+
+def estimated(space: StateSpace, period: float, estimator: str | None) -> StateSpace:
+    """A discrete (position, velocity)_k → F_k whose velocity is estimated: x_k → F_k. Raises UsageError without one."""
     if not space.uses_velocity:
         return StateSpace(space.a, space.b[:, :1], space.c, space.d[:, :1])
+    if estimator == TACHOMETER:
+        return space
     if estimator is None:
         raise UsageError("a scene that uses velocity needs an estimator")
     from haptic_fieldbus.numerics import estimators
@@ -82,29 +100,42 @@ def _shift(a: Matrix) -> Matrix | None:
     return state if np.abs(rows @ state).max() <= 1e-9 else None
 
 
+def integrated(plant: SampledPlant, period: float) -> SampledPlant:
+    """A free mass as a tachometer tells of it: its first state is the trapezoid's sum of its second, the velocity.
+
+    Where the mass is in truth does not come into the loop: nothing measures it, and no force depends on it.
+    """
+    start = np.eye(len(plant.transition))[:2]
+    transition, before, after = (np.array(each) for each in (plant.transition, plant.before, plant.after))
+    transition[0] = start[0] + 0.5 * period * (start[1] + plant.transition[1])
+    before[0], after[0] = 0.5 * period * plant.before[1], 0.5 * period * plant.after[1]
+    return SampledPlant(transition, before, after, plant.whole, plant.fraction, plant.shift)
+
+
 def loop_matrix(
     plant: SampledPlant, environment: StateSpace, *, received: bool = True, least_memory: int = 0
 ) -> Matrix:
     """One period of the closed loop on the states (ξ, environment, F_{k−1}, F_{k−2}, …).
 
-    Where the sample was not `received` the environment stands still and F_{k−1} goes on. So many forces are remembered
-    at least.
+    The environment sees the first of ξ, or with two inputs the first two: position and velocity. Where the sample was
+    not `received` the environment stands still and F_{k−1} goes on. So many forces are remembered at least.
     """
     order, inner = len(plant.transition), environment.order
     memory = max(plant.whole + (1 if plant.fraction else 0), least_memory)
     size = order + inner + memory
     force = np.zeros((1 + memory, size))
-    force[0, 0], force[0, order : order + inner] = environment.d[0, 0], environment.c[0]
+    inputs = environment.d.shape[1]
+    force[0, :inputs], force[0, order : order + inner] = environment.d[0], environment.c[0]
     force[1:, order + inner :] = np.eye(memory)
     if not received:
         force[0] = force[1]
-        environment = StateSpace(np.eye(inner), np.zeros((inner, 1)), environment.c, environment.d)
+        environment = StateSpace(np.eye(inner), np.zeros((inner, inputs)), environment.c, environment.d)
     matrix = np.zeros((size, size))
     matrix[:order, :order] = plant.transition
     matrix[:order] += plant.after @ force[plant.whole : plant.whole + 1]
     if plant.fraction:
         matrix[:order] += plant.before @ force[plant.whole + 1 : plant.whole + 2]
-    matrix[order : order + inner, :1] = environment.b
+    matrix[order : order + inner, :inputs] = environment.b
     matrix[order : order + inner, order : order + inner] = environment.a
     matrix[order + inner :] = force[:memory]
     return matrix
@@ -120,7 +151,8 @@ def shift_mode(environment: StateSpace) -> Matrix | None:
     state = equilibrium(environment.a - np.eye(environment.order), environment.b[:, 0])
     force = environment.c[0] @ state + environment.d[0, 0]
     scale = np.abs(environment.c[0]) @ np.abs(state) + abs(environment.d[0, 0])
-    return state if abs(force) <= 1e-9 * scale else None
+    rounding = 1e-15 * np.abs(environment.c[0]).sum()  # of what is stored, which may be far below 1
+    return state if abs(force) <= 1e-9 * scale + rounding else None
 
 
 def growth(plant: SampledPlant, environment: StateSpace) -> float:

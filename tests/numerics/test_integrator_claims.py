@@ -11,7 +11,7 @@ import scipy.linalg
 
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise
 from haptic_fieldbus.numerics.integrators.trajectory import follow
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from tests.numerics.systems import DAMPED, SPACES, Array, run, sprung_mass
 from tests.numerics.textbook import TEXTBOOK, Number, free_motion
@@ -213,6 +213,23 @@ def test_tiny_steps_lose_no_digits(method: str, h: float, steps: int, tolerance:
         p, v = first_step(method, mpmath.mpf(h**2))
         left = free_motion(method, 1.0, h**2, (p - 1, v), steps - 1)[0]
     assert found == pytest.approx(float(left), rel=0, abs=tolerance)
+
+
+@pytest.mark.parametrize("method", ["exact-foh", "verlet"])
+def test_tiny_steps_of_more_states_and_of_velocity_lose_no_digits_either(method: str) -> None:
+    """A million steps of h = 1e-6, a puck moved by one at once: two masses beside one, and one with a faint damper."""
+    h, steps = 1e-6, 1_000_000
+    one = SprungMass("handle", stiffness=h**2, mass=1.0).dynamics
+    pair, four = bind(one, 1.0, method), bind(parallel([one, one]), 1.0, method)
+    dragged = StateSpace(one.a - np.diag([0.0, 1e-30]), one.b + np.array([[0, 0], [0, 1e-30]]), one.c, one.d)
+    by_velocity = bind(dragged, 1.0, method)
+    for step in (pair, four):
+        step(0.0)
+    by_velocity(0.0, 0.0)
+    for _ in range(steps):
+        alone, both, damped = pair(1.0), four(1.0), by_velocity(1.0, 0.0)
+    assert both / 2.0 == pytest.approx(alone, rel=0, abs=1e-12 * h**2)
+    assert damped == pytest.approx(alone, rel=0, abs=1e-12 * h**2)
 
 
 def first_step(method: str, square: Number) -> tuple[Number, Number]:

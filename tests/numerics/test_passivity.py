@@ -7,6 +7,7 @@ import pytest
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.passivity import damping_needed, hold, largest_gain, response
+from haptic_fieldbus.numerics.sampled import environment
 from tests.loops import PERIOD, wall
 
 ANGLES = (0.05, 0.3, 1.0, 2.5, math.pi)
@@ -81,3 +82,25 @@ def test_the_response_of_an_environment_is_its_transfer_function() -> None:
     )
     z = np.exp(1j * np.array(ANGLES))
     np.testing.assert_allclose(found, 1.0 - 0.6 / (z - 0.8), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("mass", "stiffness", "damping"),
+    [(0.5, 200.0, 0.02), (0.5, 200.0, 2.0), (0.5, 2000.0, 0.002), (1e-3, 2000.0, 0.002), (1e-3, 2000.0, 2e-5)],
+)
+def test_a_resonance_between_the_points_of_the_sweep_is_found(mass: float, stiffness: float, damping: float) -> None:
+    """A virtual mass with little drag, against 400 000 angles around its resonance."""
+    space = StateSpace(
+        np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]]), np.array([[0.0, 0.0], [stiffness / mass, 0.0]]),
+        np.array([[stiffness, 0.0]]), np.array([[-stiffness, 0.0]]),
+    )  # fmt: skip
+    found = environment(space, period=PERIOD, method="exact-foh", estimator=None)
+    mode = complex(np.linalg.eigvals(found.a)[0])
+    wide = np.linspace(0.5, 1.5, 200_000) * abs(np.angle(mode))
+    close = abs(np.angle(mode)) + (1.0 - abs(mode)) * np.linspace(-100.0, 100.0, 200_000)
+    angle = np.concatenate([wide, close, np.geomspace(1e-4, 0.1, 10_000)])
+    angle = angle[(angle > 0.0) & (angle <= math.pi)]
+    force, behind = response(found, angle), hold(angle, PERIOD, 0.4e-3)
+    along = (force * behind.displacement).real
+    brute = 0.5 * float((along + np.sqrt(np.abs(force) ** 2 * behind.spread + along**2)).max())
+    assert damping_needed(found, PERIOD, 0.4e-3) == pytest.approx(brute, rel=1e-6)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.signal
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -99,9 +100,15 @@ class TestEnvironment:
         inner = np.linalg.solve(z * np.eye(3) - found.a, found.b.astype(complex))
         assert complex((found.c @ inner + found.d)[0, 0]) == pytest.approx(complex(expected))
 
-    def test_virtual_states_without_a_method_are_refused(self) -> None:
-        with pytest.raises(UsageError, match="integrator"):
-            environment(SprungMass("handle", 600.0, 0.5).dynamics, period=PERIOD, method=None, estimator=None)
+    def test_states_without_a_method_follow_straight_lines_exactly(self) -> None:
+        """Beside scipy's first-order hold; its states are other ones, so the transfer functions are compared."""
+        space = SprungMass("handle", 600.0, 0.5).dynamics
+        found = environment(space, period=PERIOD, method=None, estimator=None)
+        a, b, c, d, _ = scipy.signal.cont2discrete((space.a, space.b[:, :1], space.c, space.d[:, :1]), PERIOD, "foh")
+        for z in np.exp(1j * np.array([0.01, 0.3, 2.0, 3.1])):
+            ours = found.c @ np.linalg.solve(z * np.eye(2) - found.a, found.b.astype(complex)) + found.d
+            expected = c @ np.linalg.solve(z * np.eye(2) - a, b.astype(complex)) + d
+            np.testing.assert_allclose(ours, expected, rtol=1e-9)
 
     def test_velocity_without_an_estimator_is_refused(self) -> None:
         with pytest.raises(UsageError, match="estimator"):

@@ -5,9 +5,12 @@ import math
 import numpy as np
 import pytest
 import scipy.integrate
+from hypothesis import given
+from hypothesis import strategies as st
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.estimators.tachometer import (
+    Integrator,
     bind_position,
     drift_rate,
     position_system,
@@ -83,3 +86,75 @@ def test_a_motion_at_the_sampling_rate_looks_like_a_steady_one() -> None:
 def test_a_period_that_is_none_is_refused(period: float) -> None:
     with pytest.raises(UsageError, match="above 0"):
         bind_position(period)
+
+
+def integrated(readings: list[float], times: list[float]) -> Integrator:
+    found = Integrator(PERIOD, STEP)
+    found.start(readings[0])
+    for reading, time in zip(readings[1:], times[1:], strict=True):
+        found.step(reading, time)
+    return found
+
+
+def test_an_integrator_that_misses_no_reading_is_the_trapezoid() -> None:
+    readings, step = np.sin(np.arange(500) * 0.03).tolist(), bind_position(PERIOD)
+    found = integrated(readings, [PERIOD * number for number in range(500)])
+    assert found.position == pytest.approx([step(v) for v in readings][-1], rel=1e-12)
+    assert found.drift == pytest.approx(0.5 * STEP * 499 * PERIOD)
+
+
+def test_a_held_reading_goes_on_until_the_next_replaces_what_it_gave() -> None:
+    found = integrated([0.2, 0.4], [0.0, PERIOD])
+    before = found.position
+    found.hold(2 * PERIOD)
+    assert found.position - before == pytest.approx(0.4 * PERIOD)
+    found.step(1.0, 3 * PERIOD)
+    assert found.position - before == pytest.approx(2 * PERIOD * (0.4 + 1.0) / 2)
+
+
+def test_a_gap_is_uncertain_by_half_its_length_times_the_change_of_velocity() -> None:
+    found = integrated([0.2, 0.8], [0.0, 3 * PERIOD])
+    assert found.drift == pytest.approx(3 * PERIOD * (STEP / 2 + 0.6 / 2))
+
+
+spans = st.tuples(st.sampled_from([1, 1, 1, 2, 3]), st.floats(-1.0, 1.0), st.floats(0.0, 1.0))
+
+
+@given(st.lists(spans, min_size=1, max_size=200))
+def test_no_motion_is_further_off_than_the_drift_says(motion: list[tuple[int, float, float]]) -> None:
+    """Straight within a period; over a gap it leaps at any time from one reading to the next."""
+    found, true, time, before = Integrator(PERIOD, STEP), 0.0, 0.0, 0.0
+    found.start(0.0)
+    for periods, velocity, leap in motion:
+        span = periods * PERIOD
+        time += span
+        true += span * ((before + velocity) / 2 if periods == 1 else leap * before + (1 - leap) * velocity)
+        before = velocity
+        found.step(STEP * round(velocity / STEP), time)
+    assert abs(found.position - true) <= found.drift * (1 + 1e-9) + 1e-15
+
+
+def test_the_drift_says_no_more_than_the_worst_motion_is_off() -> None:
+    """A velocity of all but half a step is lost period after period."""
+    found, speed = Integrator(PERIOD, STEP), 0.4999 * STEP
+    found.start(0.0)
+    for number in range(1, 1001):
+        found.step(STEP * round(speed / STEP), number * PERIOD)
+    assert found.drift == pytest.approx(1000 * PERIOD * speed, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.66])
+def test_what_a_period_misses_under_held_forces_does_not_add_up(share: float) -> None:
+    """Each force acts from td on: the error after any time depends on the first and the last of them alone."""
+    accelerations = np.random.default_rng(3).uniform(-80.0, 80.0, 2000)
+    delay, found = share * PERIOD, Integrator(PERIOD, 0.0)
+    found.start(0.0)
+    true = velocity = before = 0.0
+    for number, acceleration in enumerate(accelerations.tolist(), start=1):
+        rest = PERIOD - delay
+        for pull, span in ((before, delay), (acceleration, rest)):
+            true += velocity * span + 0.5 * pull * span**2
+            velocity += pull * span
+        before = acceleration
+        found.step(velocity, number * PERIOD)
+        assert found.position - true == pytest.approx(0.5 * delay * rest * acceleration, abs=1e-12)

@@ -93,9 +93,6 @@ def bind(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> Step
     """
     system = discretise(space, period, method).increments
     stiffness = rest(space)[1]
-    if space.uses_velocity:
-        return bind_general(system, stiffness)
-    if space.order == 2:
+    if space.order == 2 and not space.uses_velocity:
         return bind_pair(system, stiffness)
-    by_position_and_velocity = bind_general(system, stiffness)
-    return lambda position: by_position_and_velocity(position, 0.0)
+    return bind_general(system, stiffness)

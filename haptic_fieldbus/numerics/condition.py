@@ -1,0 +1,73 @@
+"""Condition effects: a force that depends on a metric, such as a position, beyond a dead band and up to a saturation.
+
+With the metric q, its neutral value q₀ (CP offset), the dead band w on either side of it and d = q − q₀:
+
+    d > w    F = −c₊·(d − w) − b₊·r, limited to |F| ≤ s₊ (positive coefficient, positive saturation)
+    d < −w   F = −c₋·(d + w) − b₋·r, limited to |F| ≤ s₋ (negative coefficient, negative saturation)
+    else     F = 0
+
+where r is the rate of the metric, for a spring that damps too. c, s and w are those of the USB Device Class Definition
+for Physical Interface Devices (PID) 1.0; the sign here is that of a force that opposes.
+
+Limiting is monotone, so the limited force with damping never gives more power than the limited force without.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of the neutral value: force by metric, force by rate, and the largest force (∞: there is none)."""
+
+    coefficient: float
+    damping: float = 0.0
+    saturation: float = math.inf
+
+    @classmethod
+    def limited(cls, coefficient: float, damping: float, saturation: float | None) -> "Side":
+        """With a saturation that may be left out."""
+        return cls(coefficient, damping, math.inf if saturation is None else saturation)
+
+
+def check_coefficients(positive: float, negative: float, largest: str) -> None:
+    """Raises ValueError unless one of both shares is 1, so that `largest` names the value of the stronger side."""
+    if max(positive, negative) != 1.0:
+        raise ValueError(
+            f"positive_coefficient {positive:g}, negative_coefficient {negative:g}: expected one of them to be 1, as "
+            f"{largest} is that of the stronger side"
+        )
+
+
+def bind(neutral: float, dead_band: float, positive: Side, negative: Side) -> Callable[..., float]:
+    """(metric[, rate]) → force, as short as these parameters allow; not-a-number in gives not-a-number out."""
+    if dead_band or positive != negative or positive.saturation < math.inf:
+        return _sided(neutral, dead_band, positive, negative)
+    coefficient, damping = positive.coefficient, positive.damping
+    if damping:
+        return lambda metric, rate: -coefficient * (metric - neutral) - damping * rate
+    return lambda metric: -coefficient * (metric - neutral)
+
+
+def _sided(neutral: float, dead_band: float, positive: Side, negative: Side) -> Callable[..., float]:
+    above, below = (positive.coefficient, positive.damping), (negative.coefficient, negative.damping)
+    above_limit, below_limit = positive.saturation, negative.saturation
+    highest_free = dead_band or -math.inf  # without a dead band no place is free, not even the neutral one
+
+    def force(metric: float, rate: float = 0.0) -> float:
+        away = metric - neutral
+        if away < -dead_band:
+            (coefficient, damping), limit = below, below_limit
+            away += dead_band
+        elif away <= highest_free:
+            return 0.0
+        else:
+            (coefficient, damping), limit = above, above_limit
+            away -= dead_band
+        found = -coefficient * away - damping * rate
+        if found > limit:
+            return limit
+        return -limit if found < -limit else found
+
+    return force
