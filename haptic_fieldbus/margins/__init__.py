@@ -1,4 +1,7 @@
-"""Limits of a sampled haptic loop before anything moves: numbers in, limits and a verdict out."""
+"""Limits of a sampled haptic loop before anything moves: numbers in, limits and a verdict out.
+
+Coupled axes have a module of their own (`coupled`, `coupled_contact`), which a scene without any does not import.
+"""
 
 from haptic_fieldbus.margins.contact import judge_contact
 from haptic_fieldbus.margins.linear import EnvironmentOf, stiffness_limit

@@ -3,6 +3,13 @@
 Motor and encoder are on the first body, the plant; each further one hangs on the one before by a spring and a damper.
 A hand adds mass and damping, and hides an instability that appears when it lets go: the limit to quote is that of the
 released handle, and the limit of the pair is the smaller of both.
+
+Passivity has no bodies in it. It is asked for *any* passive hand, and seen from the motor, where encoder and torque
+are, all that hangs there is one: a passive load on a passive transmission, whatever holds it. So the motor is passive
+with all of it up to `passivity.passive_limit_of(plant, …)`, the plant being the motor alone with its own damping. Where
+transmission and load lose nothing that is also the most: their motion follows from the motor's and takes no energy. A
+loss in them helps only where they move: a load rigidly on the motor may be counted in with mass and damping, and a soft
+one may not, although slow motions would bear it.
 """
 
 from collections.abc import Sequence
@@ -69,8 +76,10 @@ def _to_ground(plant: Plant, bodies: Sequence[Body], place: int) -> Matrix:
 
 
 def sample_with(plant: Plant, bodies: Sequence[Body], period: float, delay: float) -> SampledPlant:
-    """Plant and bodies under the delayed hold, torque loop included."""
+    """Plant and bodies under the delayed hold, torque loop included; UsageError for a plant with a tachometer."""
     check_times(period, delay)
+    if plant.tachometer:
+        raise UsageError("a tachometer does not tell where the bodies are: expected a plant whose position is sampled")
     return sampled.sample(*through_torque_loop(*dynamics(plant, bodies), plant.torque_lag), period, delay)
 
 

@@ -2,25 +2,37 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import TypeVar
 
 from haptic_fieldbus.margins.plant import Plant
 from haptic_fieldbus.margins.verdict import Stability, judge
-from haptic_fieldbus.numerics.linear import StateSpace, parallel
-from haptic_fieldbus.numerics.sampled import environment
-from haptic_fieldbus.scenes.element import Element
+from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
+from haptic_fieldbus.numerics.sampled import discretised, estimated, scaled
+from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, Graded
+
+Kind = TypeVar("Kind", bound=AnyElement)
 
 
-def stiffness_of(element: Element) -> float:
+def stiffness_of(element: AnyElement) -> float:
     """The element's own stiffness [N/m or N·m/rad]; 0 when it has none."""
     return float(getattr(element, "stiffness", 0.0))
 
 
-def stiffest_of(elements: Iterable[Element]) -> Element | None:
+def stiffest_of(elements: Iterable[Kind]) -> Kind | None:
     """The element whose stiffness is the largest; None when none has any."""
     return max(filter(stiffness_of, elements), key=stiffness_of, default=None)
 
 
-def damping_of(elements: Iterable[Element]) -> float:
+def linearised(element: AnyElement, changes: dict[str, float]) -> StateSpace:
+    """The element in sustained contact, changed; a stiffness that follows from other parameters scales all force."""
+    if not isinstance(element, Graded) or "stiffness" not in changes:
+        varied: AnyElement = replace(element, **changes)  # type: ignore[type-var]  # elements are dataclasses
+        return varied.linearised()
+    others = {name: value for name, value in changes.items() if name != "stiffness"}
+    return scaled(linearised(element, others), changes["stiffness"] / element.stiffness)
+
+
+def damping_of(elements: Iterable[AnyElement]) -> float:
     """Virtual damping of all elements together [N·s/m or N·m·s/rad]."""
     return sum(float(getattr(element, "damping", 0.0)) for element in elements)
 
@@ -28,14 +40,16 @@ def damping_of(elements: Iterable[Element]) -> float:
 def environment_of(
     elements: tuple[Element, ...], period: float, method: str | None, estimator: str | None, **changes: float
 ) -> StateSpace:
-    """The linearised elements as the loop runs them, x_k → F_k, the stiffest one changed."""
+    """The linearised elements as the loop runs them, x_k → F_k, the stiffest one changed.
+
+    An element with a memory of its own steps it exactly, whatever the method of virtual states.
+    """
     stiffest = stiffest_of(elements)
-    varied = [
-        replace(element, **changes) if element is stiffest else element  # type: ignore[type-var]
-        for element in elements
-    ]
-    space = parallel([element.linearised() for element in varied])
-    return environment(space, period=period, method=method, estimator=estimator)
+    steps = []
+    for element in elements:
+        space = linearised(element, changes) if element is stiffest else element.linearised()
+        steps.append(discretised(space, period, method if isinstance(element, DynamicElement) else None))
+    return estimated(parallel(steps) if steps else gain([[0.0, 0.0]]), period, estimator)
 
 
 def judge_contact(

@@ -8,8 +8,8 @@ stability it oscillates at the frequency of its critical eigenvalue, with the am
 - Saturated torque: ν falls from 1 as A grows. Where the loop becomes stable as ν falls, chatter settles at that
   amplitude; where it becomes unstable, motions larger than that amplitude grow though small ones decay.
 
-Predictions are as good as the loop is a low-pass filter: some ten per cent for the amplitude at periods of ten samples
-and more, and only the order of magnitude at two or four.
+Predictions are as good as the loop is a low-pass filter: amplitude and frequency are right within 20 % at periods of 24
+samples and more, as tests hold against simulation, and only in order of magnitude at two or four.
 """
 
 import math
@@ -57,10 +57,10 @@ def _frequency(device: SampledPlant, environment: StateSpace, period: float) -> 
 def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSpace) -> LimitCycle | None:
     """The cycle of a handle pressed to the edge between two counts; None where friction holds it.
 
-    The environment is that of the contact, x_k → F_k, with a direct force. None also without quantisation, and where
-    the loop is unstable, whose motions grow beyond a count.
+    The environment is that of the contact, x_k → F_k, with a direct force. None also without quantisation, with a
+    tachometer, which has no edges, and where the loop is unstable, whose motions grow beyond a count.
     """
-    if not plant.resolution or _critical(plant, period, delay, environment)[0] <= 1.0:
+    if not plant.resolution or plant.tachometer or _critical(plant, period, delay, environment)[0] <= 1.0:
         return None
 
     def cycle(damping: float) -> tuple[float, float]:

@@ -1,10 +1,11 @@
 """The largest stiffness that is passive with any hand (theory: `numerics.passivity`)."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from haptic_fieldbus.margins.linear import EnvironmentOf
+from haptic_fieldbus.margins.linear import LARGEST, EnvironmentOf
 from haptic_fieldbus.margins.plant import Plant, check_times
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
@@ -28,12 +29,26 @@ def passive_limit(plant: Plant, period: float, delay: float) -> float:
     return 2.0 * plant.damping / (centre + math.sqrt(centre**2 + spread))
 
 
+def damping_asked(plant: Plant, environment: StateSpace, period: float, delay: float) -> float:
+    """The damping [N·s/m or N·m·s/rad] with which this environment is passive on the plant.
+
+    With a tachometer any force at all asks for infinitely much. A reading says nothing of the motion between two: a
+    hand that is fast only at the instants of the readings sets the force as it likes, at a cost of b·∫v² that goes to
+    0 as these instants get shorter, and lets the force work on it in between.
+    """
+    if plant.tachometer:
+        return math.inf if environment.c.any() or environment.d.any() else 0.0
+    return damping_needed(environment, period, delay, plant.torque_lag)
+
+
 def passive_limit_of(plant: Plant, period: float, delay: float, environment_of: EnvironmentOf, stable: float) -> float:
-    """The stiffness up to which any environment is passive; `stable` bounds it.
+    """The stiffness up to which any environment is passive; `stable` bounds it. None is with a tachometer.
 
     An environment with an undamped mode is passive at no stiffness: at its resonance the delay turns the force against
     every damping.
     """
+    if plant.tachometer:
+        return 0.0
     base, one = environment_of(0.0), environment_of(1.0)
     if _is_proportional(environment_of):
         added = parallel([one, _negative(base)])
@@ -45,8 +60,19 @@ def passive_limit_of(plant: Plant, period: float, delay: float, environment_of: 
             return False
         return damping_needed(environment, period, delay, plant.torque_lag) <= plant.damping
 
-    low, high = 0.0, stable
-    while high - low > 1e-6 * high and high > 1e-6 * stable:
+    scale = plant.mass / period**2 + plant.damping / period
+    found = _first_left(passive, 1e-6 * min(stable, scale), min(stable, LARGEST * scale))
+    return stable if found == math.inf else found
+
+
+def _first_left(passive: Callable[[float], bool], smallest: float, largest: float) -> float:
+    """The stiffness at which `passive` is first left on the way up; `largest` or above is ∞, below `smallest` is 0."""
+    low, high = 0.0, smallest
+    while passive(high):
+        if high >= largest:
+            return math.inf
+        low, high = high, min(4.0 * high, largest)
+    while low and high - low > 1e-6 * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if passive(middle) else (low, middle)
     return low

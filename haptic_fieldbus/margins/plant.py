@@ -19,9 +19,11 @@ class Plant:
     damping: float
     coulomb: float = 0.0
     resolution: float = 0.0
-    """One encoder count."""
+    """One encoder count; with a tachometer one step of the position integrated from it."""
     torque_lag: float = 0.0
     """Time constant of the torque loop [s]."""
+    tachometer: bool = False
+    """Whether its velocity is sampled, and the position integrated from it, instead of its position."""
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -29,6 +31,8 @@ class Plant:
                 raise UsageError(f"{name} {value}: expected a number from 0 up")
         if not (self.mass or self.damping):
             raise UsageError("a device without mass needs damping")
+        if self.tachometer and not self.mass:
+            raise UsageError("a device without mass has no velocity for a tachometer to read")
 
 
 def check_times(period: float, delay: float) -> None:
@@ -59,7 +63,8 @@ def through_torque_loop(a: Matrix, b: Matrix, lag: float) -> tuple[Matrix, Matri
 def sample(plant: Plant, period: float, delay: float) -> SampledPlant:
     """The device under the delayed hold; its states are position, velocity (with a mass), motor force (with a lag)."""
     check_times(period, delay)
-    return sampled.sample(*through_torque_loop(*dynamics(plant), plant.torque_lag), period, delay)
+    device = sampled.sample(*through_torque_loop(*dynamics(plant), plant.torque_lag), period, delay)
+    return sampled.integrated(device, period) if plant.tachometer else device
 
 
 def weakened(plant: Plant, share: float = 0.7) -> Plant:

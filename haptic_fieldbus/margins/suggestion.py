@@ -36,16 +36,30 @@ def suggest(
     is 1.2 of the stiffness asked for.
     """
 
-    def limit_with(value: float) -> float:
-        return stiffness_limit(plant, period, delay, lambda stiffness: environment_of(stiffness, value))
-
     device = sample(plant, period, delay)
+    return suggest_by(
+        lambda value: stiffness_limit(plant, period, delay, lambda stiffness: environment_of(stiffness, value)),
+        lambda stiffness, value: sampled.growth(device, environment_of(stiffness, value)),
+        plant.mass / period,
+        stiffness,
+        damping,
+    )
+
+
+def suggest_by(
+    limit_with: Callable[[float], float],
+    growth: Callable[[float, float], float],
+    largest: float,
+    stiffness: float,
+    damping: float | None,
+) -> Suggestion:
+    """The same of any loop: damping → limit, (stiffness, damping) → growth, and the largest damping to try."""
     limit = limit_with(damping or 0.0)
     softer = _two_digits(0.7 * limit) if 0.0 < limit < math.inf else None
-    for candidate in _round_values(plant.mass / period) if damping is not None else ():
+    for candidate in _round_values(largest) if damping is not None else ():
         if (
             candidate > (damping or 0.0)
-            and sampled.growth(device, environment_of(1.2 * stiffness, candidate)) <= 1.0
+            and growth(1.2 * stiffness, candidate) <= 1.0
             and (limit := limit_with(candidate)) >= 1.2 * stiffness
         ):
             return Suggestion(softer, candidate, limit)

@@ -28,11 +28,10 @@ from enum import Enum
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, stiffness_limit
-from haptic_fieldbus.margins.passivity import passive_limit_of
+from haptic_fieldbus.margins.passivity import damping_asked, passive_limit_of
 from haptic_fieldbus.margins.plant import Plant, sample
 from haptic_fieldbus.margins.quantisation import quantisation_limit
 from haptic_fieldbus.numerics import sampled
-from haptic_fieldbus.numerics.passivity import damping_needed
 
 
 class Verdict(Enum):
@@ -68,6 +67,14 @@ class Stability:
     margin: float | None
     """Limit of stability over stiffness."""
     verdict: Verdict
+
+    @property
+    def recommended(self) -> float | None:
+        """The stiffness up to which the margin is two, and the handle rests between counts where friction lets it."""
+        limit = self.stiffness_limit
+        half = None if limit.stable is None else 0.5 * limit.stable
+        found = min((value for value in (half, limit.quantisation) if value), default=math.inf)
+        return found if math.isfinite(found) else None
 
     def to_json(self) -> dict[str, object]:
         """The contract of the command line; what is not finite is null."""
@@ -105,7 +112,7 @@ def judge(
     if stiffness is None or stable is None:
         limit = StiffnessLimit(None, None, None)
         is_stable = growth <= 1.0 + ROUNDING
-        needed = damping_needed(asked, period, delay, plant.torque_lag)
+        needed = damping_asked(plant, asked, period, delay)
         is_passive, is_bridged = needed <= plant.damping * (1.0 + ROUNDING), True
     else:
         passive = passive_limit_of(plant, period, delay, environment_of, stable)
@@ -122,11 +129,12 @@ def judge(
         stiffness_limit=limit,
         spectral_radius=sampled.spectral_radius(sampled.loop_matrix(device, asked)),
         margin=stable / stiffness if stiffness and stable is not None else None,
-        verdict=_verdict(is_stable, is_bridged, is_passive),
+        verdict=verdict_of(is_stable, is_bridged, is_passive),
     )
 
 
-def _verdict(is_stable: bool, is_bridged: bool, is_passive: bool) -> Verdict:
+def verdict_of(is_stable: bool, is_bridged: bool, is_passive: bool) -> Verdict:
+    """The table of this module."""
     if not is_stable:
         return Verdict.UNSTABLE
     if not is_bridged:

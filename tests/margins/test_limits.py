@@ -1,5 +1,6 @@
 """Limits of stiffness against Schur and Cohn in extended precision, and against the simulator's own period."""
 
+import itertools
 import math
 
 import mpmath as mp
@@ -8,7 +9,9 @@ import pytest
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, judge, stiffness_limit, weakened
+from haptic_fieldbus.numerics.batch import run
 from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.sim.motion import Shaft
 from haptic_fieldbus.sim.plant import Plant as SimulatedPlant
 from tests.loops import BENCH, PERIOD, Array, wall, with_damping
@@ -72,16 +75,42 @@ class Simulated:
         return np.array([plant.position, plant.velocity, plant.torque, plant.state[7], x, *forces])
 
 
+def limit_of(mass: float, damping: float, delay: float, virtual: float) -> tuple[Plant, float]:
+    """A device with the torque loop that the simulation always has, and the limit of a wall on it."""
+    plant = Plant(mass, damping, torque_lag=1.6e-4)
+    return plant, stiffness_limit(plant, PERIOD, delay * PERIOD, with_damping(virtual))
+
+
 @pytest.mark.parametrize("delay", DELAYS)
 @pytest.mark.parametrize("virtual", [0.0, 0.4])
-@pytest.mark.parametrize(("mass", "damping"), [(0.63, 1.58), (0.01, 0.4), (5.0, 20.0), (1e-4, 1.0)])
-def test_the_simulations_own_period_turns_unstable_at_the_limit(
-    delay: float, virtual: float, mass: float, damping: float
-) -> None:
-    plant = Plant(mass, damping, torque_lag=BENCH.torque_lag or 1.6e-4)
-    limit = stiffness_limit(plant, PERIOD, delay * PERIOD, with_damping(virtual))
-    below, above = (Simulated(plant, delay, limit * part, virtual).radius() for part in (1 - 1e-4, 1 + 1e-4))
-    assert below < 1.0 < above
+@pytest.mark.parametrize("mass", [*MASSES, 0.63])
+def test_the_simulations_own_period_turns_unstable_at_the_limit(delay: float, virtual: float, mass: float) -> None:
+    for damping in DAMPINGS:
+        plant, limit = limit_of(mass, damping, delay, virtual)
+        if limit:
+            below, above = (Simulated(plant, delay, limit * part, virtual).radius() for part in (1 - 1e-4, 1 + 1e-4))
+            assert below < 1.0 < above, damping
+        else:
+            assert Simulated(plant, delay, 1e-6 * mass / PERIOD**2, virtual).radius() > 1.0, damping
+
+
+@pytest.mark.slow
+def test_let_run_freely_a_wall_fades_below_its_limit_and_grows_above() -> None:
+    """Flicked, 1e-4 on both sides; all those in which a motion changes by a factor of three within 30 000 periods."""
+    steps, visible = 30_000, []
+    for mass, damping, delay, virtual in itertools.product(MASSES, DAMPINGS, DELAYS, (0.0, 0.4)):
+        plant, limit = limit_of(mass, damping, delay, virtual)
+        growths = [Simulated(plant, delay, limit * part, virtual).radius() for part in (1 - 1e-4, 1 + 1e-4)]
+        if limit and min(abs(math.log(growth)) for growth in growths) > math.log(3.0) / steps:
+            visible.append((mass, damping, delay, virtual, limit))
+    assert len(visible) > 30
+    mass, damping, delay, virtual, limit = np.repeat(np.array(visible), 2, axis=0).T
+    stiffness = limit * np.tile([1 - 1e-4, 1 + 1e-4], len(visible))
+    let_run = run(loops(mass=mass, damping=damping, period=PERIOD, delay=delay * PERIOD, lag=1.6e-4, velocity=1.0,
+                        stiffness=stiffness, virtual_damping=virtual), steps)  # fmt: skip
+    below, above = (let_run.peaks[-1] / let_run.peaks[4]).reshape(-1, 2).T
+    assert (below < 0.7).all()
+    assert (above > 1.4).all()
 
 
 def test_friction_that_is_known_badly_is_looked_at_with_less_of_it() -> None:

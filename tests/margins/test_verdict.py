@@ -2,19 +2,25 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
+import mpmath as mp
 import numpy as np
 import pytest
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import (
+    EnvironmentOf,
     Plant,
     Verdict,
     judge,
     loop_matrix,
     stiffness_limit,
 )
-from haptic_fieldbus.numerics.sampled import spectral_radius
+from haptic_fieldbus.margins.linear import LARGEST
+from haptic_fieldbus.numerics.passivity import damping_needed
+from haptic_fieldbus.numerics.sampled import environment, spectral_radius
+from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, ByHand, sprung_mass, wall, with_damping
 
 
@@ -118,6 +124,70 @@ def test_an_environment_that_never_destabilises_has_no_limit() -> None:
     }
 
 
+class TestNoLimit:
+    """A virtual mass by backward Euler pulls like a mass however stiff its spring is."""
+
+    @pytest.mark.parametrize("period", [1e-2, 1e-3, 1e-4])
+    @pytest.mark.parametrize("mass", [1e-6, 1e-3, 0.5])
+    @pytest.mark.parametrize("delay", [0.0, 0.4])
+    def test_is_infinite_and_null_in_json(self, period: float, mass: float, delay: float) -> None:
+        found = judge(BENCH, period, delay * period, by_backward_euler(mass, period), 600.0)
+        assert found.stiffness_limit.stable == math.inf
+        limits = found.to_json()["stiffness_limit"]
+        assert isinstance(limits, dict)
+        assert limits["stable"] is None
+        assert found.to_json()["margin"] is None
+        assert found.verdict is not Verdict.UNSTABLE
+
+    @pytest.mark.parametrize("times", [1e2, 1e4, 1e6, 1e10])
+    def test_is_so_in_fifty_digits(self, times: float) -> None:
+        """The loop written out: device exact, z⁺ by solving the implicit equation; times m/T² + b/T."""
+        stiffness = times * (BENCH.mass / PERIOD**2 + BENCH.damping / PERIOD)
+        with mp.workdps(50):
+            m, b, span, k, held = map(mp.mpf, (BENCH.mass, BENCH.damping, PERIOD, stiffness, 0.5))
+            decay, square = mp.exp(-b * span / m), k / held * span**2
+            slid, pushed = (1 - decay) * m / b, (1 - decay) / b
+            moved = span / b - m / b * pushed
+
+            def period(x: mp.mpf, v: mp.mpf, p: mp.mpf, q: mp.mpf) -> list[mp.mpf]:
+                rate = (q + k / held * span * (x - p)) / (1 + square)
+                p = p + span * rate
+                force = k * (p - x)
+                return [x + slid * v + moved * force, decay * v + pushed * force, p, rate]
+
+            units = [[mp.mpf(int(row == column)) for row in range(4)] for column in range(4)]
+            modes = mp.eig(mp.matrix([period(*unit) for unit in units]).T, left=False, right=False)
+            sizes = sorted((abs(mode) for mode in modes), reverse=True)
+        assert abs(sizes[0] - 1) < 1e-20  # everything pushed away at once
+        assert float(sizes[1]) < 1.0
+
+    def test_what_is_passive_below_a_limit_is_so_below_none_too(self) -> None:
+        """Against the sweep at each stiffness; a virtual mass that loses its energy is passive up to some stiffness."""
+        environment_of = by_backward_euler(0.5, PERIOD)
+        limit = judge(BENCH, PERIOD, 0.4e-3, environment_of, 600.0).stiffness_limit.passive
+        assert limit is not None
+        for part in (1e-3, 0.1, 0.5, 0.999):
+            assert damping_needed(environment_of(part * limit), PERIOD, 0.4e-3) < BENCH.damping
+        assert damping_needed(environment_of(1.001 * limit), PERIOD, 0.4e-3) > BENCH.damping
+
+    def test_a_wall_as_stiff_as_one_likes_has_one(self) -> None:
+        """The largest stiffness looked at is far above any limit there is."""
+        for mass, damping in ((1e-5, 100.0), (10.0, 1e-2), (0.6, 1.5)):
+            scale = mass / PERIOD**2 + damping / PERIOD
+            limits = [
+                stiffness_limit(Plant(mass, damping), PERIOD, delay * PERIOD, with_damping(virtual))
+                for delay in DELAYS
+                for virtual in (0.0, 0.5 * mass / PERIOD)
+            ]
+            assert max(limits) < 1e-3 * LARGEST * scale
+
+
+def by_backward_euler(mass: float, period: float) -> EnvironmentOf:
+    return lambda stiffness: environment(
+        SprungMass("handle", stiffness, mass).dynamics, period=period, method="backward-euler", estimator=None
+    )
+
+
 class TestVerdict:
     @pytest.mark.parametrize(
         ("stiffness", "coulomb", "resolution", "verdict"),
@@ -192,6 +262,7 @@ class TestVerdict:
             "coulomb": 0.2513,
             "resolution": 0.05 / 4096,
             "torque_lag": 0.0,
+            "tachometer": False,
         }
 
 
@@ -206,6 +277,6 @@ class TestVerdict:
         {"mass": 0.0, "damping": 0.0},
     ],
 )
-def test_a_device_that_cannot_be_is_refused(wrong: dict[str, float]) -> None:
+def test_a_device_that_cannot_be_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(UsageError):
-        Plant(**{"mass": 0.6, "damping": 1.5, **wrong})
+        replace(Plant(mass=0.6, damping=1.5), **wrong)
