@@ -10,6 +10,8 @@ class Signal(Enum):
     POSITION = "position"
     VELOCITY = "velocity"
     TORQUE_ACTUAL = "torque actual"
+    ELAPSED_NS = "elapsed time"
+    """Since *operation enabled*, in whole nanoseconds: a wave has its exact phase after any time."""
     CONTROLWORD = "controlword"
     TARGET_TORQUE = "target torque"
 

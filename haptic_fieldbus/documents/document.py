@@ -95,8 +95,20 @@ class Document:
             return cast(T, _adapter(kind).validate_json(json.dumps(value, default=_no_date), strict=True))
         except ValidationError as error:
             for item in error.errors(include_url=False, include_context=False, include_input=False):
-                self._translate(item["type"], item["loc"], kind, path, loaded)
+                if item["type"] == "value_error":
+                    self._rule(item["msg"].removeprefix("Value error, "), (*path, *_follow(value, item["loc"])))
+                else:
+                    self._translate(item["type"], item["loc"], kind, path, loaded)
         return None
+
+    def _rule(self, message: str, path: KeyPath) -> None:
+        """Note a fault that a dataclass found itself, at the key that its sentence begins with."""
+        name = re.split(r"[\s.:\[]", message, maxsplit=1)[0]
+        rest = message.removeprefix(name).lstrip(" :")
+        if name in self.table(*path):
+            self.fault((*path, name), rest)
+        else:
+            self.fault(path, message)
 
     def _translate(self, kind: str, location: KeyPath, schema: Hashable, at: KeyPath, loaded: Sequence[str]) -> None:
         """Note a fault found by Pydantic in our words."""

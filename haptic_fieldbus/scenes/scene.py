@@ -1,8 +1,9 @@
 """A scene: axes with their workspace, and the elements that act on them."""
 
 from dataclasses import dataclass
+from typing import cast
 
-from haptic_fieldbus.scenes.element import Element
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element
 from haptic_fieldbus.signals import Workspace
 
 
@@ -10,6 +11,13 @@ from haptic_fieldbus.signals import Workspace
 class SceneAxis:
     name: str
     workspace: Workspace
+    held: bool | None = None
+    """Whether the simulated hand holds it; None: unless it is the second of a coupling."""
+
+
+def axes_of(element: AnyElement) -> tuple[str, ...]:
+    """The axes that an element acts on, by name."""
+    return element.axes if isinstance(element, CouplingElement) else (cast(Element, element).axis,)
 
 
 @dataclass(frozen=True)
@@ -19,8 +27,21 @@ class Scene:
     name: str
     description: str
     axes: tuple[SceneAxis, ...]
-    elements: tuple[Element, ...]
+    elements: tuple[AnyElement, ...]
     source: str = ""
+    hand: str | None = None
+    """What the simulated hand does in this scene unless told otherwise."""
 
     def of_axis(self, axis: str) -> tuple[Element, ...]:
-        return tuple(element for element in self.elements if element.axis == axis)
+        """The elements that act on this axis alone."""
+        return tuple(cast(Element, element) for element in self.elements if axes_of(element) == (axis,))
+
+    def holds(self, axis: str) -> bool:
+        """Whether the simulated hand holds this axis; without a word on it, all but those that a coupling leads."""
+        told = next(each.held for each in self.axes if each.name == axis)
+        return axis not in {coupling.axes[1] for coupling in self.couplings} if told is None else told
+
+    @property
+    def couplings(self) -> tuple[CouplingElement, ...]:
+        """The elements that act on two axes."""
+        return tuple(element for element in self.elements if isinstance(element, CouplingElement))

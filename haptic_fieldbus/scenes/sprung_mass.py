@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.element import STRICT, PositiveFloat
+from haptic_fieldbus.scenes.element import STRICT, Mass, Stiffness
 from haptic_fieldbus.signals import Signal
 
 
@@ -22,8 +22,8 @@ class SprungMass:
     """`stiffness` [N/m or N·m/rad] and `mass` [kg or kg·m²] of a virtual mass sprung to the puck."""
 
     axis: str
-    stiffness: PositiveFloat
-    mass: PositiveFloat
+    stiffness: Stiffness
+    mass: Mass
     name: str = "sprung_mass"
     __pydantic_config__: ClassVar = STRICT
 

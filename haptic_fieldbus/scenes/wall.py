@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.scenes.element import STRICT, NonNegativeFloat, PositiveFloat
+from haptic_fieldbus.scenes.element import STRICT, Damping, Place, Stiffness
 from haptic_fieldbus.signals import Signal
 
 
@@ -27,9 +27,9 @@ class Wall:
     """
 
     axis: str
-    stiffness: PositiveFloat
-    position: float = 0.0
-    damping: NonNegativeFloat = 0.0
+    stiffness: Stiffness
+    position: Place = 0.0
+    damping: Damping = 0.0
     sides: Literal["unilateral", "bilateral"] = "unilateral"
     side: Literal["positive", "negative"] = "positive"
     name: str = "wall"

@@ -1,41 +1,82 @@
-"""What every element must be, whatever it is: run over all of the registry."""
+"""What every element must be, whatever it is: run over all of the registry, each kind with its sheet of claims."""
 
 import dataclasses
 import math
 from importlib import import_module
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from haptic_fieldbus.numerics.integrators import bind
+from haptic_fieldbus.laws import law_of
 from haptic_fieldbus.scenes import element as element_module
-from haptic_fieldbus.scenes.element import DynamicElement, Element, StaticElement
+from haptic_fieldbus.scenes.element import (
+    AnyElement,
+    CouplingElement,
+    DynamicElement,
+    MemoryElement,
+    StaticElement,
+)
 from haptic_fieldbus.scenes.registry import ELEMENTS
-from haptic_fieldbus.scenes.sprung_mass import SprungMass
-from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
+from tests.scenes.sheet import Motion, Sheet, forces, given_to_the_hand
 
-MEMBERS: dict[str, list[Element]] = {
-    "wall": [
-        Wall("handle", stiffness=600.0, position=0.01),
-        Wall("handle", stiffness=600.0, position=0.01, damping=3.0),
-        Wall("handle", stiffness=600.0, position=-0.01, damping=3.0, side="negative"),
-        Wall("handle", stiffness=600.0, sides="bilateral"),
-    ],
-    "sprung_mass": [SprungMass("handle", stiffness=300.0, mass=0.4)],
-}
-"""Examples of each kind; a new kind needs at least one."""
+NOT_ELEMENTS = {"__init__", "catalogue", "changed", "checked", "element", "files", "quantities", "registry", "scene"}
+SHEETS: dict[str, Sheet] = {}
+for _kind in ELEMENTS:
+    SHEETS[_kind] = import_module(f"tests.scenes.sheets.{_kind}").SHEET
 EXAMPLES = [
-    pytest.param(kind, example, id=f"{kind}-{n}") for kind in MEMBERS for n, example in enumerate(MEMBERS[kind])
+    pytest.param(kind, example, id=f"{kind}-{number}")
+    for kind, sheet in SHEETS.items()
+    for number, example in enumerate(sheet.examples)
 ]
-NOT_ELEMENTS = {"__init__", "element", "scene", "registry", "catalogue"}
+SMOOTH = 2e-5
+"""[s]; the period that stands for continuous time."""
 
 
-def test_every_kind_has_an_example_here() -> None:
-    assert set(MEMBERS) == set(ELEMENTS), "add an example of the new kind to MEMBERS"
+@st.composite
+def motions(draw: st.DrawFn, sheet: Sheet, period: float, steps: int, axes: int) -> Motion:
+    """Three sines around a place within reach, of 0.5 to 40 Hz, for each axis."""
+    middle, amplitude = sheet.reach
+    time = period * np.arange(steps)
+    position, velocity = np.zeros((steps, axes)), np.zeros((steps, axes))
+    for axis in range(axes):
+        position[:, axis] += middle + draw(st.floats(-amplitude, amplitude))
+        for _ in range(3):
+            size = draw(st.floats(0.0, amplitude / 3.0))
+            turn = 2.0 * math.pi * draw(st.floats(0.5, 40.0))
+            phase = draw(st.floats(0.0, 2.0 * math.pi))
+            position[:, axis] += size * np.sin(turn * time + phase)
+            velocity[:, axis] += size * turn * np.cos(turn * time + phase)
+    return Motion(period, position.squeeze(), velocity.squeeze())
+
+
+def axes_of(element: AnyElement) -> int:
+    return 2 if isinstance(element, CouplingElement) else 1
+
+
+def law(element: Any) -> Any:
+    return element.begin(1e-3) if isinstance(element, CouplingElement) else law_of(element, 1e-3)
+
+
+def feedback(element: AnyElement, values: list[float]) -> Any:
+    """All combinations of the values for the signals that it needs; time goes on."""
+    signals = element.needs * axes_of(element)
+    for number, combination in enumerate(product(values, repeat=len(signals))):
+        yield [
+            1_000_000 * number if signal is Signal.ELAPSED_NS else value
+            for signal, value in zip(signals, combination, strict=True)
+        ]
+
+
+def test_every_kind_has_a_sheet() -> None:
+    sheets = {path.stem for path in (Path(__file__).parent / "sheets").glob("*.py")} - {"__init__"}
+    assert sheets == set(ELEMENTS), "add tests/scenes/sheets/KIND.py with the claims of the new kind"
 
 
 def test_every_module_beside_them_is_listed() -> None:
@@ -46,59 +87,105 @@ def test_every_module_beside_them_is_listed() -> None:
 
 @pytest.mark.parametrize(("kind", "element"), EXAMPLES)
 class TestEveryElement:
-    def test_is_what_the_registry_names(self, kind: str, element: Element) -> None:
+    def test_is_what_the_registry_names(self, kind: str, element: AnyElement) -> None:
         module, name = ELEMENTS[kind]
         assert type(element) is getattr(import_module(module), name)
 
-    def test_is_a_frozen_dataclass_named_as_its_kind_unless_told(self, kind: str, element: Element) -> None:
+    def test_is_a_frozen_dataclass_named_as_its_kind_unless_told(self, kind: str, element: AnyElement) -> None:
         with pytest.raises(dataclasses.FrozenInstanceError):
-            setattr(element, "axis", "another")  # noqa: B010 - an assignment would not pass the type checker
+            setattr(element, "name", "another")  # noqa: B010 - an assignment would not pass the type checker
         assert element.name == kind
-        assert element.axis == "handle"
 
-    def test_can_be_written_in_a_file_and_nothing_else_can(self, kind: str, element: Element) -> None:
+    def test_can_be_written_in_a_file_and_nothing_else_can(self, kind: str, element: AnyElement) -> None:
         adapter = TypeAdapter(type(element))
         values = adapter.dump_python(element)
         assert adapter.validate_python(values) == element
         with pytest.raises(ValueError, match="unheard_of"):
             adapter.validate_python({**values, "unheard_of": 1})
 
-    def test_is_static_or_dynamic_and_not_both(self, kind: str, element: Element) -> None:
-        assert isinstance(element, StaticElement) != isinstance(element, DynamicElement)
+    def test_is_of_one_kind_of_law(self, kind: str, element: AnyElement) -> None:
+        kinds = (StaticElement, MemoryElement, DynamicElement, CouplingElement)
+        assert sum(isinstance(element, each) for each in kinds) == 1
 
-    def test_needs_signals_of_motion_only_and_each_once(self, kind: str, element: Element) -> None:
-        assert set(element.needs) <= {Signal.POSITION, Signal.VELOCITY}
+    def test_needs_signals_of_motion_only_and_each_once(self, kind: str, element: AnyElement) -> None:
+        assert set(element.needs) <= {Signal.POSITION, Signal.VELOCITY, Signal.ELAPSED_NS}
         assert len(set(element.needs)) == len(element.needs)
 
-    def test_is_linearised_to_one_force_from_position_and_velocity(self, kind: str, element: Element) -> None:
-        space = element.linearised()
-        assert (space.b.shape, space.c.shape, space.d.shape) == ((space.order, 2), (1, space.order), (1, 2))
-        assert space.uses_velocity == (Signal.VELOCITY in element.needs)
+    def test_is_linearised_to_forces_from_positions_and_velocities(self, kind: str, element: AnyElement) -> None:
+        space, axes = element.linearised(), axes_of(element)
+        assert (space.b.shape, space.c.shape, space.d.shape) == (
+            (space.order, 2 * axes),
+            (axes, space.order),
+            (axes, 2 * axes),
+        )
+        assert Signal.VELOCITY in element.needs or not space.uses_velocity
 
-    def test_gives_finite_plain_floats(self, kind: str, element: Element) -> None:
-        if isinstance(element, StaticElement):
-            law = element.force
-        else:
-            assert isinstance(element, DynamicElement)
-            law = bind(element.dynamics, 1e-3)
-        for feedback in product([-0.1, 0.0, 0.1], repeat=len(element.needs)):
-            force = law(*feedback)
-            assert type(force) is float
-            assert math.isfinite(force)
+    def test_is_linearised_with_the_stiffness_that_it_names(self, kind: str, element: AnyElement) -> None:
+        """Stability varies `stiffness`; so what it varies must be there, and act."""
+        stiffness = getattr(element, "stiffness", 0.0)
+        assert stiffness >= 0.0
+        if stiffness:
+            assert np.abs(element.linearised().d).max() > 0.0 or element.linearised().order
 
-    def test_hides_no_number_that_is_none(self, kind: str, element: Element) -> None:
-        law = element.force if isinstance(element, StaticElement) else bind(element.linearised(), 1e-3)
-        assert math.isnan(law(*[math.nan] * len(element.needs)))
+    def test_gives_finite_plain_floats_at_any_finite_motion(self, kind: str, element: AnyElement) -> None:
+        call = law(element)
+        for values in feedback(element, [-1e3, -0.1, 0.0, 5e-324, 0.1, 1e3]):
+            found = call(*values)
+            for force in found if isinstance(found, tuple) else (found,):
+                assert type(force) is float
+                assert math.isfinite(force)
 
-    def test_gives_the_force_of_its_linearisation_in_contact(self, kind: str, element: Element) -> None:
-        """Slope of a static force somewhere in contact; a dynamic element is linear and says so."""
-        space = element.linearised()
-        if isinstance(element, DynamicElement):
-            np.testing.assert_array_equal(space.a, element.dynamics.a)
+    def test_hides_no_number_that_is_none(self, kind: str, element: AnyElement) -> None:
+        if set(element.needs) <= {Signal.ELAPSED_NS}:
             return
-        assert isinstance(element, StaticElement)
-        inside = next(x for x in (-0.05, 0.05) if element.force(x, *[0.0] * (len(element.needs) - 1)))
-        at = [inside, 0.0][: len(element.needs)]
-        for place, expected in enumerate(space.d[0][: len(at)]):
-            ahead, behind = ([*at[:place], at[place] + step, *at[place + 1 :]] for step in (1e-4, -1e-4))
-            assert (element.force(*ahead) - element.force(*behind)) / 2e-4 == pytest.approx(expected)
+        signals = element.needs * axes_of(element)
+        found = law(element)(*[0 if signal is Signal.ELAPSED_NS else math.nan for signal in signals])
+        assert np.isnan(found).any()
+
+    def test_starts_afresh_each_time(self, kind: str, element: AnyElement) -> None:
+        first = [law(element)(*values) for values in feedback(element, [-0.01, 0.02])]
+        assert first == [law(element)(*values) for values in feedback(element, [-0.01, 0.02])]
+        again = law(element)
+        assert again(*next(iter(feedback(element, [-0.01, 0.02])))) == first[0]
+
+    def test_is_silent_where_it_says_so(self, kind: str, element: AnyElement) -> None:
+        for motion in SHEETS[kind].silent(element):
+            np.testing.assert_array_equal(forces(element, motion), 0.0)
+
+    def test_pushes_the_way_that_it_says(self, kind: str, element: AnyElement) -> None:
+        for motion, sign in SHEETS[kind].signs(element):
+            assert np.sign(forces(element, motion)[-1]) == sign
+
+    @settings(max_examples=15, deadline=None)
+    @given(data=st.data())
+    def test_jumps_by_no_more_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
+        sheet = SHEETS[kind]
+        motion = data.draw(motions(sheet, SMOOTH, 2000, axes_of(element)))
+        changes = np.abs(np.diff(forces(element, motion), axis=0))
+        per_length, per_speed, per_second = sheet.steepness(element)
+        ways = np.abs(motion.moves).reshape(len(changes), -1).sum(axis=1)
+        turns = np.abs(np.diff(motion.velocity, axis=0)).reshape(len(changes), -1).sum(axis=1)
+        smooth = per_length * ways + per_speed * turns + per_second * SMOOTH
+        allowed = smooth + sheet.jump(element, float(np.abs(motion.velocity).max()))
+        assert (changes.reshape(len(changes), -1).max(axis=1) <= allowed * (1.0 + 1e-9) + 1e-9).all()
+
+    @settings(max_examples=15, deadline=None)
+    @given(data=st.data())
+    def test_gives_no_more_energy_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
+        sheet = SHEETS[kind]
+        motion = data.draw(motions(sheet, SMOOTH, 5000, axes_of(element)))
+        force = forces(element, motion)
+        exchanged = float(np.sum(np.abs(force[1:] * motion.moves)))
+        given_away = given_to_the_hand(motion, force, held=False)
+        assert given_away <= sheet.continuous(element, motion) + 1e-3 * exchanged + 1e-12
+
+    @settings(max_examples=15, deadline=None)
+    @given(data=st.data())
+    def test_gives_no_more_energy_than_it_says_when_sampled(
+        self, kind: str, element: AnyElement, data: st.DataObject
+    ) -> None:
+        sheet = SHEETS[kind]
+        motion = data.draw(motions(sheet, 1e-3, 400, axes_of(element)))
+        given_away = given_to_the_hand(motion, forces(element, motion), held=True)
+        bound = sheet.sampled(element, motion)
+        assert given_away <= bound + 1e-9 * abs(bound) + 1e-12

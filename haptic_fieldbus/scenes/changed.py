@@ -1,0 +1,46 @@
+"""A scene that exists, with other parameters: checked as a file with the same settings is."""
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+from haptic_fieldbus.documents import Document
+from haptic_fieldbus.errors import SceneError
+from haptic_fieldbus.scenes.checked import table_of
+from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.files import convert, named, put
+from haptic_fieldbus.scenes.scene import Scene
+
+
+def changed(scene: Scene, settings: Mapping[str, object]) -> Scene:
+    """The scene with settings such as {"wall.stiffness": 800.0} or {"wall.stiffness": "0.8 N/mm"}.
+
+    Elements that no setting names stay the same objects. Raises SceneError with all faults of the settings, UsageError
+    for an unknown element or parameter. Elements that do not say how they are checked (`__pydantic_config__`) are their
+    maker's own affair, and take what they are given.
+    """
+    document = Document(scene.source or scene.name, "", SceneError)
+    document.data["element"] = [table_of(element) for element in scene.elements]
+    places = {element.name: place for place, element in enumerate(scene.elements)}
+    kinds = {element.name: type(element) for element in scene.elements}
+    given: dict[int, dict[str, object]] = {}
+    for setting, value in settings.items():
+        name, parameter = named(setting, kinds, scene.name)
+        given.setdefault(places[name], {})[parameter] = value
+        put(document, places[name], parameter, value, setting)
+    found = {place: _made(document, place, scene, given[place]) for place in given}
+    elements = document.checked([found.get(place, element) for place, element in enumerate(scene.elements)])
+    return replace(scene, elements=tuple(element for element in elements if element is not None))
+
+
+def _made(document: Document, place: int, scene: Scene, given: Mapping[str, object]) -> AnyElement | None:
+    """The element as its table now says; None with all its faults noted."""
+    element: Any = scene.elements[place]
+    if not hasattr(type(element), "__pydantic_config__"):
+        own: AnyElement = replace(element, **given)
+        return own
+    for field in fields(element):
+        document.labels.setdefault(("element", place, field.name), f"{element.name}.{field.name}")
+    document.labels["element", place] = element.name
+    convert(document, place, type(element), {axis.name: axis.workspace for axis in scene.axes})
+    return document.validate(type(element), ("element", place))

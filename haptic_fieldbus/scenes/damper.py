@@ -1,0 +1,55 @@
+"""A damper that opposes the speed of the handle: the damper condition of USB PID.
+
+Beyond the dead band w, F = −B·(v ∓ w), positive towards positive x; at slower speeds F = 0. Each direction has its
+coefficient, a share of B, and may have a saturation. (USB Device Class Definition for Physical Interface Devices 1.0:
+dead band, positive and negative coefficient, positive and negative saturation; in physical units here.)
+
+In continuous time F·v ≤ 0 at every instant. Sampled and held at T, velocity by backward difference, it gives energy
+when the handle turns within a period: with device damping b it is passive while b > B (Colgate & Schenkel, J. Robotic
+Systems 14(1), 1997, 37). A free device of mass m without delay is stable while B < 2·m/T: its loop is
+z² + (g − 1)·z + g with g = B·T/2m, and g is the product of its eigenvalues.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from haptic_fieldbus.numerics import condition
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.scenes.element import STRICT, Law, NonNegativeSpeed, PositiveDamping, PositiveEffort, Share
+from haptic_fieldbus.signals import Signal
+
+
+@dataclass(frozen=True)
+class Damper:
+    """`damping` [N·s/m or N·m·s/rad] beyond the speed `dead_band` [m/s or rad/s].
+
+    The coefficients are the shares of the damping at positive and at negative speed; one of them is 1. A saturation
+    [N or N·m] of None is no limit.
+    """
+
+    axis: str
+    damping: PositiveDamping
+    dead_band: NonNegativeSpeed = 0.0
+    positive_coefficient: Share = 1.0
+    negative_coefficient: Share = 1.0
+    positive_saturation: PositiveEffort | None = None
+    negative_saturation: PositiveEffort | None = None
+    name: str = "damper"
+    __pydantic_config__: ClassVar = STRICT
+
+    def __post_init__(self) -> None:
+        condition.check_coefficients(self.positive_coefficient, self.negative_coefficient, "damping")
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.VELOCITY,)
+
+    @property
+    def force(self) -> Law:
+        positive = condition.Side.limited(self.positive_coefficient * self.damping, 0.0, self.positive_saturation)
+        negative = condition.Side.limited(self.negative_coefficient * self.damping, 0.0, self.negative_saturation)
+        return condition.bind(0.0, self.dead_band, positive, negative)
+
+    def linearised(self) -> StateSpace:
+        """The damping of its stronger direction, beyond the dead band and below saturation."""
+        return gain([[0.0, -self.damping]])

@@ -1,0 +1,62 @@
+"""End stops: a stiff spring and a damper beyond either end of the workspace, and nothing between.
+
+With the penetration d of the material beyond `lower` or `upper` and the speed ḋ into it, the force pushes back into
+the workspace with K·d + B·ḋ where that is positive, else not: a stop never pulls a handle that leaves it.
+
+In continuous time K stores what it takes and B dissipates. Sampled and held at T a stop gives up to ½·K·(Δx)² more in
+each move Δx; with device damping b it is passive while b > K·T/2 + B (Colgate & Schenkel, J. Robotic Systems 14(1),
+1997, 37), velocity by backward difference.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Place, Stiffness
+from haptic_fieldbus.signals import Signal
+
+
+@dataclass(frozen=True)
+class EndStop:
+    """Stops at `lower` and `upper` [m or rad]: `stiffness` [N/m or N·m/rad], `damping` [N·s/m or N·m·s/rad]."""
+
+    axis: str
+    stiffness: Stiffness
+    lower: Place
+    upper: Place
+    damping: Damping = 0.0
+    name: str = "end_stop"
+    __pydantic_config__: ClassVar = STRICT
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise ValueError(f"lower {self.lower:g}: expected less than upper, {self.upper:g}")
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        """Velocity only when there is damping."""
+        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
+
+    @property
+    def force(self) -> Law:
+        lower, upper, stiffness, damping = self.lower, self.upper, self.stiffness, self.damping
+
+        def springs(position: float) -> float:
+            if lower <= position <= upper:
+                return 0.0
+            return -stiffness * (position - (lower if position < lower else upper))
+
+        def damped(position: float, velocity: float) -> float:
+            if lower <= position <= upper:
+                return 0.0
+            if position < lower:
+                force = -stiffness * (position - lower) - damping * velocity
+                return 0.0 if force < 0.0 else force
+            force = -stiffness * (position - upper) - damping * velocity
+            return 0.0 if force > 0.0 else force
+
+        return damped if damping else springs
+
+    def linearised(self) -> StateSpace:
+        """The spring-damper that is felt at either end."""
+        return gain([[-self.stiffness, -self.damping]])

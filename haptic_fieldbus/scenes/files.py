@@ -1,0 +1,262 @@
+"""Scene files: one and those that it includes, each read in two steps.
+
+First the frame (`SceneFile`), then each element as the dataclass of its kind, so that only the modules of the kinds in
+use are imported. Settings replace single parameters in between; texts with units become numbers there too.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, cast, get_origin, get_type_hints
+
+from annotated_types import Len
+
+from haptic_fieldbus.documents import Document, file_of, is_path, read_document, suggestion
+from haptic_fieldbus.errors import Fault, SceneError, UsageError
+from haptic_fieldbus.scenes.element import STRICT, AnyElement
+from haptic_fieldbus.scenes.quantities import Quantity, parse_quantity
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+from haptic_fieldbus.signals import Workspace
+
+LIBRARY = Path(__file__).resolve().parent / "library"
+NOT_SETTABLE = ("name", "axis", "axes")
+
+
+@dataclass(frozen=True)
+class AxisSection:
+    workspace: Workspace
+    held: bool | None = None
+    """Whether the simulated hand holds it; unless told otherwise all axes but the second of a coupling."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """The frame of a scene file; the elements are read by their kind."""
+
+    axis: Annotated[dict[str, AxisSection], Len(1)]
+    element: tuple[dict[str, object], ...] = ()
+    include: tuple[str, ...] = ()
+    """Scenes by name, or files beside this one, whose axes and elements stand before those of this file."""
+    description: str = ""
+    hand: Literal["push", "tap", "sine", "guide", "release", "none"] | None = None
+    """What the simulated hand does in this scene unless told otherwise."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One file of a scene while it is read; `kinds` holds the known kinds by the place of the element."""
+
+    document: Document
+    frame: SceneFile | None
+    kinds: dict[int, str]
+
+    def names(self) -> dict[object, int]:
+        """The places of the elements by their names."""
+        return {self.document.value("element", index, "name"): index for index in self.kinds}
+
+
+def read_parts(path: Path, above: tuple[Path, ...] = ()) -> list[Part]:
+    """The file and all that it includes, itself last; raises SceneError when it cannot be read."""
+    document = read_document(path, SceneError)
+    frame = document.validate(SceneFile)
+    if not document.value("element") and not document.value("include"):
+        document.fault(("element",), "missing; expected a list that is not empty")
+    included = document.value("include")
+    parts: list[Part] = []
+    for place, name in enumerate(included if isinstance(included, list) else []):
+        if isinstance(name, str):
+            parts += _included(document, place, name, (*above, path.resolve()))
+    return [*parts, Part(document, frame, _name_elements(document))]
+
+
+def _included(document: Document, place: int, name: str, above: tuple[Path, ...]) -> list[Part]:
+    try:
+        path = above[-1].parent / name if is_path(name) else file_of("scene", name, LIBRARY)
+        if path.resolve() in above:
+            circle = [*above[above.index(path.resolve()) :], path]
+            document.refuse(("include", place), f"no circle: {' → '.join(each.stem for each in circle)}")
+            return []
+        return read_parts(path, above)
+    except (SceneError, UsageError) as error:
+        document.fault(("include", place), str(error))
+        return []
+
+
+def apply_settings(parts: list[Part], settings: Mapping[str, object], scene: str) -> None:
+    """Put settings in the place of what the files give; a faulty file is told of before an unknown name."""
+    places = {name: (part, index) for part in parts for name, index in part.names().items()}
+    kinds = {str(name): element_type(part.kinds[index]) for name, (part, index) in places.items()}
+    for setting, value in settings.items():
+        if "." in setting and setting.rpartition(".")[0] not in kinds and any(part.document.faulty for part in parts):
+            continue
+        name, parameter = named(setting, kinds, scene)
+        part, index = places[name]
+        put(part.document, index, parameter, value, setting)
+
+
+def named(setting: str, kinds: Mapping[str, type[AnyElement]], scene: str) -> tuple[str, str]:
+    """The element and its parameter; raises UsageError with the nearest of those that there are."""
+    name, dot, parameter = setting.rpartition(".")
+    if not dot:
+        raise UsageError(f"--set {setting}: expected element.parameter, such as {next(iter(kinds), 'wall')}.{setting}")
+    if name not in kinds:
+        raise UsageError(f'--set {setting}: no element "{name}" in scene {scene}{suggestion(name, list(kinds))}')
+    known = parameters(kinds[name])
+    if parameter not in known:
+        raise UsageError(f'--set {setting}: no parameter "{parameter}" of {name}{suggestion(parameter, known)}')
+    return name, parameter
+
+
+def put(document: Document, index: int, parameter: str, value: object, setting: str) -> None:
+    """A setting in the place of a value; faults call it by its name."""
+    document.table("element", index)[parameter] = value
+    document.labels["element", index, parameter] = f"--set {setting}"
+
+
+def check_together(parts: list[Part]) -> dict[str, Workspace]:
+    """Faults between files: a name twice, an axis that no file has, or that two files see differently; all axes."""
+    axes: dict[str, Workspace] = {}
+    names: set[object] = set()
+    for part in parts:
+        document = part.document
+        for name, section in (part.frame.axis if part.frame is not None else {}).items():
+            if axes.setdefault(name, section.workspace) is not section.workspace:
+                document.refuse(("axis", name, "workspace"), f'"{axes[name].value}", as in an included scene')
+        for element, index in part.names().items():
+            if element in names:
+                document.fault(("element", index, "name"), f'"{element}" stands twice; expected a name of its own')
+            names.add(element)
+        for index in part.kinds:
+            _check_axes(document, index, axes if part.frame is not None else None)
+    return axes
+
+
+def _check_axes(document: Document, index: int, axes: Mapping[str, Workspace] | None) -> None:
+    known = document.table("axis") if axes is None else axes
+    for path in _axis_paths(document, index):
+        axis = document.value(*path)
+        if isinstance(axis, str) and axis not in known:
+            document.fault(path, f"no [axis.{axis}] in this file{suggestion(axis, known)}")
+
+
+def _axis_paths(document: Document, index: int) -> Iterator[tuple[str | int, ...]]:
+    yield ("element", index, "axis")
+    axes = document.value("element", index, "axes")
+    for place in range(len(axes) if isinstance(axes, list) else 0):
+        yield ("element", index, "axes", place)
+
+
+def elements_of(part: Part, axes: Mapping[str, Workspace]) -> list[AnyElement]:
+    """The elements of one file, as far as they hold; what does not is noted in its document."""
+    for index, kind in part.kinds.items():
+        _check_workspace(part.document, index, kind, axes)
+        convert(part.document, index, element_type(kind), axes)
+    found = [part.document.validate(element_type(kind), ("element", index)) for index, kind in part.kinds.items()]
+    return [element for element in found if element is not None]
+
+
+def raise_faults(parts: list[Part]) -> None:
+    """All faults of all files at once; the file that was asked for is named, others stand in their keys."""
+    errors = []
+    for part in parts:
+        try:
+            part.document.checked(part.frame)
+        except SceneError as error:
+            errors.append(error)
+    if len(errors) == 1:
+        raise errors[0]
+    if errors:
+        main = parts[-1].document.source
+        raise SceneError(main, [_in_file(fault, error.source, main) for error in errors for fault in error.faults])
+
+
+def _in_file(fault: Fault, source: str, main: str) -> Fault:
+    return fault if source == main else Fault(f"{source}: {fault.key}", fault.message, fault.line)
+
+
+def parameters(element: type[AnyElement]) -> list[str]:
+    """The parameters of an element that a setting can give."""
+    return [field.name for field in fields(cast(Any, element)) if field.name not in NOT_SETTABLE]
+
+
+@cache
+def quantities(element: type[AnyElement]) -> dict[str, Quantity]:
+    """What each number of an element measures."""
+    hints = get_type_hints(element, include_extras=True)
+    return {
+        name: quantity
+        for name in parameters(element)
+        for quantity in _metadata(hints[name])
+        if isinstance(quantity, Quantity)
+    }
+
+
+def _metadata(hint: Any) -> Iterator[object]:
+    """What is annotated, inside of unions too; the members of a list have each their own."""
+    yield from getattr(hint, "__metadata__", ())
+    if get_origin(hint) is not tuple:
+        for member in getattr(hint, "__args__", ()):
+            yield from _metadata(member)
+
+
+def _workspace(document: Document, index: int, axes: Mapping[str, Workspace]) -> Workspace | None:
+    """That of the element's axis; None where it has none that is known."""
+    names = [document.value(*path) for path in _axis_paths(document, index)]
+    return next((axes[str(name)] for name in names if str(name) in axes), None)
+
+
+def _check_workspace(document: Document, index: int, kind: str, axes: Mapping[str, Workspace]) -> None:
+    """A kind of one workspace is refused in the other."""
+    only, workspace = getattr(element_type(kind), "workspace", None), _workspace(document, index, axes)
+    if only is not None and workspace is not None and workspace is not only:
+        document.fault(("element", index), f'"{kind}" is for {only.value} axes; its axis is {workspace.value}')
+    check_ratio(document, index, element_type(kind), axes)
+
+
+def check_ratio(document: Document, index: int, kind: type[AnyElement], axes: Mapping[str, Workspace]) -> None:
+    """Between a linear and a rotary axis a ratio has a unit, and no value that goes without saying."""
+    spaces = [axes[name] for path in _axis_paths(document, index) if (name := str(document.value(*path))) in axes]
+    if len(set(spaces)) > 1 and "ratio" in parameters(kind) and document.value("element", index, "ratio") is None:
+        first, second = (space.length_unit for space in spaces[:2])
+        text = f"missing; expected a number, what a {spaces[0].value} axis moves for a {spaces[1].value} one"
+        document.fault(("element", index, "ratio"), f"{text} [{first}/{second}]")
+
+
+def convert(document: Document, index: int, kind: type[AnyElement], axes: Mapping[str, Workspace]) -> None:
+    """Texts with units, in place of numbers, become SI."""
+    table, workspace = document.table("element", index), _workspace(document, index, axes)
+    for parameter, quantity in quantities(kind).items():
+        value = table.get(parameter)
+        if not isinstance(value, str) or workspace is None:
+            continue
+        try:
+            table[parameter] = parse_quantity(value, quantity, workspace)
+        except ValueError as error:
+            document.refuse(("element", index, parameter), str(error))
+            del table[parameter]
+
+
+def _name_elements(document: Document) -> dict[int, str]:
+    """The known kinds by the place of the element; each element's table is left with a name and without its kind."""
+    raw = document.value("element")
+    tables = {i: table for i, table in enumerate(raw if isinstance(raw, list) else []) if isinstance(table, dict)}
+    given = [table.get("kind") for table in tables.values()]
+    kinds: dict[int, str] = {}
+    names: set[object] = set()
+    for index, table in tables.items():
+        kind = table.get("kind")
+        if not isinstance(kind, str) or kind not in ELEMENTS:
+            document.refuse(("element", index, "kind"), f"a kind of element{suggestion(str(kind or ''), ELEMENTS)}")
+            continue
+        if "name" not in table and given.count(kind) > 1:
+            document.fault(("element", index, "name"), f'missing; expected one, as the kind "{kind}" stands twice')
+        kinds[index] = kind
+        del table["kind"]
+        name = str(table.setdefault("name", kind))
+        if name in names:
+            document.fault(("element", index, "name"), f'"{name}" stands twice; expected a name of its own')
+        names.add(name)
+    return kinds

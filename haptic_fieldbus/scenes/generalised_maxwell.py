@@ -1,0 +1,61 @@
+"""Tissue with a memory of many lengths: a spring, and beside it any number that relax, each in its own time.
+
+Touched at the depth d = ±(x − position) it pushes k₀·d + Σ k·(d − q) with q̇ = (d − q)/τ in each branch: after a press
+to D k₀·D + Σ k·D·e^(−t/τ), Wiechert's model. Left faster than it recovers it lets go and is met again where its surface
+has come to: never a pull. (Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., 1993, chapters 2 and
+7.)
+
+In continuous time it is passive; each period is stepped exactly for a straight way, so a branch far faster than the
+period neither explodes (forward Euler) nor rings (trapezoid): it is the damper k·τ, as it should be
+(`numerics.relaxation`). Sampled and held it leaks about half and at most all of |ΔF·Δx| in each period, ΔF
+the change of its force in it: for slow branches K·Σ(Δx)²/2 at K = k₀ + Σ k.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal, Self
+
+from annotated_types import Len
+
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.relaxation import bind_surface, pressed
+from haptic_fieldbus.scenes.element import STRICT, Duration, Law, Place, Stiffness
+from haptic_fieldbus.signals import Signal
+
+
+@dataclass(frozen=True)
+class GeneralisedMaxwell:
+    """Tissue from `position` [m or rad] on: a spring `rest` [N/m or N·m/rad] and `branches` that relax.
+
+    Each branch is a pair [stiffness, time]: [N/m or N·m/rad] and [s]. `side` is where the tissue lies.
+    """
+
+    axis: str
+    rest: Stiffness
+    branches: Annotated[tuple[tuple[Stiffness, Duration], ...], Len(1)]
+    position: Place = 0.0
+    side: Literal["positive", "negative"] = "positive"
+    name: str = "generalised_maxwell"
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.POSITION,)
+
+    def begin(self, period: float) -> Law:
+        """Remembers the dent and the relaxed part of each branch."""
+        inwards = 1.0 if self.side == "positive" else -1.0
+        surface, push = self.position, bind_surface(self.rest, self.branches, period)
+        return lambda position: 0.0 - inwards * push(inwards * (position - surface))
+
+    @property
+    def stiffness(self) -> float:
+        """At once, before anything relaxes [N/m or N·m/rad]."""
+        return self.rest + sum(k for k, _ in self.branches)
+
+    def with_stiffness(self, stiffness: float) -> Self:
+        factor = stiffness / self.stiffness
+        return replace(self, rest=factor * self.rest, branches=tuple((factor * k, tau) for k, tau in self.branches))
+
+    def linearised(self) -> StateSpace:
+        """The tissue in sustained contact: linear, one state a branch."""
+        return pressed(self.rest, self.branches)

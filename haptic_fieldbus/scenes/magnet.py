@@ -1,0 +1,57 @@
+"""A magnet: a well that draws the handle to a place from within a radius.
+
+With u = (x − p)/R, inside |u| < 1
+
+    F = −K·R·u·(1 − u²)²
+
+and 0 outside. Force and slope are continuous everywhere. The pull is largest at u = 1/√5, 16·√5/125·K·R = 0.286·K·R;
+the slope is steepest in the middle, −K, and rises to 0.8·K between, where the magnet overpowers the hand.
+
+Energy. It stores K·R²/6·(1 − (1 − u²)³) and gives back no more: a hand pays K·R²/6 to leave. Sampled and held, it gives
+at most ½·K·Δx² in each period, as a spring of stiffness K; a device of damping b is passive with it while b > K·T/2.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.scenes.element import STRICT, Length, Place, PositiveEffort
+from haptic_fieldbus.signals import Signal
+
+LARGEST_PULL = 16.0 * math.sqrt(5.0) / 125.0
+"""Of u·(1 − u²)²."""
+
+
+@dataclass(frozen=True)
+class Magnet:
+    """A magnet at `position` that pulls with at most `pull` [N or N·m] within `radius` [m or rad]."""
+
+    axis: str
+    pull: PositiveEffort
+    radius: Length
+    position: Place = 0.0
+    name: str = "magnet"
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.POSITION,)
+
+    @property
+    def stiffness(self) -> float:
+        """The slope in the middle, the steepest [N/m or N·m/rad]."""
+        return self.pull / (LARGEST_PULL * self.radius)
+
+    def with_stiffness(self, stiffness: float) -> Self:
+        return replace(self, pull=stiffness * LARGEST_PULL * self.radius)
+
+    def force(self, position: float) -> float:
+        """Force or torque on the handle [N or N·m]; not-a-number in gives not-a-number out."""
+        u = (position - self.position) / self.radius
+        inner = 1.0 - u * u
+        return 0.0 if inner <= 0.0 else -self.pull / LARGEST_PULL * u * inner * inner
+
+    def linearised(self) -> StateSpace:
+        """In the middle."""
+        return gain([[-self.stiffness, 0.0]])

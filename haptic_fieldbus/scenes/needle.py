@@ -1,0 +1,152 @@
+"""A needle: a capsule that gives way, then friction along the shaft and a cutting force at the tip.
+
+After Okamura, Simone & O'Leary (Force modeling for needle insertion into soft tissue, IEEE Trans. Biomedical
+Engineering 51(10), 2004, 1707, doi:10.1109/TBME.2004.831542), who add stiffness, friction and cutting:
+
+    before puncture   P·((1 − c)·u + c·u²), u = d/D: a nonlinear spring up to the effort P at the depth D
+    at D              the capsule gives way: its force is gone, what it stored is spent
+    from then on      friction (modified Karnopp) + drag·ḋ, both ways, and cutting while the tip goes deeper than ever
+
+Karnopp's friction holds a sticking body with the force that acts on it, which no impedance display knows. Here a
+spring, `grip`, does: it holds up to `breakaway`, then slips with `friction` until the needle is slower than `slow`
+(Okamura's Δv/2). The cutting edge is such a spring too, held up to `cutting` and carried on by a tip that cuts; it only
+pushes out. Out of the tissue all is zero; with `heals` the next insertion is a new one, without it goes down the hole
+that is there.
+
+Energy, continuous: what it gives back is at most what it took, and never more than it stores: before puncture the
+capsule's P·D·((1 − c)/2 + c/3), after it breakaway²/(2·grip) + cutting²/(2·grip). Passive. Sampled and held it leaks at
+most K·Σ(Δx)²/2 with K the largest of its stiffnesses (`stiffness`), slips, cuts and exits between samples included, and
+what any held damper adds for `drag`.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Self
+
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.scenes.element import (
+    STRICT,
+    Damping,
+    Effort,
+    Law,
+    Length,
+    Place,
+    PositiveEffort,
+    Share,
+    Speed,
+    Stiffness,
+)
+from haptic_fieldbus.signals import Signal
+
+
+@dataclass(frozen=True)
+class Needle:
+    """Tissue from `position` on [m or rad] that `puncture` [N or N·m] opens at `depth` [m or rad].
+
+    Before it the force grows with the depth, a share `curvature` of it with the square. After it `friction` [N or N·m],
+    `breakaway` [N or N·m] where it sticks (0: as friction), `cutting` [N or N·m] on the way deeper and `drag`
+    [N·s/m or N·m·s/rad]; it sticks by the stiffness `grip` [N/m or N·m/rad], again when slower than `slow` [m/s or
+    rad/s]. Where it `heals`, the next insertion punctures again. `side` is where the tissue lies.
+    """
+
+    axis: str
+    puncture: PositiveEffort
+    depth: Length
+    grip: Stiffness
+    friction: Effort = 0.0
+    breakaway: Effort = 0.0
+    cutting: Effort = 0.0
+    drag: Damping = 0.0
+    slow: Speed = 0.005
+    curvature: Share = 0.5
+    position: Place = 0.0
+    side: Literal["positive", "negative"] = "positive"
+    heals: bool = True
+    name: str = "needle"
+    __pydantic_config__: ClassVar = STRICT
+
+    def __post_init__(self) -> None:
+        if 0.0 < self.breakaway < self.friction:
+            raise ValueError(f"breakaway {self.breakaway:g}: expected 0, or from friction ({self.friction:g}) up")
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        """Velocity only where it matters how fast the needle slips."""
+        return (Signal.POSITION, Signal.VELOCITY) if self.drag or self.breakaway else (Signal.POSITION,)
+
+    def begin(self, period: float) -> Law:
+        """Remembers whether the capsule is open."""
+        inwards = 1.0 if self.side == "positive" else -1.0
+        surface, capsule, whole_depth, drag, heals = self.position, self._capsule, self.depth, self.drag, self.heals
+        along, tip = _bind_friction(self), _bind_edge(self.grip, self.cutting)
+        is_open = is_out = False
+
+        def force(position: float, velocity: float = 0.0) -> float:
+            nonlocal is_open, is_out
+            depth, speed = inwards * (position - surface), inwards * velocity
+            if depth <= 0.0:
+                is_open, is_out = is_open and not heals, True
+                return 0.0
+            if not is_open and depth < whole_depth:
+                return -inwards * capsule(depth)
+            push = along(depth, speed, afresh=not is_open or is_out) + tip(depth, afresh=not is_open) + drag * speed
+            is_open, is_out = True, False
+            return -inwards * push
+
+        return force
+
+    def _capsule(self, depth: float) -> float:
+        part = depth / self.depth
+        return self.puncture * part * (1.0 - self.curvature + self.curvature * part)
+
+    @property
+    def stiffness(self) -> float:
+        """The larger of the capsule's as it gives way, and of what grips the needle then [N/m or N·m/rad]."""
+        gripping = self.grip * ((self.friction > 0.0 or self.breakaway > 0.0) + (self.cutting > 0.0))
+        return max(self.puncture / self.depth * (1.0 + self.curvature), gripping)
+
+    def with_stiffness(self, stiffness: float) -> Self:
+        scaled = ("puncture", "grip", "friction", "breakaway", "cutting", "drag")
+        factor = stiffness / self.stiffness
+        return replace(self, **{name: factor * getattr(self, name) for name in scaled})
+
+    def linearised(self) -> StateSpace:
+        return gain([[-self.stiffness, -self.drag]])
+
+
+def _bind_friction(needle: Needle) -> Callable[..., float]:
+    """(depth, speed, afresh) → the push of the shaft's friction, held by a spring that begins where it is `afresh`."""
+    grip, slipping_at, slow = needle.grip, needle.friction, needle.slow
+    sticking_at = needle.breakaway or needle.friction
+    anchor, slips, direction = 0.0, False, 0.0
+
+    def push(depth: float, speed: float, afresh: bool) -> float:
+        nonlocal anchor, slips, direction
+        if afresh:
+            anchor, slips = depth, False
+        slips = slips and direction * speed >= slow
+        held = grip * (depth - anchor)
+        if abs(held) > (slipping_at if slips else sticking_at):
+            slips, direction = True, math.copysign(1.0, held)
+            held = direction * slipping_at
+            anchor = depth - held / grip
+        return held
+
+    return push
+
+
+def _bind_edge(grip: float, cutting: float) -> Callable[..., float]:
+    """(depth, afresh) → the push of the cutting edge, which is where the tip has been deepest, and no further back."""
+    edge = 0.0
+
+    def push(depth: float, afresh: bool) -> float:
+        nonlocal edge
+        if afresh:
+            edge = depth
+        held = grip * (depth - edge)
+        if held > cutting:
+            held, edge = cutting, depth - cutting / grip
+        return 0.0 if held <= 0.0 else held
+
+    return push

@@ -1,0 +1,59 @@
+"""A thin surface that cannot be pushed through: a proxy stays on the side from which the handle came.
+
+The proxy follows the handle until the handle passes the surface, and then stays on it: F = K·(proxy − x) − B·v, never a
+pull. A wall asks where the handle is; a thin one that is pushed in by more than half its thickness would throw the
+handle out behind. The proxy remembers instead (the god-object of Zilles & Salisbury, IROS 1995,
+doi:10.1109/IROS.1995.525876), here in one degree of freedom, where the surface has no tangent and hence no friction.
+It can be touched from both sides; whoever begins behind it is behind it.
+
+On either side it is a wall: passive in continuous time, and with the sampled leak of a wall, at most K·Σ(Δx)²/2 and
+what the held damper adds.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Place, Stiffness
+from haptic_fieldbus.signals import Signal
+
+
+@dataclass(frozen=True)
+class Proxy:
+    """A surface at `position` [m or rad], `stiffness` [N/m or N·m/rad] and `damping` [N·s/m or N·m·s/rad] behind it."""
+
+    axis: str
+    stiffness: Stiffness
+    position: Place = 0.0
+    damping: Damping = 0.0
+    name: str = "proxy"
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
+
+    def begin(self, period: float) -> Law:
+        """Remembers the side of the proxy; none as long as the handle has been nowhere but on the surface."""
+        surface, stiffness, damping = self.position, self.stiffness, self.damping
+        side = 0.0
+
+        def force(position: float, velocity: float = 0.0) -> float:
+            nonlocal side
+            offset = position - surface
+            if offset == 0.0:
+                return 0.0
+            if side == 0.0:
+                side = math.copysign(1.0, offset)
+            outwards = side * offset
+            if outwards >= 0.0:
+                return 0.0
+            push = -stiffness * outwards - damping * side * velocity
+            return 0.0 if push <= 0.0 else side * push
+
+        return force
+
+    def linearised(self) -> StateSpace:
+        """The spring-damper that is felt behind the surface."""
+        return gain([[-self.stiffness, -self.damping]])

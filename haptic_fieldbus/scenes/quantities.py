@@ -1,0 +1,115 @@
+"""What the numbers of a scene measure, and the units in which a file may write them.
+
+A bare number is SI, in the workspace of its axis: `stiffness = 600` is N/m on a linear axis, N·m/rad on a rotary one. A
+text is a number and a unit, `"0.6 N/mm"`, and is refused when the unit measures something else.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from enum import Enum
+from functools import cache
+
+from haptic_fieldbus.signals import Workspace
+
+
+class Quantity(Enum):
+    """The value is the SI unit on a linear and on a rotary axis."""
+
+    LENGTH = ("m", "rad")
+    SPEED = ("m/s", "rad/s")
+    EFFORT = ("N", "N·m")
+    STIFFNESS = ("N/m", "N·m/rad")
+    DAMPING = ("N·s/m", "N·m·s/rad")
+    MASS = ("kg", "kg·m²")
+    INVERSE_LENGTH = ("1/m", "1/rad")
+    INVERSE_SPEED = ("s/m", "s/rad")
+    EFFORT_RATE = ("N/s", "N·m/s")
+    TIME = ("s", "s")
+    FREQUENCY = ("Hz", "Hz")
+    RATIO = ("", "")
+
+    def unit(self, workspace: Workspace) -> str:
+        return self.value[workspace is Workspace.ROTARY]
+
+
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6}
+_ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180, "rev": 2 * math.pi}
+_FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
+_TORQUES = {"N·m": 1.0, "mN·m": 1e-3, "µN·m": 1e-6, "kN·m": 1e3}
+_TIMES = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "min": 60.0}
+
+
+def _over(above: Mapping[str, float], below: Mapping[str, float]) -> dict[str, float]:
+    return {f"{a}/{b}": x / y for a, x in above.items() for b, y in below.items()}
+
+
+def _times_second(efforts: Mapping[str, float]) -> dict[str, float]:
+    return {f"{effort}·s": factor for effort, factor in efforts.items()}
+
+
+_FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
+    Quantity.LENGTH: (_LENGTHS, _ANGLES),
+    Quantity.SPEED: (_over(_LENGTHS, _TIMES), _over(_ANGLES, _TIMES) | {"rpm": 2 * math.pi / 60}),
+    Quantity.EFFORT: (_FORCES, _TORQUES),
+    Quantity.STIFFNESS: (_over(_FORCES, _LENGTHS), _over(_TORQUES, _ANGLES)),
+    Quantity.DAMPING: (_over(_times_second(_FORCES), _LENGTHS), _over(_times_second(_TORQUES), _ANGLES)),
+    Quantity.MASS: ({"kg": 1.0, "g": 1e-3}, {"kg·m²": 1.0, "kg·cm²": 1e-4, "g·m²": 1e-3, "g·cm²": 1e-7}),
+    Quantity.INVERSE_LENGTH: (_over({"1": 1.0}, _LENGTHS), _over({"1": 1.0}, _ANGLES)),
+    Quantity.INVERSE_SPEED: (_over({"s": 1.0}, _LENGTHS), _over({"s": 1.0}, _ANGLES)),
+    Quantity.EFFORT_RATE: (_over(_FORCES, _TIMES), _over(_TORQUES, _TIMES)),
+    Quantity.TIME: (_TIMES, _TIMES),
+    Quantity.FREQUENCY: ({"Hz": 1.0, "kHz": 1e3, "1/s": 1.0},) * 2,
+    Quantity.RATIO: ({"": 1.0, "%": 1e-2},) * 2,
+}
+_WRITTEN = re.compile(r"\s*([-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+_ONE_SPELLING = str.maketrans({"*": "", "·": "", "⋅": "", "μ": "µ", "−": "-"})
+"""Products may be written with any sign or none, N·m, N*m or Nm."""
+_PLAIN = (("^2", "²"), ("m2", "m²"), ("us", "µs"), ("um", "µm"), ("uN", "µN"))
+
+
+def parse_quantity(text: str, quantity: Quantity, workspace: Workspace) -> float:
+    """The SI value of `text`; raises ValueError with what was expected instead, such as "N·m/rad on a rotary axis"."""
+    match = _WRITTEN.fullmatch(text.translate(_ONE_SPELLING))
+    if match is None or not match.group(2):
+        raise ValueError(f"a number without quotes{_example(quantity, workspace)}")
+    number, unit = match.groups()
+    rotary = workspace is Workspace.ROTARY
+    factors = _spelt(quantity, rotary)
+    for plain, proper in _PLAIN:
+        unit = unit.replace(plain, proper)
+    if unit in factors:
+        return float(number) * factors[unit]
+    raise ValueError(f"{_in_words(quantity, workspace)}{_other(unit, quantity, workspace)}")
+
+
+@cache
+def _spelt(quantity: Quantity, rotary: bool) -> dict[str, float]:
+    return {unit.replace("·", ""): factor for unit, factor in _FACTORS[quantity][rotary].items()}
+
+
+def _example(quantity: Quantity, workspace: Workspace) -> str:
+    unit = quantity.unit(workspace)
+    return f', or one with its unit such as "2 {unit}"' if unit else ""
+
+
+def _in_words(quantity: Quantity, workspace: Workspace) -> str:
+    unit = quantity.unit(workspace)
+    if not unit:
+        return "a number without a unit"
+    return f"{_named(quantity)} in {unit}, as the axis is {workspace.value}"
+
+
+def _named(quantity: Quantity) -> str:
+    name = quantity.name.lower().replace("_", " ")
+    return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
+
+
+def _other(unit: str, quantity: Quantity, workspace: Workspace) -> str:
+    """What the unit measures instead, where it is known."""
+    other = Workspace.LINEAR if workspace is Workspace.ROTARY else Workspace.ROTARY
+    for found in (quantity, *Quantity):
+        for space in (workspace, other):
+            if unit in _spelt(found, space is Workspace.ROTARY):
+                return f"; {unit} measures {_named(found)} on a {space.value} axis"
+    return "; the unit is not known"

@@ -1,0 +1,71 @@
+"""A spring that pulls the handle to its rest position: the spring condition of USB PID.
+
+Beyond the dead band w on either side of the rest position x₀, F = −K·(x − x₀ ∓ w) − B·v, positive towards positive x;
+within it F = 0. Each side has its coefficient, a share of K and B, and may have a saturation: no force beyond it, the
+damping's part included. (USB Device Class Definition for Physical Interface Devices 1.0: CP offset, dead band, positive
+and negative coefficient, positive and negative saturation; in physical units here.)
+
+In continuous time the spring stores what it takes, U = ½·K·d² up to its saturation s and s·(d − s/2K) beyond, and B
+dissipates. Sampled and held at T it gives up to ½·K·(Δx)² more in each move Δx; with device damping b it is passive
+while b > K·T/2 + B (Colgate & Schenkel, J. Robotic Systems 14(1), 1997, 37), velocity by backward difference. With
+damping and a dead band the force steps by B·v at the band's edges.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from haptic_fieldbus.numerics import condition
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.scenes.element import (
+    STRICT,
+    Damping,
+    Law,
+    NonNegativeLength,
+    Place,
+    PositiveEffort,
+    Share,
+    Stiffness,
+)
+from haptic_fieldbus.signals import Signal
+
+
+@dataclass(frozen=True)
+class Spring:
+    """`stiffness` [N/m or N·m/rad] about `position` [m or rad], with `damping` [N·s/m or N·m·s/rad].
+
+    `dead_band` [m or rad] is what is free on either side. The coefficients are the shares of stiffness and damping on
+    the positive and on the negative side; one of them is 1. A saturation [N or N·m] of None is no limit.
+    """
+
+    axis: str
+    stiffness: Stiffness
+    position: Place = 0.0
+    damping: Damping = 0.0
+    dead_band: NonNegativeLength = 0.0
+    positive_coefficient: Share = 1.0
+    negative_coefficient: Share = 1.0
+    positive_saturation: PositiveEffort | None = None
+    negative_saturation: PositiveEffort | None = None
+    name: str = "spring"
+    __pydantic_config__: ClassVar = STRICT
+
+    def __post_init__(self) -> None:
+        condition.check_coefficients(self.positive_coefficient, self.negative_coefficient, "stiffness")
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        """Velocity only when there is damping."""
+        return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
+
+    @property
+    def force(self) -> Law:
+        positive = self._side(self.positive_coefficient, self.positive_saturation)
+        negative = self._side(self.negative_coefficient, self.negative_saturation)
+        return condition.bind(self.position, self.dead_band, positive, negative)
+
+    def _side(self, share: float, saturation: float | None) -> condition.Side:
+        return condition.Side.limited(share * self.stiffness, share * self.damping, saturation)
+
+    def linearised(self) -> StateSpace:
+        """The spring-damper of its stiffer side, beyond the dead band and below saturation."""
+        return gain([[-self.stiffness, -self.damping]])

@@ -1,0 +1,28 @@
+"""An active force: never more power than its largest force times the speed."""
+
+import numpy as np
+
+from haptic_fieldbus.scenes.ramp import Ramp
+from tests.scenes.sheet import Motion, Sheet, resting
+
+
+def largest(ramp: Ramp) -> float:
+    return max(abs(ramp.start), abs(ramp.end))
+
+
+def most(ramp: Ramp, motion: Motion) -> float:
+    return largest(ramp) * float(np.sum(np.abs(motion.moves)))
+
+
+SHEET = Sheet(
+    examples=(
+        Ramp("handle", start=-1.0, end=3.0, duration=0.03),
+        Ramp("handle", start=-3.0, end=1.0, duration=0.02, start_delay=0.005),
+    ),
+    steepness=lambda ramp: (0.0, 0.0, abs(ramp.end - ramp.start) / ramp.duration),
+    jump=lambda ramp, speed: largest(ramp),
+    continuous=most,
+    sampled=most,
+    silent=lambda ramp: [resting(0.0, 0.01, period=1e-3)] if ramp.start_delay else [],
+    signs=lambda ramp: [(resting(*[0.0] * 7, period=1e-3), 1 if ramp.start + 0.2 * ramp.end > 0.0 else -1)],
+)

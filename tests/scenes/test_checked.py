@@ -1,0 +1,146 @@
+"""Elements made in Python are refused for what their files would be refused for, wherever a scene is first used."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from importlib import import_module
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import haptic_fieldbus
+from haptic_fieldbus.errors import SceneError
+from haptic_fieldbus.numerics.integrators import METHODS
+from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
+from haptic_fieldbus.scenes.checked import check_elements
+from haptic_fieldbus.scenes.element import STRICT
+from haptic_fieldbus.scenes.registry import ELEMENTS
+from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
+from haptic_fieldbus.scenes.sprung_mass import SprungMass
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Workspace
+
+PERIOD = 1e-3
+ENTRANCES: dict[str, Callable[[Scene], object]] = {
+    "plan": haptic_fieldbus.plan,
+    "stability on a bench": haptic_fieldbus.stability,
+    "stability of a device": lambda scene: haptic_fieldbus.stability(scene, mass=0.5, damping=1.0),
+    "response": haptic_fieldbus.response,
+    "run": lambda scene: haptic_fieldbus.run(scene, duration=0.01),
+}
+
+
+def made(*elements: Any) -> Scene:
+    axes = dict.fromkeys(axis for element in elements for axis in axes_of(element))
+    return Scene("made", "", tuple(SceneAxis(axis, Workspace.LINEAR) for axis in axes), elements)
+
+
+def refusal(scene: Scene, method: str | None = None) -> str:
+    with pytest.raises(SceneError) as refused:
+        check_elements(scene, PERIOD, method)
+    return "\n".join(str(fault) for fault in refused.value.faults)
+
+
+@pytest.mark.parametrize("entrance", ENTRANCES)
+@pytest.mark.parametrize("mass", [0.0, -0.0, -1.0, math.nan, math.inf])
+def test_a_virtual_mass_that_cannot_be_is_refused_at_every_entrance(entrance: str, mass: float) -> None:
+    with pytest.raises(SceneError, match=r"made: sprung_mass\.mass: .*; expected a number above 0"):
+        ENTRANCES[entrance](made(SprungMass("handle", 200.0, mass)))
+
+
+@pytest.mark.parametrize("entrance", ENTRANCES)
+@pytest.mark.parametrize("stiffness", [-1.0, 0.0, math.nan, math.inf])
+def test_a_stiffness_that_cannot_be_is_refused_at_every_entrance(entrance: str, stiffness: float) -> None:
+    with pytest.raises(SceneError, match=r"made: wall\.stiffness: .*; expected a number above 0"):
+        ENTRANCES[entrance](made(Wall("handle", stiffness)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_no_mass_is_refused_with_the_smallest_one_of_its_method(method: str) -> None:
+    """k·(T/h)², h the method's own limit of T·√(k/m)."""
+    told = refusal(made(SprungMass("handle", 200.0, 0.0)), method).partition("above 0; ")[2]
+    limit = METHODS[method].oscillator_limit
+    if math.isinf(limit):
+        assert told == f"as it goes to 0 {method} stays bounded, and so does the force"
+    elif limit:
+        least = 200.0 * (PERIOD / limit) ** 2
+        assert told == f"{method} renders it without growth from {least:.4g} up, at 1000 Hz"
+    else:
+        assert told == f"{method} renders no mass without growth"
+
+
+def test_the_smallest_mass_is_not_told_where_it_makes_no_sense() -> None:
+    told = refusal(made(SprungMass("handle", math.nan, 0.0)))
+    assert told.split("\n") == [
+        "sprung_mass.stiffness: nan; expected a number above 0",
+        "sprung_mass.mass: 0.0; expected a number above 0",
+    ]
+
+
+def test_all_faults_of_all_elements_are_told_at_once() -> None:
+    scene = made(Wall("handle", -1.0, damping=-2.0), SprungMass("handle", 200.0, -3.0))
+    assert refusal(scene).split("\n") == [
+        "wall.stiffness: -1.0; expected a number above 0",
+        "wall.damping: -2.0; expected a number not below 0",
+        "sprung_mass.mass: -3.0; expected a number above 0",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"stiffness": "600"}, 'wall.stiffness: "600"; expected a number above 0'),
+        ({"stiffness": True}, "wall.stiffness: true; expected a number above 0"),
+        ({"stiffness": None}, "wall.stiffness: missing; expected a number above 0"),
+        ({"position": None}, 'wall.position: "None"; expected a number'),
+        ({"position": object()}, "wall.position: "),
+        ({"side": "left"}, 'wall.side: "left"; expected "positive" or "negative"'),
+        ({"name": 3}, "3.name: 3; expected text"),
+    ],
+)
+def test_values_of_another_kind_are_refused(changes: dict[str, Any], told: str) -> None:
+    assert refusal(made(replace(Wall("handle", 600.0), **changes))).startswith(told)
+
+
+def test_an_axis_that_the_scene_has_not_is_refused() -> None:
+    scene = replace(made(Wall("handle", 600.0)), elements=(Wall("handel", 600.0),))
+    assert refusal(scene) == "wall.axis: this scene has no axis 'handel'; nearest: handle"
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    stiffnesses: list[Any] = [600, np.float64(3.0), np.float32(3.0), np.int64(3)]
+    check_elements(made(*(Wall("handle", stiffness) for stiffness in stiffnesses)), PERIOD, None)
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_every_shipped_scene_holds(name: str) -> None:
+    check_elements(load_scene(name), PERIOD, None)
+
+
+@pytest.mark.parametrize("kind", ELEMENTS)
+def test_every_kind_is_refused_with_any_number_that_is_none(kind: str) -> None:
+    for example in import_module(f"tests.scenes.sheets.{kind}").SHEET.examples:
+        check_elements(made(example), PERIOD, None)
+        for field in fields(example):
+            if isinstance(getattr(example, field.name), float):
+                for wrong in (math.nan, -math.inf):
+                    with pytest.raises(ValueError, match=field.name):
+                        check_elements(made(replace(example, **{field.name: wrong})), PERIOD, None)
+
+
+def test_an_element_of_ones_own_is_ones_own_affair() -> None:
+    """Only those that say how a file gives them are held to it."""
+
+    @dataclass(frozen=True)
+    class Free:
+        axis: str
+        strength: float
+        name: str = "mine"
+
+    @dataclass(frozen=True)
+    class Strict(Free):
+        __pydantic_config__: ClassVar = STRICT
+
+    check_elements(made(Free("handle", math.nan)), PERIOD, None)
+    assert refusal(made(Strict("handle", math.nan))) == "mine.strength: nan; expected a number"
