@@ -40,11 +40,19 @@ class Delay:
 
 @dataclass(frozen=True)
 class Exchange:
-    """One period's traffic of one bus, worst case."""
+    """One period's traffic of one bus, worst case; bit rate in bit/s."""
 
     tpdos: tuple[Pdo, ...]
     rpdos: tuple[Pdo, ...]
     bitrate: int
+    waiting: float = 0.0
+    """[s]; from its last TPDO to that of the slowest bus of the rig: only then is there something to compute with."""
+
+    @property
+    def feedback_time(self) -> float:
+        """[s]; SYNC and TPDOs."""
+        bits = worst_case_bits(0) + sum(worst_case_bits(pdo.size) for pdo in self.tpdos)
+        return bits / self.bitrate
 
     @property
     def answer_bits(self) -> int:
@@ -57,8 +65,8 @@ class Exchange:
 
     @property
     def shortest_period(self) -> float:
-        """[s]; SYNC, TPDOs, compute and RPDOs one after another."""
-        return self.period_bits / self.bitrate + COMPUTE_NS * 1e-9
+        """[s]; SYNC, TPDOs, the wait for other buses, compute and RPDOs one after another."""
+        return self.period_bits / self.bitrate + self.waiting + COMPUTE_NS * 1e-9
 
     def load(self, rate: float, heartbeat_every: int, nodes: int) -> float:
         """Share of the bus in use, heartbeats of master and nodes included."""
@@ -71,26 +79,38 @@ def heartbeat_every(deadline: float, rate: float) -> int:
     return max(1, int(deadline / HEARTBEATS_PER_DEADLINE * rate))
 
 
-def check_load(exchange: Exchange, rate: float, load: float) -> None:
-    """Raises BusOverloadError, with the numbers and the highest rate, when the bus cannot carry the exchange."""
+def highest_rate(exchange: Exchange, rate: float, load: float) -> float:
+    """[Hz]; what the bus could carry, from the load at `rate`; heartbeats stay as they are. 0 or less: nothing."""
+    heartbeats = load - exchange.period_bits * rate / exchange.bitrate
+    return min(
+        (LARGEST_BUS_LOAD - heartbeats) * exchange.bitrate / exchange.period_bits, 1.0 / exchange.shortest_period
+    )
+
+
+def check_load(exchange: Exchange, rate: float, load: float, bus: str = "") -> None:
+    """Raises BusOverloadError, with the numbers and the highest rate, when the bus cannot carry the exchange.
+
+    `bus` is its name, where there are several.
+    """
     if load <= LARGEST_BUS_LOAD and exchange.shortest_period * rate <= 1.0:
         return
-    highest = min(rate * LARGEST_BUS_LOAD / load, 1.0 / exchange.shortest_period)
+    highest, subject = highest_rate(exchange, rate, load), f"bus {bus}: " if bus else ""
+    fits = f"Would fit: --rate {_round_down(highest):g}" if highest > 0.0 else "No rate would fit"
     raise BusOverloadError(
-        f"{rate:g} Hz needs {exchange.period_bits} bits a period: {100 * load:.0f} % of {exchange.bitrate} bit/s, and "
-        f"{exchange.shortest_period * 1e3:.2f} ms for SYNC, TPDOs, {COMPUTE_NS / 1e3:.0f} µs of computing and RPDOs. "
-        f"At most {100 * LARGEST_BUS_LOAD:.0f} % and one period are allowed. Would fit: --rate {_round_down(highest):g}"
+        f"{subject}{rate:g} Hz needs {exchange.period_bits} bits a period: {100 * load:.0f} % of {exchange.bitrate} "
+        f"bit/s, and {exchange.shortest_period * 1e3:.2f} ms for SYNC, TPDOs, {COMPUTE_NS / 1e3:.0f} µs of computing "
+        f"and RPDOs. At most {100 * LARGEST_BUS_LOAD:.0f} % and one period are allowed. {fits}"
     )
 
 
 def _round_down(rate: float) -> float:
-    step = 10.0 ** max(0, math.floor(math.log10(rate)) - 1)
+    step = 10.0 ** (math.floor(math.log10(rate)) - 1)
     return math.floor(rate / step) * step
 
 
 def delay_of(exchange: Exchange, profile: DriveProfile, period: float) -> Delay:
     """The budget of one axis of the exchange; the RPDO's type and the profile say when the drive acts."""
-    bus = exchange.answer_bits / exchange.bitrate
+    bus = exchange.answer_bits / exchange.bitrate + exchange.waiting
     compute = COMPUTE_NS * 1e-9
     torque_loop = 1.0 / (2 * math.pi * profile.timing.torque_bandwidth)
     if acts_on_reception(profile, exchange.rpdos):

@@ -22,7 +22,13 @@ from haptic_fieldbus.documents import (
     suggestion,
 )
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.profile import POSITION_UNITS, RATED_TORQUE_UNITS, TORQUE_UNITS, DriveProfile
+from haptic_fieldbus.drive.profile import (
+    POSITION_UNITS,
+    RATED_TORQUE_UNITS,
+    TORQUE_UNITS,
+    VELOCITY_UNITS,
+    DriveProfile,
+)
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import ProfileError, RigError
 
@@ -30,19 +36,21 @@ PROFILE_LOADED = ("name", "source")
 """Filled in by the loader; a profile file must not give them."""
 RIG_LOADED = ("source",)
 
-SOURCED = ("identity", "torque", "position", "pdo", "link_loss", "timing", "simulation")
+SOURCED = ("identity", "torque", "position", "velocity", "pdo", "link_loss", "timing", "simulation")
 """Sections whose every value needs an entry in [sources]."""
 
 _TYPES = {
     ("torque", "target"): ("int16", "int32"),
     ("torque", "actual"): ("int16", "int32"),
     ("position", "actual"): ("int32",),
+    ("velocity", "actual"): ("int32",),
 }
 _UNITS = {
     ("torque", "target"): TORQUE_UNITS,
     ("torque", "actual"): TORQUE_UNITS,
     ("torque", "rated"): tuple(RATED_TORQUE_UNITS),
     ("position", "actual"): POSITION_UNITS,
+    ("velocity", "actual"): VELOCITY_UNITS,
 }
 _OPTIONS = (("link_loss", "abort_connection_option"), ("link_loss", "fault_reaction_option"))
 
@@ -68,6 +76,7 @@ def load_profile(name_or_path: str | Path) -> DriveProfile:
     document = read_document(file_of("profile", name_or_path, profile_folder()), ProfileError)
     profile = document.validate(DriveProfile, loaded=PROFILE_LOADED)
     document.integers(("schema",))
+    _check_motion(document)
     _check_signals(document)
     _check_objects(document)
     _check_sources(document)
@@ -124,6 +133,14 @@ def profile_schema() -> dict[str, Any]:
 def rig_schema() -> dict[str, Any]:
     """The JSON Schema of a rig file."""
     return schema_of(Rig, loaded=RIG_LOADED)
+
+
+def _check_motion(document: Document) -> None:
+    """The handle must be seen: by its position, or by its velocity."""
+    if "position" not in document.data and "velocity" not in document.data:
+        document.fault(
+            ("position",), "missing, and so is [velocity]; expected position.actual, velocity.actual or both"
+        )
 
 
 def _check_signals(document: Document) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from haptic_fieldbus.drive.objects import NAMES, DataType
 from haptic_fieldbus.drive.profile import (
+    COUNTS_PER_SECOND,
     DriveProfile,
     DriveSection,
     IdentitySection,
@@ -21,6 +22,7 @@ from haptic_fieldbus.drive.profile import (
     PositionSection,
     TimingSection,
     TorqueSection,
+    VelocitySection,
 )
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
 from haptic_fieldbus.errors import EdsError, Fault
@@ -36,9 +38,17 @@ NEEDED: Mapping[int, tuple[EdsType, ...]] = {
     0x6064: (EdsType.INTEGER32,),
     0x6071: (EdsType.INTEGER16, EdsType.INTEGER32),
 }
-"""Without one of these no force can be rendered; with the types that each may have."""
+"""Without one of these no force can be rendered; with the types that each may have. 606Ch may stand for 6064h."""
 MAPPED = {0x6040: "received", 0x6041: "sent", 0x6064: "sent", 0x6071: "received"}
 """What the cycle maps."""
+VELOCITY_UNIT_CODES = {
+    0x00B4_4700: "rpm",
+    0xFFB4_4700: "0.1 rpm",
+    0xFEB4_4700: "0.01 rpm",
+    0xFDB4_4700: "0.001 rpm",
+    0x00B5_0300: COUNTS_PER_SECOND,
+}
+"""Values of 60A9h: prefix, numerator (B4h revolutions, B5h counts), denominator (47h minutes, 03h seconds)."""
 _RECEIVED, _SENT = ("rw", "rww", "wo"), ("ro", "rw", "rwr", "const")
 _TYPES: Mapping[EdsType | None, DataType] = {
     EdsType.INTEGER8: DataType.INT8,
@@ -69,7 +79,8 @@ def data_type(entry: EdsEntry) -> DataType | None:
 
 def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
     """The profile; EdsError with all that is missing for force. `mode` of operation: else what 6502h offers."""
-    faults = [Fault("", f"not usable for force: {lack}", line) for lack, line in _lacks(eds, mode)]
+    velocity = _velocity(eds)
+    faults = [Fault("", f"not usable for force: {lack}", line) for lack, line in _lacks(eds, mode, velocity)]
     if faults:
         raise EdsError(eds.source, faults)
     device = eds.device
@@ -86,11 +97,12 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
         ),
         identity=_identity(eds),
         torque=TorqueSection(mode or _torque_mode(eds), *_torque(eds)),
-        position=PositionSection(MappedObject(0x6064, DataType.INT32, unit="counts")),
+        position=None if velocity else PositionSection(MappedObject(0x6064, DataType.INT32, unit="counts")),
+        velocity=velocity,
         pdo=_pdos(eds),
         link_loss=link_loss,
         timing=TimingSection(torque_bandwidth=1000.0, control_period=0.0005),
-        sources=_sources(eds, link_loss),
+        sources=_sources(eds, link_loss, velocity),
         eds=eds,
     )
 
@@ -103,10 +115,12 @@ def pdo_count(eds: Eds, communication: int) -> int:
     return count
 
 
-def _lacks(eds: Eds, mode: int | None) -> Iterator[tuple[str, int | None]]:
+def _lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) -> Iterator[tuple[str, int | None]]:
     """Each thing that is missing, in words, and the line that says so."""
     for index, types in NEEDED.items():
         entry = eds.find(index)
+        if index == 0x6064 and velocity is not None:
+            continue
         if entry is None:
             yield f"there is no {_named(index)}", None
         elif entry.type not in types:
@@ -169,6 +183,18 @@ def _mapped(entry: EdsEntry | None, unit: str) -> MappedObject | None:
     return MappedObject(entry.index, found, unit=unit) if entry is not None and found is not None else None
 
 
+def _velocity(eds: Eds) -> VelocitySection | None:
+    """606Ch, where there is no 6064h and 60A9h names no unit that is unknown."""
+    actual = eds.find(0x606C)
+    if 0x6064 in eds or actual is None or actual.type is not EdsType.INTEGER32:
+        return None
+    code = _number(eds, 0x60A9)
+    unit = COUNTS_PER_SECOND if code is None else VELOCITY_UNIT_CODES.get(code & 0xFFFF_FFFF)
+    if unit is None or not (actual.mappable and actual.access in _SENT):
+        return None
+    return VelocitySection(MappedObject(0x606C, DataType.INT32, unit=unit))
+
+
 def _pdos(eds: Eds) -> PdoSection:
     """As many as there are, with the room of the smallest and the inhibit time of the slowest."""
     rpdos, tpdos = pdo_count(eds, 0x1400), pdo_count(eds, 0x1800)
@@ -194,18 +220,22 @@ def _link_loss(eds: Eds) -> LinkLossSection:
     )
 
 
-def _sources(eds: Eds, link_loss: LinkLossSection) -> dict[str, str]:
+def _sources(eds: Eds, link_loss: LinkLossSection, velocity: VelocitySection | None) -> dict[str, str]:
     """Where each value comes from."""
     file = Path(eds.source).name
     assumed = "as CiA 402-2 has it: ASSUMED, an EDS names no units"
     absent = {name: f"left out: not in {file}" for name, value in vars(link_loss).items() if value is None}
+    motion = {"position.actual": f"{file}, 6064h; in counts: ASSUMED, 608Fh and the factor group are not looked at"}
+    if velocity is not None:
+        unit = "60A9h" if 0x60A9 in eds else "in counts/s: ASSUMED, there is no 60A9h"
+        motion = {"velocity.actual": f"{file}, 606Ch and {unit}; there is no 6064h"}
     return {
         "identity": f"{file}, 1018h or [DeviceInfo]",
         "torque.mode_of_operation": f"{file}, 6502h; where it says nothing, 10 (cyclic synchronous torque) is ASSUMED",
         "torque.target": f"{file}, 6071h; unit {assumed}",
         "torque.actual": f"{file}, 6077h; unit {assumed}",
         "torque.rated": f"{file}, 6076h; unit {assumed}",
-        "position.actual": f"{file}, 6064h; in counts: ASSUMED, 608Fh and the factor group are not looked at",
+        **motion,
         "pdo": f"{file}, 1400h to 1BFFh; transmission types as in CiA 301 4.2.0, 7.5.2.35 and 7.5.2.37",
         "link_loss": f"{file}; values as in CiA 402-2, deadline chosen here",
         **{f"link_loss.{name}": text for name, text in absent.items()},

@@ -1,7 +1,8 @@
 """The process image: one row of octets in, one out, each packed and unpacked by one precompiled `struct`.
 
-Input:  HEADER (t_ns, the instant at which the drives latched this period's data), then for each axis AXIS_HEADER
-        (age_ns of the data, link flags, emergency code), then for each axis the octets of its TPDOs as they came.
+Input:  HEADER (t_ns, the instant at which the drives latched this period's data, of several buses the last), then for
+        each axis AXIS_HEADER (age_ns of the data, link flags, emergency code), then for each axis the octets of its
+        TPDOs as they came.
 Output: for each axis the octets of its RPDOs.
 
 The bus writes the header and copies payloads; it decodes nothing. Faults therefore reach the cycle as data.
@@ -21,11 +22,15 @@ LARGEST_AGE_NS = 0xFFFF_FFFF
 
 @dataclass(frozen=True)
 class AxisImage:
-    """Where one axis lies: offset of its header, and (offset, size) of each of its PDOs."""
+    """Where one axis lies: offset of its header, (offset, size) of each of its PDOs; and how to read and write it."""
 
     header: int
     inputs: tuple[tuple[int, int], ...]
     outputs: tuple[tuple[int, int], ...]
+    input: struct.Struct
+    """Unpacks t_ns, this axis' header and its signals from the whole input image."""
+    output: struct.Struct
+    """Packs its signals at the first of `outputs`."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,9 @@ def lay_out_image(pdos: Sequence[tuple[Sequence[Pdo], Sequence[Pdo]]]) -> ImageL
     for tpdos, rpdos in pdos:
         inputs, inputs_at = _place(tpdos, inputs_at)
         outputs, outputs_at = _place(rpdos, outputs_at)
-        axes.append(AxisImage(header, inputs, outputs))
+        axes.append(
+            AxisImage(header, inputs, outputs, _reader(header, inputs, tpdos), struct.Struct("<" + _codes(rpdos)))
+        )
         header += AXIS_HEADER.size
     headers = HEADER.format[1:] + AXIS_HEADER.format[1:] * len(pdos)
     return ImageLayout(
@@ -70,6 +77,12 @@ def _place(pdos: Sequence[Pdo], offset: int) -> tuple[tuple[tuple[int, int], ...
         places.append((offset, pdo.size))
         offset += pdo.size
     return tuple(places), offset
+
+
+def _reader(header: int, inputs: tuple[tuple[int, int], ...], tpdos: Sequence[Pdo]) -> struct.Struct:
+    before = header - HEADER.size
+    between = inputs[0][0] - header - AXIS_HEADER.size if inputs else 0
+    return struct.Struct(f"{HEADER.format}{before}x{AXIS_HEADER.format[1:]}{between}x{_codes(tpdos)}")
 
 
 def _codes(pdos: Sequence[Pdo]) -> str:

@@ -1,9 +1,10 @@
-"""A drive profile: how one drive model offers torque and position on a fieldbus.
+"""A drive profile: how one drive model offers torque and position, or velocity alone, on a fieldbus.
 
 A profile is a TOML file of `profiles/`; these dataclasses are its schema. `catalogue.load_profile` reads it.
 Units are SI unless a name or an entry's `unit` says otherwise.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal
 
@@ -24,6 +25,15 @@ TORQUE_UNITS = ("permille_of_rated_torque",)
 RATED_TORQUE_UNITS = {"µN·m": 1e-6, "mN·m": 1e-3, "N·m": 1.0}
 """Unit of the rated torque → N·m."""
 POSITION_UNITS = ("counts",)
+COUNTS_PER_SECOND = "counts/s"
+REVOLUTIONS_PER_SECOND = {"rpm": 1 / 60, "0.1 rpm": 1 / 600, "0.01 rpm": 1 / 6_000, "0.001 rpm": 1 / 60_000}
+"""One step of a velocity in revolutions of the motor a second: the units of CiA 402-2, 60A9h, that drives have."""
+VELOCITY_UNITS = (*REVOLUTIONS_PER_SECOND, COUNTS_PER_SECOND)
+
+
+def velocity_step(unit: str, counts_per_revolution: int) -> float:
+    """One step of a velocity in that unit, at the motor shaft [rad/s]."""
+    return 2 * math.pi * REVOLUTIONS_PER_SECOND.get(unit, 1 / counts_per_revolution)
 
 
 @dataclass(frozen=True)
@@ -82,6 +92,12 @@ class TorqueSection:
 
 @dataclass(frozen=True)
 class PositionSection:
+    actual: MappedObject
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class VelocitySection:
     actual: MappedObject
     __pydantic_config__: ClassVar = STRICT
 
@@ -155,9 +171,11 @@ class DriveProfile:
     schema: Literal[1]
     drive: DriveSection
     torque: TorqueSection
-    position: PositionSection
     pdo: PdoSection
     timing: TimingSection
+    position: PositionSection | None = None
+    velocity: VelocitySection | None = None
+    """What the drive measures itself; read only where there is no position."""
     identity: IdentitySection = field(default_factory=IdentitySection)
     link_loss: LinkLossSection = field(default_factory=LinkLossSection)
     simulation: SimulationSection = field(default_factory=SimulationSection)
@@ -175,10 +193,13 @@ class DriveProfile:
         """The objects that carry each signal."""
         entries = {
             Signal.STATUSWORD: ObjectEntry(0x6041, DataType.UINT16),
-            Signal.POSITION: self.position.actual.entry,
             Signal.CONTROLWORD: ObjectEntry(0x6040, DataType.UINT16),
             Signal.TARGET_TORQUE: self.torque.target.entry,
         }
+        if self.position is not None:
+            entries[Signal.POSITION] = self.position.actual.entry
+        if self.velocity is not None:
+            entries[Signal.VELOCITY] = self.velocity.actual.entry
         if self.torque.actual is not None:
             entries[Signal.TORQUE_ACTUAL] = self.torque.actual.entry
         return entries

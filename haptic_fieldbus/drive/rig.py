@@ -77,11 +77,13 @@ class RotaryMechanism:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the handle may do, in its workspace; `None`: derived from the drive (effort), or not limited (position)."""
+    """What the handle may do, in its workspace; `None`: derived (effort, speed, drift), or not limited (position)."""
 
     effort: PositiveFloat | None = None
     speed: PositiveFloat | None = None
     position: tuple[float, float] | None = None
+    drift: PositiveFloat | None = None
+    """How far a position that is integrated from velocity may be uncertain; no other position is."""
     __pydantic_config__: ClassVar = STRICT
 
 

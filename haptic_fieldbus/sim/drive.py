@@ -79,7 +79,7 @@ class Drive:
         self.power = PowerAutomaton()
         self.dictionary = Dictionary()
         self.objects = add_objects(
-            self.dictionary, profile, known(axis)[2], settings.serial, object_defaults(axis, settings),
+            self.dictionary, profile, known(axis)[2], settings.serial, object_defaults(profile, axis, settings),
             settings.modes, settings.without,
         )  # fmt: skip
         period_ns = round(profile.timing.control_period * 1e9)
@@ -93,7 +93,7 @@ class Drive:
         )
         self._frames = send
         self.node = Node(number, self.dictionary, self, self._send, node_options(number, profile, settings))
-        self.units = build_units(axis, self.objects, self.dictionary)
+        self.units = build_units(profile, axis, self.objects, self.dictionary)
         self.stage = Stage(
             self.servo, self.objects, self.units, build_gains(profile, axis, self.event_period_ns * 1e-9)
         )

@@ -1,7 +1,7 @@
 """Faults of a simulated drive or bus, as data: what a `[[fault]]` of a TOML file may say.
 
 `at` [s] counts from the drive's first *operation enabled*; faults without it are there from power-on. `node` names the
-drive, None every drive of the bus. `duration` [s], None: for good.
+drive, None every drive of the bus; `bus` is its bus in the rig, None every bus. `duration` [s], None: for good.
 """
 
 from collections.abc import Iterable
@@ -25,6 +25,7 @@ class Emergency:
     at: NonNegativeFloat
     code: ErrorCode
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -36,6 +37,7 @@ class DriveFault:
     at: NonNegativeFloat
     code: ErrorCode = 0x2310
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -47,6 +49,7 @@ class NodeReset:
     at: NonNegativeFloat
     duration: PositiveFloat = 0.001
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -58,6 +61,7 @@ class Silence:
     at: NonNegativeFloat
     duration: PositiveFloat | None = None
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -69,6 +73,7 @@ class MissingTpdos:
     at: NonNegativeFloat
     count: Annotated[int, Ge(1)] = 1
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -79,6 +84,7 @@ class HeartbeatLost:
     kind: Literal["heartbeat_lost"]
     at: NonNegativeFloat
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -90,6 +96,7 @@ class EncoderJump:
     at: NonNegativeFloat
     counts: int
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -101,6 +108,7 @@ class PositionStuck:
     at: NonNegativeFloat
     duration: PositiveFloat | None = None
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -112,6 +120,7 @@ class BusOff:
     at: NonNegativeFloat
     duration: PositiveFloat | None = None
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -122,6 +131,7 @@ class ErrorFrame:
     kind: Literal["error_frame"]
     at: NonNegativeFloat
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -131,6 +141,7 @@ class MissingNode:
 
     kind: Literal["missing_node"]
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -142,6 +153,7 @@ class WrongIdentity:
     vendor_id: UInt32 | None = None
     product_code: UInt32 | None = None
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -154,6 +166,7 @@ class SdoRefusal:
     subindex: Annotated[int, Ge(0), Le(255)] = 0
     code: UInt32 = 0x0601_0002
     node: Node | None = None
+    bus: str | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -182,5 +195,10 @@ class FaultFile:
 
 
 def faults_of(faults: Iterable[Fault], node: int) -> tuple[Fault, ...]:
-    """Those that concern one drive."""
+    """Those that concern one drive of a bus."""
     return tuple(fault for fault in faults if fault.node in (None, node))
+
+
+def faults_on(faults: Iterable[Fault], bus: str) -> tuple[Fault, ...]:
+    """Those that concern one bus of a rig."""
+    return tuple(fault for fault in faults if fault.bus in (None, bus))

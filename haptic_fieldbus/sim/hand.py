@@ -65,11 +65,14 @@ _PULSES = tuple(
     piece for start in (0.5, 1.5, 2.5) for piece in (Piece(start, 10.0), Piece(round(start + 0.05, 9), 0.0))
 )
 _SINE = 2 * math.pi
+_STROKE, _GUIDED, _ARM = 0.06, 2 * math.pi * 0.25, 1000.0
+"""[m, rad/s, kg]: a mass that no handle deflects, led over its stroke and back, x = ½·stroke·(1 − cos ωt)."""
 
 HANDS: dict[str, Hand | None] = {
     "push": Hand("push", _PUSH),
     "tap": Hand("tap", _PULSES),
     "sine": Hand("sine", (Piece(0.0, 0.0, 4.0 * _SINE),), angular_frequency=_SINE),
+    "guide": Hand("guide", (Piece(0.0, 0.5 * _ARM * _STROKE * _GUIDED**2),), angular_frequency=_GUIDED, mass=_ARM),
     "release": Hand("release", _PUSH, release=2.0),
     "none": None,
 }

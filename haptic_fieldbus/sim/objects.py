@@ -9,7 +9,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.profile import RATED_TORQUE_UNITS, DriveProfile, MappedObject
+from haptic_fieldbus.drive.profile import (
+    RATED_TORQUE_UNITS,
+    DriveProfile,
+    MappedObject,
+    PositionSection,
+    VelocitySection,
+)
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.sim.dictionary import Access, Dictionary, Entry, Mappable, one_of
 from haptic_fieldbus.sim.object_table import FACTORS, STANDARD_MODES, Defaults, Row, rows
@@ -109,8 +115,8 @@ def add_objects(
             Entry(0x6060, 0, DataType.INT8, 0, Access.RW, mappable=Mappable.BOTH, accept=one_of((NO_MODE, *offered)))
         ),
         mode_display=add(Entry(0x6061, 0, DataType.INT8, mappable=Mappable.TPDO)),
-        position=_add_mapped(dictionary, profile.position.actual, Access.RO, Mappable.TPDO),
-        velocity=add(Entry(0x606C, 0, DataType.INT32, mappable=Mappable.TPDO)),
+        position=_add_motion(dictionary, profile, 0x6064, profile.position),
+        velocity=_add_motion(dictionary, profile, 0x606C, profile.velocity),
         target_torque=_add_mapped(dictionary, profile.torque.target, Access.RW, Mappable.BOTH),
         actual_torque=(
             _add_mapped(dictionary, actual, Access.RO, Mappable.TPDO) if actual is not None else _hidden(0x6077, 0)
@@ -176,6 +182,16 @@ def _add_mapped(dictionary: Dictionary, mapped: MappedObject, access: Access, ma
     if mapped.subindex:
         dictionary.add_record([entry])
     return dictionary.add(entry)
+
+
+def _add_motion(
+    dictionary: Dictionary, profile: DriveProfile, index: int, section: PositionSection | VelocitySection | None
+) -> Entry:
+    """What the drive measures of the motion; a drive that offers velocity only shows no position."""
+    if section is not None:
+        return _add_mapped(dictionary, section.actual, Access.RO, Mappable.TPDO)
+    entry = Entry(index, 0, DataType.INT32, mappable=Mappable.TPDO)
+    return dictionary.add(entry) if profile.position is not None else entry
 
 
 def _add_option(dictionary: Dictionary, index: int, value: int, codes: Iterable[int]) -> Entry:

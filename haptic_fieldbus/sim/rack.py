@@ -44,7 +44,7 @@ class Rack:
     `longest`: so much of the true motion, in segments, is kept at least; None: all of it.
     """
 
-    def __init__(self, line: Line, seed: int = 0, longest: int | None = None) -> None:
+    def __init__(self, line: Line, seed: int | str = 0, longest: int | None = None) -> None:
         self.seed = seed
         self.drives: dict[int, Drive] = {}
         self.slaves: list[tuple[Port, Drive]] = []
@@ -122,7 +122,7 @@ def _injection(fault: TimedFault, drive: Drive, line: Line) -> Callable[[int], N
     return lambda t_ns: inject(fault, drive, line, t_ns)
 
 
-def _drawn(seed: int, node: int) -> DriveSettings:
+def _drawn(seed: int | str, node: int) -> DriveSettings:
     """The random properties of one drive."""
     random = Random(f"{seed}/{node}")
     return DriveSettings(

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, replace
 
 from haptic_fieldbus.drive.objects import ObjectEntry
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import COUNTS_PER_SECOND, DriveProfile, velocity_step
 from haptic_fieldbus.drive.rig import RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim.body import Body
@@ -95,22 +95,30 @@ def build_gains(profile: DriveProfile, axis: RigAxis, tick: float) -> Gains:
     return gains(inertia, damping, _lag(profile), tick)
 
 
-def build_units(axis: RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
-    """The factor group of this drive."""
+def build_units(profile: DriveProfile, axis: RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
+    """The factor group of this drive, and its own unit of velocity where the profile names one."""
     resolution, gear, feed = ((objects.row(index, 1), objects.row(index, 2)) for index in (0x608F, 0x6091, 0x6092))
     counts_per_radian = axis.encoder_counts_per_revolution / (2 * math.pi)
-    return Units(counts_per_radian, objects.row(0x607E), resolution, gear, feed, dictionary)
+    unit = _velocity_unit(profile)
+    own = velocity_step(unit, axis.encoder_counts_per_revolution) if unit != COUNTS_PER_SECOND else None
+    return Units(counts_per_radian, objects.row(0x607E), resolution, gear, feed, dictionary, own)
 
 
-def object_defaults(axis: RigAxis, settings: DriveSettings) -> Defaults:
+def _velocity_unit(profile: DriveProfile) -> str:
+    return profile.velocity.actual.unit if profile.velocity is not None else COUNTS_PER_SECOND
+
+
+def object_defaults(profile: DriveProfile, axis: RigAxis, settings: DriveSettings) -> Defaults:
     """Ramps that half of rated torque makes with the inertia alone, and the speed they reach in `_RAMP`."""
     inertia, _, rated = known(axis)
-    acceleration = 0.5 * rated / inertia * axis.encoder_counts_per_revolution / (2 * math.pi)
+    counts = axis.encoder_counts_per_revolution
+    acceleration = 0.5 * rated / inertia * counts / (2 * math.pi)
+    in_counts = 2 * math.pi / counts / velocity_step(_velocity_unit(profile), counts)
     return Defaults(
         max_torque_permille=settings.max_torque_permille,
         rated_current_ma=round(settings.rated_current * 1e3),
-        counts_per_revolution=axis.encoder_counts_per_revolution,
-        velocity=_whole(_RAMP * acceleration),
+        counts_per_revolution=counts,
+        velocity=_whole(_RAMP * acceleration * in_counts),
         acceleration=_whole(acceleration),
     )
 
@@ -134,7 +142,12 @@ def node_options(node: int, profile: DriveProfile, settings: DriveSettings) -> N
     return NodeOptions(
         rpdos=[replace(rpdo, sync_honoured=profile.simulation.sync_honoured) for rpdo in rpdos],
         tpdos=_defaults(
-            profile.pdo.tpdos, 0x180 + node, profile.pdo.entries, inhibit, status, signals[Signal.POSITION]
+            profile.pdo.tpdos,
+            0x180 + node,
+            profile.pdo.entries,
+            inhibit,
+            status,
+            signals.get(Signal.POSITION) or signals[Signal.VELOCITY],
         ),
         consumer=profile.link_loss.heartbeat_consumer,
         acts_at_sync=profile.pdo.rpdo_acts == "next_sync",

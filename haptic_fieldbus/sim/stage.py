@@ -157,7 +157,7 @@ class Stage:
         """The smaller one of 607Fh and 6080h [rad/s]."""
         motor, profile = self._max_motor_speed.value, self._max_profile_velocity.value
         allowed = motor * _RPM if motor != NO_LIMIT else math.inf
-        return min(allowed, profile * abs(self.units.angle)) if profile != NO_LIMIT else allowed
+        return min(allowed, profile * abs(self.units.speed)) if profile != NO_LIMIT else allowed
 
     def ramp(self, entry: Entry) -> float:
         """An acceleration of the object dictionary [rad/s²]."""

@@ -1,7 +1,8 @@
 """The factor group: between counts of the encoder, position and velocity units, and the shaft in SI.
 
 Theory (CiA 402-2, 607Eh, 608Fh, 6091h, 6092h). Position [position units] = counts · feed constant / (encoder resolution
-· gear ratio); a velocity unit is one position unit a second, an acceleration unit the same a second squared. Bit 7 of
+· gear ratio); a velocity unit is one position unit a second, or the one that the drive has of its own (60A9h, r/min and
+parts of it), whatever the factors; an acceleration unit is a position unit a second squared. Bit 7 of
 the polarity turns positions, bit 6 velocities. A drive without feed constant counts on the driving shaft: its feed
 constant is then its encoder resolution.
 """
@@ -41,8 +42,11 @@ class Units:
         gear: Pair,
         feed: Pair,
         dictionary: Dictionary,
+        velocity_unit: float | None = None,
     ) -> None:
+        """`velocity_unit` [rad/s]: that of a drive with one of its own."""
         self.counts_per_radian = counts_per_radian
+        self._velocity_unit = velocity_unit
         self._polarity = polarity
         self._resolution, self._gear, self._feed = resolution, gear, feed
         self._dictionary = dictionary
@@ -60,7 +64,7 @@ class Units:
         self.plain = self._numerator == self._denominator
         per_radian = self._numerator / self._denominator * self.counts_per_radian
         self.angle = 1 / per_radian
-        self.speed = math.copysign(self.angle, -1 if polarity & _VELOCITY_POLARITY else 1)
+        self.speed = math.copysign(self._velocity_unit or self.angle, -1 if polarity & _VELOCITY_POLARITY else 1)
 
     def position(self, counts: int) -> int:
         """Counts as position units, rounded, in 32 bits."""

@@ -5,6 +5,9 @@ this order, so that whatever is queued at an instant takes part in its arbitrati
 at them, exactly (see `plant`). The world is lazy: it runs when a program sends (up to the present) or receives (up to
 the next frame, or to the deadline, and the clock goes along). Everything random is drawn from the seed (see `rack`), so
 in virtual time the same seed gives the same octets. How programs share it in real time is told in `pace`.
+
+A bench with several buses is several worlds with one clock: nothing but a program joins them, so each may catch up when
+it is touched, and what a program sees does not depend on the order.
 """
 
 from collections import deque
@@ -36,7 +39,7 @@ class World:
     `longest`: so many frames and segments of motion are remembered at least; None: all, for a run that ends.
     """
 
-    def __init__(self, clock: Clock, bitrate: int = 1_000_000, seed: int = 0, longest: int | None = None) -> None:
+    def __init__(self, clock: Clock, bitrate: int = 1_000_000, seed: int | str = 0, longest: int | None = None) -> None:
         self.clock = clock
         self.bitrate = bitrate
         self.seed = seed
@@ -90,11 +93,11 @@ class World:
         self._controllers.remove(controller)
         self._wire.detach(controller.port)
 
-    def bus(self, *, receive_own_messages: bool = False) -> "SimulatedBus":
-        """A python-can bus on this world."""
+    def bus(self, channel: str = "", *, receive_own_messages: bool = False) -> "SimulatedBus":
+        """A python-can bus on this world; `channel` is what messages call it."""
         from haptic_fieldbus.sim.bus import SimulatedBus
 
-        return SimulatedBus(world=self, receive_own_messages=receive_own_messages)
+        return SimulatedBus(channel, world=self, receive_own_messages=receive_own_messages)
 
     def tap(self, callback: Tap) -> None:
         """Tell (end of frame [ns], identifier, octets) of every data frame on the wire."""

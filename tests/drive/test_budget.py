@@ -77,6 +77,36 @@ def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_numbers_and_one_th
     check_load(EXCHANGE, fits, EXCHANGE.load(fits, 10, 1))
 
 
+@pytest.mark.parametrize(("bitrate", "rate"), [(125_000, 1000.0), (50_000, 400.0), (10_000, 100.0)])
+def test_on_a_slow_bus_the_rate_that_is_proposed_leaves_room_for_heartbeats(bitrate: int, rate: float) -> None:
+    """They are as many at a lower rate: the drive's deadline sets their number."""
+    slow, heartbeats = replace(EXCHANGE, bitrate=bitrate), 110.0
+
+    def load(at: float) -> float:
+        return (slow.period_bits * at + 65 * heartbeats) / bitrate
+
+    with pytest.raises(BusOverloadError) as refused:
+        check_load(slow, rate, load(rate))
+    fits = float(str(refused.value).rsplit("--rate ", 1)[1])
+    check_load(slow, fits, load(fits))
+    with pytest.raises(BusOverloadError):
+        check_load(slow, 1.2 * fits, load(1.2 * fits))
+
+
+def test_a_bus_that_heartbeats_alone_fill_fits_no_rate() -> None:
+    slow = replace(EXCHANGE, bitrate=10_000)
+    with pytest.raises(BusOverloadError, match="No rate would fit"):
+        check_load(slow, 100.0, slow.load(100.0, 1, 20))
+
+
+def test_waiting_for_another_bus_makes_the_period_longer_but_not_fuller() -> None:
+    waiting = replace(EXCHANGE, waiting=100e-6)
+    assert waiting.shortest_period == pytest.approx(EXCHANGE.shortest_period + 100e-6)
+    assert waiting.load(1000.0, 10, 1) == EXCHANGE.load(1000.0, 10, 1)
+    assert delay_of(waiting, profile(0.0), 0.001).bus == pytest.approx(307e-6)
+    assert EXCHANGE.feedback_time == pytest.approx((55 + 115) * 1e-6)
+
+
 @pytest.mark.parametrize(("rate", "every"), [(1000.0, 10), (250.0, 2), (10.0, 1)])
 def test_five_heartbeats_fit_into_the_drives_deadline(rate: float, every: int) -> None:
     assert heartbeat_every(0.05, rate) == every

@@ -7,7 +7,7 @@ import pytest
 from haptic_fieldbus.drive.catalogue import load_profile
 from haptic_fieldbus.drive.from_eds import EdsProfile, data_type, profile_from_eds
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.profile import IdentitySection, MappedObject, OptionCode
+from haptic_fieldbus.drive.profile import IdentitySection, MappedObject, OptionCode, VelocitySection
 from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsType, eds_text
 from haptic_fieldbus.errors import EdsError
 from tests.eds.sheets import changed, generic, without, without_member
@@ -63,7 +63,6 @@ def test_a_mode_may_be_named_against_6502h() -> None:
         (0x6041, "statusword"),
         (0x6060, "modes of operation"),
         (0x6061, "modes of operation display"),
-        (0x6064, "position actual value"),
         (0x6071, "target torque"),
     ],
 )
@@ -99,6 +98,58 @@ def test_a_position_that_cannot_be_sent_is_told() -> None:
     assert refusals(changed(generic(), 0x6064, mappable=False)) == [
         "6064h position actual value cannot be sent in a PDO"
     ]
+
+
+@pytest.mark.parametrize(
+    ("code", "unit"),
+    [
+        (None, "counts/s"),
+        (0x00B4_4700, "rpm"),
+        (0xFFB4_4700, "0.1 rpm"),
+        (0xFEB4_4700, "0.01 rpm"),
+        (0xFDB4_4700, "0.001 rpm"),
+        (0x00B5_0300, "counts/s"),
+    ],
+)
+def test_without_a_position_the_velocity_stands_in_in_the_unit_of_60a9h(code: int | None, unit: str) -> None:
+    eds = without(generic(), 0x6064)
+    if code is not None:
+        eds = changed(eds, 0x60A9, type=EdsType.UNSIGNED32, default=code)
+    profile = profile_from_eds(eds)
+    assert profile.position is None
+    assert profile.velocity == VelocitySection(MappedObject(0x606C, DataType.INT32, unit=unit))
+    assert ("ASSUMED" in profile.sources["velocity.actual"]) is (code is None)
+    assert "position.actual" not in profile.sources
+
+
+def test_a_velocity_beside_a_position_is_not_read() -> None:
+    assert profile_from_eds(generic()).velocity is None
+
+
+def test_without_a_position_a_velocity_that_cannot_be_used_does_not_stand_in() -> None:
+    missing, unit = without(generic(), 0x6064), {"type": EdsType.UNSIGNED32, "default": 0x0001_0300}
+    useless = [
+        without(missing, 0x606C),
+        changed(missing, 0x606C, type=EdsType.REAL32),
+        changed(missing, 0x606C, mappable=False),
+        changed(missing, 0x606C, access="wo"),
+        changed(missing, 0x60A9, **unit),
+    ]
+    for eds in useless:
+        assert refusals(eds) == ["there is no 6064h position actual value"]
+
+
+@needs_files
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("maxon_epos4_70_15.eds", "rpm"), ("nanotec_pd4_c6018.eds", "rpm"), ("ingenia_everest_xcr.eds", "counts/s")],
+)
+def test_vendors_name_units_of_velocity_that_are_known(name: str, unit: str) -> None:
+    """The drive without its position object: 60A9h as the vendor's file has it."""
+    eds = without(vendor_eds(name), 0x6064)
+    velocity = profile_from_eds(eds, 10).velocity
+    assert velocity is not None
+    assert velocity.actual.unit == unit
 
 
 @pytest.mark.parametrize("changes", [{"mappable": False}, {"type": EdsType.REAL32}])

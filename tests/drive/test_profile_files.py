@@ -1,6 +1,7 @@
 """Profile files: the shipped ones hold, and each way to be wrong is told."""
 
 import configparser
+import math
 import os
 import tomllib
 from pathlib import Path
@@ -17,8 +18,8 @@ from haptic_fieldbus.drive.catalogue import (
     profile_schema,
     profile_summaries,
 )
-from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.profile import RATED_TORQUE_UNITS, DriveProfile
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import RATED_TORQUE_UNITS, VELOCITY_UNITS, DriveProfile, velocity_step
 from haptic_fieldbus.errors import DocumentError, ProfileError, UsageError
 from haptic_fieldbus.signals import Signal
 
@@ -237,7 +238,7 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
             "schema = 1",
             'schema = 1\nname = "x"',
             "line 2: name: unknown key"
-            "; known: drive, identity, link_loss, pdo, position, schema, simulation, sources, timing, torque",
+            "; known: drive, identity, link_loss, pdo, position, schema, simulation, sources, timing, torque, velocity",
         ),
         (
             'type = "int16"',
@@ -298,6 +299,61 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
 )
 def test_a_rule_across_keys_is_told(tmp_path: Path, old: str, new: str, message: str) -> None:
     assert faults_of(tmp_path, (old, new)) == [message]
+
+
+POSITION = '[position]\nactual = { object = 0x6064, type = "int32", unit = "counts" }\n'
+VELOCITY = '[velocity]\nactual = { object = 0x606C, type = "int32", unit = "rpm" }\n'
+SOURCE, OTHER_SOURCE = 'position = "measured"', 'velocity = "measured"'
+
+
+def test_a_drive_may_offer_velocity_beside_its_position_or_alone(tmp_path: Path) -> None:
+    alone = COMPLETE.replace(POSITION, VELOCITY).replace(SOURCE, OTHER_SOURCE)
+    both = COMPLETE.replace(POSITION, POSITION + VELOCITY).replace(SOURCE, f"{SOURCE}\n{OTHER_SOURCE}")
+    offered = {Signal.POSITION, Signal.VELOCITY}
+    assert load_profile(write(tmp_path, alone)).offers().keys() & offered == {Signal.VELOCITY}
+    found = load_profile(write(tmp_path, both)).offers()
+    assert found.keys() >= offered
+    assert found[Signal.VELOCITY] == ObjectEntry(0x606C, DataType.INT32, unit="rpm")
+
+
+def test_a_drive_that_offers_neither_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    assert faults_of(tmp_path, (POSITION, ""), (SOURCE, "")) == [
+        "position: missing, and so is [velocity]; expected position.actual, velocity.actual or both"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'unit = "rpm"',
+            'unit = "rad/s"',
+            'line 11: velocity.actual.unit: "rad/s"; expected '
+            '"rpm" or "0.1 rpm" or "0.01 rpm" or "0.001 rpm" or "counts/s"',
+        ),
+        ('"int32", unit = "rpm"', '"int16", unit = "rpm"', 'line 11: velocity.actual.type: "int16"; expected "int32"'),
+        (OTHER_SOURCE, "", 'line 11: velocity.actual: no source; expected an entry "velocity.actual" in [sources]'),
+        (
+            "0x606C",
+            "0x6071",
+            "line 11: velocity.actual.object: 0x6071 is torque.target already; expected another object",
+        ),
+    ],
+)
+def test_a_velocity_is_checked_as_a_position_is(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert faults_of(tmp_path, (POSITION, VELOCITY), (SOURCE, OTHER_SOURCE), (old, new)) == [message]
+
+
+@pytest.mark.parametrize(
+    ("unit", "turn"),
+    [("rpm", 60), ("0.1 rpm", 600), ("0.01 rpm", 6_000), ("0.001 rpm", 60_000), ("counts/s", 4096)],
+)
+def test_a_turn_a_second_is_so_many_steps_of_velocity(unit: str, turn: int) -> None:
+    assert turn * velocity_step(unit, 4096) == pytest.approx(2 * math.pi)
+
+
+def test_every_unit_of_velocity_has_its_length() -> None:
+    assert len({velocity_step(unit, 4096) for unit in VELOCITY_UNITS}) == len(VELOCITY_UNITS) == 5
 
 
 def test_a_faulty_value_without_a_source_is_told_both(tmp_path: Path) -> None:

@@ -34,6 +34,8 @@ def _expected(name: str, t: float) -> float:
         return min(12 * t, 6.0)
     if name == "release":
         return min(12 * t, 6.0) if t < 2 else 0.0
+    if name == "guide":
+        return 1000.0 * 0.03 * (0.5 * math.pi) ** 2 * math.cos(0.5 * math.pi * t)
     if name == "sine":
         return 4 * math.sin(2 * math.pi * t)
     return 10.0 if any(start <= t < start + 0.05 for start in (0.5, 1.5, 2.5)) else 0.0
@@ -43,6 +45,17 @@ def _expected(name: str, t: float) -> float:
 def test_the_force_of_each_hand_is_the_one_that_its_name_promises(name: str) -> None:
     times = np.array([0.0, 0.1, 0.25, 0.499, 0.52, 0.549, 0.551, 1.0, 1.51, 1.999, 2.001, 2.53, 3.3])
     assert _force(name, times) == pytest.approx([_expected(name, t) for t in times], abs=1e-9)
+
+
+def test_a_guiding_hand_leads_the_handle_over_its_stroke_and_back_whatever_it_meets() -> None:
+    """x = 30 mm·(1 − cos ωt), period 4 s; at the end of the stroke friction holds the handle back by at most fc/k."""
+    hand = HANDS["guide"]
+    assert hand is not None
+    plant = Plant(Shaft(4e-5, 1e-4, 2e-3, 1e-4), grip(hand, LINEAR))
+    plant.start_hand()
+    for t in (0.5, 1.0, 2.0, 3.0, 4.0):
+        plant.advance(round(t * 1e9))
+        assert plant.position * RATIO == pytest.approx(0.03 * (1.0 - math.cos(0.5 * math.pi * t)), abs=2e-3)
 
 
 def test_before_the_drive_is_enabled_a_hand_exerts_no_force() -> None:
@@ -102,5 +115,5 @@ def test_a_hand_may_wait_before_it_begins() -> None:
 def test_hands_are_found_by_name() -> None:
     assert hand_named("tap") is HANDS["tap"]
     assert hand_named("none") is None
-    with pytest.raises(UsageError, match='no hand "punch"; hands are: push, tap, sine, release, none'):
+    with pytest.raises(UsageError, match='no hand "punch"; hands are: push, tap, sine, guide, release, none'):
         hand_named("punch")

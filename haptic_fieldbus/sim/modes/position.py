@@ -93,7 +93,7 @@ class ProfilePosition(Mode):
         ramp = self.stage.ramp
         point = SetPoint(
             self._position.value, bool(word & _RELATIVE),
-            self._speed.value * abs(self.stage.units.angle), ramp(self._acceleration), ramp(self._deceleration),
+            self._speed.value * abs(self.stage.units.speed), ramp(self._acceleration), ramp(self._deceleration),
         )  # fmt: skip
         if word & _IMMEDIATELY or self._active is None:
             self._waiting = None
