@@ -6,7 +6,8 @@ Wireshark, `.csv` the rows.
 
 import struct
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
@@ -61,10 +62,18 @@ class Record:
         return self.rows()[:, self.columns.index(name)]
 
 
+FrameLog = Callable[[int, int, bytes | bytearray], None]
+"""Takes every frame of a bus: time [ns], CAN-ID with the flags of SocketCAN, data."""
+
+
 class FrameWriter(Protocol):
-    """Takes every frame of a run: time, CAN-ID with the flags of SocketCAN, data."""
+    """A file of frames; called, it takes those of the only bus of a run."""
 
     def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None: ...
+
+    def channel(self, name: str) -> FrameLog:
+        """Takes the frames of one of several buses: by its name, or numbered from 1 where the format has numbers."""
+        ...
 
     def close(self) -> None: ...
 
@@ -77,8 +86,14 @@ class CandumpWriter:
         self._channel = channel
 
     def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+        self._write(self._channel, t_ns, can_id, data)
+
+    def channel(self, name: str) -> FrameLog:
+        return partial(self._write, "_".join(name.split()))
+
+    def _write(self, channel: str, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
         seconds, microseconds = divmod(t_ns // 1000, 1_000_000)
-        self._file.write(f"({seconds:010d}.{microseconds:06d}) {self._channel} {_candump_frame(can_id, data)}\n")
+        self._file.write(f"({seconds:010d}.{microseconds:06d}) {channel} {_candump_frame(can_id, data)}\n")
 
     def close(self) -> None:
         self._file.close()
@@ -104,13 +119,22 @@ class BlfWriter:
         from can.io import BLFWriter
 
         self._writer = BLFWriter(path, channel=channel)
+        self._channels = 0
 
     def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+        self._write(None, t_ns, can_id, data)
+
+    def channel(self, name: str) -> FrameLog:
+        self._channels += 1
+        return partial(self._write, self._channels - 1)  # python-can counts channels from 0, and writes them from 1
+
+    def _write(self, channel: int | None, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
         from can import Message
 
         self._writer.on_message_received(
             Message(
                 timestamp=t_ns * 1e-9,
+                channel=channel,
                 arbitration_id=can_id & CAN_ID,
                 is_extended_id=bool(can_id & EXTENDED_FLAG),
                 is_remote_frame=bool(can_id & REMOTE_FLAG),

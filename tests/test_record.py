@@ -71,6 +71,27 @@ def test_python_can_reads_back_every_frame(suffix: str, tmp_path: Path) -> None:
     assert read == [(can_id, data) for _, can_id, data in sent]
 
 
+def test_candump_names_the_channel_of_each_bus_spaces_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "run.log"
+    with CandumpWriter(path) as writer:
+        left, right = writer.channel("left"), writer.channel("right arm")
+        right(1_000, 0x080, b"")
+        left(2_000, 0x181, b"\x01")
+    assert path.read_text() == "(0000000000.000001) right_arm 080#\n(0000000000.000002) left 181#01\n"
+
+
+def test_blf_numbers_the_channels_in_the_order_in_which_they_were_asked_for(tmp_path: Path) -> None:
+    writer = open_frame_writer(tmp_path / "run.blf")
+    assert writer is not None
+    channels = [writer.channel(name) for name in ("left", "right")]
+    for at, (number, can_id) in enumerate([(1, 0x080), (0, 0x181), (1, 0x182)]):
+        channels[number](at * 1_000_000, can_id, b"")
+    writer.close()
+    with can.LogReader(tmp_path / "run.blf") as reader:
+        read = [(message.channel, message.arbitration_id) for message in reader]
+    assert read == [(1, 0x080), (0, 0x181), (1, 0x182)]
+
+
 def test_rows_are_written_with_their_names(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     assert open_frame_writer(path) is None

@@ -3,6 +3,7 @@
 One period is `read` and `write`. `read` first takes in what came since the last exchange (heartbeats, emergencies,
 late TPDOs, which are dropped), then sends SYNC and receives until every TPDO is in or the deadline is reached. Faults
 go into the image's header as flags; the cycle decides. `stop` puts torque-free set-points on the wire before all else.
+Where there are several buses, `group` calls the parts of `open`, `read` and `stop` one by one, each on all of them.
 
 Reference: CiA 301 7.2.2 (PDO), 7.2.5 (SYNC), 7.2.8 (NMT).
 """
@@ -13,13 +14,14 @@ from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen_link import BUS_OFF, EXCEPTION, Exchange, Link
 from haptic_fieldbus.buses.canopen_node import NmtState, Node
 from haptic_fieldbus.buses.canopen_setup import ENERGISED, Setup
-from haptic_fieldbus.buses.wire import FrameLog, Wire, frame
+from haptic_fieldbus.buses.wire import Wire, frame
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.image import HEADER
 from haptic_fieldbus.drive.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID
 from haptic_fieldbus.drive.power import power_state
 from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.planning import Plan
+from haptic_fieldbus.record import FrameLog
 from haptic_fieldbus.signals import Signal
 
 SYNC_BITS = 48
@@ -51,30 +53,45 @@ class CanopenBus:
         self._outputs: tuple[tuple[int, int, int], ...] = ()
         self._statuswords: tuple[int, ...] = ()
         self._started = False
+        self._synced = False
+        self.latch_ns = 0
+        """When the drives latched the last exchange's data: the nominal end of SYNC."""
 
     def open(self, plan: Plan) -> None:
         """Inspect all drives, then configure all, then start all; raises BusError or DriveFaultError."""
-        self._wire.mute()
-        self._wire.drain(self._clock.now_ns() + plan.period_ns)
-        self._bind(plan)
-        self.facts = {setup.axis.name: setup.inspect() for setup in self._setups}
-        self._plan = plan
+        self.inspect(plan, bytearray(plan.image.input_size))
         try:
-            for setup in self._setups:
-                setup.configure()
-            self._started = True
-            for setup in self._setups:
-                setup.start()
+            self.configure(plan)
+            self.start()
         except BaseException:
             self._leave_operational()
             self._plan = None
             raise
 
-    def _bind(self, plan: Plan) -> None:
+    def inspect(self, plan: Plan, image: bytearray) -> None:
+        """Look at all drives, and write nothing; `image` is the process image, of which this bus fills its places."""
+        self._wire.mute()
+        self._wire.drain(self._clock.now_ns() + plan.period_ns)
+        self._bind(plan, image)
+        self.facts = {setup.axis.name: setup.inspect() for setup in self._setups}
+
+    def configure(self, plan: Plan) -> None:
+        """All drives that were inspected; from here on there is something to undo."""
+        self._plan = plan
+        for setup in self._setups:
+            setup.configure()
+
+    def start(self) -> None:
+        """NMT operational, torque-free."""
+        self._started = True
+        for setup in self._setups:
+            setup.start()
+
+    def _bind(self, plan: Plan, image: bytearray) -> None:
         """Everything that the loop needs, ready to hand."""
         nodes = [Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})") for axis in plan.axes]
         self._setups = tuple(Setup(node, axis, plan) for node, axis in zip(nodes, plan.axes, strict=True))
-        self._image = bytearray(plan.image.input_size)
+        self._image = image
         self._links = tuple(
             Link(node, axis.tpdos, places, self._image)
             for node, axis, places in zip(nodes, plan.axes, plan.image.axes, strict=True)
@@ -97,13 +114,26 @@ class CanopenBus:
 
     def read(self, deadline_ns: int) -> bytearray:
         """SYNC, then the TPDOs; raises BusError only when the bus itself is dead."""
-        wire, exchange = self._wire, self._exchange
-        exchange.taking = False
-        wire.drain(deadline_ns)
-        exchange.missing = sum([link.begin() for link in self._links])
-        exchange.taking = True
-        latch_ns = self._clock.now_ns() + self._sync_ns
-        if wire.offer(self._sync):
+        self.prepare(deadline_ns)
+        self.begin()
+        return self.collect(deadline_ns)
+
+    def prepare(self, deadline_ns: int) -> None:
+        """Take in what came since the last exchange."""
+        self._exchange.taking = False
+        self._wire.drain(deadline_ns)
+        self._exchange.missing = sum([link.begin() for link in self._links])
+
+    def begin(self) -> None:
+        """SYNC."""
+        self._exchange.taking = True
+        self.latch_ns = self._clock.now_ns() + self._sync_ns
+        self._synced = self._wire.offer(self._sync)
+
+    def collect(self, deadline_ns: int) -> bytearray:
+        """Receive until every TPDO is in, then write the headers."""
+        wire, exchange, latch_ns = self._wire, self._exchange, self.latch_ns
+        if self._synced:
             while exchange.missing and wire.pump(deadline_ns):
                 pass
         exchange.taking = False
@@ -130,14 +160,14 @@ class CanopenBus:
 
         A drive that confirmed need not watch us any longer; one that did not keeps its guard, which disables it.
         """
-        if self._plan is None or not self._started:
+        if self._plan is None:
             return True
-        self._release()
-        confirmed = self._await_release(self._plan)
+        self.release()
+        confirmed = not self._started or self._await_release(self._plan)
         self._leave_operational()
-        if confirmed:
+        if self._started and confirmed:
             self._release_guards()
-        self._started = False
+        self._plan, self._started = None, False
         if self._wire.refusal is not None:
             self.warnings.append(str(self._wire.refusal))
         return confirmed
@@ -147,8 +177,18 @@ class CanopenBus:
         """Axes whose node sent a boot-up message since it was configured."""
         return frozenset(setup.axis.name for setup in self._setups if setup.node.booted)
 
-    def _release(self) -> None:
-        """Controlword disable voltage and target torque 0: both are zero octets."""
+    @property
+    def fresh(self) -> bool:
+        """Did all feedback of the last exchange come, over a controller that is on the bus?"""
+        return not self._wire.bus_off and all(link.fresh for link in self._links)
+
+    def release(self) -> None:
+        """Torque-free set-points on the wire, if any others can be; raises no BusError.
+
+        Controlword disable voltage and target torque 0: both are zero octets.
+        """
+        if not self._started:
+            return
         for cob_id, start, end in self._outputs:
             try:
                 self._wire.send(frame(cob_id, bytes(end - start)))

@@ -12,10 +12,9 @@ from haptic_fieldbus.buses.canopen_errors import FOREIGN, is_queue_full, transla
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import BusError, UsageError
+from haptic_fieldbus.record import FrameLog
 
 Handler = Callable[[bytearray], None]
-FrameLog = Callable[[int, int, bytes | bytearray], None]
-"""(t_ns, CAN-ID with the flags of SocketCAN, data) of every frame that we send or receive."""
 
 EXTENDED_FLAG = 0x8000_0000
 REMOTE_FLAG = 0x4000_0000
