@@ -13,41 +13,70 @@ from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.cycle import Cycle
 
 PERIODS = 10_000
+COUNTS = 2000
+"""Encoder counts of the handle, in the wall."""
+FADE_IN = 1000
+"""Periods after which force has faded in."""
 
 
-def by_hand() -> Callable[[bytes], bytes]:
-    """Decode, guard, wall, limit, fade, slew, encode, as one function without any choice."""
-    unpack, pack = struct.Struct("<qIHHHi").unpack_from, struct.Struct("<Hh").pack
+def by_hand() -> Callable[[bytes], bytearray]:
+    """The wall as one function without any choice, with every guard of the cycle.
+
+    Link flags and stale feedback, power state, the encoder's wrap, speed, workspace, a finite force, fade-in, effort
+    and slew.
+    """
+    unpack, pack_into = struct.Struct("<qIHHHi").unpack_from, struct.Struct("<Hh").pack_into
     unit, effort_unit = 0.05 / 4096, 0.4 / 1000 / (0.05 / (2 * math.pi))
-    before = position = 0.0
-    fade = 0.0
+    lowest, highest = -math.inf, math.inf
+    position, zero, before, fade, gain, stale = COUNTS * unit, 0, 0.0, 0.0, 1.0, False
+    output = bytearray(4)
 
-    def period(image: bytes) -> bytes:
+    def released() -> bytearray:
+        pack_into(output, 0, 0, 0)
+        return output
+
+    def period(image: bytes) -> bytearray:
         nonlocal before, position, fade
         _, _, flags, _, statusword, counts = unpack(image)
-        if flags or statusword & 0x6F != 0x27:
-            return pack(0, 0)
+        if flags or stale or statusword & 0x6F != 0x27:
+            return released()
+        counts -= zero
+        if not -0x8000_0000 <= counts <= 0x7FFF_FFFF:
+            counts = (counts + 0x8000_0000 & 0xFFFF_FFFF) - 0x8000_0000
         here = counts * unit
-        if abs(here - position) > 0.01:
-            return pack(0, 0)
+        if not (-0.01 <= here - position <= 0.01 and lowest <= here <= highest):
+            return released()
         position = here
         force = -600.0 * (here - 0.02) if here > 0.02 else 0.0
         if not math.isfinite(force):
-            return pack(0, 0)
+            return released()
         if fade < 1.0:
             fade = min(1.0, fade + 0.002)
             force *= fade
-        force = min(max(force, -50.0), 50.0)
-        before = min(max(force, before - 10.0), before + 10.0)
-        return pack(0x0F, round(before / effort_unit))
+        if not -50.0 <= force <= 50.0:
+            force = 50.0 if force > 50.0 else -50.0
+        if not -10.0 <= force - before <= 10.0:
+            force = before + (10.0 if force > before else -10.0)
+        before = force
+        pack_into(output, 0, 0x0F, round(force * gain / effort_unit))
+        return output
 
     return period
 
 
 def cycle_row() -> Row:
-    image = struct.pack("<qIHHHi", 0, 100_000, 0, 0, 0x0637, 2000)
+    """Decode to encode in contact with a wall, faded in."""
+    image, free = (struct.pack("<qIHHHi", 0, 100_000, 0, 0, 0x0637, counts) for counts in (COUNTS, 0))
     cycle, reference = Cycle(plan("wall")), by_hand()
-    return Row("cycle", cost(lambda: cycle(image), 1000), cost(lambda: reference(image), 1000))
+    cycle(free)
+    for counts in range(0, COUNTS + 1, 100):
+        cycle(struct.pack("<qIHHHi", 0, 100_000, 0, 0, 0x0637, counts))
+    for _ in range(FADE_IN):
+        same = struct.unpack("<Hh", cycle(image)) == struct.unpack("<Hh", reference(image))
+    if not same:
+        raise SystemExit("the cycle and the loop by hand do not agree")
+    step = cycle.step
+    return Row("cycle", cost(lambda: step(image), 1000), cost(lambda: reference(image), 1000), allowed=2.0)
 
 
 def simulation_row() -> Row:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api import plan, response, run, stability
+    from haptic_fieldbus.changes import Changes
     from haptic_fieldbus.open_loop import Response
     from haptic_fieldbus.planning import Plan
     from haptic_fieldbus.result import Result
@@ -22,12 +23,13 @@ _HOMES = {
     "response": "haptic_fieldbus.api",
     "run": "haptic_fieldbus.api",
     "stability": "haptic_fieldbus.api",
+    "Changes": "haptic_fieldbus.changes",
     "Plan": "haptic_fieldbus.planning",
     "Response": "haptic_fieldbus.open_loop",
     "Result": "haptic_fieldbus.result",
 }
 
-__all__ = ["Plan", "Response", "Result", "plan", "response", "run", "stability"]
+__all__ = ["Changes", "Plan", "Response", "Result", "plan", "response", "run", "stability"]
 
 
 def __getattr__(name: str) -> object:

@@ -2,15 +2,15 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from haptic_fieldbus.axis_plan import AxisPlan, environment_of, stiffest_of
 from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.errors import PlanError, UnstableSceneError
+from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.judging import device_of, judge_scene
-from haptic_fieldbus.margins import Stability, Verdict, suggest
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.open_loop import response as response
 from haptic_fieldbus.planning import Plan
+from haptic_fieldbus.refusal import check_stable
 from haptic_fieldbus.request import BusName, check_request
 from haptic_fieldbus.result import Result, known_before
 from haptic_fieldbus.scenes.scene import Scene
@@ -18,6 +18,9 @@ from haptic_fieldbus.selection import DEFAULT_DRIVE, DEFAULT_RATE, Selection, Va
 from haptic_fieldbus.sim.fault_file import load_faults
 from haptic_fieldbus.sim.faults import Fault
 from haptic_fieldbus.sim.hand import hand_named
+
+if TYPE_CHECKING:  # a run in which nothing changes does without them
+    from haptic_fieldbus.changes import Changes, Scheduled
 
 DEFAULT_DURATION = 10.0
 DEFAULT_HAND = "push"
@@ -108,7 +111,7 @@ def run(
     node: int = 1,
     rate: float = DEFAULT_RATE,
     duration: float = DEFAULT_DURATION,
-    hand: str = DEFAULT_HAND,
+    hand: str | None = None,
     settings: Mapping[str, Value] | None = None,
     method: str | None = None,
     estimator: str | None = None,
@@ -116,18 +119,21 @@ def run(
     faults: str | Path | Sequence[Fault] = (),
     record: str | Path | None = None,
     force: bool = False,
+    changes: "Changes | Sequence[Scheduled]" = (),
     confirm: Callable[[str], bool] | None = None,
     progress: Callable[[int, int], None] | None = None,
     announce: Callable[[Plan], None] | None = None,
 ) -> Result:
     """Render `scene` for `duration` [s] from *operation enabled*, at `rate` [Hz]; selection as for `plan`.
 
-    On the simulated bus `hand`, `seed` and `faults` say what happens; on a real one nothing moves unless `confirm`
-    answers True. Raises what `plan` raises, UnstableSceneError (unless `force`), BusError, DriveFaultError and
+    On the simulated bus `hand` (that of the scene unless given), `seed` and `faults` say what happens; on a real one
+    nothing moves unless `confirm` answers True. `changes` are new settings for the running scene at seconds from
+    *operation enabled*, [(2.0, {"wall.stiffness": 800.0})], or `Changes`, which other threads can ask. Raises what
+    `plan` raises, UnstableSceneError (unless `force`), BusError, DriveFaultError and
     SafetyTripError; torque is zero before any of them is raised, and their `result` is what was known by then.
     """
     recording = Path(record) if record is not None else None
-    simulated_hand = hand_named(hand)
+    given_hand = hand_named(hand) if hand is not None else None
     known_faults = load_faults(faults) if isinstance(faults, str | Path) else tuple(faults)
     check_request(bus=bus or "sim", node=node, rate=rate, duration=duration, seed=seed, record=recording)
     try:
@@ -146,51 +152,31 @@ def run(
     except PlanError as error:
         error.result = Result(scene=str(scene), drive=drive, bus=bus or "sim", rate=rate)
         raise
-    if not force:
-        _check_stable(selection)
+    wanted = _checked(selection, changes, duration, force)
     if announce is not None:
         announce(selection.plan)
+    simulated_hand = given_hand if hand is not None else hand_named(selection.plan.scene.hand or DEFAULT_HAND)
     from haptic_fieldbus.session import Request, render
 
-    return render(Request(selection, duration, simulated_hand, seed, known_faults, recording, confirm, progress))
-
-
-def _check_stable(selection: Selection) -> None:
-    for axis in selection.plan.axes:
-        if axis.stability is not None and axis.stability.verdict is Verdict.UNSTABLE:
-            limit = axis.stability.stiffness_limit.stable
-            refused = UnstableSceneError(_refusal(selection.plan, axis, axis.stability), limit=limit)
-            refused.result = known_before(selection)
-            raise refused
-
-
-def _refusal(compiled: Plan, axis: AxisPlan, stability: Stability) -> str:
-    """What is unstable, where the limit lies, and what would be stable."""
-    per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
-    asked = "this scene" if stability.stiffness is None else f"{stability.stiffness:g} {per}"
-    limit = stability.stiffness_limit.stable
-    at = f"at {compiled.rate:g} Hz with {1e3 * axis.delay.total:.2f} ms of delay"
-    limited = f"limit {limit:.4g} {per} {at}" if limit else f"no stiffness is stable {at}"
-    hints = _hints(axis, compiled.period, stability)
-    would = f"\nWould be stable: {' · or '.join(hints)}." if hints else ""
-    return f"{asked} is unstable on this bench: {limited}.{would}"
-
-
-def _hints(axis: AxisPlan, period: float, stability: Stability) -> list[str]:
-    element = stiffest_of(axis)
-    if element is None or stability.stiffness is None:
-        return []
-    has_damping = hasattr(element, "damping")
-
-    def varied(stiffness: float, damping: float) -> StateSpace:
-        changes = {"damping": damping} if has_damping else {}
-        return environment_of(axis, period, stiffness=stiffness, **changes)
-
-    damping = getattr(element, "damping", None)
-    found = suggest(
-        stability.plant, period, axis.delay.transport, varied, stiffness=stability.stiffness, damping=damping
+    return render(
+        Request(selection, duration, simulated_hand, seed, known_faults, recording, confirm, progress, wanted)
     )
-    hints = [] if found.stiffness is None else [f"--set {element.name}.stiffness={found.stiffness:g}"]
-    if found.damping is not None and found.damping_limit is not None:
-        hints.append(f"--set {element.name}.damping={found.damping:g} (limit {found.damping_limit:.4g})")
-    return hints
+
+
+def _checked(
+    selection: Selection, changes: "Changes | Sequence[Scheduled]", duration: float, force: bool
+) -> "Changes | None":
+    """The changes, those at a time checked; None, and nothing imported, where there are none."""
+    try:
+        if not force:
+            check_stable(selection.plan)
+        if isinstance(changes, Sequence) and not changes:
+            return None
+        from haptic_fieldbus.changes import Changes
+
+        wanted = changes if isinstance(changes, Changes) else Changes(changes)
+        wanted.check(selection.plan, duration, force=force)
+        return wanted
+    except PlanError as refused:
+        refused.result = known_before(selection)
+        raise

@@ -1,22 +1,30 @@
-"""One axis of a running plan, as two closures over the row: *observe* every period, *render* while force is permitted.
+"""One axis of a running plan, as closures over its feedback: *observe* every period, *render* while force is permitted.
 
-Both are straight lines for the period in which nothing is wrong; whatever is out of the ordinary is a call on the side.
+Each is a straight line for the period in which nothing is wrong; whatever is out of the ordinary is a call on the side.
+Between the two `sense` works out what else the scene needs, where it needs anything beside positions.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from haptic_fieldbus.axis_plan import AxisPlan
-from haptic_fieldbus.drive.power import RELEVANT_BITS, STATE_OF_BITS, TOWARDS_OPERATION_ENABLED, PowerState
-from haptic_fieldbus.safety import Trip, TripKind, bind_limiter, hold_gain, is_finite
-from haptic_fieldbus.scenes.element import DynamicElement, Element, StaticElement
+from haptic_fieldbus.drive.image import AXIS_HEADER_FIELDS, AxisImage
+from haptic_fieldbus.drive.power import (
+    DISABLE_VOLTAGE,
+    RELEVANT_BITS,
+    STATE_OF_BITS,
+    TOWARDS_OPERATION_ENABLED,
+    PowerState,
+)
+from haptic_fieldbus.laws import READERS, Field, Sensed, blended, field_of, summed
+from haptic_fieldbus.safety import Trip, TripKind, bind_limiter, hold_gain
+from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.signals import LinkFlag, Signal
 
-Row = list[float]
 Step = Callable[[], None]
-Field = Callable[[float], float]
-"""Position of the handle → force of all elements on it, in the workspace."""
+Observe = Callable[[bytes | bytearray], None]
 
 LINK_TRIPS = (
     (LinkFlag.BUS_OFF, TripKind.BUS_OFF),
@@ -28,189 +36,263 @@ LINK_TRIPS = (
 )
 FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 HALF_TURN_OF_INT32, INT32 = 0x8000_0000, 0xFFFF_FFFF
+T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD, POSITION_COUNTS = range(6)
+"""Places in the feedback of an axis; what else is mapped follows. Without a position the last is the velocity."""
+COMPUTED = ("position", "velocity", "force", "gain", "command")
+"""Columns that an axis adds to the decoded ones."""
 
 
 class Owner(Protocol):
     """The cycle, as far as its axes know it."""
 
-    row: Row
     trip: Trip | None
     enabled: bool
 
     def update_enabled(self) -> None: ...
 
 
-@dataclass
+@dataclass(slots=True)
 class AxisState:
     """What one axis remembers between periods, and others may ask."""
 
     power: PowerState = PowerState.UNKNOWN
+    controlword: int = 0
     stale_periods: int = 0
     periods_apart: int = 1
     """Between this feedback and the one before."""
+    settled: bool = True
+    """Whether both this feedback and the one before are fresh."""
+    gain: float = 1.0
     zero_counts: int | None = None
+    began_ns: int = 0
+    position: float = 0.0
+    drift: float = 0.0
+    """How far the position may be off [m or rad]; only a position that is integrated is."""
+    force: float = 0.0
+    target: int = 0
 
 
 class AxisCycle:
-    """Binds one axis of a plan to the row of its cycle; `index` gives the place of each column."""
+    """Binds one axis of a plan; `output` is the output image of all axes."""
 
-    def __init__(self, cycle: Owner, axis: AxisPlan, index: dict[str, int]) -> None:
-        self.state = AxisState()
-        self._cycle, self._axis = cycle, axis
-        self._index = index
+    def __init__(self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float) -> None:
+        self.state, self.sensed = AxisState(), Sensed()
+        self._owner, self._axis, self._period = owner, axis, period
+        self._image, self._output = image, output
+        self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + sum(len(t.signals) for t in axis.tpdos))
+        self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
+        self.sense = self._bind_sense()
+        """Works out velocity, time and torque, once a period; None where the scene needs none of them."""
+        self._fields = [self.field_of(element) for element in axis.elements]
+        """One for each element in their order; the couplings, where the axis has any, stand last."""
+        if axis.couplings:
+            self._fields.append(lambda position: self.sensed.coupled)
+        self.render, self._exchange = self._bind_render()
 
-    def _at(self, name: str) -> int:
-        return self._index[f"{self._axis.name}.{name}"]
+    @property
+    def feedback(self) -> tuple[int, ...]:
+        """What was decoded last; its first is t_ns."""
+        return self._feedback
+
+    def row(self) -> tuple[float, ...]:
+        """The columns of this axis: what was decoded, `COMPUTED`, and what was sent."""
+        state, unit = self.state, self._axis.effort_unit
+        computed = (state.position, self.sensed.velocity, state.force, state.gain, state.target * unit)
+        return (*self._feedback[1:], *computed, state.controlword, self._axis.rig.mechanism.sign * state.target)
+
+    def begin(self) -> None:
+        """The first rendered period: where zero is, and where the handle is then."""
+        counts = self._feedback[POSITION_COUNTS]
+        zero = self._axis.rig.mechanism.zero
+        self.state.began_ns = self._feedback[T_NS]
+        if self._axis.integrates:
+            self._follow(self._feedback[T_NS], counts)
+            self.state.zero_counts = 0
+            return
+        self.state.zero_counts = counts if zero == "start" else zero
+        self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
+
+    def release(self, *, tripped: bool) -> None:
+        """No torque; after a trip no voltage either."""
+        self.state.target = 0
+        if tripped:
+            self.state.controlword = DISABLE_VOLTAGE
+        self._image.output.pack_into(self._output, self._image.outputs[0][0], self.state.controlword, 0)
+
+    def field_of(self, element: Element) -> Field:
+        """A fresh law of an element that needs no signal beyond those of the plan; made in any thread."""
+        return field_of(element, self._period, self._axis.method, self.sensed)
+
+    def exchange(self, fields: Mapping[int, Field], periods: int) -> None:
+        """Go over to other fields at these places within so many periods; the others go on as they are."""
+        for place, field in fields.items():
+            self._fields[place] = blended(self._fields[place], field, periods)
+        self._exchange(summed(self._fields))
+
+    def reader(self, needs: Sequence[Signal]) -> Callable[[], list[float]]:
+        """Reads the signals that a coupling needs of this axis, in their order."""
+        state, sensed, readers = self.state, self.sensed, [READERS[signal] for signal in needs]
+        return lambda: [read(state.position, sensed) for read in readers]
 
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
-        if self._cycle.trip is None:
-            self._cycle.trip = Trip(kind, self._axis.name, int(self._cycle.row[0]), value, limit, detail)
-            self._cycle.enabled = False
+        if self._owner.trip is None:
+            self._owner.trip = Trip(kind, self._axis.name, self._feedback[T_NS], value, limit, detail)
+            self._owner.enabled = False
 
-    def observe(self) -> Step:
-        """Link flags and statusword; acts only when one of them is not as in the period before."""
-        row, state, link, power = self._cycle.row, self.state, self._link(), self._power()
-        flags_at, statusword_at = self._at("flags"), self._at(Signal.STATUSWORD.value)
-        row[self._at("gain")] = 1.0
+    def _bind_observe(self) -> Observe:
+        """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
+        state, axis, unpack, link, power, check = (
+            self.state,
+            self._axis,
+            self._image.input.unpack_from,
+            self._link,
+            self._power,
+            self._check_motion,
+        )
+        unit = axis.position_unit
+        lowest, highest = axis.limits.position or (-math.inf, math.inf)
+        largest_way = axis.limits.speed * self._period + abs(unit)
         bits_before = -1
 
-        def observe() -> None:
+        def observe(image: bytes | bytearray) -> None:
             nonlocal bits_before
-            if row[flags_at] or state.stale_periods or state.periods_apart != 1:
+            self._feedback = feedback = unpack(image)
+            if feedback[FLAGS] or not state.settled:
                 link()
-            bits = int(row[statusword_at]) & RELEVANT_BITS
+            bits = feedback[STATUSWORD] & RELEVANT_BITS
             if bits != bits_before:
                 bits_before = bits
                 power()
+            zero = state.zero_counts
+            if zero is not None:
+                counts = feedback[POSITION_COUNTS] - zero
+                if not -HALF_TURN_OF_INT32 <= counts < HALF_TURN_OF_INT32:
+                    counts = (counts + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32
+                here = counts * unit
+                if not (-largest_way <= here - state.position <= largest_way and lowest <= here <= highest):
+                    check(here, abs(here - state.position))
+                state.position = here
 
         return observe
 
-    def _link(self) -> Step:
+    def _bind_observe_velocity(self) -> Observe:
+        """The same for a drive that offers velocity only: velocity → position."""
+        from haptic_fieldbus.tachometer_axis import bind_follow
+
+        state, unpack, link, power = self.state, self._image.input.unpack_from, self._link, self._power
+        follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
+        bits_before = -1
+
+        def observe(image: bytes | bytearray) -> None:
+            nonlocal bits_before
+            self._feedback = feedback = unpack(image)
+            if feedback[FLAGS] or not state.settled:
+                link()
+            bits = feedback[STATUSWORD] & RELEVANT_BITS
+            if bits != bits_before:
+                bits_before = bits
+                power()
+            if state.zero_counts is not None:
+                follow(feedback[T_NS], feedback[POSITION_COUNTS])
+
+        return observe
+
+    def _link(self) -> None:
         """Staleness and faults of the link: hold one period, fade the second, stop at the third."""
-        row, state, cycle, trip = self._cycle.row, self.state, self._cycle, self._trip
-        flags_at, age_at, gain_at = self._at("flags"), self._at("age_ns"), self._at("gain")
-        emergency_at = self._at("emergency")
+        state, feedback = self.state, self._feedback
+        flags = feedback[FLAGS]
+        for flag, kind in LINK_TRIPS:
+            if flags & flag:
+                self._trip(kind, feedback[EMERGENCY])
+        state.periods_apart = state.stale_periods + 1
+        state.stale_periods = state.stale_periods + 1 if flags & LinkFlag.STALE else 0
+        state.settled = state.stale_periods == 0 and state.periods_apart == 1
+        gain = hold_gain(state.stale_periods)
+        if gain is None and self._owner.enabled:
+            self._trip(TripKind.FEEDBACK_LOST, feedback[AGE_NS] * 1e-9)
+        state.gain = gain or 0.0
 
-        def link() -> None:
-            flags = int(row[flags_at])
-            for flag, kind in LINK_TRIPS:
-                if flags & flag:
-                    trip(kind, row[emergency_at])
-            state.periods_apart = state.stale_periods + 1
-            state.stale_periods = state.stale_periods + 1 if flags & LinkFlag.STALE else 0
-            gain = hold_gain(state.stale_periods)
-            if gain is None and cycle.enabled:
-                trip(TripKind.FEEDBACK_LOST, row[age_at] * 1e-9)
-            row[gain_at] = gain or 0.0
-
-        return link
-
-    def _power(self) -> Step:
+    def _power(self) -> None:
         """Statusword → power state → the controlword that asks for the next transition."""
-        row, state, cycle, trip = self._cycle.row, self.state, self._cycle, self._trip
-        statusword_at, controlword_at = self._at(Signal.STATUSWORD.value), self._at("controlword")
+        state, statusword = self.state, self._feedback[STATUSWORD]
+        before, state.power = state.power, STATE_OF_BITS[statusword & RELEVANT_BITS]
+        state.controlword = TOWARDS_OPERATION_ENABLED[state.power].controlword
+        if state.power in FAULT_STATES:
+            self._trip(TripKind.DRIVE_FAULT, statusword, detail=state.power.value)
+        elif before is PowerState.OPERATION_ENABLED is not state.power:
+            self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
+        self._owner.update_enabled()
 
-        def power() -> None:
-            statusword = int(row[statusword_at])
-            before, state.power = state.power, STATE_OF_BITS[statusword & RELEVANT_BITS]
-            row[controlword_at] = TOWARDS_OPERATION_ENABLED[state.power].controlword
-            if state.power in FAULT_STATES:
-                trip(TripKind.DRIVE_FAULT, statusword, detail=state.power.value)
-            elif before is PowerState.OPERATION_ENABLED is not state.power:
-                trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
-            cycle.update_enabled()
+    def _check_motion(self, here: float, way: float) -> None:
+        """Called when the handle seems to be too fast, or outside; after held periods a longer way is allowed."""
+        limits = self._axis.limits
+        largest_way = limits.speed * self._period + abs(self._axis.position_unit)
+        lowest, highest = limits.position or (-math.inf, math.inf)
+        if way > largest_way * self.state.periods_apart:
+            self._trip(TripKind.SPEED, way / self._period, limits.speed)
+        if not lowest <= here <= highest:
+            self._trip(TripKind.POSITION, here, lowest if here < lowest else highest)
 
-        return power
+    def _bind_sense(self) -> Step | None:
+        """Only what the scene needs is worked out, and an estimator imported only where one is."""
+        needs, state, sensed = self._axis.needs, self.state, self.sensed
+        steps: list[Step] = []
+        if Signal.VELOCITY in needs and not self._axis.integrates:
+            estimate = self._estimator()
 
-    def render(self, period: float) -> Step:
-        """Counts → position → force → permitted force → target torque."""
-        row, state, trip, axis = self._cycle.row, self.state, self._trip, self._axis
-        field, limit, check = self._field(period), bind_limiter(axis.limits, period), self._motion(period)
-        counts_at, position_at, force_at = self._at("position counts"), self._at("position"), self._at("force")
-        gain_at, command_at, target_at = self._at("gain"), self._at("command"), self._at("target torque")
-        unit, effort_unit, sign = axis.position_unit, axis.effort_unit, axis.rig.mechanism.sign
-        lowest, highest = axis.limits.position or (float("-inf"), float("inf"))
-        largest_way = axis.limits.speed * period + abs(unit)
-        position: float | None = None
+            def velocity() -> None:
+                sensed.velocity = estimate(state.position)
+
+            steps.append(velocity)
+        if Signal.ELAPSED_NS in needs:
+
+            def elapsed() -> None:
+                sensed.elapsed_ns = self._feedback[T_NS] - state.began_ns
+
+            steps.append(elapsed)
+        if Signal.TORQUE_ACTUAL in needs:
+            unit = self._axis.effort_unit * self._axis.rig.mechanism.sign
+            signals = [signal for pdo in self._axis.tpdos for signal in pdo.signals]
+            place = STATUSWORD + signals.index(Signal.TORQUE_ACTUAL)
+
+            def torque() -> None:
+                sensed.torque_actual = self._feedback[place] * unit
+
+            steps.append(torque)
+        if len(steps) < 2:
+            return steps[0] if steps else None
+
+        def sense() -> None:
+            for step in steps:
+                step()
+
+        return sense
+
+    def _estimator(self) -> Callable[[float], float]:
+        from haptic_fieldbus.numerics.estimators import DEFAULT_ESTIMATOR, bind, is_timed
+
+        name = self._axis.estimator or DEFAULT_ESTIMATOR
+        estimate = bind(name, self._period, self._axis.rig.resolution)
+        return (lambda position: estimate(position, self._feedback[T_NS])) if is_timed(name) else estimate
+
+    def _bind_render(self) -> tuple[Step, Callable[[Field], None]]:
+        """Position → force → permitted force → target torque; and what exchanges the field that it renders."""
+        state, axis, trip = self.state, self._axis, self._trip
+        field, limit = summed(self._fields), bind_limiter(axis.limits, self._period)
+        pack_into, output, offset = self._image.output.pack_into, self._output, self._image.outputs[0][0]
+        effort_unit, sign = axis.effort_unit, axis.rig.mechanism.sign
 
         def render() -> None:
-            nonlocal position
-            if position is None or state.zero_counts is None:
-                position = self._begin(int(row[counts_at]))
-            since_zero = int(row[counts_at]) - (state.zero_counts or 0)
-            here = ((since_zero + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32) * unit
-            if not (-largest_way <= here - position <= largest_way and lowest <= here <= highest):
-                check(here, abs(here - position))
-            row[position_at] = position = here
-            row[force_at] = force = field(here)
-            if not is_finite(force):
-                row[command_at] = 0.0
+            state.force = force = field(state.position)
+            permitted = limit(force)
+            if permitted != permitted:
                 trip(TripKind.NOT_FINITE, force)
                 return
-            target = round(limit(force) * row[gain_at] / effort_unit)
-            row[command_at] = target * effort_unit
-            row[target_at] = sign * target
+            state.target = target = round(permitted * state.gain / effort_unit)
+            pack_into(output, offset, state.controlword, sign * target)
 
-        return render
+        def exchange(after: Field) -> None:
+            nonlocal field
+            field = after
 
-    def _begin(self, counts: int) -> float:
-        """The first rendered period: where zero is, and where the handle is then."""
-        zero = self._axis.rig.mechanism.zero
-        self.state.zero_counts = counts if zero == "start" else zero
-        return (counts - self.state.zero_counts) * self._axis.position_unit
-
-    def _motion(self, period: float) -> Callable[[float, float], None]:
-        """Called when the handle seems to be too fast, or outside; after held periods a longer way is allowed."""
-        state, limits, trip = self.state, self._axis.limits, self._trip
-        largest_way = limits.speed * period + abs(self._axis.position_unit)
-        lowest, highest = limits.position or (float("-inf"), float("inf"))
-
-        def check(here: float, way: float) -> None:
-            if way > largest_way * state.periods_apart:
-                trip(TripKind.SPEED, way / period, limits.speed)
-            if not lowest <= here <= highest:
-                trip(TripKind.POSITION, here, lowest if here < lowest else highest)
-
-        return check
-
-    def _field(self, period: float) -> Field:
-        """The sum of the elements; each takes exactly the signals that it declared."""
-        axis = self._axis
-        laws = [law_of(element, period, axis.method) for element in axis.elements]
-        if len(laws) == 1 and axis.elements[0].needs == (Signal.POSITION,):
-            return laws[0]
-        row, velocity_at, estimate = self._cycle.row, self._at("velocity"), self._estimator(period)
-        torque_at = self._index.get(f"{axis.name}.{Signal.TORQUE_ACTUAL.value}", velocity_at)
-        effort_unit = axis.effort_unit * axis.rig.mechanism.sign
-        order = (Signal.POSITION, Signal.VELOCITY, Signal.TORQUE_ACTUAL)
-        bound = [
-            (law, tuple(order.index(signal) for signal in element.needs))
-            for law, element in zip(laws, axis.elements, strict=True)
-        ]
-
-        def field(position: float) -> float:
-            row[velocity_at] = velocity = estimate(position)
-            feedback = (position, velocity, row[torque_at] * effort_unit)
-            return sum([law(*[feedback[place] for place in places]) for law, places in bound])
-
-        return field
-
-    def _estimator(self, period: float) -> Field:
-        """Position → velocity; a scene that does not ask for velocity imports no estimator."""
-        if self._axis.estimator is None:
-            return lambda position: 0.0
-        from haptic_fieldbus.numerics.estimators import bind, is_timed
-
-        row, estimate = self._cycle.row, bind(self._axis.estimator, period, self._axis.rig.resolution)
-        return (lambda position: estimate(position, row[0])) if is_timed(self._axis.estimator) else estimate
-
-
-def law_of(element: Element, period: float, method: str | None = None) -> Callable[..., float]:
-    """The element as a function of the signals that it needs, fresh; only virtual states import an integrator."""
-    if isinstance(element, DynamicElement):
-        from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, bind
-
-        return bind(element.dynamics, period, method or DEFAULT_METHOD)
-    if isinstance(element, StaticElement):
-        return element.force
-    raise TypeError(f"{element.name} is neither a static nor a dynamic element")
+        return render, exchange

@@ -6,21 +6,27 @@ from dataclasses import dataclass, replace
 
 from haptic_fieldbus.drive.budget import Delay, Exchange, delay_of
 from haptic_fieldbus.drive.pdo import SYNCHRONOUS_TYPES, Direction, Pdo, lay_out
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import DriveProfile, velocity_step
 from haptic_fieldbus.drive.rig import Rig, RigAxis
-from haptic_fieldbus.errors import Fault, PlanError, SceneError, SignalUnavailableError
+from haptic_fieldbus.errors import Fault, PlanError, RigError, SceneError, SignalUnavailableError
 from haptic_fieldbus.margins import Plant, Stability, contact, judge_contact
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.safety import SLEW_TIME, SPEED_LIMIT, EffortLimits
-from haptic_fieldbus.scenes.element import DynamicElement, Element
+from haptic_fieldbus.numerics.sampled import TACHOMETER
+from haptic_fieldbus.safety import DRIFT_TURNS, SLEW_TIME, SPEED_LIMIT, EffortLimits
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, DynamicElement, Element
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
 
 UNKNOWN_BENCH_EFFORT = 0.05
 """Share of rated torque that is allowed on a bench whose plant is unknown."""
-ALWAYS_IN = (Signal.STATUSWORD, Signal.POSITION)
 ALWAYS_OUT = (Signal.CONTROLWORD, Signal.TARGET_TORQUE)
-MAPPED_ON_DEMAND = (Signal.TORQUE_ACTUAL,)
+PROVIDERS = {
+    Signal.POSITION: (Signal.POSITION, Signal.VELOCITY),
+    Signal.VELOCITY: (Signal.POSITION, Signal.VELOCITY),
+    Signal.TORQUE_ACTUAL: (Signal.TORQUE_ACTUAL,),
+}
+"""What gives a signal that a drive may offer, the best first: a velocity estimated from position has dynamics that are
+known, a drive's own has a filter that is not; a position integrated from velocity drifts."""
 DEFAULT_ESTIMATOR = "backward-difference"
 DEFAULT_METHOD = "exact-foh"
 """Here, not imported from `numerics`: a scene that needs neither must not import them. Tests compare."""
@@ -38,18 +44,39 @@ class AxisPlan:
     tpdos: tuple[Pdo, ...]
     rpdos: tuple[Pdo, ...]
     elements: tuple[Element, ...]
+    couplings: tuple[CouplingElement, ...]
+    """Those of the scene that act on this axis and another."""
     estimator: str | None
+    """`TACHOMETER` where the drive's own velocity is read; None where the scene needs no velocity."""
     method: str | None
     limits: EffortLimits
     effort_unit: float
     delay: Delay
     plant: Plant | None
     stability: Stability | None
+    judged_with: CouplingElement | None = None
+    """The coupling whose stiffness `stability` is about, of all axes that hang together; None: it is the axis' own."""
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        """What elements and couplings ask for, each once."""
+        return tuple(dict.fromkeys(signal for each in (*self.elements, *self.couplings) for signal in each.needs))
 
     @property
     def position_unit(self) -> float:
         """One encoder count in the workspace, with the mechanism's sign [m or rad]."""
         return self.rig.resolution * self.rig.mechanism.sign
+
+    @property
+    def integrates(self) -> bool:
+        """Whether the drive offers no position, so that it is integrated from its velocity."""
+        return self.profile.position is None
+
+    @property
+    def velocity_unit(self) -> float:
+        """One step of the drive's own velocity in the workspace, with the mechanism's sign [m/s or rad/s]."""
+        mechanism, unit = self.rig.mechanism, self.profile.offers()[Signal.VELOCITY].unit
+        return velocity_step(unit, self.rig.encoder_counts_per_revolution) * mechanism.ratio * mechanism.sign
 
 
 def draft_axis(
@@ -69,8 +96,11 @@ def draft_axis(
     profile = profiles[axis.profile]
     _check_usable(profile)
     _check_workspace(scene, scene_axis, axis)
+    _check_zero(scene_axis.name, rig, profile)
     elements = scene.of_axis(scene_axis.name)
-    incoming = _incoming(elements, scene_axis.name, profile)
+    couplings = tuple(coupling for coupling in scene.couplings if scene_axis.name in coupling.axes)
+    _check_coupled(scene_axis.name, couplings, profile)
+    incoming = _incoming((*elements, *couplings), scene_axis.name, profile)
     effort_unit = _effort_unit(profile, axis)
     return AxisPlan(
         name=scene_axis.name,
@@ -81,7 +111,8 @@ def draft_axis(
         tpdos=_pdos(Direction.TPDO, profile, axis.node, incoming),
         rpdos=_pdos(Direction.RPDO, profile, axis.node, ALWAYS_OUT),
         elements=elements,
-        estimator=(estimator or DEFAULT_ESTIMATOR) if _needed(elements, Signal.VELOCITY) else None,
+        couplings=couplings,
+        estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
         limits=_limits(axis, profile, scene_axis.workspace, effort_unit),
         effort_unit=effort_unit,
@@ -105,21 +136,44 @@ def _check_workspace(scene: Scene, scene_axis: SceneAxis, axis: RigAxis) -> None
         raise SceneError(scene.source or scene.name, [Fault(f"axis.{scene_axis.name}.workspace", message)])
 
 
-def _needed(elements: tuple[Element, ...], signal: Signal) -> bool:
+def _check_zero(name: str, rig: Rig, profile: DriveProfile) -> None:
+    """An integrated position counts from where it began."""
+    zero = rig.axis[name].mechanism.zero
+    if profile.position is None and zero != "start":
+        message = f'{zero}; expected "start": {profile.title} offers velocity only, and no encoder count to begin at'
+        raise RigError(rig.source or "the rig", [Fault(f"axis.{name}.mechanism.zero", message)])
+
+
+def _check_coupled(name: str, couplings: tuple[CouplingElement, ...], profile: DriveProfile) -> None:
+    """What drifts against another axis pulls at it, and neither hand could tell from what."""
+    if couplings and profile.position is None:
+        raise PlanError(
+            f"{couplings[0].name} ties axis {name} to another one, but {profile.title} offers velocity only, and a "
+            "position that is integrated from it drifts; a coupling needs drives that offer their position"
+        )
+
+
+def _estimator(asked: str | None, profile: DriveProfile) -> str:
+    return TACHOMETER if profile.position is None else asked or DEFAULT_ESTIMATOR
+
+
+def _needed(elements: tuple[AnyElement, ...], signal: Signal) -> bool:
     return any(signal in element.needs for element in elements)
 
 
-def _incoming(elements: tuple[Element, ...], axis: str, profile: DriveProfile) -> tuple[Signal, ...]:
-    """What must be mapped: what safety always needs, and what elements ask for and nothing derives."""
-    offered = profile.offers()
-    wanted = [signal for signal in MAPPED_ON_DEMAND if _needed(elements, signal)]
-    for signal in wanted:
-        if signal not in offered:
-            asking = next(element.name for element in elements if signal in element.needs)
-            raise SignalUnavailableError(
-                f"{asking} on axis {axis} needs {signal.value}, which {profile.title} neither offers nor derives"
-            )
-    return (*ALWAYS_IN, *wanted)
+def _incoming(elements: tuple[AnyElement, ...], axis: str, profile: DriveProfile) -> tuple[Signal, ...]:
+    """What must be mapped: statusword, and what provides the position that safety needs and what elements ask for."""
+    offered, incoming = profile.offers(), [Signal.STATUSWORD]
+    asking = {Signal.POSITION: "the position check"}
+    for element in elements:
+        asking.update({signal: element.name for signal in element.needs if signal not in asking})
+    for signal in filter(asking.__contains__, PROVIDERS):
+        provider = next((each for each in PROVIDERS[signal] if each in offered), None)
+        if provider is None:
+            needing = f"{asking[signal]} on axis {axis} needs {signal.value}"
+            raise SignalUnavailableError(f"{needing}, which {profile.title} neither offers nor derives")
+        incoming.append(provider)
+    return tuple(dict.fromkeys(incoming))
 
 
 def _pdos(direction: Direction, profile: DriveProfile, node: int, signals: tuple[Signal, ...]) -> tuple[Pdo, ...]:
@@ -165,6 +219,7 @@ def _limits(axis: RigAxis, profile: DriveProfile, workspace: Workspace, effort_u
         speed=axis.limits.speed or SPEED_LIMIT[workspace.value],
         slew=effort / SLEW_TIME,
         position=axis.limits.position,
+        drift=axis.limits.drift or 2 * math.pi * DRIFT_TURNS * axis.mechanism.ratio,
     )
 
 
@@ -184,11 +239,18 @@ def _plant(axis: RigAxis, profile: DriveProfile) -> Plant | None:
 
 def judged(draft: AxisPlan, exchange: Exchange, period: float) -> AxisPlan:
     """The axis with its delay, and with the verdict on its sampled loop where the bench is known."""
-    delayed = replace(draft, delay=delay_of(exchange, draft.profile, period))
-    return replace(delayed, stability=_stability(delayed, period))
+    delayed = replace(draft, delay=delay_of(exchange, draft.profile, period), plant=_seen(draft, period))
+    return replace(delayed, stability=stability_alone(delayed, period))
 
 
-def _stability(axis: AxisPlan, period: float) -> Stability | None:
+def _seen(axis: AxisPlan, period: float) -> Plant | None:
+    """The bench as the loop sees it: at rest a position that is integrated is a multiple of a velocity step's way."""
+    if axis.plant is None or not axis.integrates:
+        return axis.plant
+    return replace(axis.plant, resolution=abs(axis.velocity_unit) * period, tachometer=True)
+
+
+def stability_alone(axis: AxisPlan, period: float) -> Stability | None:
     """The verdict on the axis alone; its limit is that of the stiffest element, all else kept."""
     if axis.plant is None:
         return None
@@ -196,8 +258,8 @@ def _stability(axis: AxisPlan, period: float) -> Stability | None:
 
 
 def judging_estimator(axis: AxisPlan) -> str:
-    """The estimator that stability is judged with; the default where the axis has none."""
-    return axis.estimator or DEFAULT_ESTIMATOR
+    """The estimator that stability is judged with; where the axis has none, the one that it would have."""
+    return axis.estimator or _estimator(None, axis.profile)
 
 
 def environment_of(axis: AxisPlan, period: float, **changes: float) -> StateSpace:

@@ -5,6 +5,7 @@ The text is the golden file of each scene on each profile.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from haptic_fieldbus.drive.pdo import Pdo
 
 if TYPE_CHECKING:
     from haptic_fieldbus.axis_plan import AxisPlan
-    from haptic_fieldbus.planning import Plan
+    from haptic_fieldbus.planning import BusPlan, Plan
 
 KEY_WIDTH = 11
 
@@ -26,19 +27,27 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
     yield "scene", f"{plan.scene.name}: {plan.scene.description}"
     for axis in plan.axes:
         yield "axis", _axis(axis)
-    yield "bus", f"{plan.rate:g} Hz at {plan.bitrate / 1e6:g} Mbit/s, load {100 * plan.bus_load:.1f} % (worst case)"
-    for pdo in plan.pdos:
-        yield from _pdo(pdo)
+    for bus in plan.buses:
+        yield "bus", _bus(plan, bus)
+        for pdo in plan.on(bus).pdos:
+            yield from _pdo(pdo)
     yield from _listed("steps", [f"{number}  {step}" for number, step in enumerate(plan.steps, start=1)])
     yield from _listed("modules", list(plan.modules))
     yield from _listed("left out", [f"{left.what}: {left.why}" for left in plan.left_out])
     yield "delay", delay_text(plan)
+    yield from _listed("coupling", [str(ages) for ages in plan.coupling_ages])
     yield from _stability(plan)
 
 
 def _axis(axis: AxisPlan) -> str:
     effort = f"at most {axis.limits.effort:.3g} {axis.workspace.effort_unit}"
     return f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"
+
+
+def _bus(plan: Plan, bus: BusPlan) -> str:
+    """Named where there are several."""
+    name, axes = (f"{bus.name}: ", f", axes {', '.join(bus.axes)}") if len(plan.buses) > 1 else ("", "")
+    return f"{name}{plan.rate:g} Hz at {bus.bitrate / 1e6:g} Mbit/s, load {100 * bus.load:.1f} % (worst case){axes}"
 
 
 def _pdo(pdo: Pdo) -> Iterator[tuple[str, str]]:
@@ -70,15 +79,20 @@ def delay_text(plan: Plan) -> str:
 
 
 def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
-    stability = plan.stability
-    if stability is None:
+    axis, stability = plan.weakest, plan.stability
+    if axis is None or stability is None:
         yield "stability", "unknown: the rig does not give inertia and viscous_damping"
         return
     limit = stability.stiffness_limit
     if stability.stiffness is None or limit.stable is None or limit.passive is None:
         yield "stability", stability.verdict.value
         return
-    workspace = plan.axes[0].workspace
-    per = f"{workspace.effort_unit}/{workspace.length_unit}"
-    limits = f"stable to {limit.stable:.4g}, passive to {limit.passive:.4g}"
+    per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
+    limits = f"stable {_up_to(limit.stable)}, passive {_up_to(limit.passive)}"
     yield "stability", f"{stability.verdict.value}: {stability.stiffness:g} {per} asked, {limits}"
+    if stability.recommended is not None:
+        yield "", f"recommended up to {stability.recommended:.3g} {per}"
+
+
+def _up_to(limit: float) -> str:
+    return f"to {limit:.4g}" if math.isfinite(limit) else "with no limit"

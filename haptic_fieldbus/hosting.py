@@ -79,6 +79,10 @@ def check(request: HostRequest) -> tuple[BusName, list[Slot]]:
         f'fault "{fault.kind}" is one of the master\'s controller, which is not simulated here'
         for fault in request.faults
         if isinstance(fault, BusOff | ErrorFrame)
+    ] + [
+        f'fault "{fault.kind}" names the bus "{fault.bus}" of a rig; here is one bus, leave it out'
+        for fault in request.faults
+        if fault.bus is not None
     ]
     slots: list[Slot] = []
     bus, drives, hand = None, [], None

@@ -6,7 +6,9 @@ loop ends, `bus.stop` has put torque-free set-points on the wire before an excep
 
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +19,13 @@ from haptic_fieldbus.cycle import Cycle
 from haptic_fieldbus.drive.pdo import worst_case_bits
 from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.planning import Plan
-from haptic_fieldbus.realtime import no_garbage_collection
+from haptic_fieldbus.realtime import no_garbage_collection, threads_give_way
 from haptic_fieldbus.record import Record
 from haptic_fieldbus.trips import explained, moment, trip_error
+
+if TYPE_CHECKING:  # a run in which nothing changes does without them
+    from haptic_fieldbus.changes import Changes
+    from haptic_fieldbus.tuning import Applied
 
 ENABLING_TIME = 2.0
 """[s]; on top of the drives' mode change time."""
@@ -47,6 +53,7 @@ class LoopReport:
     interrupted: bool = False
     released: bool = False
     """Did every drive confirm at the end that its motor is off?"""
+    changes: "list[Applied]" = field(default_factory=list)
     samples: Record = field(default_factory=lambda: Record(SAMPLES, 1), repr=False)
     """Of the periods in operation enabled; the host's computing time is reported and never acts."""
 
@@ -72,6 +79,7 @@ def run_loop(
     record: Record | None = None,
     progress: Callable[[int], None] | None = None,
     report: LoopReport | None = None,
+    changes: "Changes | None" = None,
 ) -> LoopReport:
     """Run an opened bus for `cycles` periods of operation enabled; Ctrl-C ends it early and is no error.
 
@@ -80,10 +88,13 @@ def run_loop(
     report = LoopReport() if report is None else report
     report.samples = Record(SAMPLES, min(cycles, LONGEST_SAMPLE))
     report.period_ns = plan.period_ns
+    if changes is not None:
+        report.changes = changes.applied
+        changes.open(cycle)
     failure: Exception | None = None
     try:
-        with no_garbage_collection():
-            _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report)
+        with no_garbage_collection(), threads_give_way() if changes is not None else nullcontext():
+            _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report, changes)
     except KeyboardInterrupt:
         report.interrupted = True
     except BusError as error:
@@ -93,6 +104,8 @@ def run_loop(
         failure = error
     finally:
         report.released = bus.stop()
+        if changes is not None:
+            changes.close()
     if cycle.trip is not None:
         cycle.trip = explained(cycle.trip, bus.restarted)
         tripped = trip_error(cycle.trip, plan, report.enabled_at_ns)
@@ -114,10 +127,10 @@ def _run(
     record: Record | None,
     progress: Callable[[int], None],
     report: LoopReport,
+    changes: "Changes | None",
 ) -> None:
     period_ns, compute_ns = plan.period_ns, plan.compute_ns
     feedback_ns = _feedback_time_ns(plan)
-    row, ages = cycle.row, [cycle.columns.index(f"{axis.name}.age_ns") for axis in plan.axes]
     enabling_periods = round(_enabling_time(plan) * plan.rate)
     progress_every = max(1, round(PROGRESS_EVERY * plan.rate))
     deadline_ns = clock.now_ns()
@@ -134,8 +147,8 @@ def _run(
         clock.compute(compute_ns)
         bus.write(output)
         if record is not None:
-            record.push(row)
-        latch_ns = report.last_ns = int(row[0])
+            record.push(cycle.row)
+        latch_ns = report.last_ns = cycle.t_ns
         if cycle.trip is not None:
             return
         if report.first_ns is None:
@@ -143,10 +156,12 @@ def _run(
         if cycle.enabled:
             if report.enabled_at_ns is None:
                 report.enabled_at_ns = latch_ns
-            report.samples.push((latch_ns - before_ns, max([row[age] for age in ages]), computed_ns))
+            report.samples.push((latch_ns - before_ns, cycle.age_ns, computed_ns))
             report.cycles += 1
             if report.cycles % progress_every == 0:
                 progress(report.cycles)
+            if changes is not None and changes.waiting:
+                changes.make(latch_ns + period_ns - report.enabled_at_ns, latch_ns, period_ns)
         else:
             enabling_periods -= 1
             if enabling_periods < 0:
@@ -161,8 +176,12 @@ def _silent(done: int) -> None:
 
 def _feedback_time_ns(plan: Plan) -> int:
     """How long to wait for TPDOs: what computing and the RPDOs leave of the period, but at least half of it."""
-    sending_ns = sum(worst_case_bits(pdo.size) for axis in plan.axes for pdo in axis.rpdos) * 1e9 / plan.bitrate
+    sending_ns = max(_sending_time_ns(plan.on(bus)) for bus in plan.buses)
     return max(plan.period_ns // 2, plan.period_ns - plan.compute_ns - round(sending_ns))
+
+
+def _sending_time_ns(plan: Plan) -> float:
+    return sum(worst_case_bits(pdo.size) for axis in plan.axes for pdo in axis.rpdos) * 1e9 / plan.bitrate
 
 
 def _enabling_time(plan: Plan) -> float:

@@ -6,20 +6,23 @@ rest where the puck was. Nothing is fed back, so what grows here grows by the me
 
 import csv
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.axis_cycle import law_of
 from haptic_fieldbus.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.laws import law_of
+from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.request import check_request
 from haptic_fieldbus.scenes.catalogue import load_scene
-from haptic_fieldbus.scenes.element import DynamicElement, Element
+from haptic_fieldbus.scenes.checked import check_elements
+from haptic_fieldbus.scenes.element import CouplingElement, DynamicElement, Element, Law
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.selection import DEFAULT_RATE, Value, check_numerics, parse_value
 from haptic_fieldbus.signals import Signal, Workspace
@@ -91,11 +94,15 @@ def response(
 ) -> Response:
     """The force of the scene's first axis for a prescribed motion; rate in Hz, duration in s (a file has its own).
 
+    What is coupled to it stands still.
+
     `input` is "step", "ramp" (reaches `amplitude` after one second), "sine@HZ" or a file with the columns time and
     position, which `amplitude` multiplies. Raises DocumentError or UsageError.
     """
     check_request(rate=rate, duration=DEFAULT_DURATION if duration is None else duration)
     check_numerics(method, estimator)
+    if isinstance(scene, Scene):
+        check_elements(scene, 1.0 / rate, method)
     motion = motion_of(input, amplitude)
     chosen = scene if isinstance(scene, Scene) else _loaded(scene, settings or {})
     axis = chosen.axes[0]
@@ -103,8 +110,41 @@ def response(
     samples = round((motion.duration if duration is None else duration) / period) + 1
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
-    answers = _Answers(chosen.of_axis(axis.name), period, method or DEFAULT_METHOD, estimator or DEFAULT_ESTIMATOR)
+    elements = (*chosen.of_axis(axis.name), *_grounded(chosen, axis.name))
+    answers = _Answers(elements, period, method or DEFAULT_METHOD, estimator or DEFAULT_ESTIMATOR)
     return answers.to(time, position, motion.rest, axis.workspace)
+
+
+@dataclass(frozen=True)
+class Grounded:
+    """A coupling as one of its axes feels it while the other stands still at 0."""
+
+    axis: str
+    coupling: CouplingElement
+
+    @property
+    def name(self) -> str:
+        return self.coupling.name
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return self.coupling.needs
+
+    def begin(self, period: float) -> Law:
+        """The force on the axis, by the signals of that axis alone."""
+        law, place = self.coupling.begin(period), self.coupling.axes.index(self.axis)
+        still = (0,) * len(self.needs)
+        return lambda *own: law(*((*still, *own) if place else (*own, *still)))[place]
+
+    def linearised(self) -> StateSpace:
+        """The part of the coupling that is felt there."""
+        space, place = self.coupling.linearised(), self.coupling.axes.index(self.axis)
+        own = slice(2 * place, 2 * place + 2)
+        return StateSpace(space.a, space.b[:, own], space.c[place : place + 1], space.d[place : place + 1, own])
+
+
+def _grounded(scene: Scene, axis: str) -> Iterator[Grounded]:
+    return (Grounded(axis, coupling) for coupling in scene.couplings if axis in coupling.axes)
 
 
 def _loaded(scene: str | Path, settings: Mapping[str, Value]) -> Scene:
@@ -158,9 +198,14 @@ class _Answers:
     def _answer(self, element: Element, position: Array, velocity: Array, rest: float) -> _Answer:
         if isinstance(element, DynamicElement):
             return self._dynamic(element, np.stack([position, velocity], axis=1), rest)
-        signals = {Signal.POSITION: position, Signal.VELOCITY: velocity}
+        elapsed_ns = round(1e9 * self._period) * np.arange(len(position))
+        at_rest = {Signal.POSITION: rest, Signal.VELOCITY: 0.0, Signal.ELAPSED_NS: 0}
+        signals = {Signal.POSITION: position, Signal.VELOCITY: velocity, Signal.ELAPSED_NS: elapsed_ns}
         law = law_of(element, self._period, self._method)
-        return _Answer(_run(law, [signals.get(signal, np.zeros_like(position)) for signal in element.needs]))
+        law(*[at_rest[signal] for signal in element.needs])
+        if not element.needs:
+            return _Answer(np.full(len(position), law()))
+        return _Answer(_run(law, [signals[signal] for signal in element.needs]))
 
     def _dynamic(self, element: DynamicElement, inputs: Array, rest: float) -> _Answer:
         from haptic_fieldbus.numerics import integrators
@@ -176,7 +221,7 @@ class _Answers:
         return _Answer(found.outputs[:, 0], states, radius)
 
 
-def _run(law: Callable[..., float], inputs: list[Array]) -> Array:
+def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
     """The law along its inputs, up to the first number that is not finite."""
     forces: list[float] = []
     for row in zip(*(values.tolist() for values in inputs), strict=True):

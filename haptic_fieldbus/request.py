@@ -145,6 +145,31 @@ def parse_settings(texts: Iterable[str]) -> dict[str, str]:
     return settings
 
 
+def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
+    """`SECONDS:element.parameter=value` texts in the order of their times, those of one time together.
+
+    Raises one UsageError that lists all malformed ones.
+    """
+    changes: dict[float, dict[str, str]] = {}
+    faults = []
+    for text in texts:
+        when, _, setting = text.partition(":")
+        try:
+            time = float(when)
+            ((key, value),) = parse_settings([setting]).items()
+        except ValueError:
+            faults.append(
+                f'--change "{text}": expected SECONDS:element.parameter=value, for example 2.5:wall.stiffness=400'
+            )
+            continue
+        same = changes.setdefault(time, {})
+        if key in same:
+            faults.append(f"--change {time:g}:{key}: given twice, as {same[key]} and {value}")
+        same[key] = value
+    _raise(faults)
+    return sorted(changes.items())
+
+
 @dataclass(frozen=True)
 class Choice:
     """A name out of a table: what it is called, what was given, what there is."""

@@ -92,6 +92,17 @@ class Trip:
         return {"name": self.name, "time_s": self.time, "message": self.message}
 
 
+@dataclass(frozen=True)
+class Changed:
+    """New values of the scene, and when the ramp to them began [s since *operation enabled*]."""
+
+    time: float
+    settings: Mapping[str, float | str | bool]
+
+    def to_json(self) -> Json:
+        return {"t_s": self.time, "settings": dict(self.settings)}
+
+
 @dataclass(frozen=True, eq=False)
 class Trace:
     """One axis of a run in its workspace [s, m or rad, N or N·m], for plots; not part of the JSON object.
@@ -109,9 +120,10 @@ class Trace:
     ideal: Array | None = None
     sample_times: Array | None = None
     samples: Array | None = None
-    """The encoder's value at each period, held until the next."""
+    """The sensor's value at each period, held until the next."""
     virtual: Mapping[str, Array] = field(default_factory=dict)
     """Positions of virtual masses by the name of their element."""
+    sensor: str = "encoder"
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +145,7 @@ class Result:
     energy_generated: float | None = None
     stability: Stability | None = None
     trips: tuple[Trip, ...] = ()
+    changes: tuple[Changed, ...] = ()
     verdict: str | None = None
     traces: tuple[Trace, ...] = field(default=(), repr=False)
     warnings: tuple[str, ...] = ()
@@ -159,6 +172,7 @@ class Result:
                 "energy_generated_j": self.energy_generated,
                 "stability": cast(Json, self.stability.to_json()) if self.stability else None,
                 "trips": [trip.to_json() for trip in self.trips],
+                "changes": [change.to_json() for change in self.changes],
                 "verdict": self.verdict,
             }
         )
@@ -179,6 +193,10 @@ def plan_json(plan: Plan) -> dict[str, Json]:
             "torque_loop": delay.torque_loop,
             "total": delay.total,
         },
+        "couplings": [
+            {"name": each.name, "age_s": {on: dict(ages) for on, ages in each.ages.items()}}
+            for each in plan.coupling_ages
+        ],
         "modules": list(plan.modules),
     }
 
@@ -233,6 +251,7 @@ def known_before(
     return replace(
         result,
         trips=tuple(_trips(report, trip, message)),
+        changes=tuple(Changed(applied.time, applied.change.settings) for applied in report.changes),
         timing=_timing(report),
         cycles=report.cycles,
         missed_cycles=report.missed,

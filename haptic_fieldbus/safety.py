@@ -15,6 +15,9 @@ SLEW_TIME = 0.005
 """[s]; the command needs at least this long from zero to the effort limit."""
 SPEED_LIMIT = {"linear": 2.0, "rotary": 60.0}
 """[m/s or rad/s]; where a rig states none."""
+DRIFT_TURNS = 0.1
+"""Revolutions of the motor that an integrated position may be uncertain by, where a rig states no limit: 12 s of
+readings in whole revolutions a minute, each wrong by half of one."""
 HOLD_GAIN = (1.0, 1.0, 0.5)
 """Gain on the held force by the number of periods without new feedback; beyond it: zero and stop."""
 
@@ -34,6 +37,7 @@ class TripKind(Enum):
     NOT_FINITE = "force not finite"
     SPEED = "speed limit"
     POSITION = "position limit"
+    DRIFT = "position drift"
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,8 @@ class EffortLimits:
     slew: float
     position: tuple[float, float] | None = None
     fade_in: float = FADE_IN
+    drift: float = math.inf
+    """How far a position that is integrated from velocity may be uncertain."""
 
 
 def hold_gain(stale_periods: int) -> float | None:
@@ -65,14 +71,27 @@ def hold_gain(stale_periods: int) -> float | None:
 
 
 def bind_limiter(limits: EffortLimits, period: float) -> Callable[[float], float]:
-    """A limiter for one run: fade-in, then effort, then slew [effort → effort]; the input must be finite."""
+    """A limiter for one run: fade-in, then effort, then slew [effort → effort].
+
+    What is not finite comes out as not-a-number, for the loop to stop: no comparison holds for it, so it never passes
+    for a force within its limits.
+    """
     effort, largest_change = limits.effort, limits.slew * period
     growth = period / limits.fade_in
     fade = 0.0
     before = 0.0
 
     def limit(asked: float) -> float:
+        nonlocal before
+        if fade >= 1.0 and -effort <= asked <= effort and -largest_change <= asked - before <= largest_change:
+            before = asked
+            return asked
+        return beyond(asked)
+
+    def beyond(asked: float) -> float:
         nonlocal fade, before
+        if not math.isfinite(asked):
+            return math.nan
         if fade < 1.0:
             fade = min(1.0, fade + growth)
             asked *= fade
@@ -84,7 +103,3 @@ def bind_limiter(limits: EffortLimits, period: float) -> Callable[[float], float
         return asked
 
     return limit
-
-
-is_finite = math.isfinite
-"""False for NaN and infinities; in this module so that the loop has one guard for all."""

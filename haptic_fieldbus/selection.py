@@ -3,22 +3,27 @@
 Setting values may be `max` or `max/N`: the stability limit of the scene on this bench, or a part of it.
 """
 
+import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from haptic_fieldbus.drive.catalogue import load_profile, load_rig
 from haptic_fieldbus.drive.rig import BusSection, LinearMechanism, Rig, RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.margins.contact import stiffest_of
 from haptic_fieldbus.planning import Plan, compile_plan
 from haptic_fieldbus.request import BusName, parse_bus
 from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.scenes.checked import check_elements
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
 
 DEFAULT_DRIVE = "maxon_epos4"
+SIMULATION = "sim"
+"""Without a bit rate: that of each bus of the rig."""
 DEFAULT_RATE = 1000.0
 """[Hz]"""
 Value = float | str | bool
@@ -51,11 +56,15 @@ def select(
     `complete` gets the bench before it is compiled, to fill in or refuse what is unknown.
     """
     check_numerics(method, estimator)
+    if isinstance(scene, Scene):
+        check_elements(scene, 1.0 / rate, method)
     bench = load_rig(rig) if isinstance(rig, str | Path) else rig
-    name = parse_bus(bus or "sim") if bench is None or bus is not None else _bus_of(bench)
+    name = parse_bus(bus or SIMULATION) if bench is None or bus is not None else _bus_of(bench)
+    if bench is not None and bus is not None:
+        bench = _on_bus(bench, name)
 
     def compiled(chosen: Scene) -> Plan:
-        used = _on_bus(bench, name) if bench is not None else _shipped_bench(chosen, drive, name, node)
+        used = bench if bench is not None else _shipped_bench(chosen, drive, name, node)
         used = complete(used, name)
         profiles = {axis.profile: load_profile(axis.profile) for axis in used.axis.values()}
         return compile_plan(chosen, used, profiles, rate, method=method, estimator=estimator)
@@ -100,11 +109,13 @@ def load_scene_with(
 
 
 def _load(scene: str | Path | Scene, settings: Mapping[str, Value]) -> Scene:
-    if isinstance(scene, Scene):
-        if settings:
-            raise UsageError("settings change a scene that is loaded by name or path; this one is ready-made")
+    if not isinstance(scene, Scene):
+        return load_scene(scene, settings)
+    if not settings:
         return scene
-    return load_scene(scene, settings)
+    from haptic_fieldbus.scenes.changed import changed
+
+    return changed(scene, settings)
 
 
 def parse_value(text: str) -> Value:
@@ -130,26 +141,68 @@ def _without_limits(
     if len(wanted) > 1 or faults:
         raise UsageError("; ".join(faults) or f"only one setting may be a part of the limit, not {', '.join(wanted)}")
     ((key, value),) = wanted.items()
-    stability = judged(_load(scene, {k: v for k, v in values.items() if k != key}))
-    if stability is None or not stability.stiffness_limit.stable:
+    rest = _load(scene, {k: v for k, v in values.items() if k != key})
+    _check_limited(rest, key, value)
+    stability = judged(rest)
+    limit = None if stability is None else stability.stiffness_limit.stable
+    if not limit or math.isinf(limit):
         raise UsageError(f"{key}={value}: this bench has no stability limit to take a part of")
     match = PART_OF_LIMIT.fullmatch(str(value))
     part = float(match.group(1)) if match and match.group(1) else 1.0
     if part == 0.0:
         raise UsageError(f"{key}={value}: the limit cannot be divided by zero")
-    return {**values, key: stability.stiffness_limit.stable / part}
+    return {**values, key: limit / part}
+
+
+def _check_limited(scene: Scene, key: str, value: object) -> None:
+    """Where axes are coupled, the limit is that of the stiffest coupling and of nothing else."""
+    limited = stiffest_of(scene.couplings)
+    if limited is not None and key != f"{limited.name}.stiffness":
+        raise UsageError(f"{key}={value}: the limit of coupled axes is told for {limited.name}.stiffness alone")
+
+
+def _used(rig: Rig) -> dict[str, BusSection]:
+    """The buses on which there are axes, by name."""
+    return {name: rig.bus[name] for name in sorted({axis.bus for axis in rig.axis.values()})}
 
 
 def _bus_of(rig: Rig) -> BusName:
-    names = {axis.bus for axis in rig.axis.values()}
-    section = rig.bus[min(names)]
-    return parse_bus(f"{section.interface}:{section.channel}@{section.bitrate}")
+    """What the rig's buses are, all together; raises UsageError when one run cannot use them together."""
+    names = {
+        name: parse_bus(f"{section.interface}:{section.channel}@{section.bitrate}")
+        for name, section in _used(rig).items()
+    }
+    listed = ", ".join(f"{name} is {bus.text}" for name, bus in names.items())
+    if len({bus.kind for bus in names.values()}) > 1:
+        raise UsageError(
+            f"{rig.source or 'the rig'} mixes simulated and real buses: {listed}. A run has either virtual or real "
+            "time; --bus sim simulates all of them"
+        )
+    if len({(bus.interface, bus.channel) for bus in names.values()}) < len(names):
+        raise UsageError(
+            f"{rig.source or 'the rig'} names one bus twice: {listed}. What hangs on one pair of wires is one [bus]"
+        )
+    first = next(iter(names.values()))
+    return replace(first, text=", ".join(bus.text for bus in names.values()))
 
 
 def _on_bus(rig: Rig, name: BusName) -> Rig:
-    """The rig, its axes moved to the bus that was named."""
-    section = BusSection(name.interface, name.channel, name.bitrate)
-    return Rig({axis.bus: section for axis in rig.axis.values()}, rig.axis, rig.source)
+    """The rig on the bus that was named; of a rig with several, only the simulation can stand for all."""
+    used = _used(rig)
+    if len(used) > 1 and not name.simulated:
+        raise UsageError(
+            f"--bus {name.text} is one bus, but the axes of {rig.source or 'the rig'} are on several: "
+            f"{', '.join(used)}. Leave it out, or simulate them with --bus sim"
+        )
+    sections = {
+        own: BusSection(
+            name.interface,
+            name.channel if len(used) == 1 else own,
+            section.bitrate if name.text == SIMULATION else name.bitrate,
+        )
+        for own, section in used.items()
+    }
+    return replace(rig, bus=sections)
 
 
 def _shipped_bench(scene: Scene, drive: str, bus: BusName, node: int) -> Rig:

@@ -22,6 +22,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.NOT_FINITE: SafetyTripError,
     TripKind.SPEED: SafetyTripError,
     TripKind.POSITION: SafetyTripError,
+    TripKind.DRIFT: SafetyTripError,
 }
 """Whose fault it was: the drive's, the bus', or a limit of ours."""
 
@@ -76,6 +77,16 @@ def _position(trip: Trip, axis: AxisPlan) -> str:
     return f"position {trip.value:.4g} {unit}, the limit is {trip.limit:g} {unit}"
 
 
+def _drift(trip: Trip, axis: AxisPlan) -> str:
+    """What to do is a part of it: a new run finds zero anew."""
+    unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
+    return (
+        f"the position may be off by {trip.value:.3g} {unit}, the limit is {trip.limit:.3g} {unit}: what is rounded "
+        f"off {axis.profile.title}'s velocity, its only feedback, in steps of {step:.3g} {unit}/s, adds up (to go on, "
+        f"start anew with the handle at its zero, or raise axis.{axis.name}.limits.drift)"
+    )
+
+
 CAUSES: dict[TripKind, Callable[[Trip, AxisPlan], str]] = {
     TripKind.EMERGENCY: _emergency,
     TripKind.DRIVE_FAULT: _power,
@@ -89,4 +100,5 @@ CAUSES: dict[TripKind, Callable[[Trip, AxisPlan], str]] = {
     TripKind.NOT_FINITE: _not_finite,
     TripKind.SPEED: _speed,
     TripKind.POSITION: _position,
+    TripKind.DRIFT: _drift,
 }

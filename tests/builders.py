@@ -15,11 +15,12 @@ from haptic_fieldbus.drive.profile import (
     PositionSection,
     TimingSection,
     TorqueSection,
+    VelocitySection,
 )
 from haptic_fieldbus.drive.rig import BusSection, Limits, Rig, RigAxis, default_axis
 from haptic_fieldbus.planning import Plan, compile_plan
-from haptic_fieldbus.scenes.element import Element
-from haptic_fieldbus.scenes.scene import Scene, SceneAxis
+from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
 
@@ -43,6 +44,11 @@ PROFILE = DriveProfile(
 )
 
 
+VELOCITY_ONLY = replace(
+    PROFILE, position=None, velocity=VelocitySection(MappedObject(0x606C, DataType.INT32, unit="0.1 rpm"))
+)
+
+
 def rig_of(scene: Scene, **changes: Any) -> Rig:
     """The shipped bench without limits of its own, with changes to every axis; nodes count from 1."""
     axes: dict[str, RigAxis] = {}
@@ -52,9 +58,9 @@ def rig_of(scene: Scene, **changes: Any) -> Rig:
     return Rig({"bus": BusSection("haptic_sim", "sim")}, axes)
 
 
-def scene_of(*elements: Element, workspace: Workspace = Workspace.LINEAR) -> Scene:
+def scene_of(*elements: AnyElement, workspace: Workspace = Workspace.LINEAR) -> Scene:
     """A scene whose axes are those that the elements name."""
-    names = tuple(dict.fromkeys(element.axis for element in elements))
+    names = tuple(dict.fromkeys(name for element in elements for name in axes_of(element)))
     return Scene("test", "a scene for tests", tuple(SceneAxis(name, workspace) for name in names), elements)
 
 

@@ -193,13 +193,14 @@ class TestRequest:
             joined_bus(bus)
 
     def test_all_that_is_wrong_is_told_at_once(self) -> None:
-        faults = (BusOff("bus_off", 1.0), ErrorFrame("error_frame", 1.0))
+        faults = (BusOff("bus_off", 1.0), ErrorFrame("error_frame", 1.0), Emergency("emergency", 1.0, 1, bus="can0"))
         request = HostRequest(["generic_cia402", "nonsense"], "sim", hand="foot", faults=faults)
         with pytest.raises(UsageError) as refused:
             check(request)
         said = str(refused.value).splitlines()
         assert [line.split()[0:2] for line in said] == [
-            ["fault", '"bus_off"'], ["fault", '"error_frame"'], ["no", "hand"], ["bus", '"sim":'], ["no", "profile"],
+            ["fault", '"bus_off"'], ["fault", '"error_frame"'], ["fault", '"emergency"'], ["no", "hand"],
+            ["bus", '"sim":'], ["no", "profile"],
         ]  # fmt: skip
 
     def test_a_bus_that_cannot_be_opened_is_a_bus_error(self) -> None:

@@ -230,7 +230,10 @@ def test_ctrl_c_stops_torque_free_and_is_no_error() -> None:
 
 def test_a_mistake_in_the_scene_stops_torque_free_too() -> None:
     class Broken(Cycle):
+        enabled_periods = 0
+
         def __call__(self, image: bytes | bytearray) -> bytearray:
+            self.enabled_periods += self.enabled
             if self.enabled_periods == 50:
                 raise ZeroDivisionError
             return super().__call__(image)

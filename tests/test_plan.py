@@ -120,14 +120,6 @@ def test_the_rigs_effort_limit_wins_when_it_is_smaller() -> None:
     assert plan_of(rig=rig_of(WALL, limits=Limits(effort=1e6))).axes[0].limits.effort == most
 
 
-def test_axes_on_two_buses_are_refused() -> None:
-    scene = scene_of(Constant("left", 0.0), Constant("right", 0.0))
-    rig = rig_of(scene)
-    moved = {**rig.axis, "right": replace(rig.axis["right"], bus="other")}
-    with pytest.raises(PlanError, match=r"several buses \(bus, other\)"):
-        plan_of(scene, rig=replace(rig, axis=moved, bus={**rig.bus, "other": rig.bus["bus"]}))
-
-
 def test_two_axes_share_the_bus_and_are_told_apart() -> None:
     scene = scene_of(Wall("left", 100.0), Wall("right", 200.0, name="second"))
     plan = plan_of(scene)

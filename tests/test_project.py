@@ -1,6 +1,7 @@
 """The project's own promises: documents, dependencies, checks and contracts agree with the code."""
 
 import ast
+import importlib.util
 import os
 import re
 import sys
@@ -49,6 +50,15 @@ def test_every_command_in_the_documents_does_what_they_say(
     with pytest.raises(SystemExit) as stopped:
         main(command.split()[1:])
     assert (stopped.value.code or 0) == (REFUSED if "stiffness=3000" in command else 0)
+
+
+def test_the_page_of_elements_is_that_of_the_dataclasses() -> None:
+    spec = importlib.util.spec_from_file_location("make_elements", PROJECT / "docs" / "make_elements.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.FILE.read_text(encoding="utf-8") == module.page(), "run: python docs/make_elements.py"
 
 
 def test_every_make_target_in_the_documents_exists() -> None:

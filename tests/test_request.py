@@ -19,6 +19,7 @@ from haptic_fieldbus.request import (
     can_interfaces,
     check_request,
     parse_bus,
+    parse_changes,
     parse_settings,
 )
 
@@ -130,6 +131,23 @@ def test_all_malformed_settings_are_told_at_once() -> None:
     assert len(sentences) == len(wrong) + 1
     assert all(f'"{text}"' in sentence for text, sentence in zip(wrong, sentences, strict=False))
     assert "twice" in sentences[-1]
+
+
+def test_changes_are_taken_apart_at_the_first_colon_those_of_one_time_together() -> None:
+    assert parse_changes(["2:wall.stiffness=800", "0.5: wall.side = a:b", "2.0:wall.damping=3"]) == [
+        (0.5, {"wall.side": "a:b"}),
+        (2.0, {"wall.stiffness": "800", "wall.damping": "3"}),
+    ]
+    assert parse_changes([]) == []
+
+
+def test_all_malformed_changes_are_told_at_once() -> None:
+    wrong = ["wall.stiffness=4", "x:wall.stiffness=4", "2:stiffness=4", "2:wall.stiffness", "2"]
+    with pytest.raises(UsageError) as raised:
+        parse_changes([*wrong, "1:wall.damping=1", "1.0:wall.damping=2"])
+    sentences = str(raised.value).splitlines()
+    assert [f'--change "{text}"' in sentence for text, sentence in zip(wrong, sentences, strict=False)] == [True] * 5
+    assert sentences[5:] == ["--change 1:wall.damping: given twice, as 1 and 2"]
 
 
 @pytest.mark.parametrize("node", [1, 127])

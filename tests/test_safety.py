@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.safety import EffortLimits, bind_limiter, hold_gain, is_finite
+from haptic_fieldbus.safety import EffortLimits, bind_limiter, hold_gain
 
 PERIOD = 0.001
 
@@ -46,6 +46,13 @@ def test_stale_feedback_holds_one_period_fades_the_second_and_stops_at_the_third
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_is_seen(value: float) -> None:
-    assert not is_finite(value)
-    assert is_finite(1e300)
+@pytest.mark.parametrize("periods_before", [0, 1000])
+def test_what_is_not_finite_comes_out_as_no_number_and_leaves_no_trace(value: float, periods_before: int) -> None:
+    limit = bind_limiter(limits(), PERIOD)
+    for _ in range(periods_before):
+        limit(1.0)
+    untouched = bind_limiter(limits(), PERIOD)
+    for _ in range(periods_before):
+        untouched(1.0)
+    assert math.isnan(limit(value))
+    assert limit(1.0) == untouched(1.0)

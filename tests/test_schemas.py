@@ -1,5 +1,6 @@
 """The JSON Schemas for editors say the same as the loaders."""
 
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -50,6 +51,7 @@ def within(node: dict[str, Any], value: Any) -> bool:
         "minimum": lambda bound: value >= bound,
         "maximum": lambda bound: value <= bound,
         "exclusiveMinimum": lambda bound: value > bound,
+        "pattern": lambda pattern: re.search(pattern, value) is not None,
         "minLength": lambda bound: len(value) >= bound,
         "minItems": lambda bound: len(value) >= bound,
         "maxItems": lambda bound: len(value) <= bound,
@@ -122,6 +124,7 @@ def test_complete_files_conform() -> None:
         (scene_schema(), SCENE, 'kind = "wall"', 'kind = "sprung_mass"'),
         (scene_schema(), SCENE, "stiffness = 500", "stiffness = -500"),
         (scene_schema(), SCENE, "stiffness = 500", ""),
+        (scene_schema(), SCENE, "stiffness = 500", 'stiffness = "stiff"'),
     ],
 )
 def test_what_the_loader_refuses_does_not_conform(schema: dict[str, Any], text: str, old: str, new: str) -> None:

@@ -5,12 +5,13 @@ import pytest
 from haptic_fieldbus.errors import BusError, DriveFaultError, SafetyTripError
 from haptic_fieldbus.safety import Trip, TripKind
 from haptic_fieldbus.trips import CAUSES, SILENCES, TRIP_ERRORS, explained, trip_error
-from tests.builders import plan_of
+from tests.builders import PROFILE, VELOCITY_ONLY, plan_of
 
 
 @pytest.mark.parametrize("kind", TripKind)
 def test_every_kind_of_trip_has_an_exception_and_a_cause(kind: TripKind) -> None:
-    error = trip_error(Trip(kind, "handle", 2_500_000_000, 5.0, 2.0, "fault"), plan_of(), 1_000_000_000)
+    plan = plan_of(profile=VELOCITY_ONLY if kind is TripKind.DRIFT else PROFILE)
+    error = trip_error(Trip(kind, "handle", 2_500_000_000, 5.0, 2.0, "fault"), plan, 1_000_000_000)
     assert isinstance(error, TRIP_ERRORS[kind])
     assert str(error).startswith("axis handle: ")
     assert str(error).endswith(", 1.500 s after operation enabled. Torque was taken away")
@@ -23,7 +24,7 @@ def test_the_tables_are_complete(table: dict[TripKind, object]) -> None:
 
 def test_only_our_own_limits_are_safety_trips() -> None:
     ours = {kind for kind, error in TRIP_ERRORS.items() if error is SafetyTripError}
-    assert ours == {TripKind.NOT_FINITE, TripKind.SPEED, TripKind.POSITION}
+    assert ours == {TripKind.NOT_FINITE, TripKind.SPEED, TripKind.POSITION, TripKind.DRIFT}
     assert all(issubclass(error, (BusError, DriveFaultError, SafetyTripError)) for error in TRIP_ERRORS.values())
 
 

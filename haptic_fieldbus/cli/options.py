@@ -46,6 +46,15 @@ SetOption = Annotated[
         "--set", metavar="ELEMENT.PARAMETER=VALUE", help="Change the scene; may be repeated.", rich_help_panel=RENDERING
     ),
 ]
+ChangeOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--change",
+        metavar="S:ELEMENT.PARAMETER=VALUE",
+        help="Change the scene while it runs, S seconds from enabling on; may be repeated.",
+        rich_help_panel=RENDERING,
+    ),
+]
 MethodOption = Annotated[
     str | None, typer.Option(metavar="NAME", help="Integrator of virtual states.", rich_help_panel=RENDERING)
 ]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="The drive profiles: list, show, check.", no_args_is_help=True)
 
-SECTIONS = ("identity", "torque", "position", "pdo", "link_loss", "timing", "simulation")
+SECTIONS = ("identity", "torque", "position", "velocity", "pdo", "link_loss", "timing", "simulation")
 IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", "absent", "supported_modes")
 
 
@@ -141,7 +141,8 @@ def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
 
     usual = vars(SimulationSection())
     for section in SECTIONS:
-        for key, value in vars(getattr(profile, section)).items():
+        values = getattr(profile, section)
+        for key, value in (vars(values) if values is not None else {}).items():
             if value not in (None, ()) and (section != "simulation" or value != usual[key]):
                 name = f"{section}.{key}"
                 yield name, _text(key, value), _source(name, profile.sources)

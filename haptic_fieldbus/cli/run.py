@@ -1,7 +1,7 @@
 """`run`: render a scene on a drive."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +10,7 @@ import typer
 
 from haptic_fieldbus.cli.options import (
     BusOption,
+    ChangeOption,
     DriveOption,
     EstimatorOption,
     ForceOption,
@@ -45,13 +46,18 @@ def run(
         float, typer.Option(metavar="S", help=r"Time from enabling on. \[default: 10]", rich_help_panel="Rendering")
     ] = 10.0,
     settings: SetOption = None,
+    change: ChangeOption = None,
     method: MethodOption = None,
     estimator: EstimatorOption = None,
     force: ForceOption = False,
     hand: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="push, tap, sine, release or none.", rich_help_panel=SIMULATION),
-    ] = "push",
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help=r"push, tap, sine, guide, release or none. \[default: that of the scene, or push]",
+            rich_help_panel=SIMULATION,
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(metavar="N", help="Of all that is random.", rich_help_panel=SIMULATION)] = 0,
     faults: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Faults of drive and link.", rich_help_panel=SIMULATION)
@@ -69,7 +75,9 @@ def run(
     check_plot(plot)
     show(note_assumed_bitrate(bus), sys.stderr)
     from haptic_fieldbus import api
+    from haptic_fieldbus.request import parse_changes
 
+    changes = parse_changes(change or [])
     progress = bar(rate)
     with _object_of_failure(as_json):
         try:
@@ -82,9 +90,10 @@ def run(
                 faults=faults or (),
                 record=record,
                 force=force,
+                changes=changes,
                 confirm=(lambda _: True) if yes else _ask,
                 progress=progress,
-                announce=_announcer(as_json, progress),
+                announce=_announcer(as_json, progress, changes),
             )
         finally:
             if progress is not None:
@@ -101,7 +110,9 @@ def _ask(text: str) -> bool:
     return typer.confirm(question, default=False, err=True)
 
 
-def _announcer(as_json: bool, progress: Bar | None) -> Callable[["Plan"], None]:
+def _announcer(
+    as_json: bool, progress: Bar | None, changes: Sequence[tuple[float, dict[str, str]]]
+) -> Callable[["Plan"], None]:
     """Tell what is about to run; on a real bus the loop then draws nothing, for its time belongs to the drive."""
 
     def announce(plan: "Plan") -> None:
@@ -110,7 +121,7 @@ def _announcer(as_json: bool, progress: Bar | None) -> Callable[["Plan"], None]:
         if progress is not None and not is_simulated(plan):
             progress.silent = True
         if not as_json:
-            show(announcement(plan))
+            show(announcement(plan, changes))
             sys.stdout.flush()
 
     return announce

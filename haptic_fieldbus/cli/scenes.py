@@ -10,7 +10,7 @@ from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.scenes.element import Element
+    from haptic_fieldbus.scenes.element import AnyElement
     from haptic_fieldbus.scenes.scene import Scene
 
 app = typer.Typer(help="The scene library: list, show, check.", no_args_is_help=True)
@@ -55,6 +55,8 @@ def show_scene(
     show([("axis", f"{axis.name}: {axis.workspace.value}") for axis in scene.axes])
     show([(None, "")])
     show_table(("parameter", "value", "unit"), _rows(scene))
+    show([(None, "")])
+    show([("advice", text) for text in _recommended(scene)])
 
 
 @app.command("check")
@@ -71,7 +73,25 @@ def check_scenes(
     check(names or scene_names(), load_scene, as_json)
 
 
-def _element_json(element: "Element") -> Any:
+def _recommended(scene: "Scene") -> Iterator[str]:
+    """The stiffness that each profile's limits leave, on the shipped bench."""
+    from haptic_fieldbus.api import plan
+    from haptic_fieldbus.drive.catalogue import load_profile, profile_names
+
+    for name in profile_names():
+        if load_profile(name).drive.usable:
+            compiled = plan(scene, drive=name)
+            found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
+            if found is None or found.recommended is None:
+                yield (
+                    f"{name}: any stiffness" if found is not None and found.stiffness else f"{name}: no stiffness in it"
+                )
+            else:
+                unit = f"{space.effort_unit}/{space.length_unit}"
+                yield f"{name}: stiffness up to {found.recommended:.3g} {unit} (asked {found.stiffness:.3g})"
+
+
+def _element_json(element: "AnyElement") -> Any:
     from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
 
     kind = next((kind for kind in ELEMENTS if element_type(kind) is type(element)), None)
@@ -79,13 +99,13 @@ def _element_json(element: "Element") -> Any:
 
 
 def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
-    from haptic_fieldbus.report.words import parameter_units
+    from haptic_fieldbus.scenes.catalogue import parameters, quantities
+    from haptic_fieldbus.scenes.scene import axes_of
 
     workspaces = {axis.name: axis.workspace for axis in scene.axes}
     for element in scene.elements:
-        space = workspaces[element.axis]
-        units = {**parameter_units(space), "position": space.length_unit}
-        for key, value in vars(element).items():
-            if key not in ("name", "axis"):
-                shown = f"{value:g}" if isinstance(value, float) else str(value)
-                yield f"{element.name}.{key}", shown, units.get(key, "")
+        space, measured = workspaces[axes_of(element)[0]], quantities(type(element))
+        for key in parameters(type(element)):
+            value = getattr(element, key)
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            yield f"{element.name}.{key}", shown, measured[key].unit(space) if key in measured else ""

@@ -35,7 +35,7 @@ def simulate(
     ] = None,
     node: Annotated[int, typer.Option(metavar="ID", help="Node-ID of the first drive that names none.")] = 1,
     hand: Annotated[
-        str, typer.Option(metavar="NAME", help="push, tap, sine, release or none.", rich_help_panel=SIMULATION)
+        str, typer.Option(metavar="NAME", help="push, tap, sine, guide, release or none.", rich_help_panel=SIMULATION)
     ] = "none",
     seed: Annotated[int, typer.Option(metavar="N", help="Of all that is random.", rich_help_panel=SIMULATION)] = 0,
     faults: Annotated[

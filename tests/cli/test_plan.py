@@ -7,7 +7,7 @@ from haptic_fieldbus.explain import explain
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 
-KEYS = ["mapped", "left_out", "pdos", "registers", "bus_load", "delay_s", "modules"]
+KEYS = ["mapped", "left_out", "pdos", "registers", "bus_load", "delay_s", "couplings", "modules"]
 
 
 @pytest.mark.parametrize("scene", scene_names())
@@ -24,7 +24,8 @@ def test_the_json_object_of_a_plan_has_the_keys_of_the_contract(scene: str, comm
     assert list(shown) == KEYS
     assert shown["mapped"] == list(compiled.mapped)
     assert all(set(each) == {"what", "why"} for each in shown["left_out"])
-    assert [pdo["name"] for pdo in shown["pdos"]] == ["TPDO1", "RPDO1"]
+    assert [pdo["name"] for pdo in shown["pdos"]] == ["TPDO1", "RPDO1"] * len(compiled.axes)
+    assert [each["name"] for each in shown["couplings"]] == [each.name for each in compiled.scene.couplings]
     assert shown["registers"] is None
     delay = shown["delay_s"]
     assert list(delay) == ["bus", "compute", "drive", "torque_loop", "total"]

@@ -39,7 +39,7 @@ def test_a_problem_is_measured_with_every_method_and_step(command: Command, tmp_
         ("growth", "Error along the run", ["growth"]),
         ("sources", "Where the error comes from", ["sources"]),
         ("integrator", "Does preserving stability matter in the loop?", ["integrator", "integrator-flick"]),
-        ("region", "Stiffness and damping: the region that is stable", ["region"]),
+        ("region", "Stiffness and damping: the region that is stable", ["friction-plane", "region"]),
         ("cost", "What each optional part costs", ["cost"]),
     ],
 )

@@ -13,7 +13,7 @@ from tests.cli.command import Command
 SHORT = ("--duration", "0.6")
 KEYS = [
     "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
-    "torque_error", "energy_generated_j", "stability", "trips", "verdict",
+    "torque_error", "energy_generated_j", "stability", "trips", "changes", "verdict",
 ]  # fmt: skip
 STABILITY = {
     "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "spectral_radius", "margin", "verdict",
@@ -56,6 +56,15 @@ def test_json_is_the_only_thing_on_standard_output(command: Command) -> None:
     assert set(result["stability"]["stiffness_limit"]) == {"passive", "stable", "quantisation"}
 
 
+def test_changes_are_announced_and_told_with_when_they_began(command: Command) -> None:
+    options = ("--change", "0.2:wall.stiffness=0.8 N/mm", "--change", "0.2:wall.position=25 mm")
+    lines = [(line[:11].strip(), line[11:]) for line in command("run", "wall", *options, *SHORT).out.splitlines()]
+    assert ("changes", "at 0.2 s wall.stiffness=0.8 N/mm, wall.position=25 mm") in lines
+    assert ("changed", "at 0.2 s wall.stiffness=800, wall.position=0.025") in lines
+    result = json.loads(command("run", "wall", *options, *SHORT, "--json").out)
+    assert result["changes"] == [{"t_s": 0.2, "settings": {"wall.stiffness": 800.0, "wall.position": 0.025}}]
+
+
 @pytest.mark.parametrize(
     ("words", "status", "sentence"),
     [
@@ -72,6 +81,11 @@ def test_json_is_the_only_thing_on_standard_output(command: Command) -> None:
         (("wall", "--bus", "modbus-tcp:10.0.0.1"), 2, "not available yet"),
         (("wall", "--hand", "pusk"), 2, "push"),
         (("wall", "--set", "wall.stiffness"), 2, "element.parameter=value"),
+        (("wall", "--change", "wall.stiffness=4"), 2, "SECONDS:element.parameter=value"),
+        (("wall", "--change", "20:wall.stiffness=4"), 2, "below the duration"),
+        (("wall", "--change", "2:wall.stifness=4"), 2, "nearest: stiffness"),
+        (("wall", "--change", "2:wall.stiffness=3000"), 4, "limit 1492 N/m"),
+        (("wall", "--change", "2:wall.damping=3"), 4, "which this run does not estimate: start a new run"),
         (("wall", "--set", "wall.stiffness=-1"), 2, "wall.stiffness"),
         (("wall", "--set", "wall.stiffness=nan"), 2, "wall.stiffness"),
         (("wall", "--set", "wall.stifness=1"), 2, "nearest: stiffness"),

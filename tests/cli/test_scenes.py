@@ -28,7 +28,7 @@ def test_a_scene_is_shown_with_all_that_can_be_set(name: str, command: Command) 
     assert shown["description"] in text
     for element in shown["elements"]:
         assert element["kind"]
-        for parameter in set(element) - {"kind", "name", "axis"}:
+        for parameter in set(element) - {"kind", "name", "axis", "axes"}:
             assert f"{element['name']}.{parameter}" in text
 
 
@@ -61,3 +61,11 @@ def test_an_unknown_scene_is_answered_with_the_nearest_names(command: Command) -
     finished = command("scenes", "show", "wal")
     assert (finished.status, finished.out) == (2, "")
     assert "wall" in finished.err
+
+
+def test_a_scene_is_shown_with_the_stiffness_that_each_profile_leaves(command: Command) -> None:
+    """Half of the limit that `stability` tells."""
+    limit = json.loads(command("stability", "wall", "--json").out)["stiffness_limit"]
+    expected = min(0.5 * limit["stable"], limit["quantisation"])
+    assert f"maxon_epos4: stiffness up to {expected:.3g} N/m (asked 600)" in command("scenes", "show", "wall").out
+    assert "maxon_epos4: no stiffness in it" in command("scenes", "show", "damper").out

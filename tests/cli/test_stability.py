@@ -42,7 +42,8 @@ def test_every_verdict_ends_with_status_0(options: tuple[str, ...], verdict: str
 
 def test_given_numbers_are_the_whole_device(command: Command) -> None:
     found = json.loads(command("stability", "wall", "--mass", "0.5", "--json").out)
-    assert found["plant"] == {"mass": 0.5, "damping": 0.0, "coulomb": 0.0, "resolution": 0.0, "torque_lag": 0.0}
+    numbers = {"mass": 0.5, "damping": 0.0, "coulomb": 0.0, "resolution": 0.0, "torque_lag": 0.0}
+    assert found["plant"] == {**numbers, "tachometer": False}
     assert found["stiffness_limit"] == {"passive": 0.0, "stable": 0.0, "quantisation": None}
     assert (found["delay_s"], found["margin"]) == (0.0, 0.0)
 

@@ -1,0 +1,132 @@
+"""New values for a scene that runs: checked, compiled and judged as those of a new run, before anything changes.
+
+What a run maps, estimates and integrates was decided before its first period, and stays: a change that needs more asks
+for a new run.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from haptic_fieldbus.axis_plan import AxisPlan, environment_of
+from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
+from haptic_fieldbus.margins.linear import ROUNDING
+from haptic_fieldbus.margins.plant import sample
+from haptic_fieldbus.numerics import sampled
+from haptic_fieldbus.planning import Plan, compile_plan
+from haptic_fieldbus.refusal import check_stable
+from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.selection import Value, load_scene_with
+from haptic_fieldbus.signals import Signal
+
+RAMP = 0.1
+"""[s]; from the old values to the new."""
+MISSING = {
+    Signal.VELOCITY: "velocity, which this run does not estimate",
+    Signal.TORQUE_ACTUAL: "torque actual, which this run does not map",
+    Signal.ELAPSED_NS: "the time, which this run does not count",
+}
+
+
+@dataclass(frozen=True)
+class Change:
+    """New values that passed every check; `settings` are as the scene has them, in SI."""
+
+    settings: Mapping[str, Value]
+    plan: Plan
+    """The running plan with these values."""
+    time: float = 0.0
+    """When it is to begin [s from operation enabled]; one that is asked for in a run begins at once."""
+
+
+@dataclass(frozen=True)
+class Applied:
+    """A change and when it came into force."""
+
+    change: Change
+    time: float
+    """When the ramp began [s from operation enabled]."""
+    after_ns: int
+    """Latch instant of the last period with the old values alone."""
+    periods: int
+    """Length of the ramp."""
+
+
+def tuned(
+    running: Plan, last: Plan, settings: Mapping[str, Value], *, force: bool = False, time: float = 0.0
+) -> Change:
+    """Settings on top of `last`, the plan of the change before, for a loop that was made for `running`.
+
+    Raises SceneError, UsageError or PlanError as a new run would; UnstableSceneError unless `force`, also where both
+    ends are stable and the way between is not. Nothing is touched.
+    """
+    if not settings:
+        raise UsageError('a change names what it changes, such as {"wall.stiffness": 800.0}')
+
+    def compiled(scene: Scene) -> Plan:
+        profiles = {axis.rig.profile: axis.profile for axis in running.axes}
+        method = next((axis.method for axis in running.axes if axis.method), None)
+        estimator = next((axis.estimator for axis in running.axes if axis.estimator and not axis.integrates), None)
+        return compile_plan(scene, running.rig, profiles, running.rate, method=method, estimator=estimator)
+
+    scene = load_scene_with(last.scene, settings, lambda chosen: compiled(chosen).stability)
+    plan = compiled(scene)
+    refused = dict.fromkeys(_beyond(running, plan))
+    if refused:
+        raise PlanError("\n".join(f"{sentence}: start a new run" for sentence in refused))
+    if not force:
+        check_stable(plan)
+        _check_way(last, plan)
+    return Change({setting: _value(scene, setting) for setting in settings}, plan, time)
+
+
+def _beyond(running: Plan, plan: Plan) -> Iterator[str]:
+    """What elements need and the loop has not."""
+    for axis, wanted in zip(running.axes, plan.axes, strict=True):
+        for element in _forces(wanted):
+            for signal in element.needs:
+                if signal not in axis.needs and signal in MISSING:
+                    yield f"{element.name} needs {MISSING[signal]}"
+
+
+def _check_way(before: Plan, after: Plan) -> None:
+    """Both ends are stable; the mixes between them must be so too."""
+    from haptic_fieldbus.margins.way import SHARES, mixed
+
+    for share in SHARES:
+        axes = [
+            replace(
+                new,
+                elements=mixed(old.elements, new.elements, share),
+                couplings=mixed(old.couplings, new.couplings, share),
+            )
+            for old, new in zip(before.axes, after.axes, strict=True)
+        ]
+        changing = [axis for axis, old in zip(axes, before.axes, strict=True) if _forces(axis) != _forces(old)]
+        if any(_growth(axes, axis, after.period) > 1.0 + ROUNDING for axis in changing):
+            raise UnstableSceneError(
+                "the way to these values is unstable on this bench, though both ends are not: it is with "
+                f"{100 * share:g} % of the new and the rest of the old. Go by other values"
+            )
+
+
+def _forces(axis: AxisPlan) -> tuple[AnyElement, ...]:
+    return (*axis.elements, *axis.couplings)
+
+
+def _growth(axes: Sequence[AxisPlan], axis: AxisPlan, period: float) -> float:
+    """Largest modulus of the loop of an axis, and of all that is coupled to it; 0 where the bench is unknown."""
+    if axis.plant is None:
+        return 0.0
+    if axis.couplings:
+        from haptic_fieldbus.coupled_plan import tied_with
+
+        tied = tied_with(axes, axis, period)
+        return 0.0 if tied is None else tied.growth()
+    return sampled.growth(sample(axis.plant, period, axis.delay.transport), environment_of(axis, period))
+
+
+def _value(scene: Scene, setting: str) -> Value:
+    name, _, parameter = setting.rpartition(".")
+    value: Value = next(getattr(element, parameter) for element in scene.elements if element.name == name)
+    return value

@@ -1,0 +1,23 @@
+"""Rigs whose axes are on several buses."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from haptic_fieldbus.drive.rig import BusSection, Rig
+from haptic_fieldbus.request import SIMULATION_INTERFACE
+from haptic_fieldbus.scenes.scene import Scene
+from tests.builders import rig_of
+
+
+def rig_on(
+    scene: Scene,
+    buses: Mapping[str, str],
+    bitrates: Mapping[str, int] | None = None,
+    interface: str = SIMULATION_INTERFACE,
+    **changes: Any,
+) -> Rig:
+    """The shipped bench of a scene, each axis on the bus that `buses` says; bit rates by bus [bit/s]."""
+    rates = dict.fromkeys(buses.values(), 1_000_000) | dict(bitrates or {})
+    axes = {name: replace(axis, bus=buses[name]) for name, axis in rig_of(scene, **changes).axis.items()}
+    return Rig({name: BusSection(interface, name, rate) for name, rate in rates.items()}, axes)

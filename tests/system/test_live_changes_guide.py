@@ -1,0 +1,40 @@
+"""What docs/how-to/change_a_running_scene.md shows works as it stands there."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.cli import main
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "change_a_running_scene.md").read_text("utf-8")
+COMMANDS = re.findall(r"^```console\n(.*?)\n```", TEXT, re.MULTILINE | re.DOTALL)
+(PROGRAM,) = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize(("command", "status"), [*zip(COMMANDS, (0, 4), strict=True)], ids=["stable", "unstable"])
+def test_its_commands_end_as_it_says(command: str, status: int, capsys: pytest.CaptureFixture[str]) -> None:
+    name, *words = shlex.split(command)
+    assert name == "haptic-fieldbus"
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    shown = capsys.readouterr()
+    assert (ended.value.code or 0) == status
+    assert ("at 2 s wall.stiffness=300" in shown.out) == (status == 0)
+    assert ("Would be stable" in shown.err) == (status == 4)
+
+
+def test_its_program_changes_a_running_wall_and_is_told_why_not(capsys: pytest.CaptureFixture[str]) -> None:
+    scope: dict[str, object] = {}
+    exec(compile(PROGRAM, "how-to", "exec"), scope)
+    refused, *_, in_force, made = capsys.readouterr().out.splitlines()
+    assert refused.startswith("90000 N/m is unstable on this bench: limit 1492 N/m")
+    assert "stiffness=900.0" in in_force
+    assert "90000" not in made
+
+
+def test_its_figure_is_that_of_its_formula() -> None:
+    assert "300 N/m more at 10 mm, over 100 periods, is 0.03 N a period" in " ".join(TEXT.split())
+    force = 300.0 * 0.010
+    assert force / 100 == pytest.approx(0.03)
