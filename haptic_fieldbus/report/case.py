@@ -15,3 +15,5 @@ class CaseResult:
     """What the expectation comes from: a closed form, extended precision, brute force."""
     figure: str | None = None
     """An SVG document, shown below the table."""
+    tolerance: str = ""
+    """How far measured and expected may be apart; "exact" for not at all."""

@@ -21,12 +21,25 @@ def limits(judged: Judged) -> list[Line]:
     told, unit = judged.stability, parameter_units(judged.workspace)["stiffness"]
     return [
         ("scene", f"{judged.scene.name}: {_asked(told, unit, judged.workspace)}{_axis(judged)}"),
-        ("device", _device(told.plant, judged.workspace)),
-        ("delay", f"{1e3 * told.delay_s:.3g} ms from sampling to acting, period {1e3 * told.period_s:.3g} ms"),
+        *_devices(judged),
         *(("limits" if number == 0 else "", text) for number, text in enumerate(_limits(judged, unit))),
         ("radius", f"{told.spectral_radius:.9g}: what a motion is multiplied by in a period"),
         ("verdict", f"{told.verdict.value}: {MEANING[told.verdict]}{_margin(told)}"),
     ]
+
+
+def _devices(judged: Judged) -> Iterator[Line]:
+    """The device of the axis, or of each axis that is coupled, with its delay."""
+    period = f"period {1e3 * judged.stability.period_s:.3g} ms"
+    if judged.tied is None:
+        yield "device", _device(judged.stability.plant, judged.workspace)
+        yield "delay", f"{1e3 * judged.stability.delay_s:.3g} ms from sampling to acting, {period}"
+        return
+    spaces = {axis.name: axis.workspace for axis in judged.scene.axes}
+    for member in judged.tied.members:
+        yield "device", f"{member.name}: {_device(member.plant, spaces[member.name])}"
+    delays = ", ".join(f"{member.name} {1e3 * member.delay:.3g} ms" for member in judged.tied.members)
+    yield "delay", f"{delays} from sampling to acting, {period}"
 
 
 def notes(judged: Judged) -> list[Line]:
@@ -34,7 +47,9 @@ def notes(judged: Judged) -> list[Line]:
     plant, found = judged.stability.plant, []
     if judged.stability.stiffness_limit.quantisation == 0.0:
         step = quantity(plant.resolution, judged.workspace.length_unit)
-        found.append(("note", f"quantisation 0: an encoder step of {step} and no Coulomb friction to bridge it"))
+        found.append(("note", f"quantisation 0: {_step(plant)} of {step} and no Coulomb friction to bridge it"))
+    if plant.tachometer:
+        found.append(("note", "passive 0: between two readings of velocity some hand can always gain energy"))
     if judged.linear_estimator is not None:
         found.append(("note", f"{judged.estimator} is not linear; judged with {judged.linear_estimator} in its place"))
     return found
@@ -48,6 +63,8 @@ def _asked(told: Stability, unit: str, workspace: Workspace) -> str:
 
 
 def _axis(judged: Judged) -> str:
+    if judged.tied is not None:
+        return f" · coupling {', '.join(member.name for member in judged.tied.members)}"
     return f" · axis {judged.axis} has the smallest margin" if len(judged.scene.axes) > 1 else ""
 
 
@@ -57,11 +74,16 @@ def _device(plant: Plant, workspace: Workspace) -> str:
         f"mass {plant.mass:.4g} {units['mass']}",
         f"damping {plant.damping:.4g} {units['damping']}",
         f"Coulomb friction {plant.coulomb:.4g} {workspace.effort_unit}",
-        f"encoder step {plant.resolution:.4g} {workspace.length_unit}",
+        f"{_step(plant).partition(' ')[2]} {plant.resolution:.4g} {workspace.length_unit}",
         f"torque loop {1e3 * plant.torque_lag:.3g} ms",
     ]
     values = (plant.mass, plant.damping, plant.coulomb, plant.resolution, plant.torque_lag)
     return ", ".join(part for part, value in zip(parts, values, strict=True) if value)
+
+
+def _step(plant: Plant) -> str:
+    """What a position is rounded to, by how it is measured."""
+    return "a step by the tachometer" if plant.tachometer else "an encoder step"
 
 
 def _limits(judged: Judged, unit: str) -> Iterator[str]:
@@ -69,19 +91,20 @@ def _limits(judged: Judged, unit: str) -> Iterator[str]:
     if told.stable is None:
         yield "none: no element has a stiffness to vary"
         return
-    yield f"stable to {_value(told.stable, unit)}"
-    yield f"passive to {_value(told.passive, unit)}, whatever hand holds it"
+    yield f"stable {_up_to(told.stable, unit)}"
+    yield f"passive {_up_to(told.passive, unit)}, whatever hand holds it"
     if told.quantisation is not None:
-        yield f"at rest between two counts to {_value(told.quantisation, unit)} (2·fc/D)"
+        between = "steps" if judged.stability.plant.tachometer else "counts"
+        yield f"at rest between two {between} {_up_to(told.quantisation, unit)} (2·fc/D)"
     less = judged.with_friction(UNCERTAIN).stiffness_limit
-    limits = f"stable to {_value(less.stable, unit)}, passive to {_value(less.passive, unit)}"
+    limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
     yield f"with {UNCERTAIN:g} of the friction: {limits}"
 
 
-def _value(value: float | None, unit: str) -> str:
+def _up_to(value: float | None, unit: str) -> str:
     if value is None:
-        return "unknown"
-    return "any stiffness" if math.isinf(value) else f"{count(value)} {unit}"
+        return "to an unknown stiffness"
+    return "with no limit" if math.isinf(value) else f"to {count(value)} {unit}"
 
 
 def _margin(told: Stability) -> str:

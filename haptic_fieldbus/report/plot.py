@@ -4,7 +4,7 @@ Lines of many points are thinned to the least and the greatest of each bin, so t
 of Okabe and Ito, which people with any colour vision can tell apart (https://jfly.uni-koeln.de/color/).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
@@ -54,14 +54,17 @@ UNITS = {
 
 def plot_run(result: Result, path: Path) -> None:
     """Draw the traces of a run into a file; its suffix says the format."""
-    figure = Figure(figsize=(SIZE[0], SIZE[1] * max(1, len(result.traces))), dpi=DPI, facecolor="white")
+    axes = max(1, len(result.traces))
+    figure = Figure(figsize=(SIZE[0], SIZE[1] * axes), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     title = fill(result.verdict or result.scene, 105)
-    figure.text(0.02, 0.985, title, size=14.5, weight="bold", color=INK, va="top")
-    figure.text(0.02, 0.945 - 0.025 * title.count("\n"), key_figures(result), size=10.5, color="#555555", va="top")
+    below = 0.055 + 0.025 * title.count("\n")
+    figure.text(0.02, 1.0 - 0.015 / axes, title, size=14.5, weight="bold", color=INK, va="top")
+    figure.text(0.02, 1.0 - below / axes, key_figures(result), size=10.5, color="#555555", va="top")
     for part, trace in zip(figure.subfigures(len(result.traces), 1, squeeze=False)[:, 0], result.traces, strict=True):
         walls = [element for element in _elements(result, trace.axis) if isinstance(element, Wall)]
-        draw_axis(part, trace, walls)
+        name = f"{trace.axis}: " if axes > 1 else ""
+        draw_axis(part, trace, walls, [change.time for change in result.changes], name)
     figure.savefig(path)
 
 
@@ -69,8 +72,13 @@ def _elements(result: Result, axis: str) -> tuple[object, ...]:
     return result.plan.scene.of_axis(axis) if result.plan else ()
 
 
-def draw_axis(figure: SubFigure | Figure, trace: Trace, walls: list[Wall]) -> None:
-    """Three panels over the whole run, and the same three around the first force when there is one."""
+def draw_axis(
+    figure: SubFigure | Figure, trace: Trace, walls: list[Wall], changes: Sequence[float] = (), name: str = ""
+) -> None:
+    """Three panels over the whole run, and the same three around the first force when there is one.
+
+    `changes` are the times [s] at which the scene was given other values; `name` stands before the titles.
+    """
     window = first_force(trace)
     columns = 2 if window else 1
     panels = figure.subplots(
@@ -82,12 +90,13 @@ def draw_axis(figure: SubFigure | Figure, trace: Trace, walls: list[Wall]) -> No
     )
     figure.subplots_adjust(left=0.065, right=0.985, top=0.87, bottom=0.07, hspace=0.2, wspace=0.18)
     units = UNITS[trace.workspace]
-    _column(panels[:, 0], trace, walls, units, "the whole run", "time [s]", 1.0)
+    _column(panels[:, 0], trace, walls, units, f"{name}the whole run", "time [s]", 1.0)
     _mark_fade_in(panels[:, 0], trace, units)
+    _mark_changes(panels[:, 0], changes)
     _legends(panels[:, 0])
     if window:
         close = cut(trace, *window)
-        _column(panels[:, 1], close, walls, units, "a closer look, period by period", "time [ms]", 1e3)
+        _column(panels[:, 1], close, walls, units, f"{name}a closer look, period by period", "time [ms]", 1e3)
         panels[0, 0].axvspan(*window, color=ORANGE, alpha=0.35, linewidth=0)
 
 
@@ -109,7 +118,7 @@ def _column(
 def _draw_position(panel: Axes, trace: Trace, units: Units, per_second: float) -> None:
     if trace.samples is not None and trace.sample_times is not None:
         times, samples = held(trace.sample_times, trace.samples, float(trace.times[-1]))
-        _line(panel, times * per_second, samples * units.per_length, ORANGE, 1.6, "encoder, held for a period")
+        _line(panel, times * per_second, samples * units.per_length, ORANGE, 1.6, f"{trace.sensor}, held for a period")
     _line(panel, trace.times * per_second, trace.position * units.per_length, BLUE, 1.6, "handle")
     for (name, position), colour in zip(trace.virtual.items(), cycle((PURPLE, GREEN, SKY)), strict=False):
         _line(panel, trace.times * per_second, position * units.per_length, colour, 1.4, f"virtual mass of {name}")
@@ -166,6 +175,14 @@ def _mark_fade_in(panels: Array, trace: Trace, units: Units) -> None:
     panels[1].text((first + last) / 2, 0.5, f"{units.effort_name} fades in", color="#555555", **place)
 
 
+def _mark_changes(panels: Array, changes: Sequence[float]) -> None:
+    for time in changes:
+        for panel in panels:
+            panel.axvline(time, color=PURPLE, linewidth=1.2, linestyle=":")
+        place = {"transform": panels[1].get_xaxis_transform(), "ha": "right", "va": "bottom", "rotation": 90, "size": 9}
+        panels[1].text(time, 0.03, "changed ", color=PURPLE, **place)
+
+
 def _legends(panels: Array) -> None:
     """Above each panel, so that nothing is hidden."""
     for panel in panels:
@@ -202,6 +219,7 @@ def cut(trace: Trace, first: float, last: float) -> Trace:
         None if trace.sample_times is None else trace.sample_times[sampled],
         None if trace.samples is None else trace.samples[sampled],
         {name: position[inside] for name, position in trace.virtual.items()},
+        trace.sensor,
     )
 
 

@@ -10,9 +10,6 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.judging import Judged
-from haptic_fieldbus.margins import passive_limit_of, stiffness_limit
-from haptic_fieldbus.margins.contact import stiffest_of
-from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.report.plot import BLUE, GREEN, INK, VERMILION
 from haptic_fieldbus.report.words import parameter_units
 from haptic_fieldbus.result import Array
@@ -26,11 +23,11 @@ def plot_region(judged: Judged, path: Path) -> None:
 
     Raises UsageError for a scene without an element that has both.
     """
-    element = stiffest_of(judged.elements)
+    element = judged.stiffest
     if element is None or not hasattr(element, "damping"):
         raise UsageError("--plot draws stiffness over damping; this scene has no element with both")
     told = judged.stability
-    near = 4.0 * max(told.plant.damping, float(element.damping), 1e-9 * told.plant.mass / told.period_s)
+    near = 4.0 * max(told.plant.damping, float(element.damping), 1e-9 * judged.largest_damping)
     figure = Figure(figsize=(11.0, 5.0), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(
@@ -38,7 +35,7 @@ def plot_region(judged: Judged, path: Path) -> None:
         size=12, weight="bold", color=INK, x=0.01, ha="left",
     )  # fmt: skip
     panels = figure.subplots(1, 2)
-    for panel, end in zip(panels, (_end(judged, told.plant.mass / told.period_s), near), strict=True):
+    for panel, end in zip(panels, (_end(judged), near), strict=True):
         _draw(panel, judged, end)
         if told.stiffness is not None:
             panel.plot([float(element.damping)], [told.stiffness], "o", color=VERMILION, label=told.verdict.value)
@@ -65,15 +62,10 @@ def _draw(panel: Axes, judged: Judged, end: float) -> None:
 
 def _limits(judged: Judged, end: float) -> tuple[Array, Array, Array]:
     """Dampings from 0 to `end`, and both limits for each, shape (POINTS,)."""
-    told = judged.stability
-    plant, period, delay = told.plant, told.period_s, told.delay_s
 
     def both(damping: float) -> tuple[float, float]:
-        def varied(stiffness: float) -> StateSpace:
-            return judged.environment(stiffness=stiffness, damping=damping)
-
-        stable = _drawn(stiffness_limit(plant, period, delay, varied))
-        return stable, min(stable, passive_limit_of(plant, period, delay, varied, stable))
+        stable = _drawn(judged.limit(damping))
+        return stable, min(stable, judged.passive_limit(damping, stable))
 
     dampings = np.linspace(0.0, end, POINTS)
     limits = np.array([both(damping) for damping in dampings.tolist()])
@@ -84,17 +76,10 @@ def _drawn(limit: float) -> float:
     return limit if math.isfinite(limit) else 0.0
 
 
-def _end(judged: Judged, scale: float) -> float:
-    """A damping [N·s/m or N·m·s/rad] with which no stiffness is stable any more; at most twice `scale`, m/T."""
-    told = judged.stability
-
-    def limit(damping: float) -> float:
-        def varied(stiffness: float) -> StateSpace:
-            return judged.environment(stiffness=stiffness, damping=damping)
-
-        return stiffness_limit(told.plant, told.period_s, told.delay_s, varied)
-
+def _end(judged: Judged) -> float:
+    """A damping [N·s/m or N·m·s/rad] with which no stiffness is stable any more; at most twice the largest."""
+    scale = judged.largest_damping
     value = 1e-3 * scale
-    while value < 2.0 * scale and limit(value):
+    while value < 2.0 * scale and judged.limit(value):
         value *= math.sqrt(2.0)
     return value

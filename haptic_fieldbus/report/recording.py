@@ -1,5 +1,6 @@
 """What a simulated run leaves to be judged by: what the loop recorded, and what the shaft truly did."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -40,7 +41,9 @@ class Recording:
     command: Array
     """After limits, fading and rounding to the drive's steps [N or N·m]."""
     velocity: Array | None = None
-    """As estimated [m/s or rad/s]; None without an estimator."""
+    """As estimated or read [m/s or rad/s]; None where it was neither."""
+    tachometer: bool = False
+    """Whether velocity was read and the position integrated from it, instead of the other way round."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,30 @@ def true_motion(times_ns: Times, trajectory: Trajectory, conversion: Conversion)
         Signal.VELOCITY: conversion.ratio * speed,
     }
     return handle, torque / conversion.ratio
+
+
+def with_time(motion: Mapping[Signal, Array], times_ns: Times, recording: Recording) -> dict[Signal, Array]:
+    """With the time since the first recorded period [ns]."""
+    return {**motion, Signal.ELAPSED_NS: (times_ns - recording.times_ns[0]).astype(np.float64)}
+
+
+def made_real(recording: Recording, sampled: Mapping[Signal, Array]) -> dict[str, dict[Signal, Array]]:
+    """What the loop knew of an axis in each period, by the source of error that is made real last."""
+    decoded = {**sampled, Signal.POSITION: recording.position}
+    known = decoded if recording.velocity is None else {**decoded, Signal.VELOCITY: recording.velocity}
+    feedback = {"sampling and delay": {**sampled}}
+    if recording.tachometer:
+        return {**feedback, "tachometer": known}
+    feedback["encoder"] = decoded
+    return feedback if recording.velocity is None else {**feedback, "estimator": known}
+
+
+def columns_of(needs: Sequence[Signal], feedback: Mapping[Signal, Array]) -> list[list[float]]:
+    """The signals that a law takes, in their order, as plain numbers; the time is a whole one."""
+    return [
+        (feedback[signal].astype(np.int64) if signal is Signal.ELAPSED_NS else feedback[signal]).tolist()
+        for signal in needs
+    ]
 
 
 def target_in_force(trajectory: Trajectory, times_ns: Times) -> Array:

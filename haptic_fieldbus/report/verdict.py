@@ -18,7 +18,10 @@ Array = NDArray[np.float64]
 
 
 def ripple(force: Array, rate: float) -> float | None:
-    """Rms of the fast part of the force over its mean, at the end of the run; None when there was no contact then."""
+    """Rms of the fast part of the force over its mean, at the end of the run; None when there was no contact then.
+
+    Not asked of a scene whose force moves by itself, a wave: what is fast there is meant.
+    """
     last = force[-round(LAST * rate) :]
     window = max(1, round(AVERAGED * rate))
     if len(last) <= window or not last.all():

@@ -1,8 +1,9 @@
 """A plan and a result in words: lines of a key and a text, for the terminal and for the title of a picture."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
+from itertools import chain
 from typing import Any, cast
 
 from haptic_fieldbus.axis_plan import AxisPlan
@@ -13,7 +14,9 @@ from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.request import SIMULATION_INTERFACE
 from haptic_fieldbus.result import Result, TorqueError
-from haptic_fieldbus.scenes.element import Element
+from haptic_fieldbus.scenes.catalogue import quantities
+from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.scene import axes_of
 from haptic_fieldbus.signals import Workspace
 
 Line = tuple[str, str]
@@ -23,9 +26,10 @@ WORTH_NAMING = 0.01
 """Share from which a source of error is named."""
 
 
-def announcement(plan: Plan) -> list[Line]:
-    """What is about to run: scene, bench, plan, delay, stability."""
-    return _keys_once(_announcement(plan))
+def announcement(plan: Plan, changes: Iterable[tuple[float, Mapping[str, object]]] = ()) -> list[Line]:
+    """What is about to run: scene, bench, plan, delay, stability; and what is to change while it does."""
+    lines = [("changes", change_text(time, settings)) for time, settings in changes]
+    return _keys_once(chain(_announcement(plan), lines))
 
 
 def outcome(result: Result) -> list[Line]:
@@ -33,7 +37,7 @@ def outcome(result: Result) -> list[Line]:
     return _keys_once(_outcome(result))
 
 
-def _keys_once(lines: Iterator[Line]) -> list[Line]:
+def _keys_once(lines: Iterable[Line]) -> list[Line]:
     """A key that repeats is written once."""
     once: list[Line] = []
     before = ""
@@ -52,6 +56,8 @@ def _announcement(plan: Plan) -> Iterator[Line]:
         yield "plan", f"{way} {pdo.name} {', '.join(signal.value for signal in pdo.signals)}"
     yield "plan", f"left out: {', '.join(left.what for left in plan.left_out) or 'nothing'}"
     yield "delay", delay_text(plan)
+    for ages in plan.coupling_ages:
+        yield "coupling", str(ages)
     yield "stability", stability_text(plan)
 
 
@@ -63,22 +69,36 @@ def _outcome(result: Result) -> Iterator[Line]:
     if result.verdict is not None:
         yield "result", f"{energy_text(result.energy_generated)}no trip"
         yield "verdict", result.verdict
+    for change in result.changes:
+        yield "changed", change_text(change.time, change.settings)
     for warning in result.warnings:
         yield "warning", warning
 
 
+def change_text(time: float, settings: Mapping[str, object]) -> str:
+    """New values, and when [s from operation enabled]."""
+    values = [f"{key}={value:g}" if isinstance(value, float) else f"{key}={value}" for key, value in settings.items()]
+    return f"at {time:g} s {', '.join(values)}"
+
+
 def scene_text(plan: Plan) -> str:
-    parts = [_element_text(element, axis) for axis in plan.axes for element in axis.elements]
+    spaces = {axis.name: axis.workspace for axis in plan.axes}
+    parts = [_element_text(element, spaces[axes_of(element)[0]]) for element in plan.scene.elements]
     return f"{plan.scene.name}: {'; '.join(parts) or 'free, no element'}"
 
 
-def _element_text(element: Element, axis: AxisPlan) -> str:
-    """The element's parameters in the order of its file, those that are zero left out."""
-    values = {field.name: getattr(element, field.name) for field in fields(cast(Any, element))}
-    units = parameter_units(axis.workspace)
-    parts = [f"{name} {value:g} {units[name]}" for name, value in values.items() if name in units and value]
-    where = f" at {length(values['position'], axis.workspace)}" if "position" in values else ""
-    return f"{', '.join(parts)}{where}"
+def _element_text(element: AnyElement, workspace: Workspace) -> str:
+    """The element's numbers in the order of its file, those left out that are zero or as they would be without it."""
+    units = {name: measured.unit(workspace) for name, measured in quantities(type(element)).items()}
+    kept = {field.name: field.default for field in fields(cast(Any, element))}
+    values = {name: getattr(element, name) for name in units}
+    parts = [
+        f"{name.replace('_', ' ')} {value:g} {units[name]}".rstrip()
+        for name, value in values.items()
+        if value and value != kept[name] and name != "position"
+    ]
+    where = f" at {length(values['position'], workspace)}" if "position" in values else ""
+    return f"{', '.join(parts)}{where}" or element.name
 
 
 def parameter_units(workspace: Workspace) -> dict[str, str]:
@@ -98,6 +118,7 @@ def is_simulated(plan: Plan) -> bool:
 def bench_text(plan: Plan, axis: AxisPlan) -> str:
     rig, bus = axis.rig, plan.rig.bus[axis.rig.bus]
     link = "simulated" if is_simulated(plan) else f"{bus.interface} {bus.channel}"
+    place = f"bus {rig.bus}, node {axis.node}" if len(plan.buses) > 1 else f"node {axis.node}"
     mechanism = rig.mechanism
     travel = (
         f"{mechanism.metres_per_revolution:g} m/rev"
@@ -109,24 +130,23 @@ def bench_text(plan: Plan, axis: AxisPlan) -> str:
         if rig.inertia is not None and rig.viscous_damping is not None
         else "inertia and damping unknown"
     )
-    speed = f"{bit_rate(plan.bitrate)}, {plan.rate:g} Hz"
+    speed = f"{bit_rate(bus.bitrate)}, {plan.rate:g} Hz"
     encoder = f"{rig.encoder_counts_per_revolution} counts/rev"
-    return f"{axis.profile.title} ({link}), node {axis.node}, {speed} · {encoder}, {travel}, {known}"
+    return f"{axis.profile.title} ({link}), {place}, {speed} · {encoder}, {travel}, {known}"
 
 
 def stability_text(plan: Plan) -> str:
     """The verdict on the axis with the smallest margin, with the limits and the margin."""
-    stability = plan.stability
-    if stability is None:
+    axis, stability = plan.weakest, plan.stability
+    if axis is None or stability is None:
         return "unknown: the rig does not give inertia and viscous_damping"
     stable, verdict = stability.stiffness_limit.stable, stability.verdict.value
     if stable is None or stability.stiffness is None:
         return verdict
-    space = next(axis.workspace for axis in plan.axes if axis.stability is stability)
     asked = f"you ask {stability.stiffness:g}: {verdict}"
     if math.isinf(stable):
-        return f"stable at any stiffness; {asked}"
-    unit = f"{space.effort_unit}/{space.length_unit}"
+        return f"stable with no limit on this bench; {asked}"
+    unit = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     return f"stable to {count(stable)} {unit} on this bench{_passive_text(stability)}; {asked}{_margin_text(stability)}"
 
 
@@ -185,7 +205,9 @@ def key_figures(result: Result) -> str:
 
 
 def count(number: float) -> str:
-    """A whole number, its digits in groups of three."""
+    """A whole number, its digits in groups of three; of one below ten the first digits."""
+    if abs(number) < 10.0 and number != round(number):
+        return f"{number:.3g}"
     return f"{number:,.0f}".replace(",", " ")
 
 

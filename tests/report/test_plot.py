@@ -126,6 +126,15 @@ def test_the_time_before_the_full_force_is_marked() -> None:
     assert not panels_of(whole).axes[2].texts
 
 
+def test_changes_are_marked_where_they_began() -> None:
+    figure = Figure()
+    draw_axis(figure, push(), [], changes=[0.5, 1.25])
+    for panel in figure.axes[:5:2]:
+        marks = [line.get_xdata() for line in panel.lines if line.get_linestyle() == ":"]
+        assert [list(np.unique(cast("Array", mark))) for mark in marks] == [[0.5], [1.25]]
+    assert [text.get_text() for text in figure.axes[2].texts] == ["changed ", "changed "]
+
+
 def test_two_axes_stand_below_one_another(tmp_path: Path) -> None:
     plot_run(result_of(push(), push()), tmp_path / "two.png")
     plot_run(result_of(push()), tmp_path / "one.png")

@@ -127,7 +127,7 @@ def test_a_part_is_chosen_by_its_name(only: str | None, sections: tuple[str, ...
 
 def test_a_case_is_chosen_by_its_name_and_shown_with_its_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     def passing(quick: bool) -> CaseResult:
-        return CaseResult("tiny-h", "1e-12", "3e-13", True, "mpmath", "<svg/>" if quick else None)
+        return CaseResult("tiny-h", "1e-12", "3e-13", True, "mpmath", "<svg/>" if quick else None, "1e-12")
 
     def breaking(quick: bool) -> CaseResult:
         raise ZeroDivisionError("no such number")
@@ -138,7 +138,10 @@ def test_a_case_is_chosen_by_its_name_and_shown_with_its_verdict(monkeypatch: py
     context = Context(TOOLS, bench_of(api.plan("wall")), quick=True)
     section = stability.stability_section(context)
     rows = {row["name"]: row for row in context.rows["stability_cases"]}
-    assert rows["tiny-h"] == {"name": "tiny-h", "expected": "1e-12", "measured": "3e-13", "passed": True}
+    assert rows["tiny-h"] == {
+        "name": "tiny-h", "expected": "1e-12", "measured": "3e-13", "passed": True, "oracle": "mpmath",
+        "tolerance": "1e-12",
+    }  # fmt: skip
     assert rows["broken"]["passed"] is False
     assert "ZeroDivisionError: no such number" in section.body
     assert list(section.figures) == ["case-tiny-h"]

@@ -6,6 +6,7 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.drive.rig import BusSection, Rig, default_axis
 from haptic_fieldbus.report.words import (
     announcement,
+    bench_text,
     bit_rate,
     count,
     energy_text,
@@ -18,7 +19,10 @@ from haptic_fieldbus.report.words import (
     stability_text,
 )
 from haptic_fieldbus.result import Result, TorqueError, Trip
+from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
+from tests.builders import scene_of
+from tests.several_buses import rig_on
 
 RUN = Result(
     scene="wall",
@@ -82,6 +86,15 @@ def test_the_bench_of_a_real_bus_is_told_with_what_is_unknown() -> None:
     assert lines["stability"].startswith("unknown")
     assert not is_simulated(known)
     assert is_simulated(plan("wall"))
+
+
+def test_on_several_buses_each_bench_is_told_with_its_bus_and_bit_rate() -> None:
+    scene = scene_of(Wall("left", 100.0, name="a"), Wall("right", 100.0, name="b"))
+    rig = rig_on(scene, {"left": "can_l", "right": "can_r"}, {"can_r": 500_000}, profile="maxon_epos4")
+    compiled = plan(scene, rig)
+    left, right = (bench_text(compiled, axis) for axis in compiled.axes)
+    assert left.startswith("maxon EPOS4 (simulated), bus can_l, node 1, 1 Mbit/s, 1000 Hz · ")
+    assert right.startswith("maxon EPOS4 (simulated), bus can_r, node 2, 500 kbit/s, 1000 Hz · ")
 
 
 def test_a_loop_that_is_passive_at_no_stiffness_is_told_so() -> None:

@@ -47,6 +47,7 @@ def stiff_held_puck(quick: bool) -> CaseResult:
         f"bounded: {', '.join(bounded)}; exact ones off by {worst:.1e} of k ({allowed:.0e} allowed)",
         sorted(bounded) == sorted(expected) and worst <= allowed,
         "closed form −k·cos(ωt); stability at h = 1000 by hand",
+        tolerance=f"{allowed:.0e} of k",
     )
 
 
@@ -81,6 +82,7 @@ def free_puck(quick: bool) -> CaseResult:
         f"off by {worst:.1e} of the way (1e-9 allowed); rk4 {coarse / fine:.2f} times less (14 to 18 allowed)",
         worst <= 1e-9 and 14.0 <= coarse / fine <= 18.0,
         "closed form: uniform acceleration of both masses, and their oscillation",
+        tolerance="1e-9 of the way; the ratio of 16 within 14 to 18",
     )
 
 
@@ -103,6 +105,7 @@ def light_puck(quick: bool) -> CaseResult:
         f"off Jury's by {worst:.0e} (1e-8 allowed)",
         max(error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0)) <= 1e-8 and euler > 1e6,
         "closed form of two masses; Jury's conditions by hand, 2b/T without mass",
+        tolerance="1e-8 of the way and of the limit",
     )
 
 
@@ -156,6 +159,7 @@ def sampled_free_puck(quick: bool) -> CaseResult:
         f"off by {worst:.1e} of the peak (1e-9 allowed); spectral radius disagrees for: {', '.join(wrong) or 'none'}",
         worst <= 1e-9 and not wrong and sorted(RULES) == sorted(METHODS),
         "every method as textbooks write it, around a device in closed form, in plain floats",
+        tolerance="1e-9 of the largest force; the set of methods exact",
     )
 
 
@@ -183,6 +187,7 @@ def start_inside_the_wall(quick: bool) -> CaseResult:
         f"(0.012 N and a step allowed); a step of torque is {unit:.4f} N",
         worst <= 0.51 * unit and jump <= 0.012 + unit and abs(forces[0]) <= 0.012 + unit,
         "the line by hand: 600 N/m · 10 mm · t/0.5 s, rounded to the drive's step",
+        tolerance="0.51 of a step of torque; 0.012 N and a step a period",
     )
 
 

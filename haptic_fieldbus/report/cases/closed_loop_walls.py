@@ -54,6 +54,7 @@ def _at_boundary(name: str, factor: float, quick: bool) -> CaseResult:
         and abs(measured - expected) <= 0.01 * abs(expected) + 0.005
         and measured * (factor - 1.0) > 0.0,
         "Jury's conditions by hand, and a loop of plain floats run at that share of the package's limit",
+        tolerance="1e-8 of the limit; 1 % and 0.005 of ln of growth",
     )
 
 
@@ -97,6 +98,7 @@ def wall_over(quick: bool) -> CaseResult:
         and brute > 0.1 * push / limit
         and abs(calm) <= 1e-9 * push / limit,
         "ρ² = e + K·c0 by hand; a one-sided loop of plain floats",
+        tolerance="0.1 % of the growth, 1 % of the overshoot",
     )
 
 
@@ -116,6 +118,7 @@ def _delayed(name: str, delay: float, quick: bool) -> CaseResult:
         f"ln of growth {below:+.2f}, {above:+.2f}",
         max(worst, abs(limit / exact - 1.0)) <= 1e-6 and below < -0.5 and above > 0.5,
         "characteristic polynomial by hand, Schur–Cohn in 60 digits; a loop of plain floats",
+        tolerance="1e-6 of the limit; ln of growth beyond ±0.5",
     )
 
 
@@ -155,6 +158,7 @@ def slow_loop(quick: bool) -> CaseResult:
         f"ln of growth {grown:+.0f} in 50 periods",
         max(worst, abs(slowest / expected - 1.0)) <= 1e-8 and verdict is Verdict.UNSTABLE and grown > 1.0,
         "Jury's conditions by hand and their limit for bT ≫ m; a loop of plain floats",
+        tolerance="1e-8 of the limit",
     )
 
 
@@ -173,6 +177,7 @@ def undamped_wall(quick: bool) -> CaseResult:
         f"largest limit {max(limits):g} N/m of {len(limits)}; ln of growth {measured:.4f} (1 % allowed)",
         not np.any(limits) and abs(measured / expected - 1.0) <= 0.01,
         "product of the roots 1 + K·T²/2m > 1, by hand; a loop of plain floats",
+        tolerance="limit exactly 0; 1 % of ln of growth",
     )
 
 

@@ -53,6 +53,7 @@ def lost_bus(quick: bool) -> CaseResult:
         and 0.0 <= outcome.torque_free_after <= outcome.guard + PERIOD_NS * 1e-9
         and outcome.error == "BusError",
         "hand-derived: 3 N in thousandths of rated torque; the guard time that the drive was given",
+        tolerance="exact in ‰; the drive within its guard time and a period",
     )
 
 
@@ -72,6 +73,7 @@ def stale_position(quick: bool) -> CaseResult:
         f"{', '.join(map(str, mended))}; {', '.join(map(str, lost))}, then at most {max(map(abs, later))} ‰",
         mended == [full, half, full] * 3 and lost == [full, half, 0] and not any(later) and tripped,
         "hand-derived: 3 N held, 1.5 N at half, in thousandths of rated torque",
+        tolerance="exact in ‰",
     )
 
 
@@ -99,6 +101,7 @@ def non_finite_input(quick: bool) -> CaseResult:
         f"{trips} of {len(values)} trip, largest target {max(torques)} ‰; {visible} of {len(shown)} come out",
         trips == len(values) and not any(torques) and visible == len(shown),
         "IEEE 754: an operation on not-a-number gives not-a-number; zero torque by definition of a trip",
+        tolerance="exact",
     )
 
 
@@ -121,6 +124,7 @@ def denormal_input(quick: bool) -> CaseResult:
         f"largest target {max(targets)} ‰, {trips} trips; off by {error:.1g}",
         not any(targets) and not trips and error < 1e-6,
         "closed form: F = −k·x·cos(ω·t) after a step of the handle",
+        tolerance="1e-6 of the swing; targets exact",
     )
 
 
@@ -147,6 +151,7 @@ def encoder_wrap(quick: bool) -> CaseResult:
         f"{off:.1g} m, velocity by {off_speed:.1g} m/s",
         crossings == expected and cycle.trip is None and off < 1e-15 and off_speed < 1e-11,
         "integers without a largest value, and fractions",
+        tolerance="1e-15 m, 1e-11 m/s",
     )
 
 
@@ -175,6 +180,7 @@ def encoder_jump(quick: bool) -> CaseResult:
         and all(sent == 0 and trip.kind is TripKind.SPEED for sent, trip in tripped)
         and 0 < kick <= slew + 0.5,
         "hand-derived from speed limit, period and count; slew of 5 ms from 0 to the limit",
+        tolerance="exact in counts; half a step of torque",
     )
 
 
@@ -200,6 +206,7 @@ def clock_backwards(quick: bool) -> CaseResult:
         f"{'no trip' if calm else 'a trip'}",
         off <= 0.5 + 1e-9 and same and calm,
         "closed form: F = −K·x; ten counts a millisecond are the true speed",
+        tolerance="0.5 ‰ of torque, 1e-9 of the velocity",
     )
 
 
@@ -224,6 +231,7 @@ def long_clock(quick: bool) -> CaseResult:
         f"velocity off by {error:.1g}, trip at {stamp} ns, {cycles} simulated periods, {odd} of another length",
         error < 1e-9 and stamp == 10**15 + 1 and cycles == 300 and odd == 0,
         "fractions of integer counts and nanoseconds; float64 has steps of 1024 ns there",
+        tolerance="1e-9 of the velocity; times exact",
     )
 
 
@@ -251,6 +259,7 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
         f"off by {worst:.1g}, {apart} of 199 targets differ, limits {low:.6g} and {high:.6g}, apart by {same:.1g}",
         worst < 1e-12 and apart == 0 and same < 1e-12 and all(cycle.trip is None for cycle in cycles),
         "closed form of a spring-damper, x = 2π·counts/4096 m or rad",
+        tolerance="1e-12; targets exact",
     )
 
 

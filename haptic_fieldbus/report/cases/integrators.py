@@ -60,6 +60,7 @@ def tiny_h(quick: bool) -> CaseResult:
         f"largest error {worst:.1e} ({where}), {len(METHODS)} methods",
         worst <= 1e-12,
         "the hand-written recursion, raised to its power in 50 decimal digits",
+        tolerance="1e-12 of the stiffness",
     )
 
 
@@ -78,6 +79,7 @@ def h_sweep(quick: bool) -> CaseResult:
         f"largest relative error {worst:.1e} at {count} values of h, 3 masses, {len(RADII)} methods",
         worst <= 1e-9 and set(RADII) == set(METHODS),
         "closed forms: √(1 + h²), its inverse, 1, the roots of λ² − (2 − h²)λ + 1, √(1 − h⁶/72 + h⁸/576)",
+        tolerance="1e-9 of the radius",
     )
 
 
@@ -99,6 +101,7 @@ def forward_euler_any_t(quick: bool) -> CaseResult:
         f"ln(E/E₀) from {gains[0]:.3e} to {gains[-1]:.4g}, relative error at most {worst:.1e}",
         min(gains) > 0.0 and worst <= 1e-5,
         "closed form: each step multiplies the energy by 1 + h² exactly",
+        tolerance="1e-5 of ln of growth",
     )
 
 
@@ -123,6 +126,7 @@ def rk4_at_its_limit(quick: bool) -> CaseResult:
         f"energy varies by {drift:.1e}, sample 60 off by {recursion:.1e}; ln(E/E₀) = {logs[0]:.4f} and {logs[1]:+.4f}",
         drift <= 1e-9 and recursion <= 1e-11 and worst <= 1e-6,
         "|R(ih)|² = 1 + h⁶·(h² − 8)/576, and the step in exact fractions, [[−1, −1], [8, −1]]/3",
+        tolerance="1e-9 of the energy, 1e-11 of a sample, 1e-6 of ln of growth",
     )
 
 
@@ -144,6 +148,7 @@ def semi_implicit_at_its_limit(quick: bool) -> CaseResult:
         abs(linear - expected) <= 1e-9 * steps and abs(below / bound - 1.0) <= 1e-4 and abs(radius - formula) <= 1e-9,
         "Mⁿ = (−1)ⁿ(1 − n·(M + 1)) at h = 2, |sin nφ|/(h·√(1 − h²/4)) below, radius "
         "e^{2·acosh(h/2)}; tolerances 1e-9, 1e-4, 1e-9",
+        tolerance="1e-9 of n and of the radius, 1e-4 of the bound",
     )
 
 
@@ -168,6 +173,7 @@ def damper_b_equals_kt(quick: bool) -> CaseResult:
         f"{error:.1e}",
         worst <= 1e-12 and error <= 1e-9,
         "determinant 1 − bT/m + kT²/m, and the recursion in 50 decimal digits; tolerances 1e-12 and 1e-9",
+        tolerance="1e-12 of the radii, 1e-9 of the position",
     )
 
 
@@ -192,6 +198,7 @@ def lecture_constants(quick: bool) -> CaseResult:
         f"Euler off by {off:.1e}; overshoot to {1.0 + peak:.4f} units",
         abs(measured * natural / (2.0 * math.pi) - 1.0) <= 1e-6 and off <= 1e-12 and abs(peak - 1.0) <= 1e-3,
         "closed form √(k/m), ω_n/2π, 2π/ω_n, 1 − cos ω_n·t; tolerances 1e-6 relative, 1e-12, 1e-3",
+        tolerance="1e-6 of ω_n, 1e-12 of the matrix, 1e-3 of the overshoot",
     )
 
 
@@ -209,6 +216,7 @@ def energy_drift(quick: bool) -> CaseResult:
         f"exact-foh at most {drift:.1e}; verlet from {low:.3e} to {high:.1e}",
         drift <= tolerance and -h2 / 4 - tolerance <= low <= -h2 / 8 and high <= tolerance,
         "the invariants: p² + (v/ω)² of the exact motion, p² + (v/ω)²/(1 − h²/4) of Verlet; one rounding a step",
+        tolerance=f"{tolerance:.1e} of the energy",
     )
 
 

@@ -93,6 +93,7 @@ def float_overflow(quick: bool) -> CaseResult:
         f"{max(map(abs, targets), default=-1)} ‰, command before at most {largest:.3g} N",
         passed,
         "the same recursion in unbounded integers, against 2¹⁰²⁴",
+        tolerance="exact sample; a period of the trip",
     )
 
 
@@ -128,6 +129,7 @@ def mass_zero_refused(quick: bool) -> CaseResult:
         f'"{said[0]}"; "{tiny}"',
         all(SENTENCE in sentence for sentence in said) and "a mass must be above 0" in tiny,
         "q̇ = (k/m)·(x − p) has no value at m = 0; 200/5e-324 > 2¹⁰²⁴ (tolerance: none, the words are compared)",
+        tolerance="exact words",
     )
 
 
@@ -142,6 +144,7 @@ def mass_negative_refused(quick: bool) -> CaseResult:
         f'"{said[1]}"; grows by {radius:.9f} a step',
         all(SENTENCE in sentence for sentence in said) and abs(radius - expected) <= 1e-9,
         "pole s = +√(k/|m|) = +20 1/s, growth e^{sT} (tolerance 1e-9)",
+        tolerance="exact words; 1e-9 of the growth",
     )
 
 
@@ -175,6 +178,7 @@ def mass_to_zero(quick: bool) -> CaseResult:
         f"largest force from {largest[0]:.4f} N to {largest[-1]:.2e} N; error of a sample at most {worst:.1e} N",
         worst <= tolerance and largest == sorted(largest, reverse=True) and largest[-1] < 1e-5,
         "closed form F = −m·a·(h/2)·cot(h/2)·(1 − cos nh); tolerance 1e-12 of the spring force at the end, k·a·t²/2",
+        tolerance=f"{tolerance:.1e} N a sample",
     )
 
 
@@ -197,6 +201,7 @@ def zero_input_stays_zero(quick: bool) -> CaseResult:
         f"largest magnitude {worst:g} over {len(METHODS)} linear and {len(EXPLICIT)} explicit methods",
         worst == 0.0,
         "ż = A z from z = 0: the zero solution, exact in floating point (tolerance 0)",
+        tolerance="exact",
     )
 
 

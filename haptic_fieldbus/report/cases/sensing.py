@@ -40,6 +40,7 @@ def velocity_quantisation(quick: bool) -> CaseResult:
         f"{' or '.join(f'{level:g}' for level in levels)} times, rms {error * 1e3:.4f} mm/s",
         levels == [3.0, 4.0] and abs(error / expected - 1.0) <= 1e-3,
         "closed form: two levels with shares f and 1 − f, f the fraction of v·T/D",
+        tolerance="0.1 % of the rms error; levels exact",
     )
 
 
@@ -66,6 +67,7 @@ def zero_transition_window(quick: bool) -> CaseResult:
         and max(abs(least - low), abs(most - high)) <= 1e-9
         and 0.98 * STEP <= stopped <= 1.001 * STEP,
         "closed form: a window of N periods sees no count in 1 − N·v·T/D of all phases",
+        tolerance="0.002 of the share, 1e-9 of the errors",
     )
 
 
@@ -94,6 +96,7 @@ def differentiator_tau_below_half_t(quick: bool) -> CaseResult:
         f"{'refused' if refusal else 'taken'}, growth {growth:.4g}; 0.51 T rings with {ratio:.6f}",
         "0.0005 s" in refusal and abs(growth / expected - 1.0) <= 1e-9 and abs(ratio - 1.0 + 1.0 / 0.51) <= 1e-9,
         "closed form of the pole, 1 − T/τ",
+        tolerance="1e-9 of the growths; the words exact",
     )
 
 
@@ -123,6 +126,7 @@ def lecture_noise(quick: bool) -> CaseResult:
         f"{plain[1] / plain[0]:.4f}, {smooth[1] / smooth[0]:.4f} with the filter; worst amplitude off by {worst:.1e}",
         worst <= 1e-4,
         "closed form: (2/T)·sin(ωT/2), and Ω/√(1 + τ²Ω²) with Ω = (2/T)·tan(ωT/2)",
+        tolerance="1e-4 of the amplitudes",
     )
 
 
@@ -143,6 +147,7 @@ def tachometer_drift(quick: bool) -> CaseResult:
         f"{x / seconds * 1e3:.4f} mm/s over {seconds:.0f} s; {slow:g} m of {0.49 * unit * seconds:.4g} m",
         abs(x / seconds / expected - 1.0) <= 0.01 and slow == 0.0,
         "closed form: rounding down takes half a step on average",
+        tolerance="1 % of the drift; 0 exact",
     )
 
 
@@ -164,6 +169,7 @@ def tachometer_alias(quick: bool) -> CaseResult:
         f"{drift:.6f} m/s, {share:.4f} of the amplitude",
         abs(drift / expected - 1.0) <= 1e-9 and abs(share * math.tan(1.0) - 1.0) <= 1e-3,
         "closed form: A·ω·cos φ, and (ωT/2)/tan(ωT/2)",
+        tolerance="1e-9 of the drift, 1e-3 of the amplitude",
     )
 
 
@@ -195,6 +201,7 @@ def jittered_sampling(quick: bool) -> CaseResult:
         f"{low:.1f} N/m; {error:.4f} m/s, and {worst:.1e} m/s at most with times",
         abs(low / expected - 1.0) <= 0.01 and abs(error / spread - 1.0) <= 1e-6 and worst <= 1e-9,
         "closed form for light damping; spread of the intervals over T",
+        tolerance="1 % of the limit, 1e-6 and 1e-9 of the velocity",
     )
 
 
@@ -234,6 +241,7 @@ def dropped_frames(quick: bool) -> CaseResult:
         f"{', '.join(texts)} N/m; by hand decays at 1 − 1e-4 of it and grows at 1 + 1e-4: {'yes' if agree else 'no'}",
         close and agree,
         "closed form for light damping; the motion over a pattern by hand, event after event",
+        tolerance="0.5 % of the bound, 1e-4 of the limit by hand",
     )
 
 

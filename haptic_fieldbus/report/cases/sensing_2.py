@@ -80,6 +80,7 @@ def coarse_encoder(quick: bool) -> CaseResult:
         f"border at {', '.join(f'{step * 1e6:.2f}' for step in found)} µm",
         agree and all(abs(step / border - 1.0) <= 0.02 for step in found),
         "balance of forces at the edge of a count (Abbott & Okamura); the loop in plain floats on both sides",
+        tolerance="2 % of the border",
     )
 
 
@@ -97,6 +98,7 @@ def coulomb_rescue(quick: bool) -> CaseResult:
         f"{'chatter' if moves[0] else 'rest'} without friction, rest from {found * needed * 1e3:.2f} mN",
         moves[0] and by_hand == [True, False] and moves == sorted(moves, reverse=True) and abs(found - 1.0) <= 0.025,
         "balance of forces at the edge of a count; the loop in plain floats at 0.95 and 1.05 of it",
+        tolerance="2.5 % of the friction",
     )
 
 
@@ -127,6 +129,7 @@ def one_count_wall(quick: bool) -> CaseResult:
         f"n = {half:g} samples, {highest * 1e6:.4f} µm/s, between {least:.2f} and {deepest:.2f} counts",
         0.0 < half <= longest and abs(highest / expected - 1.0) <= 1e-6 and least > -0.5 and deepest < 1.5,
         "closed form of the symmetric cycle of a damped mass under a sampled relay",
+        tolerance="1e-6 of the speed",
     )
 
 
@@ -154,6 +157,7 @@ def local_stability(quick: bool) -> CaseResult:
         f"threshold {found * 1e3:.3f} mm, cycle of {float(cycles.max(initial=0.0)) * 1e3:.2f} mm",
         sticks == sorted(sticks, reverse=True) and bool(same) and abs(found / expected - 1.0) <= 0.1,
         "describing function of Coulomb friction against the sampled spring's energy gain, by hand",
+        tolerance="10 % of the amplitude",
     )
 
 

@@ -66,6 +66,7 @@ def bounce_energy(quick: bool) -> CaseResult:
         f"the same to {apart:.1g}",
         apart <= EXACT and abs(mean - expected) <= 0.5 * h * h and expected - h * h <= low < high <= expected + h * h,
         "work summed from positions by another loop (to 1e-9), and e^(πh/2) − 1 to h²/2",
+        tolerance=f"{EXACT:g} of a phase, h²/2 of the mean",
     )
 
 
@@ -107,6 +108,7 @@ def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
         f"{stiffness:.4g} N/m",
         apart <= EXACT and abs(bounded / speed - 1.0) <= EXACT and limit < stiffness,
         "closed form of one held force (to 1e-9)",
+        tolerance=f"{EXACT:g} of the speeds",
     )
 
 
@@ -129,6 +131,7 @@ def hand_lets_go(quick: bool) -> CaseResult:
         f"held it {'fades' if held < 0.0 else 'grows'} ({held:+.4g} 1/s), released {released:+.4g} 1/s",
         free < stiffness < in_hand and held < 0.0 < released and apart[1] <= 0.02 and apart[0] <= 0.05,
         "brute force: Runge–Kutta at T/8 between samples, with and without the hand (rates to 5 and 2 %)",
+        tolerance="5 % and 2 % of the rates",
     )
 
 

@@ -133,6 +133,7 @@ def _judged(
         f"{_listed(found)} N/m, apart by {apart:.1g}; {right} of {2 * len(some)} loops run 3 % off decay or grow so",
         holds and apart <= AGREEMENT and right == 2 * len(some),
         ROOTS,
+        tolerance=f"{AGREEMENT:g} of each limit; growth and decay 3 % off it",
     )
 
 
@@ -195,6 +196,7 @@ def pure_damper_limit(quick: bool) -> CaseResult:
         f"and above; passive needs b = {needed:.6g}",
         abs(low / expected - 1.0) <= AGREEMENT and speed[0] < 1e-3 < 1.0 < speed[1] and abs(needed / 5.0 - 1.0) < 1e-9,
         "Jury's conditions of z² + (B·c/T − p)·z + B·(a·d − p·c)/T in closed form (to 1e-6); b > |B|",
+        tolerance=f"{AGREEMENT:g} of the limit, 1e-9 of the damping",
     )
 
 
@@ -217,6 +219,7 @@ def filtered_damper_passivity(quick: bool) -> CaseResult:
         f"b = {_listed(found)} N·s/m by sweep, {_listed(given)} by energy; K to {limit:.6g} N/m",
         apart <= AGREEMENT and abs(limit / by_hand - 1.0) <= AGREEMENT,
         "closed form, and the work of the forces on a handle shaken to and fro each period (to 1e-6)",
+        tolerance=f"{AGREEMENT:g} of each damping and limit",
     )
 
 

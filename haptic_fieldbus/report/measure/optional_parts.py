@@ -1,11 +1,11 @@
 """What each optional part costs: the whole period of a few scenes, and the parts by themselves."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass
 
-from haptic_fieldbus.axis_cycle import law_of
 from haptic_fieldbus.cycle import Cycle, columns, decoded_columns
+from haptic_fieldbus.laws import law_of
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -15,13 +15,16 @@ from haptic_fieldbus.report.measure.bench import Bench, Tools
 from haptic_fieldbus.report.measure.problems import free_puck, sprung_mass
 from haptic_fieldbus.report.measure.timing import Spread, ns_per_call, spread
 from haptic_fieldbus.safety import bind_limiter
+from haptic_fieldbus.scenes.catalogue import scene_names
+from haptic_fieldbus.scenes.element import CouplingElement, Element
+from haptic_fieldbus.signals import Signal, Workspace
 
-SCENES = ("wall", "damped_wall", "sprung_mass")
 ENABLED = 0x0637
 """A statusword: operation enabled."""
 IMAGES = 1000
-POSITION, SWING = 0.025, 0.004
-"""[m]: where the handle moves, inside the wall, far below the speed that trips."""
+PLACES = {Workspace.LINEAR: (0.025, 0.004), Workspace.ROTARY: (0.5, 0.08)}
+"""[m or rad]: where the handle moves and how far, inside the wall, far below the speed that trips."""
+POSITION, SWING = PLACES[Workspace.LINEAR]
 
 
 @dataclass(frozen=True)
@@ -39,39 +42,41 @@ class Part:
 
 
 def images(plan: Plan, count: int = IMAGES) -> list[tuple[bytes]]:
-    """Input images of a handle that swings about 25 mm from where it began, the drive in operation enabled."""
-    places = [POSITION + SWING * math.sin(2.0 * math.pi * number / IMAGES) for number in range(count)]
-    return [(_image(plan, place, number),) for number, place in enumerate(places)]
+    """Input images of handles that swing about a place away from where they began, the drives in operation enabled."""
+    swings = [math.sin(2.0 * math.pi * number / IMAGES) for number in range(count)]
+    return [(_image(plan, 1.0, swing, number),) for number, swing in enumerate(swings)]
 
 
-def _image(plan: Plan, position: float, number: int) -> bytes:
-    axis = plan.axes[0]
-    known = {
-        "t_ns": number * plan.period_ns,
-        f"{axis.name}.age_ns": 100_000,
-        f"{axis.name}.statusword": ENABLED,
-        f"{axis.name}.position counts": round(position / axis.position_unit),
-    }
+def _image(plan: Plan, way: float, swing: float, number: int) -> bytes:
+    """Each handle so far on its way to its place, and so far from there."""
+    known = {"t_ns": number * plan.period_ns}
+    for axis in plan.axes:
+        middle, amplitude = PLACES[axis.workspace]
+        known |= {
+            f"{axis.name}.age_ns": 100_000,
+            f"{axis.name}.statusword": ENABLED,
+            f"{axis.name}.position counts": round((middle * way + amplitude * swing) / axis.position_unit),
+        }
     return plan.image.input.pack(*(known.get(name, 0) for name in decoded_columns(plan)))
 
 
 def running(plan: Plan) -> Cycle:
-    """A cycle in operation enabled whose handle has been led to 25 mm within a second, the fade-in behind it."""
+    """A cycle in operation enabled whose handles have been led to their place, the fade-in behind it."""
     cycle = Cycle(plan)
     for number in range(IMAGES + 1):
-        cycle(_image(plan, POSITION * number / IMAGES, number))
+        cycle(_image(plan, number / IMAGES, 0.0, number))
     return cycle
 
 
 def parts(tools: Tools, bench: Bench) -> Iterator[Part]:
     """All of them, the whole periods first."""
     whole: dict[str, float] = {}
-    for scene in SCENES:
-        plan = tools.plan(scene)
+    plans = {name: tools.plan(name) for name in ("wall", *(name for name in scene_names() if name != "wall"))}
+    for scene, plan in plans.items():
         whole[scene], single = _period(plan)
         yield Part(f"whole period: {scene}", whole[scene], single)
     yield Part("velocity and damping (damped_wall over wall)", whole["damped_wall"] - whole["wall"])
-    yield Part("element: wall", _wall(tools.plan("wall")))
+    yield from _elements(plans.values())
     yield Part("record: one row", _record(tools.plan("wall")))
     yield Part("limits: fade-in, effort, slew", _limits(tools.plan("wall")))
     yield from _estimators(bench)
@@ -85,9 +90,42 @@ def _period(plan: Plan) -> tuple[float, Spread]:
     return cost, spread(cycle, given * 10)
 
 
-def _wall(plan: Plan) -> float:
-    law = law_of(plan.axes[0].elements[0], plan.period)
-    return ns_per_call(law, [POSITION + SWING * math.sin(0.01 * number) for number in range(IMAGES)])
+def _elements(plans: Collection[Plan]) -> Iterator[Part]:
+    """The law of each kind of element that a shipped scene has, by itself."""
+    kinds: dict[str, tuple[Element, Plan, Workspace]] = {}
+    for plan in plans:
+        for axis in plan.axes:
+            for element in axis.elements:
+                kinds.setdefault(type(element).__module__.rpartition(".")[2], (element, plan, axis.workspace))
+    for kind in sorted(kinds):
+        element, plan, workspace = kinds[kind]
+        law, signals = law_of(element, plan.period), _signals(plan.period, workspace)
+        given = [signals[signal] for signal in element.needs]
+        cost = ns_per_call(law, *given) if given else ns_per_call(lambda _, law=law: law(), range(IMAGES))
+        yield Part(f"element: {kind}", cost)
+    yield from _couplings(plans)
+
+
+def _couplings(plans: Collection[Plan]) -> Iterator[Part]:
+    """The law of each kind that acts on two axes, both moving alike."""
+    kinds: dict[str, tuple[CouplingElement, Plan]] = {}
+    for plan in plans:
+        for coupling in plan.scene.couplings:
+            kinds.setdefault(type(coupling).__module__.rpartition(".")[2], (coupling, plan))
+    for kind, (coupling, plan) in sorted(kinds.items()):
+        spaces = {axis.name: axis.workspace for axis in plan.axes}
+        given = [_signals(plan.period, spaces[name])[signal] for name in coupling.axes for signal in coupling.needs]
+        yield Part(f"coupling: {kind}", ns_per_call(coupling.begin(plan.period), *given))
+
+
+def _signals(period: float, workspace: Workspace) -> dict[Signal, list[float]]:
+    """What a law is given along the motion of `images`."""
+    (middle, amplitude), turn = PLACES[workspace], 2.0 * math.pi / IMAGES
+    return {
+        Signal.POSITION: [middle + amplitude * math.sin(turn * number) for number in range(IMAGES)],
+        Signal.VELOCITY: [amplitude * turn / period * math.cos(turn * number) for number in range(IMAGES)],
+        Signal.ELAPSED_NS: [round(number * period * 1e9) for number in range(IMAGES)],
+    }
 
 
 def _record(plan: Plan) -> float:

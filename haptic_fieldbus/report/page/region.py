@@ -8,6 +8,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.report.measure.region import Region, region
+from haptic_fieldbus.report.page import friction_plane
 from haptic_fieldbus.report.page.context import Context
 from haptic_fieldbus.report.page.html import Section, number, paragraph, percent, picture, table
 from haptic_fieldbus.report.page.style import dress, figure, svg
@@ -36,8 +37,10 @@ def region_section(context: Context) -> Section:
     )
     found = []
     for place, (title, of, damping) in enumerate(wanted):
-        context.progress(f"region, {title}", place / len(wanted))
+        context.progress(f"region, {title}", 0.9 * place / len(wanted))
         found.append(region(title, of, points, periods, damping))
+    context.progress("region, friction and encoder", 0.9)
+    sticking, plane_document = friction_plane.part(friction_plane.planes(context.quick))
     document = svg(draw(found))
     caption = (
         f"{points}² loops of {periods:,} periods in each panel.".replace(",", " ")
@@ -46,7 +49,7 @@ def region_section(context: Context) -> Section:
     return Section(
         "region",
         "Stiffness and damping: the region that is stable",
-        paragraph(EXPLAINED) + picture("region", document, caption) + _table(found),
+        paragraph(EXPLAINED) + picture("region", document, caption) + _table(found) + sticking,
         (
             f"Measured and predicted K–B regions agree on {_share(min(each.agreement for each in found))}, a strip "
             "of 1 % "
@@ -54,7 +57,7 @@ def region_section(context: Context) -> Section:
             f"{number(float(found[0].stable_limit[0]))} N/m and passive to "
             f"{number(float(found[0].passive_limit[0]))} N/m.",
         ),
-        {"region": document},
+        {"region": document, "friction-plane": plane_document},
         [
             {"title": each.title, "damping": each.damping.tolist(), "stable_limit": each.stable_limit.tolist(),
              "passive_limit": each.passive_limit.tolist(), "agreement": each.agreement}

@@ -17,6 +17,7 @@ QUICK, FULL = 2.0, 10.0
 COLOURS = {
     "sampling and delay": (BLUE, ""),
     "encoder": (ORANGE, "//"),
+    "tachometer": (ORANGE, "//"),
     "estimator": (GREEN, "\\\\"),
     "integrator": (PURPLE, "xx"),
     "torque step": (SKY, ".."),
@@ -52,7 +53,7 @@ def sources_section(context: Context) -> Section:
 
 def draw(found: Sequence[SceneError]) -> Figure:
     """One bar a scene."""
-    drawn = figure(1.7 + 0.5 * len(found))
+    drawn = figure(1.6 + max(0.28 * len(found), min(0.5 * len(found), 2.0)))
     panel = drawn.subplots()
     for row, each in enumerate(found):
         ends = {True: 0.0, False: 0.0}
@@ -61,18 +62,24 @@ def draw(found: Sequence[SceneError]) -> Figure:
             panel.barh(row, share, left=ends[share >= 0.0], color=colour, hatch=hatch, edgecolor="white", height=0.62)
             ends[share >= 0.0] += share
     panel.set_yticks(range(len(found)), [each.scene for each in found])
-    panel.invert_yaxis()
+    panel.set_ylim(len(found) - 0.4, -0.6)
     panel.axvline(0.0, color="#222222", linewidth=0.8)
     dress(panel, "error split by source", "share of the mean square error [1]", "")
-    for source, (colour, hatch) in COLOURS.items():
+    for source in _seen(found):
+        colour, hatch = COLOURS[source]
         panel.barh(0, 0, color=colour, hatch=hatch, edgecolor="white", label=source)
-    drawn.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+    drawn.legend(loc="outside lower center", ncols=len(COLOURS) + 1, frameon=False, fontsize=9)
     return drawn
+
+
+def _seen(found: Sequence[SceneError]) -> list[str]:
+    """Sources that any of the scenes has."""
+    return [source for source in COLOURS if any(source in each.by_source for each in found)]
 
 
 def sources_table(found: Sequence[SceneError]) -> str:
     """With every share."""
-    sources = list(COLOURS)
+    sources = _seen(found)
 
     def row(each: SceneError) -> list[str | Cell]:
         if each.rms is None:

@@ -46,8 +46,9 @@ def stability_section(context: Context) -> Section:
     for result, _ in found:
         context.add(
             "stability_cases",
-            {"name": result.name, "expected": result.expected, "measured": result.measured, "passed": result.passed},
-        )
+            {"name": result.name, "expected": result.expected, "measured": result.measured, "passed": result.passed,
+             "oracle": result.oracle, "tolerance": result.tolerance},
+        )  # fmt: skip
     figures = {f"case-{result.name}": result.figure for result, _ in found if result.figure}
     pictures = "".join(picture(name, document, name.removeprefix("case-")) for name, document in figures.items())
     text = paragraph(EXPLAINED) + _table(found) if found else paragraph("No cases are part of this installation.")
@@ -61,7 +62,7 @@ def _table(found: list[tuple[CaseResult, float]]) -> str:
             Cell("✓ passed", "good") if result.passed else Cell("✗ failed", "bad"),
             result.expected,
             result.measured,
-            result.oracle,
+            f"{result.oracle}; within: {result.tolerance}" if result.tolerance else result.oracle,
             f"{seconds:.2f}",
         ]
         for result, seconds in found
