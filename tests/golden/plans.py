@@ -6,6 +6,7 @@ from pathlib import Path
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.drive.catalogue import load_profile, profile_names
 from haptic_fieldbus.scenes.catalogue import scene_names
+from tests.velocity_only import velocity_only
 
 FOLDER = Path(__file__).parent
 
@@ -18,3 +19,8 @@ def cases() -> list[tuple[str, str]]:
 
 def text_of(scene: str, profile: str) -> str:
     return plan(scene, drive=profile).explain() + "\n"
+
+
+def velocity_only_text(folder: Path) -> str:
+    """A scene on a drive that offers velocity only; its profile is written into the folder."""
+    return text_of("damped_wall", str(velocity_only(folder)))

@@ -1,0 +1,75 @@
+"""Write docs/reference/elements.md, the elements of scenes as their dataclasses say: `python docs/make_elements.py`."""
+
+import inspect
+import sys
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, fields
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+from haptic_fieldbus.scenes.catalogue import load_scene, quantities, scene_names
+from haptic_fieldbus.scenes.files import NOT_SETTABLE
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+from haptic_fieldbus.signals import Workspace
+
+FILE = Path(__file__).resolve().parent / "reference" / "elements.md"
+
+HEAD = """\
+# Elements of a scene
+
+Everything that a `[[element]]` of a scene file can be. A number is SI in the workspace of its axis, the left unit on a
+linear axis and the right one on a rotary; a text with a unit is taken too, `stiffness = "0.6 N/mm"`. Each can be set on
+the command line, `--set wall.stiffness=800`. How scenes are put together: [scene files](scene_files.md). Formulas,
+energy statements and sources stand in `haptic_fieldbus/scenes/KIND.py`.
+
+This page is written by `python docs/make_elements.py`.
+"""
+
+
+def page() -> str:
+    """The text of the page."""
+    return "\n".join([HEAD, *(line for kind in ELEMENTS for line in _element(kind))]).rstrip() + "\n"
+
+
+def _element(kind: str) -> Iterator[str]:
+    element = element_type(kind)
+    module = import_module(element.__module__)
+    yield f"## `{kind}`\n"
+    yield f"{_first_paragraph(module.__doc__)}\n"
+    yield "| parameter | unit | default |\n|---|---|---|"
+    for field in fields(cast(Any, element)):
+        if field.name not in NOT_SETTABLE:
+            yield f"| `{field.name}` | {_unit(kind, field.name)} | {_default(field)} |"
+    yield ""
+    body = inspect.getdoc(element) or ""
+    if body:
+        yield f"{body}\n"
+    using = [name for name in scene_names() if any(type(part) is element for part in load_scene(name).elements)]
+    if using:
+        yield f"To be felt in: {', '.join(f'`{name}`' for name in using)}.\n"
+
+
+def _first_paragraph(text: str | None) -> str:
+    return " ".join((text or "").partition("\n\n")[0].split())
+
+
+def _unit(kind: str, name: str) -> str:
+    quantity = quantities(element_type(kind)).get(name)
+    if quantity is None:
+        return ""
+    units = dict.fromkeys(quantity.unit(workspace) for workspace in Workspace)
+    return " · ".join(units).replace(" · ", ", ") or "1"
+
+
+def _default(field: "Field[Any]") -> str:
+    if field.default is MISSING:
+        return "must be given" if field.default_factory is MISSING else f"`{field.default_factory()}`"
+    if isinstance(field.default, float):
+        return f"{field.default:g}"
+    return "none" if field.default in (None, ()) else f"`{field.default}`"
+
+
+if __name__ == "__main__":
+    FILE.write_text(page(), encoding="utf-8")
+    print(FILE, file=sys.stderr)

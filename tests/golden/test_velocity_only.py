@@ -1,0 +1,10 @@
+"""What `plan` says of a scene on a drive that offers velocity only is what was read and found good."""
+
+from pathlib import Path
+
+from tests.golden.plans import FOLDER, velocity_only_text
+
+
+def test_the_plan_reads_as_before(tmp_path: Path) -> None:
+    expected = (FOLDER / "velocity_only_damped_wall.txt").read_text(encoding="utf-8")
+    assert velocity_only_text(tmp_path) == expected
