@@ -10,6 +10,8 @@ import scipy.signal
 import haptic_fieldbus
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.integrators import METHODS, bind
+from haptic_fieldbus.open_loop import _grounded
+from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
@@ -172,3 +174,15 @@ def test_numbers_that_make_no_sense_are_refused(wrong: dict[str, object], senten
 def test_a_virtual_mass_that_cannot_be_is_refused_with_its_limit(mass: float) -> None:
     with pytest.raises(ValueError, match=r"sprung_mass\.mass"):
         haptic_fieldbus.response("sprung_mass", settings={"sprung_mass.mass": mass})
+
+
+@pytest.mark.parametrize(("axes", "expected"), [(("a", "b"), -200.0), (("b", "a"), -200.0 * 0.5**2)])
+def test_what_is_coupled_to_the_first_axis_stands_still(axes: tuple[str, str], expected: float) -> None:
+    """A unit step of axis a twists by 1 where it is the first, and by −n where it is the second."""
+    spaces = (SceneAxis("a", Workspace.LINEAR), SceneAxis("b", Workspace.LINEAR))
+    shaft = Coupling(axes, stiffness=200.0, damping=3.0, ratio=0.5)
+    found = haptic_fieldbus.response(Scene("shaft", "", spaces, (Wall("b", 100.0), shaft)), duration=0.005)
+    np.testing.assert_allclose(found.force[1:], expected)
+    assert abs(found.force[0]) > 3000.0 * abs(expected) / 200.0, "the step's velocity is damped"
+    (grounded,) = _grounded(Scene("shaft", "", spaces, (shaft,)), "a")
+    np.testing.assert_allclose(grounded.linearised().d, [[expected, 3.0 / 200.0 * expected]])

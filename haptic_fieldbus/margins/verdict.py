@@ -70,9 +70,12 @@ class Stability:
 
     @property
     def recommended(self) -> float | None:
-        """The stiffness up to which the margin is two, and the handle rests between counts where friction lets it."""
+        """The stiffness up to which the margin is two, and the handle rests between counts where friction lets it.
+
+        That of passivity where any stiffness is stable.
+        """
         limit = self.stiffness_limit
-        half = None if limit.stable is None else 0.5 * limit.stable
+        half = limit.passive if limit.stable is None or math.isinf(limit.stable) else 0.5 * limit.stable
         found = min((value for value in (half, limit.quantisation) if value), default=math.inf)
         return found if math.isfinite(found) else None
 

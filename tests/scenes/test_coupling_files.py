@@ -31,9 +31,9 @@ def fault(folder: Path, text: str) -> str:
 
 def test_texts_have_the_units_of_the_first_axis(tmp_path: Path) -> None:
     found = loaded(tmp_path, 'axes = ["rack", "pinion"]\nratio = 0.02\nstiffness = "0.3 N/mm"\ndead_band = "1 mm"\n')
-    assert (found.stiffness, found.dead_band) == (pytest.approx(300.0), pytest.approx(1e-3))
+    assert (found.stiffness, found.dead_band) == pytest.approx((300.0, 1e-3))
     turned = loaded(tmp_path, 'axes = ["pinion", "rack"]\nratio = 50\nstiffness = "2 mNm/rad"\nsaturation = "30 mNm"\n')
-    assert (turned.stiffness, turned.saturation) == (pytest.approx(2e-3), pytest.approx(0.03))
+    assert (turned.stiffness, turned.saturation) == pytest.approx((2e-3, 0.03))
     assert "as the axis is linear" in fault(tmp_path, 'axes = ["rack", "other"]\nstiffness = "2 mNm/rad"\n')
 
 

@@ -182,7 +182,7 @@ class TestFreeRunning:
     @pytest.mark.parametrize("damping", [0.0, 0.2])
     @pytest.mark.parametrize("part", [0.97, 1.03])
     def test_the_twist_decays_or_grows_as_the_eigenvalue_says(self, damping: float, part: float) -> None:
-        """Near the limit the rate changes by 0.012/s or more per percent of stiffness, so the limit is met within 0.1 %."""
+        """Near the limit the rate changes by 0.012/s or more for a percent of stiffness: it is met within 0.1 %."""
         stability = free_plan(100.0, damping).stability
         limit = stability.stiffness_limit.stable if stability is not None else None
         assert limit is not None
