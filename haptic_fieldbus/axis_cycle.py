@@ -6,10 +6,10 @@ Between the two `sense` works out what else the scene needs, where it needs anyt
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 from haptic_fieldbus.axis_plan import AxisPlan
+from haptic_fieldbus.axis_state import AxisState, Sensed
 from haptic_fieldbus.drive.image import AXIS_HEADER_FIELDS, AxisImage
 from haptic_fieldbus.drive.power import (
     DISABLE_VOLTAGE,
@@ -18,7 +18,7 @@ from haptic_fieldbus.drive.power import (
     TOWARDS_OPERATION_ENABLED,
     PowerState,
 )
-from haptic_fieldbus.laws import READERS, Field, Sensed, blended, field_of, summed
+from haptic_fieldbus.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.safety import Trip, TripKind, bind_limiter, hold_gain
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.signals import LinkFlag, Signal
@@ -49,27 +49,6 @@ class Owner(Protocol):
     enabled: bool
 
     def update_enabled(self) -> None: ...
-
-
-@dataclass(slots=True)
-class AxisState:
-    """What one axis remembers between periods, and others may ask."""
-
-    power: PowerState = PowerState.UNKNOWN
-    controlword: int = 0
-    stale_periods: int = 0
-    periods_apart: int = 1
-    """Between this feedback and the one before."""
-    settled: bool = True
-    """Whether both this feedback and the one before are fresh."""
-    gain: float = 1.0
-    zero_counts: int | None = None
-    began_ns: int = 0
-    position: float = 0.0
-    drift: float = 0.0
-    """How far the position may be off [m or rad]; only a position that is integrated is."""
-    force: float = 0.0
-    target: int = 0
 
 
 class AxisCycle:

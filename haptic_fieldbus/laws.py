@@ -5,30 +5,15 @@ else is needed is sensed once a period before (`Sensed`), whoever asks.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
+from haptic_fieldbus.axis_state import Sensed
 from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, Law, MemoryElement, StaticElement
 from haptic_fieldbus.signals import Signal
 
 Field = Callable[[float], float]
 """Position of the handle → force of all elements on it, in the workspace."""
-
-
 Pair = Callable[[], tuple[float, float]]
 """The forces of a coupling on its two axes, each in its workspace."""
-
-
-@dataclass(slots=True)
-class Sensed:
-    """Feedback of one axis beside its position, and what couplings add to its force."""
-
-    velocity: float = 0.0
-    """[m/s or rad/s]"""
-    torque_actual: float = 0.0
-    """[N or N·m], in the workspace."""
-    elapsed_ns: int = 0
-    coupled: float = 0.0
-    """Force of all couplings on this axis [N or N·m]."""
 
 
 def law_of(element: AnyElement, period: float, method: str | None = None) -> Law:

@@ -6,15 +6,12 @@ the drift limit of the axis. A position limit is kept by the place where the han
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from haptic_fieldbus.axis_plan import AxisPlan
+from haptic_fieldbus.axis_state import AxisState, Sensed
 from haptic_fieldbus.numerics.estimators.tachometer import Integrator
 from haptic_fieldbus.safety import TripKind
-
-if TYPE_CHECKING:
-    from haptic_fieldbus.axis_cycle import AxisState
-    from haptic_fieldbus.laws import Sensed
 
 Follow = Callable[[int, int], None]
 """(t_ns, reading); without a new reading the one before."""
@@ -26,7 +23,7 @@ class TripOff(Protocol):
     def __call__(self, kind: TripKind, value: float, limit: float | None = None) -> None: ...
 
 
-def bind_follow(axis: AxisPlan, state: "AxisState", sensed: "Sensed", period: float, trip: TripOff) -> Follow:
+def bind_follow(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float, trip: TripOff) -> Follow:
     """What follows the handle from now on: the first call, where it is enabled, is zero."""
     unit, limits = axis.velocity_unit, axis.limits
     integrator = Integrator(period, abs(unit))

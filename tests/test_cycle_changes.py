@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptic_fieldbus.axis_state import Sensed
 from haptic_fieldbus.cycle import Cycle
-from haptic_fieldbus.laws import Field, Sensed, blended, field_of
+from haptic_fieldbus.laws import Field, blended, field_of
 from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import Element

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from haptic_fieldbus.axis_state import Sensed
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SceneError, UnstableSceneError, UsageError
-from haptic_fieldbus.laws import Sensed, field_of
+from haptic_fieldbus.laws import field_of
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.refusal import check_stable

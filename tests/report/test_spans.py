@@ -7,7 +7,8 @@ import pytest
 import scipy.integrate
 from numpy.typing import NDArray
 
-from haptic_fieldbus.laws import Field, Sensed, blended, field_of
+from haptic_fieldbus.axis_state import Sensed
+from haptic_fieldbus.laws import Field, blended, field_of
 from haptic_fieldbus.report.recording import Conversion, Recording
 from haptic_fieldbus.report.spans import Exchange, spans
 from haptic_fieldbus.report.torque_error import ErrorSplit, split
