@@ -16,8 +16,8 @@ from haptic_fieldbus.drive.catalogue import load_profile
 from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.drive import Drive
-from haptic_fieldbus.sim.frame import Frame
 from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.link.frame import Frame
 
 NODE = 5
 PERIOD_NS = 1_000_000

@@ -8,13 +8,13 @@ import numpy as np
 from rows import Row, cost, show
 
 from haptic_fieldbus.drive.mechanics import Cogging, Coupling, Gravity, Mechanics, Stribeck
-from haptic_fieldbus.sim.body import Body
 from haptic_fieldbus.sim.hand import Grip, Piece
-from haptic_fieldbus.sim.load import Load
-from haptic_fieldbus.sim.loaded_plant import LoadedPlant
-from haptic_fieldbus.sim.motion import Shaft
+from haptic_fieldbus.sim.mechanics.body import Body
+from haptic_fieldbus.sim.mechanics.load import Load
+from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
+from haptic_fieldbus.sim.mechanics.motion import Shaft
+from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from haptic_fieldbus.sim.plant import Plant
-from haptic_fieldbus.sim.trajectory import Trajectory
 
 SHAFT = Shaft(inertia=4e-5, damping=1e-4, coulomb=2e-3, lag=1.6e-4)
 R = 0.05 / (2 * math.pi)

@@ -21,10 +21,10 @@ from haptic_fieldbus.request import DEFAULT_BITRATE, NODES, BusName, parse_bus
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.channel import NamedDrive, drive_of, slot_of
 from haptic_fieldbus.sim.faults import BusOff, ErrorFrame, Fault
-from haptic_fieldbus.sim.frame import Frame
 from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.link.frame import Frame
+from haptic_fieldbus.sim.link.wire import Port
 from haptic_fieldbus.sim.rack import Rack, Slot
-from haptic_fieldbus.sim.wire import Port
 
 ECHOING = ("udp_multicast",)
 """Interfaces that give back what one sends; there the drives of one host hear each other by that."""

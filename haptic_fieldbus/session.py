@@ -27,6 +27,7 @@ from haptic_fieldbus.record import FrameWriter, Record, open_frame_writer, write
 from haptic_fieldbus.report.summary import Run, summarise
 from haptic_fieldbus.result import Result, known_before
 from haptic_fieldbus.selection import Selection
+from haptic_fieldbus.sim.bus import SimulatedBus
 from haptic_fieldbus.sim.faults import Fault, faults_on
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.world import World
@@ -109,7 +110,9 @@ def open_site(request: Request) -> Site:
     clock = VirtualClock()
     worlds = {bus.name: _world(request, bus, clock) for bus in plan.buses}
     names = [bus.name if len(plan.buses) > 1 else "" for bus in plan.buses]
-    can_buses = {bus.name: worlds[bus.name].bus(name) for bus, name in zip(plan.buses, names, strict=True)}
+    can_buses = {
+        bus.name: SimulatedBus(name, world=worlds[bus.name]) for bus, name in zip(plan.buses, names, strict=True)
+    }
     return Site(clock, can_buses, worlds)
 
 

@@ -17,6 +17,7 @@ from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.record import CandumpWriter, FrameWriter
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.bus import SimulatedBus
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.world import World
 from tests.builders import PROFILE, plan_of, scene_of
@@ -58,7 +59,7 @@ def _run(
         world.add_drive(axis.node, axis.profile, axis.rig, hand_named("push"), faults=these)
     if wire is not None:
         world.tap(wire)
-    bus = CanopenBus(world.bus(), clock, log, owned=True)
+    bus = CanopenBus(SimulatedBus(world=world), clock, log, owned=True)
     try:
         bus.open(plan)
         return run_loop(plan, Cycle(plan), bus, clock, cycles=cycles, report=report)
@@ -150,7 +151,7 @@ def test_a_drive_can_be_used_again_after_a_run_without_being_reset() -> None:
     world = World(clock, plan.bitrate)
     world.add_drive(1, plan.axes[0].profile, plan.axes[0].rig, hand_named("none"))
     for _ in range(2):
-        bus = CanopenBus(world.bus(), clock, owned=True)
+        bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
         bus.open(plan)
         assert run_loop(plan, Cycle(plan), bus, clock, cycles=100).released
         bus.close()
@@ -161,7 +162,7 @@ def test_the_drive_releases_its_shaft_by_itself_when_the_master_falls_silent() -
     plan, clock = plan_of(), VirtualClock()
     world = World(clock, plan.bitrate)
     world.add_drive(1, plan.axes[0].profile, plan.axes[0].rig, hand_named("push"))
-    can_bus = world.bus()
+    can_bus = SimulatedBus(world=world)
     bus = CanopenBus(can_bus, clock)
     bus.open(plan)
     cycle = Cycle(plan)

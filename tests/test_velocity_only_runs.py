@@ -24,6 +24,7 @@ from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.bus import SimulatedBus
 from haptic_fieldbus.sim.hand import Hand, Piece, hand_named
 from haptic_fieldbus.sim.world import World
 from tests.builders import VELOCITY_ONLY, plan_of, rig_of, scene_of
@@ -70,7 +71,7 @@ def moved(compiled: Plan, hand: Hand | None, duration: float, these: tuple[fault
     clock = VirtualClock()
     world, cycle = World(clock, compiled.bitrate), Cycle(compiled)
     world.add_drive(1, compiled.axes[0].profile, compiled.axes[0].rig, hand, faults=these)
-    bus = CanopenBus(world.bus(), clock, None, owned=True)
+    bus = CanopenBus(SimulatedBus(world=world), clock, None, owned=True)
     cycles = round(duration * compiled.rate)
     record = Record(columns(compiled), cycles + 4000)
     try:
@@ -95,7 +96,7 @@ def planned(unit: str, scene: Scene | None = None, rate: float = 1000.0, drift: 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_scene_feels_like_the_ideal_one(name: str, tmp_path: Path) -> None:
-    result = run(name, drive=str(velocity_only(tmp_path)), duration=5.0)
+    result = run(name, drive=str(velocity_only(tmp_path)), duration=3.0)
     assert f"Feels like the ideal {name.replace('_', ' ')}" in str(result.verdict)
     assert result.torque_error is not None
     sources = result.torque_error.by_source
@@ -112,8 +113,10 @@ def test_the_report_of_a_drive_with_an_encoder_is_as_before() -> None:
     assert result.traces[0].sensor == "encoder"
 
 
-@pytest.mark.parametrize("unit", ["rpm", "0.1 rpm", "counts/s"])
-@pytest.mark.parametrize("hand", ["push", "tap", "sine", "guide"])
+@pytest.mark.parametrize(
+    ("unit", "hand"),
+    [("rpm", "push"), ("rpm", "guide"), ("0.1 rpm", "sine"), ("counts/s", "tap"), ("counts/s", "push")],
+)
 @pytest.mark.parametrize(
     "scene", [Wall("handle", 600.0, 0.02, 2.0), SprungMass("handle", 200.0, 0.5)], ids=["wall", "mass"]
 )

@@ -15,9 +15,9 @@ from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.channel import drives_of, slot_of
-from haptic_fieldbus.sim.controller import Received
-from haptic_fieldbus.sim.frame import Frame
 from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.link.controller import Received
+from haptic_fieldbus.sim.link.frame import Frame
 from haptic_fieldbus.sim.world import World
 
 _MAX_OCTETS = 8

@@ -15,18 +15,19 @@ from collections.abc import Callable
 
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.sim.brake import Way, way_of
-from haptic_fieldbus.sim.dictionary import Dictionary
-from haptic_fieldbus.sim.emergency import HEARTBEAT_LOST
-from haptic_fieldbus.sim.frame import Frame
+from haptic_fieldbus.sim.canopen.dictionary import Dictionary
+from haptic_fieldbus.sim.canopen.emergency import HEARTBEAT_LOST
+from haptic_fieldbus.sim.canopen.node import Node
+from haptic_fieldbus.sim.cia402.brake import Way, way_of
+from haptic_fieldbus.sim.cia402.modes.catalogue import build_modes
+from haptic_fieldbus.sim.cia402.objects import add_objects
+from haptic_fieldbus.sim.cia402.operation import Operation
+from haptic_fieldbus.sim.cia402.power import STATUS_BITS, Cause, PowerAutomaton, State
+from haptic_fieldbus.sim.cia402.servo import Servo
+from haptic_fieldbus.sim.cia402.stage import Stage
 from haptic_fieldbus.sim.hand import Hand
-from haptic_fieldbus.sim.modes.catalogue import build_modes
-from haptic_fieldbus.sim.node import Node
-from haptic_fieldbus.sim.objects import add_objects
-from haptic_fieldbus.sim.operation import Operation
-from haptic_fieldbus.sim.power import STATUS_BITS, Cause, PowerAutomaton, State
+from haptic_fieldbus.sim.link.frame import Frame
 from haptic_fieldbus.sim.quirks import install, played
-from haptic_fieldbus.sim.servo import Servo
 from haptic_fieldbus.sim.settings import (
     DriveSettings,
     build_gains,
@@ -36,7 +37,6 @@ from haptic_fieldbus.sim.settings import (
     node_options,
     object_defaults,
 )
-from haptic_fieldbus.sim.stage import Stage
 
 _VOLTAGE_ENABLED, _REMOTE = 0x0010, 0x0200
 _SLOWEST_TICK_NS = 1_000_000

@@ -20,7 +20,7 @@ from haptic_fieldbus.sim.faults import (
     TimedFault,
     WrongIdentity,
 )
-from haptic_fieldbus.sim.wire import NEVER_NS
+from haptic_fieldbus.sim.link.wire import NEVER_NS
 
 
 class Line(Protocol):

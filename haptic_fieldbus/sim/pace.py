@@ -11,17 +11,14 @@ import errno
 import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import can
 
-from haptic_fieldbus.clock import MonotonicClock
-from haptic_fieldbus.sim.controller import Controller, Received
-from haptic_fieldbus.sim.frame import Frame
-from haptic_fieldbus.sim.wire import NEVER_NS
-
-if TYPE_CHECKING:  # a world makes its pace
-    from haptic_fieldbus.sim.world import World
+from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.sim.link.controller import Controller, Received
+from haptic_fieldbus.sim.link.frame import Frame
+from haptic_fieldbus.sim.link.wire import NEVER_NS
 
 Accept = Callable[[Received], bool]
 """Whether a frame is one that the program asked for."""
@@ -36,6 +33,28 @@ _NAP = 3600.0
 """[s]: the longest single sleep; Python refuses to wait for ages."""
 _LEAVING_NS = 200_000_000
 """Paced: a program that leaves waits so long for what it sent last."""
+
+
+class LazyWorld(Protocol):
+    """What a pace needs of a world, which stands still until it is touched; times are those of the clock [ns]."""
+
+    clock: Clock
+
+    @property
+    def next_ns(self) -> int: ...
+
+    @property
+    def is_idle(self) -> bool: ...
+
+    def run(self) -> None: ...
+
+    def attach(self, *, receive_own: bool = False, room: int | None = None) -> Controller: ...
+
+    def detach(self, controller: Controller) -> None: ...
+
+    def send(self, controller: Controller, frame: Frame) -> bool: ...
+
+    def receive(self, controller: Controller, timeout_ns: int) -> Received | None: ...
 
 
 class Pace(Protocol):
@@ -62,7 +81,7 @@ class Pace(Protocol):
         ...
 
 
-def pace_of(world: "World") -> Pace:
+def pace_of(world: LazyWorld) -> Pace:
     """By the world's clock: the machine's is followed, every other one is moved."""
     return Paced(world) if isinstance(world.clock, MonotonicClock) else Stepped(world)
 
@@ -70,7 +89,7 @@ def pace_of(world: "World") -> Pace:
 class Stepped:
     """Virtual time, one thread."""
 
-    def __init__(self, world: "World") -> None:
+    def __init__(self, world: LazyWorld) -> None:
         self._world = world
 
     def attach(self, *, receive_own: bool) -> Controller:
@@ -108,7 +127,7 @@ class Stepped:
 class Paced:
     """The wall clock, any number of threads."""
 
-    def __init__(self, world: "World") -> None:
+    def __init__(self, world: LazyWorld) -> None:
         self._world = world
         self._turn = threading.Condition()
         self._epoch_ns = time.time_ns() - world.clock.now_ns()

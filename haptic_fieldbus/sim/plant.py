@@ -12,9 +12,9 @@ Everything at the motor shaft, SI; `t_ns` is the plant's own time.
 import numpy as np
 
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.sim.body import Body
 from haptic_fieldbus.sim.hand import Grip
-from haptic_fieldbus.sim.motion import (
+from haptic_fieldbus.sim.mechanics.body import Body
+from haptic_fieldbus.sim.mechanics.motion import (
     ANGLE,
     FORCE,
     FRICTION,

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 from haptic_fieldbus.drive.from_eds import EdsProfile
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.sim.cob_id import INVALID
-from haptic_fieldbus.sim.dictionary import Dictionary, Entry
+from haptic_fieldbus.sim.canopen.cob_id import INVALID
+from haptic_fieldbus.sim.canopen.dictionary import Dictionary, Entry
 from haptic_fieldbus.sim.settings import DriveSettings
 from haptic_fieldbus.sim.vendor import extend
 

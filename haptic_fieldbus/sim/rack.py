@@ -13,11 +13,11 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim.drive import Drive
 from haptic_fieldbus.sim.faults import Fault, LastingFault, TimedFault, faults_of
-from haptic_fieldbus.sim.frame import Frame
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.injection import Line, inject, install
+from haptic_fieldbus.sim.link.frame import Frame
+from haptic_fieldbus.sim.link.wire import NEVER_NS, Port
 from haptic_fieldbus.sim.settings import DriveSettings
-from haptic_fieldbus.sim.wire import NEVER_NS, Port
 
 _START_JITTER_NS = 40_000
 _RESET_NS = (20_000_000, 30_000_000)

@@ -10,18 +10,18 @@ from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.drive.profile import COUNTS_PER_SECOND, DriveProfile, velocity_step
 from haptic_fieldbus.drive.rig import RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.signals import Signal
-from haptic_fieldbus.sim.body import Body
-from haptic_fieldbus.sim.cob_id import INVALID
-from haptic_fieldbus.sim.dictionary import Dictionary
+from haptic_fieldbus.sim.canopen.cob_id import INVALID
+from haptic_fieldbus.sim.canopen.dictionary import Dictionary
+from haptic_fieldbus.sim.canopen.node import NodeOptions
+from haptic_fieldbus.sim.canopen.pdo import PdoDefaults
+from haptic_fieldbus.sim.cia402.object_table import Defaults
+from haptic_fieldbus.sim.cia402.objects import Objects
+from haptic_fieldbus.sim.cia402.stage import Gains, gains
+from haptic_fieldbus.sim.cia402.units import Units
 from haptic_fieldbus.sim.hand import Hand, grip
-from haptic_fieldbus.sim.motion import Shaft
-from haptic_fieldbus.sim.node import NodeOptions
-from haptic_fieldbus.sim.object_table import Defaults
-from haptic_fieldbus.sim.objects import Objects
-from haptic_fieldbus.sim.pdo import PdoDefaults
+from haptic_fieldbus.sim.mechanics.body import Body
+from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.plant import Plant
-from haptic_fieldbus.sim.stage import Gains, gains
-from haptic_fieldbus.sim.units import Units
 
 _NO_RTR = 1 << 30
 _RAMP = 0.05
@@ -80,8 +80,8 @@ def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, setting
     position, velocity = settings.position, settings.velocity
     if axis.simulation.is_rigid:
         return Plant(shaft, held, position=position, velocity=velocity, t_ns=t_ns)
-    from haptic_fieldbus.sim.load import Load
-    from haptic_fieldbus.sim.loaded_plant import LoadedPlant
+    from haptic_fieldbus.sim.mechanics.load import Load
+    from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
 
     mechanism = axis.mechanism
     lever = mechanism.sign * mechanism.ratio if isinstance(mechanism, RotaryMechanism) else None

@@ -13,7 +13,7 @@ from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsObject, EdsType, NodeOffset, ObjectCode, Value
 from haptic_fieldbus.eds.names import member_name, parameter_name
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.dictionary import Access, Dictionary, Entry, Mappable
+from haptic_fieldbus.sim.canopen.dictionary import Access, Dictionary, Entry, Mappable
 from haptic_fieldbus.sim.drive import Drive
 
 BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)

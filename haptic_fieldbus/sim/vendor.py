@@ -13,8 +13,8 @@ from collections.abc import Callable, Container, Iterator
 from haptic_fieldbus.drive.from_eds import data_type, pdo_count
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType, NodeOffset
-from haptic_fieldbus.sim.cob_id import INVALID
-from haptic_fieldbus.sim.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, SdoAbort
+from haptic_fieldbus.sim.canopen.cob_id import INVALID
+from haptic_fieldbus.sim.canopen.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, SdoAbort
 
 STRING_OCTETS = 256
 """Room of a string that can be written."""

@@ -12,23 +12,19 @@ it is touched, and what a program sees does not depend on the order.
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
 
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.sim.controller import Controller, Received
 from haptic_fieldbus.sim.drive import Drive
 from haptic_fieldbus.sim.faults import Fault
-from haptic_fieldbus.sim.frame import Frame
 from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.link.controller import Controller, Received
+from haptic_fieldbus.sim.link.frame import Frame
+from haptic_fieldbus.sim.link.wire import NEVER_NS, Wire, WireStatistics
+from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from haptic_fieldbus.sim.pace import Pace, pace_of
 from haptic_fieldbus.sim.rack import Rack, Slot
-from haptic_fieldbus.sim.trajectory import Trajectory
-from haptic_fieldbus.sim.wire import NEVER_NS, Wire, WireStatistics
-
-if TYPE_CHECKING:  # `bus` builds worlds, so it is imported by `World.bus` only when that is called
-    from haptic_fieldbus.sim.bus import SimulatedBus
 
 Tap = Callable[[int, int, bytes], None]
 
@@ -92,12 +88,6 @@ class World:
         controller.closed = True
         self._controllers.remove(controller)
         self._wire.detach(controller.port)
-
-    def bus(self, channel: str = "", *, receive_own_messages: bool = False) -> "SimulatedBus":
-        """A python-can bus on this world; `channel` is what messages call it."""
-        from haptic_fieldbus.sim.bus import SimulatedBus
-
-        return SimulatedBus(channel, world=self, receive_own_messages=receive_own_messages)
 
     def tap(self, callback: Tap) -> None:
         """Tell (end of frame [ns], identifier, octets) of every data frame on the wire."""

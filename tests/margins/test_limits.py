@@ -12,7 +12,7 @@ from haptic_fieldbus.margins import Plant, judge, stiffness_limit, weakened
 from haptic_fieldbus.numerics.batch import run
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import loops
-from haptic_fieldbus.sim.motion import Shaft
+from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.plant import Plant as SimulatedPlant
 from tests.loops import BENCH, PERIOD, Array, wall, with_damping
 from tests.margins.extended import DIGITS, all_inside, characteristic

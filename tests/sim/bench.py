@@ -8,8 +8,8 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis, default_axis
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.drive import Drive
-from haptic_fieldbus.sim.frame import Frame
 from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.link.frame import Frame
 from haptic_fieldbus.sim.settings import DriveSettings
 
 NODE = 5

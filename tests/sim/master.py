@@ -3,8 +3,8 @@
 import struct
 
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.sim.controller import Received
-from haptic_fieldbus.sim.frame import Frame
+from haptic_fieldbus.sim.link.controller import Received
+from haptic_fieldbus.sim.link.frame import Frame
 from haptic_fieldbus.sim.world import World
 
 PERIOD_NS = 1_000_000

@@ -85,7 +85,7 @@ class TestSharing:
     def test_a_bus_on_a_given_world_is_its_own(self) -> None:
         world = World(VirtualClock())
         world.add_drive(NODE, profile(), axis())
-        with world.bus(receive_own_messages=True) as bus:
+        with SimulatedBus(world=world, receive_own_messages=True) as bus:
             bus.send(can.Message(arbitration_id=0x123, is_extended_id=False))
             own = bus.recv(0.01)
             assert own is not None
@@ -186,7 +186,7 @@ class TestSend:
     def test_a_bus_that_is_off_sends_nothing_and_says_so(self) -> None:
         world = World(VirtualClock())
         world.add_drive(NODE, profile(), axis())
-        with world.bus() as bus:
+        with SimulatedBus(world=world) as bus:
             states = [bus.state]
             world.bus_off(0, 1 << 62)
             error = bus.recv(0)

@@ -12,10 +12,10 @@ from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import settings as settings_module
-from haptic_fieldbus.sim.brake import LONGEST_NS
+from haptic_fieldbus.sim.cia402.brake import LONGEST_NS
 from haptic_fieldbus.sim.hand import HANDS
+from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from haptic_fieldbus.sim.settings import DriveSettings, known
-from haptic_fieldbus.sim.trajectory import Trajectory
 from tests.sim.bench import MS, NODE, DriveBench, Refusal, axis, profile
 
 EMERGENCY = 0x85

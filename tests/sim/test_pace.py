@@ -14,9 +14,9 @@ import pytest
 
 from haptic_fieldbus.clock import MonotonicClock, VirtualClock
 from haptic_fieldbus.sim.bus import SimulatedBus
-from haptic_fieldbus.sim.frame import Frame
+from haptic_fieldbus.sim.link.frame import Frame
+from haptic_fieldbus.sim.link.wire import NEVER_NS
 from haptic_fieldbus.sim.pace import RECEIVE_ROOM, TRANSMIT_ROOM, Paced, Stepped
-from haptic_fieldbus.sim.wire import NEVER_NS
 from haptic_fieldbus.sim.world import World
 from tests.sim.bench import NODE, axis, profile
 
@@ -237,7 +237,7 @@ class TestRoom:
 def test_faults_of_the_link_reach_every_program_of_a_paced_world() -> None:
     world = World(MonotonicClock())
     world.add_drive(NODE, profile(), axis())
-    with world.bus() as one, world.bus() as other:
+    with SimulatedBus(world=world) as one, SimulatedBus(world=world) as other:
         world.bus_off(world.clock.now_ns(), NEVER_NS)
         for subject in (one, other):
             message = subject.recv(LONG)

@@ -8,11 +8,11 @@ import pytest
 from scipy.integrate import simpson, solve_ivp
 
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.sim import motion
 from haptic_fieldbus.sim.hand import Grip, Piece
-from haptic_fieldbus.sim.motion import ANGLE, FORCE, HAND_SPEED, SPEED, STRETCH, TORQUE, Shaft
+from haptic_fieldbus.sim.mechanics import motion
+from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, HAND_SPEED, SPEED, STRETCH, TORQUE, Shaft
+from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from haptic_fieldbus.sim.plant import Plant
-from haptic_fieldbus.sim.trajectory import Trajectory
 
 LAG = 1 / (2 * math.pi * 1000)
 SHAFT = Shaft(inertia=4e-5, damping=1e-4, coulomb=0.0, lag=LAG)

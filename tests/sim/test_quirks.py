@@ -11,7 +11,7 @@ from haptic_fieldbus.drive.catalogue import profile_folder
 from haptic_fieldbus.drive.profile import DriveProfile, SimulationSection
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.result import Result
-from haptic_fieldbus.sim.dictionary import AbortCode
+from haptic_fieldbus.sim.canopen.dictionary import AbortCode
 from haptic_fieldbus.sim.quirks import QUIRKS, Quirk
 from tests.sim.bench import MS, NODE, DriveBench, Refusal, profile
 

@@ -14,11 +14,11 @@ from canopen.objectdictionary import ODVariable
 from haptic_fieldbus.drive.catalogue import load_profile, profile_names
 from haptic_fieldbus.eds import EdsType, NodeOffset, eds_text, read_eds
 from haptic_fieldbus.eds.names import member_name, parameter_name
-from haptic_fieldbus.sim.dictionary import AbortCode
+from haptic_fieldbus.sim.canopen.dictionary import AbortCode
 from haptic_fieldbus.sim.sheet import dictionary_of, sheet
 from tests.eds.vendor_files import FOLDER, needs_files
 from tests.sim.bench import NODE
-from tests.sim.test_canopen_peer import Bench
+from tests.sim.canopen.test_canopen_peer import Bench
 
 NAMES = [name for name in profile_names() if load_profile(name).drive.usable]
 VENDOR = "maxon_epos4_70_15.eds"

@@ -9,7 +9,7 @@ from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.profile import DriveProfile, MappedObject, VelocitySection
 from haptic_fieldbus.sim.settings import DriveSettings
 from tests.sim.bench import MS, DriveBench, axis, profile
-from tests.sim.sentences import read
+from tests.sim.cia402.sentences import read
 
 PROFILE_VELOCITY, ENABLE = 3, (0x06, 0x07, 0x0F)
 

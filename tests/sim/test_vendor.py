@@ -12,7 +12,7 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.from_eds import data_type, profile_from_eds
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType, NodeOffset, eds_text
 from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.sim.dictionary import AbortCode, Access, Entry, SdoAbort
+from haptic_fieldbus.sim.canopen.dictionary import AbortCode, Access, Entry, SdoAbort
 from haptic_fieldbus.sim.settings import DriveSettings
 from haptic_fieldbus.sim.vendor import BENCH_VALUES
 from tests.drive.test_from_eds import USABLE

@@ -7,8 +7,8 @@ import pytest
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.frame import INTERMISSION_BITS, Frame, wire_bits
 from haptic_fieldbus.sim.hand import HANDS
+from haptic_fieldbus.sim.link.frame import INTERMISSION_BITS, Frame, wire_bits
 from haptic_fieldbus.sim.world import World
 from tests.sim.bench import MS, NODE, axis, profile
 from tests.sim.master import Master

@@ -24,6 +24,7 @@ from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.result import Result
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.bus import SimulatedBus
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.world import World
 from tests.builders import PROFILE, plan_of, scene_of
@@ -69,7 +70,10 @@ class TwoWorlds:
 
     def run(self, cycles: int = 2000) -> LoopReport:
         group = BusGroup(
-            {name: CanopenBus(world.bus(name), self.clock, owned=True) for name, world in self.worlds.items()}
+            {
+                name: CanopenBus(SimulatedBus(name, world=world), self.clock, owned=True)
+                for name, world in self.worlds.items()
+            }
         )
         try:
             group.open(self.plan)

@@ -17,6 +17,7 @@ from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.selection import DEFAULT_DRIVE, DEFAULT_RATE
 from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.sim.bus import SimulatedBus
 from haptic_fieldbus.sim.faults import BusOff, Fault
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.world import World
@@ -91,7 +92,7 @@ def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: Sequence[Fault]) 
     world, report, error = World(clock, plan.bitrate), LoopReport(), "none"
     axis = plan.axes[0]
     world.add_drive(axis.node, axis.profile, axis.rig, hand_named("push"), faults=faults)
-    bus = CanopenBus(world.bus(), clock, None, owned=True)
+    bus = CanopenBus(SimulatedBus(world=world), clock, None, owned=True)
     try:
         bus.open(plan)
         run_loop(plan, Cycle(plan), bus, clock, cycles=cycles, report=report)

@@ -15,7 +15,7 @@ from haptic_fieldbus.scenes.generalised_maxwell import GeneralisedMaxwell
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.sim import plant as sim_plant
-from haptic_fieldbus.sim.motion import Shaft
+from haptic_fieldbus.sim.mechanics.motion import Shaft
 
 LOSS, IMPACT_MASS = 0.6, 0.2
 """Of the impact: p [s/m], and the mass that hits [kg]."""

@@ -1,0 +1,282 @@
+"""The CANopen half of a simulated drive: NMT, its services by state, and who handles which frame.
+
+Theory (CiA 301, 7.3.2): initialising → pre-operational (boot-up message) ⇄ operational ⇄ stopped; which services work
+in which state stands in `nmt`. A node without node-ID stays in *initialising* with LSS alone (CiA 305). Which
+identifiers concern the node stands in `handlers`, those of remote frames in `requests`; both are made anew when a
+parameter or the state changes.
+Pure: frames and times [ns] in, frames out through `send`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from haptic_fieldbus.sim.canopen import lss, nmt
+from haptic_fieldbus.sim.canopen.alarms import Alarms
+from haptic_fieldbus.sim.canopen.bit_timing import BitTiming
+from haptic_fieldbus.sim.canopen.cob_id import ID, INVALID
+from haptic_fieldbus.sim.canopen.communication import NodeObjects
+from haptic_fieldbus.sim.canopen.dictionary import Dictionary
+from haptic_fieldbus.sim.canopen.emergency import HEARTBEAT_LOST, Emergencies
+from haptic_fieldbus.sim.canopen.guarding import Guarding
+from haptic_fieldbus.sim.canopen.heartbeat import HEARTBEAT_ID, Consumers, Producer
+from haptic_fieldbus.sim.canopen.lss import UNCONFIGURED, LssSlave
+from haptic_fieldbus.sim.canopen.nmt import NmtState, Service
+from haptic_fieldbus.sim.canopen.pdo import PdoDefaults
+from haptic_fieldbus.sim.canopen.process import Application, Handler, ProcessData
+from haptic_fieldbus.sim.canopen.sdo.server import TIMEOUT_NS, SdoServer
+from haptic_fieldbus.sim.canopen.storage import Storage
+from haptic_fieldbus.sim.canopen.timestamp import TimeConsumer
+from haptic_fieldbus.sim.link.frame import Frame
+from haptic_fieldbus.sim.link.wire import NEVER_NS
+
+SDO_RESPONSE_ID = 0x580
+SDO_REQUEST_ID = 0x600
+_EVERYTHING, _COMMUNICATION = (0x1000, 0xFFFF), (0x1000, 0x1FFF)
+
+
+@dataclass(frozen=True)
+class NodeOptions:
+    """What differs between models: PDOs, the object that watches the master, when RPDOs act, how long a reset takes."""
+
+    rpdos: list[PdoDefaults]
+    tpdos: list[PdoDefaults]
+    consumer: int | None = 0x1016
+    consumers: int = 4
+    """So many nodes can be watched."""
+    acts_at_sync: bool = False
+    reset_ns: int = 0
+    bitrate: int = 1_000_000
+    """That of the bus [bit/s]: a node set to another one by LSS is not heard any more."""
+
+
+class Node:
+    """One CANopen slave."""
+
+    def __init__(
+        self,
+        number: int,
+        dictionary: Dictionary,
+        application: Application,
+        send: Callable[[Frame], None],
+        options: NodeOptions,
+    ) -> None:
+        self.number = number
+        self.state = NmtState.INITIALISING
+        self.handlers: dict[int, Handler] = {}
+        self.requests: dict[int, Callable[[int], None]] = {}
+        self.now_ns = 0
+        self.heartbeat_enabled = True
+        """False: our own heartbeats are no longer sent."""
+        self.dictionary = dictionary
+        self.sdo = SdoServer(dictionary)
+        self._application = application
+        self._send = send
+        self._options = options
+        self._alarms = alarms = Alarms()
+        self._boot_alarm = alarms.new(self._boot)
+        self._sdo_alarm = alarms.new(self._sdo_timeout)
+        self._bit_timing = BitTiming(
+            options.bitrate, alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route
+        )
+        self.emergencies = Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
+        self._producer = Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
+        consumers = options.consumers if options.consumer is not None else 0
+        self._consumers = Consumers(
+            dictionary, options.consumer or 0, consumers, alarms, self._route, self._link_lost, self._link_back
+        )
+        self._guarding = Guarding(dictionary, alarms, self._link_lost, self._link_back)
+        self._time = TimeConsumer(dictionary, lambda: self.now_ns, self._route)
+        self._objects = NodeObjects(dictionary, number)
+        self._storage = Storage(dictionary)
+        self.lss = LssSlave(
+            self._objects.identity, number, options.bitrate, self._reset_communication, self._bit_timing.activate
+        )
+        self.process = ProcessData(
+            dictionary, application, self.emergencies, self._emit, self._route, alarms,
+            options.rpdos, options.tpdos, options.acts_at_sync,
+        )  # fmt: skip
+
+    @property
+    def due_ns(self) -> int:
+        """When something is to be done without a frame."""
+        return self._alarms.due_ns
+
+    def power_on(self, t_ns: int, delay_ns: int | None) -> None:
+        """Voltage comes; the boot-up message follows after the delay. None: it came long ago, nobody was listening."""
+        self._initialise(t_ns, None if delay_ns is None else t_ns + delay_ns, power_on=True)
+        if delay_ns is None:
+            self._enter(NmtState.PRE_OPERATIONAL)
+
+    def commission(self, bitrate: int) -> None:
+        """The bus has this bit rate [bit/s], and the node was set to it before."""
+        self._bit_timing.bus_bitrate = bitrate
+        self.lss.commission(bitrate)
+
+    def receive(self, frame: Frame, t_ns: int) -> None:
+        """A frame of another node ended."""
+        if frame.remote or frame.extended:
+            requested = None if frame.extended else self.requests.get(frame.can_id)
+            if requested is not None:
+                self.now_ns = t_ns
+                requested(t_ns)
+            return
+        handler = self.handlers.get(frame.can_id)
+        if handler is not None:
+            self.now_ns = t_ns
+            handler(frame.data, t_ns)
+
+    def timer(self, t_ns: int) -> None:
+        """Do what is due."""
+        self.now_ns = t_ns
+        self._alarms.ring(t_ns)
+
+    def reset(self, t_ns: int, boot_ns: int | None = None) -> None:
+        """As after power-on; the boot-up message comes after `boot_ns`, None: after the model's reset time."""
+        self.now_ns = t_ns
+        self._application.link_lost(t_ns)
+        self._initialise(t_ns, t_ns + (self._options.reset_ns if boot_ns is None else boot_ns), power_on=True)
+
+    # States.
+
+    def _reset_communication(self) -> None:
+        self._application.link_lost(self.now_ns)
+        self._initialise(self.now_ns, self.now_ns + self._options.reset_ns, power_on=False)
+
+    def _initialise(self, t_ns: int, boot_ns: int | None, *, power_on: bool) -> None:
+        """Enter *initialising* with power-on values: of all objects, or those of communication."""
+        self.now_ns = t_ns
+        self.state = NmtState.INITIALISING
+        self.process.stop()
+        self._producer.stop()
+        self._consumers.stop()
+        self._guarding.stop()
+        self._sdo_alarm.off()
+        self.sdo.reset()
+        self.lss.reset(power_on=power_on)
+        self._bit_timing.switch()
+        self._renumber(self.lss.active_node)
+        self._storage.restore(*(_EVERYTHING if power_on else _COMMUNICATION))
+        self.emergencies.restart(power_on=power_on)
+        if power_on:
+            self._time.forget()
+            self._application.restart(t_ns)
+        self._boot_alarm.at(NEVER_NS if boot_ns is None else boot_ns)
+        self.process.compile()
+        self._route()
+
+    def _renumber(self, number: int) -> None:
+        """Take the node-ID that LSS gave; without one the last stays in the dictionary, unused."""
+        if number not in (self.number, UNCONFIGURED):
+            self.dictionary.renumber(number - self.number)
+            self.number = number
+
+    def _boot(self, t_ns: int) -> None:
+        self._route()
+        if not self._has_node_id:
+            return
+        self._emit(Frame(HEARTBEAT_ID + self.number, bytes((NmtState.INITIALISING.value,))))
+        self._producer.start(t_ns)
+        self._enter(NmtState.PRE_OPERATIONAL)
+
+    def _enter(self, state: NmtState) -> None:
+        before, self.state = self.state, state
+        if state is before:
+            return
+        if state is NmtState.OPERATIONAL:
+            self.process.start(self.now_ns)
+        else:
+            self.process.stop()
+        if state is NmtState.STOPPED:
+            self.sdo.reset()
+            self._sdo_alarm.off()
+        self._route()
+        if state is NmtState.STOPPED:
+            self._application.link_lost(self.now_ns)
+
+    def _route(self) -> None:
+        """Who handles which identifier in the present state."""
+        works = nmt.WORKING[self.state]
+        if self.state is NmtState.INITIALISING and self._boot_alarm.due_ns == NEVER_NS and not self._has_node_id:
+            works = nmt.WITHOUT_NODE_ID
+        handlers: dict[int, Handler] = {}
+        requests: dict[int, Callable[[int], None]] = {}
+        if Service.LSS in works:
+            handlers[lss.REQUEST_ID] = self._lss
+        if Service.SDO in works:
+            if self._time.can_id is not None:
+                handlers[self._time.can_id] = self._time.received
+            handlers[SDO_REQUEST_ID + self.number] = self._sdo
+        if Service.PDO in works:
+            handlers |= self.process.route(self.now_ns)
+            requests |= self.process.requests()
+        if Service.NMT in works:
+            handlers |= self._consumers.route()
+            handlers[0] = self._nmt
+            requests[HEARTBEAT_ID + self.number] = self._guard
+        self.handlers, self.requests = (handlers, requests) if self._bit_timing.on_bus else ({}, {})
+
+    @property
+    def _has_node_id(self) -> bool:
+        return self.lss.active_node != UNCONFIGURED
+
+    # Services.
+
+    def _nmt(self, data: bytes, t_ns: int) -> None:
+        if len(data) != 2 or data[1] not in (0, self.number):
+            return
+        command = data[0]
+        if command in nmt.COMMANDED:
+            self._enter(nmt.COMMANDED[command])
+        elif command == nmt.RESET_NODE:
+            self.reset(t_ns)
+        elif command == nmt.RESET_COMMUNICATION:
+            self._reset_communication()
+
+    def _sdo(self, data: bytes, t_ns: int) -> None:
+        self._application.measure(t_ns)
+        self._respond(self.sdo.request(data))
+        if self.sdo.busy:
+            self._sdo_alarm.at(t_ns + TIMEOUT_NS)
+        else:
+            self._sdo_alarm.off()
+
+    def _sdo_timeout(self, _t_ns: int) -> None:
+        self._respond(self.sdo.expire())
+
+    def _respond(self, responses: list[bytes]) -> None:
+        for response in responses:
+            self._emit(Frame(SDO_RESPONSE_ID + self.number, response))
+
+    def _guard(self, t_ns: int) -> None:
+        if not self._producer.active:
+            self._emit(Frame(HEARTBEAT_ID + self.number, self._guarding.request(self.state.value, t_ns)))
+
+    def _beat(self) -> None:
+        if self.heartbeat_enabled:
+            self._emit(Frame(HEARTBEAT_ID + self.number, bytes((self.state.value,))))
+
+    def _link_lost(self, t_ns: int) -> None:
+        """A watched node or the guarding master fell silent."""
+        self.emergencies.raise_error(HEARTBEAT_LOST)
+        self._application.link_lost(t_ns)
+        self._enter(nmt.AFTER_ERROR.get((self._objects.error_behaviour, self.state), self.state))
+
+    def _link_back(self) -> None:
+        if not self._consumers.lost and not self._guarding.lost:
+            self.emergencies.clear(HEARTBEAT_LOST)
+
+    def _send_emergency(self, data: bytes) -> None:
+        cob_id = self._objects.emergency_cob_id
+        if Service.SDO in nmt.WORKING[self.state] and not cob_id & INVALID:
+            self._emit(Frame(cob_id & ID, data))
+
+    def _emit(self, frame: Frame) -> None:
+        if self._bit_timing.on_bus:
+            self._send(frame)
+
+    # LSS.
+
+    def _lss(self, data: bytes, _t_ns: int) -> None:
+        response = self.lss.request(data)
+        if response is not None:
+            self._emit(Frame(lss.RESPONSE_ID, response))

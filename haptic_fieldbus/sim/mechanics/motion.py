@@ -1,0 +1,118 @@
+"""The modes of motion of the shaft, each a linear system: slipping or sticking, held by a hand or not.
+
+States: shaft angle θ and speed ω, motor torque τ, stretch δ = φ_h − θ of the hand's spring and the hand's speed ν, the
+hand's force f and its slope g, the target u of the torque loop and the friction torque c:
+
+    θ' = ω          ω' = (τ + c − b·ω + k·δ + d·(ν − ω)) / J         τ' = (u − τ) / T
+    δ' = ν − ω      ν' = (f − k·δ − d·(ν − ω)) / m                   f' = g,  g' = −Ω²·f
+
+Sticking, θ and ω stand still and the rest goes on. Everything at the motor shaft, SI.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptic_fieldbus.numerics.linear import Matrix
+from haptic_fieldbus.sim.hand import Grip
+from haptic_fieldbus.sim.mechanics.flow import MAX_TRANSITIONS, Flow
+
+ANGLE, SPEED, TORQUE, STRETCH, HAND_SPEED, FORCE, SLOPE, TARGET, FRICTION = range(9)
+ORDER = 9
+State = tuple[float, ...]
+"""All nine, in this order."""
+
+_COUPLED = (SPEED, TORQUE, STRETCH, HAND_SPEED, FORCE, SLOPE, TARGET, FRICTION)
+_HELD_ENTRIES = (
+    *((row, column) for row in (ANGLE, SPEED, STRETCH, HAND_SPEED) for column in _COUPLED),
+    *((TORQUE, TORQUE), (TORQUE, TARGET), (FORCE, FORCE), (FORCE, SLOPE), (SLOPE, FORCE), (SLOPE, SLOPE)),
+)
+_FREE_ENTRIES = (
+    *((row, column) for row in (ANGLE, SPEED) for column in (SPEED, TORQUE, TARGET, FRICTION)),
+    *((TORQUE, TORQUE), (TORQUE, TARGET)),
+)
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """Motor, load and torque loop at the motor shaft [kg·m², N·m·s/rad, N·m, s]."""
+
+    inertia: float
+    damping: float
+    coulomb: float
+    lag: float
+
+
+class Motion:
+    """One mode; `step` is the work of every period, in plain floats on the entries that are not zero."""
+
+    def __init__(self, shaft: Shaft, grip: Grip | None, *, sticking: bool) -> None:
+        self.flow = Flow(_matrix(shaft, grip, sticking))
+        self._kernel = _free if grip is None else _held
+        self._entries = _FREE_ENTRIES if grip is None else _HELD_ENTRIES
+        self._tables: dict[int, tuple[float, ...]] = {}
+
+    def step(self, state: State, span_ns: int) -> State:
+        """The state after a whole number of nanoseconds."""
+        table = self._tables.get(span_ns)
+        if table is None:
+            if len(self._tables) >= MAX_TRANSITIONS:
+                self._tables.clear()
+            transition = self.flow.transition(span_ns)
+            table = self._tables[span_ns] = tuple(float(transition[entry]) for entry in self._entries)
+        return self._kernel(state, table)
+
+
+def _matrix(shaft: Shaft, grip: Grip | None, sticking: bool) -> Matrix:
+    a = np.zeros((ORDER, ORDER))
+    a[TORQUE, TARGET], a[TORQUE, TORQUE] = 1 / shaft.lag, -1 / shaft.lag
+    k, d = (grip.stiffness, grip.damping) if grip is not None else (0.0, 0.0)
+    if grip is not None:
+        a[STRETCH, HAND_SPEED], a[STRETCH, SPEED] = 1.0, -1.0
+        a[HAND_SPEED, FORCE], a[HAND_SPEED, STRETCH] = 1 / grip.inertia, -k / grip.inertia
+        a[HAND_SPEED, HAND_SPEED], a[HAND_SPEED, SPEED] = -d / grip.inertia, d / grip.inertia
+        a[FORCE, SLOPE], a[SLOPE, FORCE] = 1.0, -(grip.angular_frequency**2)
+    if not sticking:
+        a[ANGLE, SPEED] = 1.0
+        a[SPEED, TORQUE] = a[SPEED, FRICTION] = 1 / shaft.inertia
+        a[SPEED, SPEED] = -(shaft.damping + d) / shaft.inertia
+        a[SPEED, STRETCH], a[SPEED, HAND_SPEED] = k / shaft.inertia, d / shaft.inertia
+    return a
+
+
+def _free(state: State, table: tuple[float, ...]) -> State:
+    aw, at, au, ac, ww, wt, wu, wc, tt, tu = table
+    angle, speed, torque, stretch, hand, force, slope, target, friction = state
+    return (
+        angle + aw * speed + at * torque + au * target + ac * friction,
+        ww * speed + wt * torque + wu * target + wc * friction,
+        tt * torque + tu * target,
+        stretch,
+        hand,
+        force,
+        slope,
+        target,
+        friction,
+    )
+
+
+def _held(state: State, table: tuple[float, ...]) -> State:
+    # fmt: off
+    (aw, at, ad, ah, af, ag, au, ac,
+     ww, wt, wd, wh, wf, wg, wu, wc,
+     dw, dt, dd, dh, df, dg, du, dc,
+     hw, ht, hd, hh, hf, hg, hu, hc,
+     tt, tu, ff, fg, gf, gg) = table
+    w, t, d, h, f, g, u, c = state[1:]
+    return (
+        state[0] + aw * w + at * t + ad * d + ah * h + af * f + ag * g + au * u + ac * c,
+        ww * w + wt * t + wd * d + wh * h + wf * f + wg * g + wu * u + wc * c,
+        tt * t + tu * u,
+        dw * w + dt * t + dd * d + dh * h + df * f + dg * g + du * u + dc * c,
+        hw * w + ht * t + hd * d + hh * h + hf * f + hg * g + hu * u + hc * c,
+        ff * f + fg * g,
+        gf * f + gg * g,
+        u,
+        c,
+    )
+    # fmt: on

@@ -1,0 +1,133 @@
+"""The true motion of a simulated shaft, kept as the few states from which everything between follows exactly.
+
+A segment starts where the motion changes its law: a new target, a piece of the hand's force, a reversal, standstill.
+"""
+
+from array import array
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.numerics.linear import Matrix
+from haptic_fieldbus.sim.mechanics.flow import Flow, moved
+from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, SPEED, TORQUE, State
+
+Times = NDArray[np.int64]
+
+
+class Recorder:
+    """What the plant writes: segments (start [ns], start within the nanoseconds, state) and targets.
+
+    `order`: so many states are kept. `longest`: of so many segments at least, the last ones are kept; None: all.
+    """
+
+    def __init__(self, order: int, longest: int | None = None) -> None:
+        self.order = order
+        self.longest = longest
+        self.flows: list[Flow] = []
+        self.flow_of_segment = array("H")
+        self.segments = array("d")
+        self.target_times_ns = array("q")
+        self.target_torques = array("d")
+
+    def segment(self, t_ns: int, offset_ns: float, flow: Flow, state: State) -> None:
+        """From t_ns + offset_ns on, the state follows this flow."""
+        for number in range(len(self.flows) - 1, -1, -1):
+            if self.flows[number] is flow:
+                break
+        else:
+            number = len(self.flows)
+            self.flows.append(flow)
+        self.flow_of_segment.append(number)
+        self.segments.extend((t_ns, offset_ns, *state))
+        if self.longest is not None and len(self.flow_of_segment) > 2 * self.longest:
+            del self.flow_of_segment[: -self.longest], self.segments[: -self.longest * (2 + self.order)]
+
+    def target(self, t_ns: int, torque: float) -> None:
+        """The torque loop takes over a target [N·m]."""
+        self.target_times_ns.append(t_ns)
+        self.target_torques.append(torque)
+        if self.longest is not None and len(self.target_torques) > 2 * self.longest:
+            del self.target_times_ns[: -self.longest], self.target_torques[: -self.longest]
+
+
+class Trajectory:
+    """The true motion up to `end_ns`, at the motor shaft; a copy that later motion does not change."""
+
+    def __init__(self, recorder: Recorder, end_ns: int) -> None:
+        self.end_ns = end_ns
+        self._flows = tuple(recorder.flows)
+        self._flow_of_segment = np.array(recorder.flow_of_segment, dtype=np.int64)
+        table = np.array(recorder.segments, dtype=np.float64).reshape(-1, 2 + recorder.order)
+        self._start_ns = table[:, 0].astype(np.int64)
+        self._offset_ns = table[:, 1].copy()
+        self._begin_ns = table[:, 0] + table[:, 1]
+        self._states = table[:, 2:].copy()
+        self._targets = (
+            np.array(recorder.target_times_ns, dtype=np.int64),
+            np.array(recorder.target_torques, dtype=np.float64),
+        )
+
+    def sample(self, times_ns: Times) -> tuple[Matrix, Matrix, Matrix]:
+        """Position [rad], velocity [rad/s] and motor torque after the torque loop [N·m] at each time, exact.
+
+        ValueError for a time before the start or after `end_ns`.
+        """
+        states = self.states(times_ns)
+        return states[:, ANGLE], states[:, SPEED], states[:, TORQUE]
+
+    def hand_force(self, times_ns: Times) -> Matrix:
+        """The force on the hand's mass, as a torque at the motor shaft [N·m]."""
+        return self.states(times_ns)[:, FORCE]
+
+    def targets(self) -> tuple[Times, Matrix]:
+        """When each target was taken over by the torque loop [ns], and its value [N·m]."""
+        return self._targets
+
+    @property
+    def begins_ns(self) -> Matrix:
+        """When each segment begins [ns], not necessarily whole."""
+        return self._begin_ns
+
+    def states(self, times_ns: Times) -> Matrix:
+        """All states of the plant, (n, order)."""
+        times = np.asarray(times_ns, dtype=np.int64)
+        if times.size and (times.min() < self._start_ns[0] or times.max() > self.end_ns):
+            raise ValueError(f"the motion is known from {self._start_ns[0]} to {self.end_ns} ns")
+        segment = np.searchsorted(self._begin_ns, times.astype(np.float64), side="right") - 1
+        spans = np.maximum((times - self._start_ns[segment]).astype(np.float64) - self._offset_ns[segment], 0.0)
+        spacing_ns, rank = _runs(times, segment)
+        states = self._states[segment]
+        first = np.flatnonzero(rank == 0)
+        states[first] = self.follow(segment[first], spans[first])
+        flow_of_row = self._flow_of_segment[segment]
+        for doubling in range(int(rank.max(initial=0)).bit_length()):
+            rows = np.flatnonzero(rank >> doubling == 1)
+            for number in np.unique(flow_of_row[rows]):
+                here = rows[flow_of_row[rows] == number]
+                transition = self._flows[number].transition(spacing_ns << doubling)
+                states[here] = moved(states[here - (1 << doubling)], transition)
+        return states
+
+    def follow(self, segment: Times, spans_ns: Matrix) -> Matrix:
+        """All states so long after the start of each of these segments, (m, order); spans not necessarily whole."""
+        states = self._states[segment]
+        flow_of_row = self._flow_of_segment[segment]
+        for number in np.unique(flow_of_row):
+            rows = flow_of_row == number
+            states[rows] = self._flows[number].advance_many(states[rows], spans_ns[rows])
+        return states
+
+
+def _runs(times: Times, segment: Times) -> tuple[int, Times]:
+    """(spacing [ns], place of each time in its run): a run is evenly spaced within one segment.
+
+    Only the first of a run is followed from the start of its segment, the others by doubling from there.
+    """
+    gaps = np.diff(times)
+    spacing_ns = int(np.median(gaps)) if len(gaps) else 0
+    begins = np.ones(len(times), dtype=bool)
+    if spacing_ns > 0:
+        begins[1:] = (gaps != spacing_ns) | (np.diff(segment) != 0)
+    place = np.arange(len(times))
+    return spacing_ns, place - np.maximum.accumulate(np.where(begins, place, 0))
