@@ -46,7 +46,10 @@ def _softer(element: AnyElement, stiffness: float) -> str:
         return f"--set {element.name}.stiffness={stiffness:g}"
     softer = element.with_stiffness(stiffness)
     changed = {name: getattr(softer, name) for name in parameters(type(element)) if name != "stiffness"}
-    settings = [f"{name}={value:g}" for name, value in changed.items() if value != getattr(element, name)]
+    changed = {name: value for name, value in changed.items() if value != getattr(element, name)}
+    if not all(isinstance(value, float) for value in changed.values()):
+        return f"{element.name} with {stiffness / element.stiffness:.2g} times its stiffnesses"
+    settings = [f"{name}={value:g}" for name, value in changed.items()]
     return " ".join(f"--set {element.name}.{setting}" for setting in settings)
 
 

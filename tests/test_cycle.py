@@ -252,6 +252,34 @@ def test_a_damped_wall_takes_the_backward_difference_of_position() -> None:
     assert force == pytest.approx(-1.0 * 30 * COUNT - 2.0 * 20 * COUNT / 0.001)
 
 
+def test_an_element_gets_every_signal_that_it_asks_for_and_in_its_order() -> None:
+    """Velocity by backward difference, torque actual in the workspace, and the time since the drive was enabled."""
+    seen: list[tuple[float, ...]] = []
+
+    @dataclass(frozen=True)
+    class Watching:
+        axis: str = "handle"
+        name: str = "watching"
+        needs: tuple[Signal, ...] = (Signal.ELAPSED_NS, Signal.TORQUE_ACTUAL, Signal.VELOCITY, Signal.POSITION)
+
+        def force(self, *feedback: float) -> float:
+            seen.append(feedback)
+            return 0.0
+
+        def linearised(self) -> StateSpace:
+            return gain([[0.0, 0.0]])
+
+    cycle = Cycle(plan_of(scene_of(Watching())))
+    for number, counts in enumerate((5, 5, 25)):
+        t_ns = 7_000_000 + 1_000_000 * number
+        cycle(struct.pack("<qIHHHih", t_ns, 0, 0, 0, ENABLED, counts, 3 * number))
+    assert seen == [
+        (0, 0.0, 0.0, 0.0),
+        (1_000_000, pytest.approx(3 * UNIT), 0.0, 0.0),
+        (2_000_000, pytest.approx(6 * UNIT), pytest.approx(20 * COUNT / 0.001), pytest.approx(20 * COUNT)),
+    ]
+
+
 def test_virtual_states_advance_only_in_operation_enabled() -> None:
     """A held sprung mass starts at rest where the handle is when the drive is enabled: no force until it moves."""
     scene = scene_of(SprungMass("handle", stiffness=100.0, mass=0.5))

@@ -4,6 +4,7 @@ import ast
 import importlib.util
 import os
 import re
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -46,7 +47,11 @@ OWN_COMMANDS = sorted({command for _, command in shown_commands() if command.sta
 def test_every_command_in_the_documents_does_what_they_say(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A report measures for a while: in a process of its own, where nobody counts which lines are run."""
     monkeypatch.chdir(tmp_path)
+    if command.split()[1] == "report":
+        subprocess.run([sys.executable, "-m", "haptic_fieldbus", *command.split()[1:]], check=True)
+        return
     with pytest.raises(SystemExit) as stopped:
         main(command.split()[1:])
     assert (stopped.value.code or 0) == (REFUSED if "stiffness=3000" in command else 0)

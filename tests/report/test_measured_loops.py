@@ -157,7 +157,7 @@ def test_the_periods_that_are_timed_render_a_force() -> None:
 
 
 def test_every_part_has_a_cost_and_a_name_of_its_own() -> None:
-    found = list(optional_parts.parts(TOOLS, SHIPPED))
+    found = list(optional_parts.parts(TOOLS, SHIPPED, ["sprung_mass"]))
     assert len({part.part for part in found}) == len(found)
     assert all(part.ns_per_step > 0.0 for part in found)
     assert set(found[0].to_json()) == {"part", "ns_per_step"}

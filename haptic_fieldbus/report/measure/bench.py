@@ -13,6 +13,9 @@ from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.result import Result
 from haptic_fieldbus.sim.hand import Hand, hand_named
 
+FEW_SCENES = ("wall", "damped_wall", "sprung_mass", "detents", "lugre", "generalised_maxwell", "virtual_shaft")
+"""One of each sort, for a quick report."""
+
 
 @dataclass(frozen=True)
 class Tools:

@@ -1,7 +1,7 @@
 """What each optional part costs: the whole period of a few scenes, and the parts by themselves."""
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 from haptic_fieldbus.cycle import Cycle, columns, decoded_columns
@@ -15,8 +15,9 @@ from haptic_fieldbus.report.measure.bench import Bench, Tools
 from haptic_fieldbus.report.measure.problems import free_puck, sprung_mass
 from haptic_fieldbus.report.measure.timing import Spread, ns_per_call, spread
 from haptic_fieldbus.safety import bind_limiter
-from haptic_fieldbus.scenes.catalogue import scene_names
-from haptic_fieldbus.scenes.element import CouplingElement, Element
+from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
+from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.signals import Signal, Workspace
 
 ENABLED = 0x0637
@@ -68,17 +69,17 @@ def running(plan: Plan) -> Cycle:
     return cycle
 
 
-def parts(tools: Tools, bench: Bench) -> Iterator[Part]:
-    """All of them, the whole periods first."""
+def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[Part]:
+    """Whole periods of these scenes, the wall's first; then each kind of element that the library has, and the rest."""
+    plans = {name: tools.plan(name) for name in dict.fromkeys(("wall", "damped_wall", *scenes))}
     whole: dict[str, float] = {}
-    plans = {name: tools.plan(name) for name in ("wall", *(name for name in scene_names() if name != "wall"))}
     for scene, plan in plans.items():
         whole[scene], single = _period(plan)
         yield Part(f"whole period: {scene}", whole[scene], single)
     yield Part("velocity and damping (damped_wall over wall)", whole["damped_wall"] - whole["wall"])
-    yield from _elements(plans.values())
-    yield Part("record: one row", _record(tools.plan("wall")))
-    yield Part("limits: fade-in, effort, slew", _limits(tools.plan("wall")))
+    yield from _elements([load_scene(name) for name in scene_names()], plans["wall"].period)
+    yield Part("record: one row", _record(plans["wall"]))
+    yield Part("limits: fade-in, effort, slew", _limits(plans["wall"]))
     yield from _estimators(bench)
     yield from _integrators(bench)
 
@@ -90,32 +91,24 @@ def _period(plan: Plan) -> tuple[float, Spread]:
     return cost, spread(cycle, given * 10)
 
 
-def _elements(plans: Collection[Plan]) -> Iterator[Part]:
-    """The law of each kind of element that a shipped scene has, by itself."""
-    kinds: dict[str, tuple[Element, Plan, Workspace]] = {}
-    for plan in plans:
-        for axis in plan.axes:
-            for element in axis.elements:
-                kinds.setdefault(type(element).__module__.rpartition(".")[2], (element, plan, axis.workspace))
-    for kind in sorted(kinds):
-        element, plan, workspace = kinds[kind]
-        law, signals = law_of(element, plan.period), _signals(plan.period, workspace)
-        given = [signals[signal] for signal in element.needs]
+def _elements(scenes: Sequence[Scene], period: float) -> Iterator[Part]:
+    """The law of each kind of element, by itself; where it acts on two axes, both move alike."""
+    kinds: dict[str, tuple[AnyElement, Scene]] = {}
+    for scene in scenes:
+        for element in scene.elements:
+            kinds.setdefault(type(element).__module__.rpartition(".")[2], (element, scene))
+    for kind, (element, scene) in sorted(kinds.items()):
+        spaces = {axis.name: axis.workspace for axis in scene.axes}
+        given = [_signals(period, spaces[name])[signal] for name in axes_of(element) for signal in element.needs]
+        law, sort = _law(element, period)
         cost = ns_per_call(law, *given) if given else ns_per_call(lambda _, law=law: law(), range(IMAGES))
-        yield Part(f"element: {kind}", cost)
-    yield from _couplings(plans)
+        yield Part(f"{sort}: {kind}", cost)
 
 
-def _couplings(plans: Collection[Plan]) -> Iterator[Part]:
-    """The law of each kind that acts on two axes, both moving alike."""
-    kinds: dict[str, tuple[CouplingElement, Plan]] = {}
-    for plan in plans:
-        for coupling in plan.scene.couplings:
-            kinds.setdefault(type(coupling).__module__.rpartition(".")[2], (coupling, plan))
-    for kind, (coupling, plan) in sorted(kinds.items()):
-        spaces = {axis.name: axis.workspace for axis in plan.axes}
-        given = [_signals(plan.period, spaces[name])[signal] for name in coupling.axes for signal in coupling.needs]
-        yield Part(f"coupling: {kind}", ns_per_call(coupling.begin(plan.period), *given))
+def _law(element: AnyElement, period: float) -> tuple[Callable[..., object], str]:
+    if isinstance(element, CouplingElement):
+        return element.begin(period), "coupling"
+    return law_of(element, period), "element"
 
 
 def _signals(period: float, workspace: Workspace) -> dict[Signal, list[float]]:

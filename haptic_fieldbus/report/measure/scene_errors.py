@@ -1,6 +1,6 @@
 """The force error of the shipped scenes on the simulated bench, split by source."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from haptic_fieldbus.errors import HapticFieldbusError
@@ -9,7 +9,7 @@ from haptic_fieldbus.report.measure.bench import Tools
 
 @dataclass(frozen=True)
 class SceneError:
-    """One scene with the hand `push`; errors in N or N·m, None with the reason where it could not run."""
+    """One scene with its own hand; errors in N or N·m, None with the reason where it could not run."""
 
     scene: str
     rms: float | None
@@ -24,7 +24,7 @@ class SceneError:
     reason: str = ""
 
 
-def scene_errors(tools: Tools, scenes: list[str], duration: float) -> Iterator[SceneError]:
+def scene_errors(tools: Tools, scenes: Sequence[str], duration: float) -> Iterator[SceneError]:
     """Run each for `duration` [s] of virtual time."""
     for scene in scenes:
         try:

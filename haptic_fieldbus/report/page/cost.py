@@ -5,12 +5,14 @@ from dataclasses import asdict
 
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.report.measure.bench import FEW_SCENES
 from haptic_fieldbus.report.measure.deadlines import SCENE, Deadlines, deadlines
 from haptic_fieldbus.report.measure.optional_parts import Part, parts
 from haptic_fieldbus.report.page.context import Context
 from haptic_fieldbus.report.page.html import Cell, Section, number, paragraph, percent, picture, table
 from haptic_fieldbus.report.page.style import dress, figure, svg
 from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, SKY
+from haptic_fieldbus.scenes.catalogue import scene_names
 
 QUICK, FULL = 20_000, 1_000_000
 """Periods that are timed one by one."""
@@ -27,7 +29,7 @@ does them. The bus, not the computer, sets the highest rate."""
 def cost_section(context: Context) -> Section:
     """Parts, whole periods and deadlines."""
     found: list[Part] = []
-    for each in parts(context.tools, context.bench):
+    for each in parts(context.tools, context.bench, FEW_SCENES if context.quick else scene_names()):
         found.append(each)
         context.progress(each.part, min(len(found) / 30, 0.9))
         context.add("optional_parts", each.to_json())
