@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import MISSING, Field, fields
 from importlib import import_module
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_args, get_type_hints
 
 from haptic_fieldbus.scenes.catalogue import load_scene, quantities, scene_names
 from haptic_fieldbus.scenes.files import NOT_SETTABLE
@@ -37,7 +37,7 @@ def _element(kind: str) -> Iterator[str]:
     module = import_module(element.__module__)
     yield f"## `{kind}`\n"
     yield f"{_first_paragraph(module.__doc__)}\n"
-    yield "| parameter | unit | default |\n|---|---|---|"
+    yield "| parameter | unit or words | default |\n|---|---|---|"
     for field in fields(cast(Any, element)):
         if field.name not in NOT_SETTABLE:
             yield f"| `{field.name}` | {_unit(kind, field.name)} | {_default(field)} |"
@@ -55,11 +55,14 @@ def _first_paragraph(text: str | None) -> str:
 
 
 def _unit(kind: str, name: str) -> str:
-    quantity = quantities(element_type(kind)).get(name)
+    """The units on a linear and on a rotary axis; words that may be chosen in their place."""
+    element = element_type(kind)
+    quantity = quantities(element).get(name)
     if quantity is None:
-        return ""
-    units = dict.fromkeys(quantity.unit(workspace) for workspace in Workspace)
-    return " · ".join(units).replace(" · ", ", ") or "1"
+        return " or ".join(f"`{word}`" for word in get_args(get_type_hints(element)[name]) if isinstance(word, str))
+    only = getattr(element, "workspace", None)
+    units = dict.fromkeys(quantity.unit(workspace) for workspace in Workspace if only in (None, workspace))
+    return ", ".join(units) or "1"
 
 
 def _default(field: "Field[Any]") -> str:

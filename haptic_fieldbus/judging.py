@@ -204,7 +204,7 @@ def _on_device(
         used, velocity = method or DEFAULT_METHOD, estimator or DEFAULT_ESTIMATOR
         groups = _tied_devices(chosen, plant, device.delay, period, used, velocity) if chosen.couplings else {}
         for axis in chosen.axes:
-            elements, tied = chosen.of_axis(axis.name), groups.get(axis.name)
+            elements, tied = chosen.at_period(period).of_axis(axis.name), groups.get(axis.name)
             if tied is None:
                 verdict = judge_contact(plant, period, device.delay, elements, used, velocity)
             elif tied.told_by == axis.name:

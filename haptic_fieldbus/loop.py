@@ -133,6 +133,7 @@ def _run(
     feedback_ns = _feedback_time_ns(plan)
     enabling_periods = round(_enabling_time(plan) * plan.rate)
     progress_every = max(1, round(PROGRESS_EVERY * plan.rate))
+    step = cycle.step
     deadline_ns = clock.now_ns()
     before_ns = deadline_ns - period_ns
     while report.cycles < cycles:
@@ -142,7 +143,7 @@ def _run(
             deadline_ns += late_ns // period_ns * period_ns
         image = bus.read(deadline_ns + late_ns % period_ns + feedback_ns)
         started_ns = time.perf_counter_ns()
-        output = cycle(image)
+        output = step(image)
         computed_ns = time.perf_counter_ns() - started_ns
         clock.compute(compute_ns)
         bus.write(output)

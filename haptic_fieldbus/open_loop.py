@@ -104,9 +104,9 @@ def response(
     if isinstance(scene, Scene):
         check_elements(scene, 1.0 / rate, method)
     motion = motion_of(input, amplitude)
-    chosen = scene if isinstance(scene, Scene) else _loaded(scene, settings or {})
-    axis = chosen.axes[0]
     period = round(1e9 / rate) * 1e-9
+    chosen = (scene if isinstance(scene, Scene) else _loaded(scene, settings or {})).at_period(period)
+    axis = chosen.axes[0]
     samples = round((motion.duration if duration is None else duration) / period) + 1
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)

@@ -164,11 +164,12 @@ def compile_plan(
 
     Raises PlanError (and its kinds) when it cannot be rendered, SceneError when the scene does not fit the rig.
     """
+    period = round(1e9 / rate) * 1e-9
+    scene = scene.at_period(period)
     drafts = [draft_axis(scene, axis, rig, profiles, method, estimator) for axis in scene.axes]
     exchanges = _exchanges(drafts, rig)
     buses = _buses(drafts, exchanges, rate)
     _check_loads(buses, exchanges, rate)
-    period = round(1e9 / rate) * 1e-9
     axes = tuple(judged(draft, exchanges[draft.rig.bus], period) for draft in drafts)
     if scene.couplings:
         from haptic_fieldbus.coupled_plan import judged_together

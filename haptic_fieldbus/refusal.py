@@ -7,24 +7,32 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning import Plan
 from haptic_fieldbus.scenes.element import AnyElement, Graded
 from haptic_fieldbus.scenes.files import parameters
+from haptic_fieldbus.signals import Signal
 
 
-def check_stable(plan: Plan) -> None:
-    """Raises UnstableSceneError for the first axis that is; one whose bench is unknown has no verdict."""
+def check_stable(plan: Plan, *, running: bool = False) -> None:
+    """Raises UnstableSceneError for the first axis that is; one whose bench is unknown has no verdict.
+
+    To a loop that is `running` no damping is proposed where it estimates no velocity.
+    """
     for axis in plan.axes:
         if axis.stability is not None and axis.stability.verdict is Verdict.UNSTABLE:
             limit = axis.stability.stiffness_limit.stable
-            raise UnstableSceneError(_refusal(plan, plan.told_by(axis), axis.stability), limit=limit)
+            raise UnstableSceneError(_refusal(plan, plan.told_by(axis), axis.stability, running), limit=limit)
 
 
-def _refusal(compiled: Plan, axis: AxisPlan, stability: Stability) -> str:
+def _refusal(compiled: Plan, axis: AxisPlan, stability: Stability, running: bool) -> str:
     """What is unstable, where the limit lies, and what would be stable."""
     per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     asked = "this scene" if stability.stiffness is None else f"{stability.stiffness:g} {per}"
+    element = stiffest_of(axis) if axis.judged_with is None and len(axis.elements) > 1 else None
+    asked += f" of {element.name}" if element is not None and stability.stiffness is not None else ""
     limit = stability.stiffness_limit.stable
     at = f"at {compiled.rate:g} Hz with {1e3 * axis.delay.total:.2f} ms of delay"
     limited = f"limit {limit:.4g} {per} {at}" if limit else f"no stiffness is stable {at}{_alone(compiled, axis)}"
     hints = _hints(axis, compiled.period, stability) if axis.judged_with is None else _coupled_hints(compiled, axis)
+    if running and Signal.VELOCITY not in axis.needs:
+        hints = [hint for hint in hints if ".damping=" not in hint]
     would = f"\nWould be stable: {' · or '.join(hints)}." if hints else ""
     return f"{asked} is unstable on this bench: {limited}.{would}"
 

@@ -183,7 +183,7 @@ def plan_json(plan: Plan) -> dict[str, Json]:
     delay = plan.delay
     return {
         **_summary_json(plan),
-        "pdos": [_pdo_json(pdo) for pdo in plan.pdos],
+        "pdos": [_pdo_json(pdo, axis.rig.bus) for axis in plan.axes for pdo in (*axis.tpdos, *axis.rpdos)],
         "registers": None,
         "bus_load": plan.bus_load,
         "delay_s": {
@@ -208,9 +208,10 @@ def _summary_json(plan: Plan) -> dict[str, Json]:
     }
 
 
-def _pdo_json(pdo: Pdo) -> Json:
+def _pdo_json(pdo: Pdo, bus: str) -> Json:
     return {
         "name": pdo.name,
+        "bus": bus,
         "node": pdo.node,
         "cob_id": pdo.cob_id,
         "transmission_type": pdo.transmission_type,

@@ -75,7 +75,7 @@ def tuned(
     if refused:
         raise PlanError("\n".join(f"{sentence}: start a new run" for sentence in refused))
     if not force:
-        check_stable(plan)
+        check_stable(plan, running=True)
         _check_way(last, plan)
     return Change({setting: _value(scene, setting) for setting in settings}, plan, time)
 

@@ -75,7 +75,7 @@ def faults_of(text: str) -> list[str]:
         ("factor = false", "line 1: factor: false; expected a number above 0"),
         ("factor = 1979-05-27", "line 1: factor: 1979-05-27; expected a number above 0"),
         ("share = 2", "line 1: share: 2; expected a number not above 1"),
-        ("amount = nan", "line 1: amount: nan; expected a number"),
+        ("amount = nan", "line 1: amount: nan; expected a finite number"),
         ("flag = 1", "line 1: flag: 1; expected true or false"),
         ("text = 3", "line 1: text: 3; expected text"),
         ("text = 1979-05-27", "line 1: text: 1979-05-27; expected text"),

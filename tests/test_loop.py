@@ -229,18 +229,20 @@ def test_ctrl_c_stops_torque_free_and_is_no_error() -> None:
 
 
 def test_a_mistake_in_the_scene_stops_torque_free_too() -> None:
-    class Broken(Cycle):
-        enabled_periods = 0
-
-        def __call__(self, image: bytes | bytearray) -> bytearray:
-            self.enabled_periods += self.enabled
-            if self.enabled_periods == 50:
-                raise ZeroDivisionError
-            return super().__call__(image)
-
     bench = _bench_in_contact()
+    cycle = Cycle(bench.plan)
+    whole, enabled = cycle.step, 0
+
+    def broken(image: bytes | bytearray) -> bytearray:
+        nonlocal enabled
+        enabled += cycle.enabled
+        if enabled == 50:
+            raise ZeroDivisionError
+        return whole(image)
+
+    cycle.step = broken
     with pytest.raises(ZeroDivisionError):
-        run_loop(bench.plan, Broken(bench.plan), bench.bus, bench.clock, cycles=100)
+        run_loop(bench.plan, cycle, bench.bus, bench.clock, cycles=100)
     assert bench.can.of(RPDO)[-1] == TORQUE_FREE
     assert bench.drive.value(0x6041) == 0x40
 

@@ -14,6 +14,8 @@ from haptic_fieldbus.refusal import check_stable
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.element import AnyElement, Graded
 from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.scenes.spring import Spring
+from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
 from tests.builders import plan_of, scene_of
 
@@ -72,6 +74,15 @@ class Pushing:
 
     def linearised(self) -> StateSpace:
         return gain([[0.0, 500.0]])
+
+
+def test_of_several_elements_the_stiffest_is_named() -> None:
+    for elements, asked in (
+        ((Wall("handle", 3000.0),), "3000 N/m is unstable"),
+        ((Wall("handle", 3000.0), Spring("handle", 10.0)), "3000 N/m of wall is unstable"),
+    ):
+        with pytest.raises(UnstableSceneError, match=f"^{asked}"):
+            check_stable(plan_of(scene_of(*elements)))
 
 
 def test_what_has_no_stiffness_is_refused_without_a_proposal() -> None:

@@ -62,6 +62,7 @@ def test_no_number_is_written_that_json_does_not_have() -> None:
 def test_the_object_of_a_plan_names_frames_as_they_are_on_the_wire() -> None:
     pdos = plan_json(plan("wall", node=5))["pdos"]
     assert isinstance(pdos, list)
+    assert {pdo["bus"] for pdo in pdos if isinstance(pdo, dict)} == {"sim"}
     shown = [(pdo["cob_id"], pdo["octets"], pdo["node"]) for pdo in pdos if isinstance(pdo, dict)]
     assert shown == [(0x185, 6, 5), (0x205, 4, 5)]
 

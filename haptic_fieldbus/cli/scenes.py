@@ -107,5 +107,12 @@ def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
         space, measured = workspaces[axes_of(element)[0]], quantities(type(element))
         for key in parameters(type(element)):
             value = getattr(element, key)
-            shown = f"{value:g}" if isinstance(value, float) else str(value)
-            yield f"{element.name}.{key}", shown, measured[key].unit(space) if key in measured else ""
+            unit = measured[key].unit(space) if key in measured and value is not None else ""
+            yield f"{element.name}.{key}", _shown(value), unit
+
+
+def _shown(value: object) -> str:
+    """As a scene file would give it; nothing is a hyphen."""
+    if value is None:
+        return "-"
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)

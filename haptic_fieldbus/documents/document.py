@@ -132,6 +132,8 @@ class Document:
         shown = self._shown(at + path)
         described = expectation.describe(path, root, hexadecimal=shown.startswith("0x"))
         value = self.value(*at, *path)
+        if described == "a number" and isinstance(value, float):
+            described = "a finite number"
         words = expectation.choices(path, root) if isinstance(value, str) else []
         self.fault(at + path, f"{shown}; expected {described}{_nearest_of(value, words)}")
 

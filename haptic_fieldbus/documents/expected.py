@@ -99,7 +99,8 @@ def _describe_list(node: Schema, hexadecimal: bool) -> str:
     fixed = node.get("prefixItems", [])
     if fixed:
         return f"a list of {len(fixed)}, each {_describe(fixed[0], hexadecimal)}"
-    count = f" of at least {node['minItems']}" if node.get("minItems") else ""
+    least, most = node.get("minItems"), node.get("maxItems")
+    count = f" of {most}" if least == most and most else f" of at least {least}" if least else ""
     item = node.get("items", {})
     return f"a list{count}, each {_describe(item, hexadecimal)}" if "type" in item else f"a list{count}"
 

@@ -48,7 +48,7 @@ def verdict_of(
 
 
 def _felt(scene: str, effort: str, contact: float) -> str:
-    share = f"error {100 * contact:.2g} % of the {effort}"
+    share = f"error {100 * contact:{'.2g' if contact < 1.0 else '.0f'}} % of the {effort}"
     limit = f"the {100 * JUST_NOTICEABLE:.0f} % a hand can tell"
     if contact < JUST_NOTICEABLE:
         return f"Feels like the ideal {scene}: {share}, below {limit}"

@@ -83,7 +83,11 @@ def change_text(time: float, settings: Mapping[str, object]) -> str:
 
 def scene_text(plan: Plan) -> str:
     spaces = {axis.name: axis.workspace for axis in plan.axes}
-    parts = [_element_text(element, spaces[axes_of(element)[0]]) for element in plan.scene.elements]
+    elements = plan.scene.elements
+    parts = [_element_text(element, spaces[axes_of(element)[0]]) for element in elements]
+    if len(parts) > 1:
+        named = zip(elements, parts, strict=True)
+        parts = [text if text == each.name else f"{each.name} {text}" for each, text in named]
     return f"{plan.scene.name}: {'; '.join(parts) or 'free, no element'}"
 
 

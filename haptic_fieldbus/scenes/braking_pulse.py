@@ -23,7 +23,7 @@ from haptic_fieldbus.signals import Signal
 class BrakingPulse:
     """`damping` [N·s/m or N·m·s/rad] up to `saturation` [N or N·m] for `duration` [s] after crossing `position`.
 
-    `position` and `rearm` [m or rad]; a saturation of None is no limit.
+    `position` and `rearm` [m or rad]; without a `saturation` the force has no limit.
     """
 
     axis: str

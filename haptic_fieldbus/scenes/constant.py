@@ -20,7 +20,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Constant:
-    """`magnitude` [N or N·m], with levels [N or N·m] and times [s]; a `duration` of None does not end."""
+    """`magnitude` [N or N·m], with levels [N or N·m] and times [s]; without a `duration` it does not end."""
 
     axis: str
     magnitude: AnyEffort

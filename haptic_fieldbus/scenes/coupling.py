@@ -40,8 +40,8 @@ from haptic_fieldbus.signals import Signal
 class Coupling:
     """`stiffness` and `damping` between the first of `axes` and `ratio` times the second.
 
-    `dead_band` is the play on either side, `saturation` the largest force on the first axis, None is no limit. A ratio
-    of None is 1; between a linear and a rotary axis one must be given, in m/rad or rad/m. All are in the units of the
+    `dead_band` is the play on either side, `saturation` the largest force on the first axis. A ratio left
+    out is 1; between a linear and a rotary axis one must be given, in m/rad or rad/m. All are in the units of the
     first axis.
     """
 

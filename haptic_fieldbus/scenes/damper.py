@@ -24,7 +24,7 @@ class Damper:
     """`damping` [N·s/m or N·m·s/rad] beyond the speed `dead_band` [m/s or rad/s].
 
     The coefficients are the shares of the damping at positive and at negative speed; one of them is 1. A saturation
-    [N or N·m] of None is no limit.
+    [N or N·m] that is left out is no limit.
     """
 
     axis: str

@@ -122,6 +122,15 @@ class CouplingElement(AnyElement, Protocol):
 
 
 @runtime_checkable
+class Paced(Protocol):
+    """An element with a parameter that follows from the period of the loop unless it is given."""
+
+    def at_period(self, period: float) -> Self:
+        """The element with that parameter for this period [s]."""
+        ...
+
+
+@runtime_checkable
 class Graded(Protocol):
     """An element whose stiffness follows from other parameters: the largest local one [N/m or N·m/rad]."""
 

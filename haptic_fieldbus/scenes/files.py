@@ -174,7 +174,10 @@ def raise_faults(parts: list[Part]) -> None:
 
 
 def _in_file(fault: Fault, source: str, main: str) -> Fault:
-    return fault if source == main else Fault(f"{source}: {fault.key}", fault.message, fault.line)
+    if source == main:
+        return fault
+    line = "" if fault.line is None else f"line {fault.line}: "
+    return Fault(f"in {source}: {line}{fault.key}", fault.message)
 
 
 def parameters(element: type[AnyElement]) -> list[str]:
@@ -256,6 +259,8 @@ def _name_elements(document: Document) -> dict[int, str]:
         kinds[index] = kind
         del table["kind"]
         name = str(table.setdefault("name", kind))
+        if not name or "=" in name:
+            document.refuse(("element", index, "name"), "text that is not empty, without =")
         if name in names:
             document.fault(("element", index, "name"), f'"{name}" stands twice; expected a name of its own')
         names.add(name)

@@ -33,8 +33,8 @@ from haptic_fieldbus.signals import Signal
 class Periodic:
     """A `waveform` of `magnitude` [N or N·m] and `frequency` [Hz] about `offset` [N or N·m].
 
-    `phase` is the share of a period at which it begins; levels in N or N·m, times in s. A `duration` of None does not
-    end.
+    `phase` is the share of a period at which it begins; levels in N or N·m, times in s. Without a
+    `duration` it does not end.
     """
 
     axis: str

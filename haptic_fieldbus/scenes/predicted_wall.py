@@ -25,31 +25,42 @@ true velocity: a backward difference is itself half a period late, and cures the
 In continuous time it is, inside, the wall with the damping K·a + B, and passive everywhere.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Self
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Damping, Duration, Place, Stiffness
 from haptic_fieldbus.signals import Signal
+
+LEAD = 0.0005
+"""[s]; half a period at 1 kHz."""
 
 
 @dataclass(frozen=True)
 class PredictedWall:
     """A wall at `position` [m or rad]: `stiffness` [N/m or N·m/rad], `damping` [N·s/m or N·m·s/rad], `lead` [s].
 
-    `lead` is half the period of the loop: 0.5 ms at 1 kHz. `release` "deadbeat" gives no force to a handle that will be
-    out by the next sample. `side` is where its material lies, seen from `position`.
+    `lead` is half the period of the loop unless given; outside of a loop 0.5 ms. `release` "deadbeat" gives no force to
+    a handle that will be out by the next sample. `side` is where its material lies, seen from `position`.
     """
 
     axis: str
     stiffness: Stiffness
     position: Place = 0.0
     damping: Damping = 0.0
-    lead: Duration = 0.0005
+    lead: Duration | None = None
     release: Literal["spring", "deadbeat"] = "spring"
     side: Literal["positive", "negative"] = "positive"
     name: str = "predicted_wall"
     __pydantic_config__: ClassVar = STRICT
+
+    def at_period(self, period: float) -> Self:
+        """The wall in a loop of this period [s]."""
+        return self if self.lead is not None else replace(self, lead=0.5 * period)
+
+    @property
+    def _ahead(self) -> float:
+        return LEAD if self.lead is None else self.lead
 
     @property
     def needs(self) -> tuple[Signal, ...]:
@@ -59,7 +70,7 @@ class PredictedWall:
         """Force or torque on the handle [N or N·m]; not-a-number in gives not-a-number out."""
         inwards = 1.0 if self.side == "positive" else -1.0
         begin = inwards * (position - self.position)
-        end = begin + 2.0 * self.lead * inwards * velocity
+        end = begin + 2.0 * self._ahead * inwards * velocity
         if end <= 0.0 and (begin <= 0.0 or self.release == "deadbeat"):
             return 0.0
         push = self.stiffness * _mean_depth(begin, end) + self.damping * inwards * velocity
@@ -67,7 +78,7 @@ class PredictedWall:
 
     def linearised(self) -> StateSpace:
         """The spring-damper that is felt inside."""
-        return gain([[-self.stiffness, -self.damping - self.stiffness * self.lead]])
+        return gain([[-self.stiffness, -self.damping - self.stiffness * self._ahead]])
 
 
 def _mean_depth(begin: float, end: float) -> float:

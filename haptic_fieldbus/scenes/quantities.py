@@ -97,11 +97,23 @@ def _in_words(quantity: Quantity, workspace: Workspace) -> str:
     unit = quantity.unit(workspace)
     if not unit:
         return "a number without a unit"
-    return f"{_named(quantity)} in {unit}, as the axis is {workspace.value}"
+    always = quantity.unit(Workspace.LINEAR) == quantity.unit(Workspace.ROTARY)
+    reason = "" if always else f", as the axis is {workspace.value}"
+    return f"{_named(quantity, workspace)} in {unit}{reason}"
 
 
-def _named(quantity: Quantity) -> str:
-    name = quantity.name.lower().replace("_", " ")
+_WORDS = {
+    Quantity.LENGTH: ("length", "angle"),
+    Quantity.EFFORT: ("force", "torque"),
+    Quantity.MASS: ("mass", "moment of inertia"),
+    Quantity.EFFORT_RATE: ("force per time", "torque per time"),
+}
+"""On a linear and on a rotary axis, where the name of the quantity is not the word."""
+
+
+def _named(quantity: Quantity, workspace: Workspace) -> str:
+    words = _WORDS.get(quantity, (quantity.name.lower().replace("_", " "),) * 2)
+    name = words[workspace is Workspace.ROTARY]
     return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
 
 
@@ -111,5 +123,5 @@ def _other(unit: str, quantity: Quantity, workspace: Workspace) -> str:
     for found in (quantity, *Quantity):
         for space in (workspace, other):
             if unit in _spelt(found, space is Workspace.ROTARY):
-                return f"; {unit} measures {_named(found)} on a {space.value} axis"
+                return f"; {unit} measures {_named(found, space)} on a {space.value} axis"
     return "; the unit is not known"

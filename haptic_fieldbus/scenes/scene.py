@@ -1,9 +1,9 @@
 """A scene: axes with their workspace, and the elements that act on them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Paced
 from haptic_fieldbus.signals import Workspace
 
 
@@ -18,6 +18,10 @@ class SceneAxis:
 def axes_of(element: AnyElement) -> tuple[str, ...]:
     """The axes that an element acts on, by name."""
     return element.axes if isinstance(element, CouplingElement) else (cast(Element, element).axis,)
+
+
+def _paced(element: AnyElement, period: float) -> AnyElement:
+    return cast(AnyElement, element.at_period(period)) if isinstance(element, Paced) else element
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,12 @@ class Scene:
         """Whether the simulated hand holds this axis; without a word on it, all but those that a coupling leads."""
         told = next(each.held for each in self.axes if each.name == axis)
         return axis not in {coupling.axes[1] for coupling in self.couplings} if told is None else told
+
+    def at_period(self, period: float) -> "Scene":
+        """The scene in a loop of this period [s]: what follows from it is filled in."""
+        if not any(isinstance(element, Paced) for element in self.elements):
+            return self
+        return replace(self, elements=tuple(_paced(element, period) for element in self.elements))
 
     @property
     def couplings(self) -> tuple[CouplingElement, ...]:

@@ -34,7 +34,7 @@ class Spring:
     """`stiffness` [N/m or N·m/rad] about `position` [m or rad], with `damping` [N·s/m or N·m·s/rad].
 
     `dead_band` [m or rad] is what is free on either side. The coefficients are the shares of stiffness and damping on
-    the positive and on the negative side; one of them is 1. A saturation [N or N·m] of None is no limit.
+    the positive and on the negative side; one of them is 1. A saturation [N or N·m] left out is none.
     """
 
     axis: str

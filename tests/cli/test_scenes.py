@@ -40,6 +40,13 @@ def test_parameters_have_their_unit(command: Command) -> None:
     assert rows["wall.position"] == ["0.02", "m"]
 
 
+def test_values_are_shown_as_a_file_gives_them(command: Command) -> None:
+    """And nothing where there is none, without a unit."""
+    text = command("scenes", "show", "needle").out + command("scenes", "show", "spring").out
+    rows = {line.split()[0]: line.split()[1:] for line in text.splitlines() if "." in line.partition(" ")[0]}
+    assert (rows["needle.heals"], rows["spring.positive_saturation"]) == (["true"], ["-"])
+
+
 def test_all_shipped_scenes_are_checked_when_none_is_named(command: Command) -> None:
     finished = command("scenes", "check")
     assert finished.status == 0

@@ -4,6 +4,7 @@ import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.drive.rig import BusSection, Rig, default_axis
+from haptic_fieldbus.report.verdict import verdict_of
 from haptic_fieldbus.report.words import (
     announcement,
     bench_text,
@@ -19,6 +20,7 @@ from haptic_fieldbus.report.words import (
     stability_text,
 )
 from haptic_fieldbus.result import Result, TorqueError, Trip
+from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
 from tests.builders import scene_of
@@ -68,6 +70,21 @@ def test_missed_periods_are_told_and_a_trip_is_left_to_its_error() -> None:
 def test_an_announcement_has_each_key_once() -> None:
     keys = [key for key, _ in announcement(plan("wall")) if key]
     assert keys == ["scene", "bench", "plan", "delay", "stability"]
+
+
+def test_of_several_elements_each_is_named() -> None:
+    wall, spring = Wall("handle", 600.0, position=0.02), Spring("handle", 10.0, position=0.01)
+    for elements, shown in (
+        ((wall,), "test: stiffness 600 N/m at 20 mm"),
+        ((wall, spring), "test: wall stiffness 600 N/m at 20 mm; spring stiffness 10 N/m at 10 mm"),
+    ):
+        assert dict(announcement(plan(scene_of(*elements))))["scene"] == shown
+
+
+@pytest.mark.parametrize(("share", "shown"), [(0.0123, "1.2 %"), (0.5, "50 %"), (1.53, "153 %"), (20.0, "2000 %")])
+def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> None:
+    told = verdict_of(scene="wall", effort="force", stable=True, contact=share, ripple=None, missed=0)
+    assert f"error {shown} of the force" in told
 
 
 def test_every_parameter_of_an_element_has_its_unit() -> None:

@@ -72,6 +72,11 @@ def never(element: Any) -> list[Motion]:
     return []
 
 
+def at_once(*places: float, speed: float = 0.0) -> Motion:
+    """From place to place in no time to speak of, so that nothing relaxes; the last one is passed at `speed`."""
+    return Motion(1e-9, np.array(places), np.array([0.0] * (len(places) - 1) + [speed]))
+
+
 @dataclass(frozen=True)
 class Sheet:
     """`examples` of a kind, and its claims; each claim takes one of them.
@@ -79,6 +84,7 @@ class Sheet:
     silent     motions along which the force is exactly 0
     signs      (motion, sign of its last force)
     steepness  the force changes by at most (…·|Δx|, …·|Δv|, …·Δt) where it does not jump [N/m, N·s/m, N/s]
+    stiffest   (motion that ends where it is linearised, way on which it is tried from there: 1 or −1)
     jump       the largest change of the force at one instant [N], at speeds up to the one given [m/s]
     continuous an upper bound of the energy given to the hand [J] along a motion, forces acting at once
     sampled    the same with each force held for one period
@@ -91,6 +97,7 @@ class Sheet:
     sampled: Callable[[Any, Motion], float]
     silent: Callable[[Any], list[Motion]] = never
     signs: Callable[[Any], list[tuple[Motion, int]]] = lambda element: []
+    stiffest: Callable[[Any], tuple[Motion, float]] = lambda element: (at_once(0.0), 1.0)
     jump: Callable[[Any, float], float] = lambda element, speed: 0.0
     reach: tuple[float, float] = (0.0, 0.03)
 

@@ -30,6 +30,11 @@ def test_it_opposes_the_speed_beyond_its_dead_band_up_to_its_saturation() -> Non
     assert [force(speed) for speed in (0.05, -0.1, 0.2, 5.0, -0.3)] == pytest.approx([0.0, 0.0, -1.0, -2.0, 1.0])
 
 
+def test_each_direction_has_its_own_saturation() -> None:
+    force = Damper("handle", damping=10.0, positive_saturation=2.0, negative_saturation=1.0).force
+    assert [force(speed) for speed in (0.1, 5.0, -0.05, -5.0)] == pytest.approx([-1.0, -2.0, 0.5, 1.0])
+
+
 def test_without_options_it_is_a_plain_viscous_force() -> None:
     assert [Damper("handle", damping=10.0).force(speed) for speed in (0.2, -0.3)] == pytest.approx([-2.0, 3.0])
 

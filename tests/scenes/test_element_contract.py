@@ -24,7 +24,7 @@ from haptic_fieldbus.scenes.element import (
 )
 from haptic_fieldbus.scenes.registry import ELEMENTS
 from haptic_fieldbus.signals import Signal
-from tests.scenes.sheet import Motion, Sheet, forces, given_to_the_hand
+from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand
 
 NOT_ELEMENTS = {"__init__", "catalogue", "changed", "checked", "element", "files", "quantities", "registry", "scene"}
 SHEETS: dict[str, Sheet] = {}
@@ -35,6 +35,8 @@ EXAMPLES = [
     for kind, sheet in SHEETS.items()
     for number, example in enumerate(sheet.examples)
 ]
+FURTHER, FASTER = 1e-9, 1e-6
+"""[m], [m/s]: the steps of difference quotients."""
 SMOOTH = 2e-5
 """[s]; the period that stands for continuous time."""
 
@@ -72,6 +74,15 @@ def feedback(element: AnyElement, values: list[float]) -> Any:
             1_000_000 * number if signal is Signal.ELAPSED_NS else value
             for signal, value in zip(signals, combination, strict=True)
         ]
+
+
+def moved_on(element: AnyElement, motion: Motion, axis: int, way: float, speed: float) -> Array:
+    """The force at the end of a motion when one axis is then moved by so much, and sped up."""
+    position = np.concatenate([motion.position, motion.position[-1:]])
+    velocity = np.concatenate([motion.velocity, motion.velocity[-1:]])
+    position[-1] += way * np.eye(axes_of(element))[axis].squeeze()
+    velocity[-1] += speed * np.eye(axes_of(element))[axis].squeeze()
+    return np.atleast_1d(forces(element, Motion(motion.period, position, velocity))[-1])
 
 
 def test_every_kind_has_a_sheet() -> None:
@@ -126,6 +137,17 @@ class TestEveryElement:
         assert stiffness >= 0.0
         if stiffness:
             assert np.abs(element.linearised().d).max() > 0.0 or element.linearised().order
+
+    def test_is_linearised_to_the_slopes_that_its_force_has_there(self, kind: str, element: AnyElement) -> None:
+        """What stability is judged by, beside difference quotients of the law; states have no time to move."""
+        motion, way = SHEETS[kind].stiffest(element)
+        before = moved_on(element, motion, 0, 0.0, 0.0)
+        for column in range(2 * axes_of(element)):
+            step = way * (FASTER if column % 2 else FURTHER)  # positions and velocities by turns
+            steps = (0.0, step) if column % 2 else (step, 0.0)
+            found = (moved_on(element, motion, column // 2, *steps) - before) / step
+            expected = element.linearised().d[:, column]
+            np.testing.assert_allclose(found, expected, rtol=2e-4, atol=1e-4)
 
     def test_gives_finite_plain_floats_at_any_finite_motion(self, kind: str, element: AnyElement) -> None:
         call = law(element)

@@ -72,6 +72,15 @@ def test_it_breaks_away_at_one_friction_and_slides_with_another() -> None:
     assert creeping[-2000:].min() == pytest.approx(0.5, rel=0.01)
 
 
+def test_slipping_ends_where_it_turns_or_is_slower_than_slow() -> None:
+    """Then it is held up to `breakaway` again, from where it stands."""
+    needle = Needle("handle", puncture=2.0, depth=0.006, grip=500.0, friction=0.5, breakaway=0.9, slow=0.005)
+    for speed, expected in ((0.005, -0.5), (0.0049, -0.85), (-0.02, -0.85)):
+        force = needle.begin(PERIOD)
+        assert [force(0.01, 0.02), force(0.02, 0.02)] == pytest.approx([0.0, -0.5])
+        assert force(0.0207, speed) == pytest.approx(expected)
+
+
 def test_drag_grows_with_speed_once_it_is_in() -> None:
     needle = Needle("handle", puncture=2.0, depth=0.006, grip=500.0, friction=0.5, drag=3.0)
     assert forces(needle, moved(needle, 0.0, 0.02, speed=0.2))[-2] == pytest.approx(-0.5 - 3.0 * 0.2)

@@ -13,6 +13,7 @@ from haptic_fieldbus.margins import Plant, judge_contact
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
+from tests.builders import plan_of, scene_of
 from tests.scenes.sheet import Motion, forces, given_to_the_hand
 
 PERIOD = 1e-3
@@ -141,3 +142,12 @@ def test_a_thrown_mass_comes_back_as_fast_as_it_went_with_the_true_velocity() ->
     predicted = max(speed_gained(PredictedWall("handle", 2000.0).force, phase) for phase in phases)
     assert plain > 0.05
     assert predicted < 0.1 * plain
+
+
+@pytest.mark.parametrize("rate", [500.0, 1000.0, 2000.0])
+def test_in_a_loop_it_looks_ahead_by_half_a_period_unless_told_otherwise(rate: float) -> None:
+    """F = −K·(x + v·T/2) inside: the damping that stability sees is K·T/2."""
+    (found,) = plan_of(scene_of(PredictedWall("handle", stiffness=600.0)), rate).axes[0].elements
+    np.testing.assert_allclose(found.linearised().d, [[-600.0, -600.0 * 0.5 / rate]])
+    told = PredictedWall("handle", stiffness=600.0, lead=0.002)
+    assert plan_of(scene_of(told), rate).axes[0].elements == (told,)

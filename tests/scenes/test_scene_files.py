@@ -161,7 +161,7 @@ def test_an_unknown_element_or_parameter_is_wrong_usage(setting: str, message: s
             '--set wall.stiffness: "800"; expected a number without quotes, or one with its unit such as "2 N/m"',
         ),
         ("wall.damping", True, "--set wall.damping: true; expected a number not below 0"),
-        ("wall.position", float("inf"), "--set wall.position: inf; expected a number"),
+        ("wall.position", float("inf"), "--set wall.position: inf; expected a finite number"),
         ("wall.side", "left", '--set wall.side: "left"; expected "positive" or "negative"'),
     ],
 )

@@ -88,10 +88,17 @@ def test_a_name_stands_once_in_all_files(tmp_path: Path) -> None:
     assert fault == 'line 6: element[0].name: "a" stands twice; expected a name of its own'
 
 
+@pytest.mark.parametrize("name", ["", "x=y"])
+def test_a_name_that_a_setting_could_not_give_is_refused(tmp_path: Path, name: str) -> None:
+    (fault,) = faults_of(write(tmp_path, "scene", walls=wall(name)))
+    assert fault == f'line 6: element[0].name: "{name}"; expected text that is not empty, without ='
+
+
 def test_faults_of_several_files_are_told_together(tmp_path: Path) -> None:
     write(tmp_path, "base", walls=wall("a", "-1"))
     first, second = faults_of(write(tmp_path, "scene", include='["base.toml"]', walls=wall("b", "nan")))
-    assert "base.toml: element[0].stiffness: -1; expected a number above 0" in first
+    base = tmp_path / "base.toml"
+    assert first == f"in {base}: line 8: element[0].stiffness: -1; expected a number above 0"
     assert second == "line 8: element[0].stiffness: nan; expected a number above 0"
 
 
@@ -105,7 +112,7 @@ def test_wrong_units_are_told_with_line_and_what_they_measure(tmp_path: Path) ->
     assert faults_of(path) == [
         'line 8: element[0].stiffness: "500 N/m"; expected a stiffness in N·m/rad, as the axis is rotary; '
         "N/m measures a stiffness on a linear axis",
-        'line 9: element[0].position: "20 mm"; expected a length in rad, as the axis is rotary; '
+        'line 9: element[0].position: "20 mm"; expected an angle in rad, as the axis is rotary; '
         "mm measures a length on a linear axis",
     ]
 

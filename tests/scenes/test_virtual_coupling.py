@@ -95,6 +95,20 @@ def test_the_law_on_the_wall_is_the_system_that_stability_judges() -> None:
         assert force(0.05 + moved) - first == pytest.approx(expected, abs=1e-10)
 
 
+def test_with_its_damper_the_law_on_the_wall_is_that_system_too() -> None:
+    """A sine about a place deep inside, once it has settled, beside the frequency response of `linearised`."""
+    space, turn, period = TOOL.linearised(), 150.0, 2e-4
+    answer = space.c @ np.linalg.solve(1j * turn * np.eye(2) - space.a, space.b) + space.d
+    wave = np.exp(1j * turn * np.arange(20_000) * period)
+    way, speed = 1e-3 * wave.imag, 1e-3 * turn * wave.real
+    force = TOOL.begin(period)
+    found = np.array([force(0.06 + x, v) for x, v in zip(way.tolist(), speed.tolist(), strict=True)])
+    expected = 1e-3 * ((answer @ [1.0, 1j * turn])[0] * wave).imag
+    late = slice(10_000, None)
+    settled = found[late] - TOOL.begin(period)(0.06, 0.0)
+    np.testing.assert_allclose(settled, expected[late], atol=1e-3 * np.abs(expected).max())
+
+
 def test_it_needs_the_velocity_only_for_the_damper_of_its_coupling() -> None:
     assert TOOL.needs == (Signal.POSITION, Signal.VELOCITY)
     assert VirtualCoupling("handle", 800.0, 0.05).needs == (Signal.POSITION,)

@@ -3,7 +3,7 @@
 from math import inf
 
 from haptic_fieldbus.scenes.braking_pulse import BrakingPulse
-from tests.scenes.sheet import Motion, Sheet, damper_leak, no_energy, passing, resting
+from tests.scenes.sheet import Motion, Sheet, at_once, damper_leak, no_energy, passing, resting
 
 
 def silent(pulse: BrakingPulse) -> list[Motion]:
@@ -29,6 +29,10 @@ SHEET = Sheet(
     ),
     steepness=lambda pulse: (0.0, pulse.damping, 0.0),
     jump=lambda pulse, speed: min(pulse.damping * speed, pulse.saturation or inf),
+    stiffest=lambda pulse: (
+        at_once(pulse.position - 2.0 * pulse.rearm, pulse.position + 1e-4, speed=0.01),
+        1.0,
+    ),
     continuous=no_energy,
     sampled=lambda pulse, motion: damper_leak(pulse.damping, motion),
     silent=silent,

@@ -79,6 +79,7 @@ SHEET = Sheet(
     ),
     steepness=steepness,
     jump=jump,
+    stiffest=lambda coupling: (standing(coupling.dead_band + 1e-3, 0.0), 1.0),
     continuous=continuous,
     sampled=sampled,
     silent=silent,

@@ -3,7 +3,7 @@
 import math
 
 from haptic_fieldbus.scenes.detents import Detents
-from tests.scenes.sheet import Motion, Sheet, resting, spring_leak
+from tests.scenes.sheet import Motion, Sheet, at_once, resting, spring_leak
 
 
 def stored(detents: Detents, position: float) -> float:
@@ -25,6 +25,7 @@ SHEET = Sheet(
         Detents("handle", amplitude=1.5, pitch=0.01, position=-0.01, count=3),
     ),
     steepness=lambda detents: (detents.stiffness, 0.0, 0.0),
+    stiffest=lambda detents: (at_once(detents.position), 1.0),
     continuous=continuous,
     sampled=lambda detents, motion: continuous(detents, motion) + spring_leak(detents.stiffness, motion),
     silent=lambda detents: (

@@ -1,7 +1,7 @@
 """A spring and damper beyond either end, nothing between, and never a pull."""
 
 from haptic_fieldbus.scenes.end_stop import EndStop
-from tests.scenes.sheet import Sheet, damper_leak, passing, resting, spring_leak
+from tests.scenes.sheet import Sheet, at_once, damper_leak, passing, resting, spring_leak
 
 
 def stored(stop: EndStop, position: float) -> float:
@@ -17,6 +17,7 @@ SHEET = Sheet(
     ),
     steepness=lambda stop: (stop.stiffness, stop.damping, 0.0),
     jump=lambda stop, speed: stop.damping * speed,
+    stiffest=lambda stop: (at_once(stop.upper + 0.01), 1.0),
     continuous=lambda stop, motion: stored(stop, motion.position[0]),
     sampled=lambda stop, motion: (
         stored(stop, motion.position[0]) + spring_leak(stop.stiffness, motion) + damper_leak(stop.damping, motion)

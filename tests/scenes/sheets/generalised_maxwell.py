@@ -1,7 +1,7 @@
 """A spring and many that relax, under a surface that comes back in its own time; never a pull."""
 
 from haptic_fieldbus.scenes.generalised_maxwell import GeneralisedMaxwell
-from tests.scenes.sheet import Sheet, change_leak, passing, resting
+from tests.scenes.sheet import Sheet, at_once, change_leak, passing, resting
 
 FASTEST = 8.0
 """[m/s]: the handle's; a branch relaxes by at most k·v, and so does the surface come back."""
@@ -22,6 +22,7 @@ SHEET = Sheet(
         GeneralisedMaxwell("handle", rest=50.0, branches=((300.0, 2.0),), position=-0.01, side="negative"),
     ),
     steepness=lambda tissue: (tissue.stiffness, 0.0, 3.0 * tissue.stiffness * FASTEST),
+    stiffest=lambda tissue: (at_once(tissue.position + inwards(tissue) * 0.01), inwards(tissue)),
     continuous=lambda tissue, motion: stored(tissue, motion.position[0]),
     sampled=lambda tissue, motion: stored(tissue, motion.position[0]) + change_leak(tissue, motion),
     silent=lambda tissue: [

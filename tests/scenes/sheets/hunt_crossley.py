@@ -6,7 +6,7 @@ Stiffness and damping of a whole motion are those at its deepest: n·k·dⁿ⁻�
 import math
 
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
-from tests.scenes.sheet import Motion, Sheet, damper_leak, passing, resting, spring_leak
+from tests.scenes.sheet import Motion, Sheet, at_once, damper_leak, passing, resting, spring_leak
 
 DEEPEST, FASTEST = 0.075, 8.0
 """[m], [m/s]: what the motions reach at most, 0.06 m and 7.5 m/s, a body at ±1 cm."""
@@ -55,6 +55,7 @@ SHEET = Sheet(
         damping_at(body, DEEPEST),
         0.0,
     ),
+    stiffest=lambda body: (at_once(body.position + inwards(body) * body.depth), inwards(body)),
     continuous=lambda body, motion: stored(body, motion.position[0]),
     sampled=sampled,
     silent=silent,

@@ -7,7 +7,7 @@ spring's force at its end times its way, K·d·Δd. That is the first touch and 
 import numpy as np
 
 from haptic_fieldbus.scenes.kelvin_voigt import KelvinVoigt
-from tests.scenes.sheet import Motion, Sheet, damper_leak, forces, passing, resting, spring_leak
+from tests.scenes.sheet import Motion, Sheet, at_once, damper_leak, forces, passing, resting, spring_leak
 
 DEEPEST = 0.075
 """[m]: a bit more than the motions reach."""
@@ -39,6 +39,7 @@ SHEET = Sheet(
     ),
     steepness=lambda tissue: (tissue.stiffness, tissue.damping, 0.0),
     jump=lambda tissue, speed: tissue.damping * speed + tissue.stiffness * DEEPEST,
+    stiffest=lambda tissue: (at_once(tissue.position + inwards(tissue) * 0.01), inwards(tissue)),
     continuous=lambda tissue, motion: stored(tissue, motion.position[0]),
     sampled=sampled,
     silent=lambda tissue: [

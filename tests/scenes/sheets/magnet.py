@@ -1,7 +1,7 @@
 """A conservative field: what it gives is the energy of the first place less that of the last."""
 
 from haptic_fieldbus.scenes.magnet import Magnet
-from tests.scenes.sheet import Motion, Sheet, resting, spring_leak
+from tests.scenes.sheet import Motion, Sheet, at_once, resting, spring_leak
 
 
 def stored(magnet: Magnet, position: float) -> float:
@@ -20,6 +20,7 @@ SHEET = Sheet(
         Magnet("handle", pull=2.0, radius=0.01, position=0.004),
     ),
     steepness=lambda magnet: (magnet.stiffness, 0.0, 0.0),
+    stiffest=lambda magnet: (at_once(magnet.position), 1.0),
     continuous=continuous,
     sampled=lambda magnet, motion: continuous(magnet, motion) + spring_leak(magnet.stiffness, motion),
     silent=lambda magnet: [

@@ -4,7 +4,7 @@ Held springs that slip, cut or are left leak no more than springs: f·|Δx| ≤ 
 """
 
 from haptic_fieldbus.scenes.needle import Needle
-from tests.scenes.sheet import Motion, Sheet, damper_leak, passing, resting, spring_leak
+from tests.scenes.sheet import Motion, Sheet, at_once, damper_leak, passing, resting, spring_leak
 
 
 def inwards(needle: Needle) -> float:
@@ -37,6 +37,7 @@ SHEET = Sheet(
     jump=lambda needle, speed: (
         max(needle.puncture, needle.breakaway + needle.friction + needle.cutting) + needle.drag * speed
     ),
+    stiffest=lambda needle: (at_once(needle.position + inwards(needle) * 2.0 * needle.depth), inwards(needle)),
     continuous=lambda needle, motion: stored(needle, motion.position[0]),
     sampled=lambda needle, motion: (
         stored(needle, motion.position[0]) + spring_leak(needle.stiffness, motion) + damper_leak(needle.drag, motion)

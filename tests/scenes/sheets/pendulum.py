@@ -3,7 +3,7 @@
 from math import cos, pi
 
 from haptic_fieldbus.scenes.pendulum import Pendulum
-from tests.scenes.sheet import Motion, Sheet, resting, spring_leak
+from tests.scenes.sheet import Motion, Sheet, at_once, resting, spring_leak
 
 
 def given(pendulum: Pendulum, motion: Motion) -> float:
@@ -15,6 +15,7 @@ def given(pendulum: Pendulum, motion: Motion) -> float:
 SHEET = Sheet(
     examples=(Pendulum("handle", torque=0.2), Pendulum("handle", torque=0.2, position=1.0)),
     steepness=lambda pendulum: (pendulum.torque, 0.0, 0.0),
+    stiffest=lambda pendulum: (at_once(pendulum.position), 1.0),
     continuous=given,
     sampled=lambda pendulum, motion: given(pendulum, motion) + spring_leak(pendulum.torque, motion),
     silent=lambda pendulum: [resting(pendulum.position)],

@@ -7,8 +7,8 @@ to end outside, and turned.
 
 import numpy as np
 
-from haptic_fieldbus.scenes.predicted_wall import PredictedWall
-from tests.scenes.sheet import Motion, Sheet, damper_leak, passing, resting
+from haptic_fieldbus.scenes.predicted_wall import LEAD, PredictedWall
+from tests.scenes.sheet import Motion, Sheet, at_once, damper_leak, passing, resting
 
 
 def inwards(wall: PredictedWall) -> float:
@@ -51,8 +51,9 @@ SHEET = Sheet(
         PredictedWall("handle", stiffness=600.0, position=-0.01, damping=3.0, side="negative"),
         PredictedWall("handle", stiffness=600.0, release="deadbeat"),
     ),
-    steepness=lambda wall: (wall.stiffness, wall.stiffness * wall.lead + wall.damping, 0.0),
-    jump=lambda wall, speed: (wall.damping + wall.stiffness * wall.lead * (wall.release == "deadbeat")) * speed,
+    steepness=lambda wall: (wall.stiffness, wall.stiffness * LEAD + wall.damping, 0.0),
+    jump=lambda wall, speed: (wall.damping + wall.stiffness * LEAD * (wall.release == "deadbeat")) * speed,
+    stiffest=lambda wall: (at_once(wall.position + inwards(wall) * 0.01), inwards(wall)),
     continuous=lambda wall, motion: stored(wall, motion.position[0]),
     sampled=lambda wall, motion: (
         stored(wall, motion.position[0]) + leak(wall, motion) + damper_leak(wall.damping, motion)

@@ -1,7 +1,7 @@
 """A wall on the side from which the handle came, at whatever depth; the leak of a wall."""
 
 from haptic_fieldbus.scenes.proxy import Proxy
-from tests.scenes.sheet import Sheet, damper_leak, passing, resting, spring_leak
+from tests.scenes.sheet import Sheet, at_once, damper_leak, passing, resting, spring_leak
 
 SHEET = Sheet(
     examples=(
@@ -10,6 +10,7 @@ SHEET = Sheet(
     ),
     steepness=lambda proxy: (proxy.stiffness, proxy.damping, 0.0),
     jump=lambda proxy, speed: proxy.damping * speed,
+    stiffest=lambda proxy: (at_once(proxy.position - 0.01, proxy.position + 0.01), 1.0),
     continuous=lambda proxy, motion: 0.0,
     sampled=lambda proxy, motion: spring_leak(proxy.stiffness, motion) + damper_leak(proxy.damping, motion),
     silent=lambda proxy: [

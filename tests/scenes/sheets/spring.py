@@ -3,7 +3,7 @@
 from math import inf
 
 from haptic_fieldbus.scenes.spring import Spring
-from tests.scenes.sheet import Motion, Sheet, damper_leak, passing, resting, spring_leak
+from tests.scenes.sheet import Motion, Sheet, at_once, damper_leak, passing, resting, spring_leak
 
 
 def stored(spring: Spring, position: float) -> float:
@@ -15,6 +15,11 @@ def stored(spring: Spring, position: float) -> float:
     if stiffness * depth <= limit:
         return 0.5 * stiffness * depth**2
     return limit * (depth - 0.5 * limit / stiffness)
+
+
+def stronger(spring: Spring) -> float:
+    """The side of the coefficient 1."""
+    return 1.0 if spring.positive_coefficient == 1.0 else -1.0
 
 
 def silent(spring: Spring) -> list[Motion]:
@@ -54,6 +59,7 @@ SHEET = Sheet(
     ),
     steepness=lambda spring: (spring.stiffness, spring.damping, 0.0),
     jump=jump,
+    stiffest=lambda spring: (at_once(spring.position + stronger(spring) * (spring.dead_band + 1e-3)), stronger(spring)),
     continuous=lambda spring, motion: stored(spring, motion.position[0]),
     sampled=sampled,
     silent=silent,

@@ -1,7 +1,11 @@
 """A spring and damper inside, nothing outside, and never a pull."""
 
 from haptic_fieldbus.scenes.wall import Wall
-from tests.scenes.sheet import Motion, Sheet, damper_leak, passing, resting, spring_leak
+from tests.scenes.sheet import Motion, Sheet, at_once, damper_leak, passing, resting, spring_leak
+
+
+def inwards(wall: Wall) -> float:
+    return 1.0 if wall.side == "positive" else -1.0
 
 
 def stored(wall: Wall, position: float) -> float:
@@ -14,13 +18,12 @@ def stored(wall: Wall, position: float) -> float:
 def silent(wall: Wall) -> list[Motion]:
     if wall.sides == "bilateral":
         return [resting(wall.position)]
-    outwards = -1.0 if wall.side == "positive" else 1.0
+    outwards = -inwards(wall)
     return [resting(wall.position, wall.position + outwards * 0.01), passing(outwards * 0.05, outwards * 0.01, 0.5)]
 
 
 def signs(wall: Wall) -> list[tuple[Motion, int]]:
-    inwards = 1.0 if wall.side == "positive" else -1.0
-    return [(resting(wall.position + inwards * 1e-3), -round(inwards))]
+    return [(resting(wall.position + inwards(wall) * 1e-3), -round(inwards(wall)))]
 
 
 SHEET = Sheet(
@@ -32,6 +35,7 @@ SHEET = Sheet(
     ),
     steepness=lambda wall: (wall.stiffness, wall.damping, 0.0),
     jump=lambda wall, speed: wall.damping * speed if wall.sides == "unilateral" else 0.0,
+    stiffest=lambda wall: (at_once(wall.position + inwards(wall) * 0.01), inwards(wall)),
     continuous=lambda wall, motion: stored(wall, motion.position[0]),
     sampled=lambda wall, motion: (
         stored(wall, motion.position[0]) + spring_leak(wall.stiffness, motion) + damper_leak(wall.damping, motion)
