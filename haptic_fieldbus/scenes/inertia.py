@@ -1,11 +1,14 @@
 """A virtual mass that resists acceleration: the inertia condition of USB PID.
 
-F = −m·a, positive towards positive x, where the acceleration is the filtered derivative of the velocity: with the
-filtered velocity q, q̇ = (v − q)/τ and a = q̇, so a = s/(τ·s + 1)·v. Below 1/τ the handle is heavier by m, above it is
-damped by m/τ. (USB Device Class Definition for Physical Interface Devices 1.0.) It begins at rest.
+F = −m·(a ∓ w) beyond the dead band w of the acceleration, else 0, with a coefficient and a saturation for either sign
+(USB Device Class Definition for Physical Interface Devices 1.0: dead band, coefficients, saturations; `offset` is the
+acceleration that counts as none, its CP offset). Without them F = −m·a, positive towards positive x. The acceleration
+is the filtered derivative of the velocity: with the filtered velocity q, q̇ = (v − q)/τ and a = q̇, so a = s/(τ·s + 1)·v.
+Below 1/τ the handle is heavier by m, above it is damped by m/τ. It begins at rest; the filter is followed exactly along
+straight lines from sample to sample.
 
-In continuous time it is passive for every m and τ: F·v = −m·q·q̇ − m·τ·q̇², so it stores ½·m·q² and dissipates the
-rest. Sampled at T, with the exact step of the filter and velocity by backward difference, it is
+In continuous time it is passive for every m and τ where no condition is set: F·v = −m·q·q̇ − m·τ·q̇², so it stores
+½·m·q² and dissipates the rest. Sampled at T, velocity by backward difference, it is
 F(z)/x(z) = −m·(1 − α)/T²·(z − 1)²/(z·(z − α)), α = e^(−T/τ), and on a device of mass M and damping b
 
     passive                                            b > 2·m/T·tanh(T/2τ), about m/τ
@@ -15,35 +18,83 @@ F(z)/x(z) = −m·(1 − α)/T²·(z − 1)²/(z·(z − α)), α = e^(−T/τ),
 The first is the condition of Colgate & Schenkel (J. Robotic Systems 14(1), 1997, 37) at the Nyquist frequency, where it
 asks most; the others are Jury's conditions of z² − α·z + h·(z + 1) and z³ − α·z² + h·(z + 1), h = m·(1 − α)/2M. A
 longer τ lets a heavier mass be stable, but adds it later. A step D of the encoder is felt as (m/τ)·D/T.
+
+With a condition it is no mass any more: what is taken while the handle speeds up need not be what is given back while
+it slows down. It never gives more power than its largest force times the speed.
 """
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from haptic_fieldbus.numerics import condition
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.element import STRICT, Duration, Mass
+from haptic_fieldbus.scenes.element import (
+    STRICT,
+    Acceleration,
+    Duration,
+    Law,
+    Mass,
+    NonNegativeAcceleration,
+    PositiveEffort,
+    Share,
+)
 from haptic_fieldbus.signals import Signal
 
 
 @dataclass(frozen=True)
 class Inertia:
-    """`mass` [kg or kg·m²] that is added to the handle, its acceleration filtered by `time_constant` [s]."""
+    """`mass` [kg or kg·m²] that is added to the handle, its acceleration filtered by `time_constant` [s].
+
+    `offset` and `dead_band` are accelerations [m/s² or rad/s²], the coefficients shares of the mass at positive and at
+    negative acceleration, one of them 1. A saturation [N or N·m] that is left out is no limit.
+    """
 
     axis: str
     mass: Mass
     time_constant: Duration = 0.02
+    offset: Acceleration = 0.0
+    dead_band: NonNegativeAcceleration = 0.0
+    positive_coefficient: Share = 1.0
+    negative_coefficient: Share = 1.0
+    positive_saturation: PositiveEffort | None = None
+    negative_saturation: PositiveEffort | None = None
     name: str = "inertia"
     __pydantic_config__: ClassVar = STRICT
 
-    @property
-    def needs(self) -> tuple[Signal, ...]:
-        return (Signal.POSITION, Signal.VELOCITY)
+    def __post_init__(self) -> None:
+        condition.check_coefficients(self.positive_coefficient, self.negative_coefficient, "mass")
 
     @property
-    def dynamics(self) -> StateSpace:
-        """State: the filtered velocity; inputs (position, velocity) of the handle, output force on it."""
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.VELOCITY,)
+
+    def begin(self, period: float) -> Law:
+        """Acceleration by the exact filter, and the force that opposes it."""
+        force, span = self._condition(), self.time_constant
+        decay = math.exp(-period / span)
+        mean = -math.expm1(-period / span) * span / period
+        before, after = mean - decay, 1.0 - mean
+        filtered = last = 0.0
+
+        def law(velocity: float) -> float:
+            nonlocal filtered, last
+            filtered = decay * filtered + before * last + after * velocity
+            last = velocity
+            return force((velocity - filtered) / span)
+
+        return law
+
+    def _condition(self) -> Law:
+        """Acceleration → force."""
+        positive = condition.Side.limited(self.positive_coefficient * self.mass, 0.0, self.positive_saturation)
+        negative = condition.Side.limited(self.negative_coefficient * self.mass, 0.0, self.negative_saturation)
+        return condition.bind(self.offset, self.dead_band, positive, negative)
+
+    def linearised(self) -> StateSpace:
+        """Of the side with all of the mass. State: the filtered velocity; inputs (position, velocity), output force."""
         rate = 1.0 / self.time_constant
         return StateSpace(
             a=np.array([[-rate]]),
@@ -51,7 +102,3 @@ class Inertia:
             c=np.array([[self.mass * rate]]),
             d=np.array([[0.0, -self.mass * rate]]),
         )
-
-    def linearised(self) -> StateSpace:
-        """The element is linear: its dynamics."""
-        return self.dynamics

@@ -18,6 +18,7 @@ class Quantity(Enum):
 
     LENGTH = ("m", "rad")
     SPEED = ("m/s", "rad/s")
+    ACCELERATION = ("m/s²", "rad/s²")
     EFFORT = ("N", "N·m")
     STIFFNESS = ("N/m", "N·m/rad")
     DAMPING = ("N·s/m", "N·m·s/rad")
@@ -51,6 +52,7 @@ def _times_second(efforts: Mapping[str, float]) -> dict[str, float]:
 _FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
     Quantity.LENGTH: (_LENGTHS, _ANGLES),
     Quantity.SPEED: (_over(_LENGTHS, _TIMES), _over(_ANGLES, _TIMES) | {"rpm": 2 * math.pi / 60}),
+    Quantity.ACCELERATION: ({"m/s²": 1.0, "mm/s²": 1e-3}, {"rad/s²": 1.0, "deg/s²": math.pi / 180}),
     Quantity.EFFORT: (_FORCES, _TORQUES),
     Quantity.STIFFNESS: (_over(_FORCES, _LENGTHS), _over(_TORQUES, _ANGLES)),
     Quantity.DAMPING: (_over(_times_second(_FORCES), _LENGTHS), _over(_times_second(_TORQUES), _ANGLES)),
@@ -65,7 +67,7 @@ _FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
 _WRITTEN = re.compile(r"\s*([-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _ONE_SPELLING = str.maketrans({"*": "", "·": "", "⋅": "", "μ": "µ", "−": "-"})
 """Products may be written with any sign or none, N·m, N*m or Nm."""
-_PLAIN = (("^2", "²"), ("m2", "m²"), ("us", "µs"), ("um", "µm"), ("uN", "µN"))
+_PLAIN = (("^2", "²"), ("s2", "s²"), ("m2", "m²"), ("us", "µs"), ("um", "µm"), ("uN", "µN"))
 
 
 def parse_quantity(text: str, quantity: Quantity, workspace: Workspace) -> float:

@@ -31,6 +31,8 @@ LINEAR, ROTARY = Workspace.LINEAR, Workspace.ROTARY
         ("4 kgm²", Quantity.MASS, ROTARY, 4.0),
         ("60 rpm", Quantity.SPEED, ROTARY, 2 * math.pi),
         ("6 m/min", Quantity.SPEED, LINEAR, 0.1),
+        ("500 mm/s^2", Quantity.ACCELERATION, LINEAR, 0.5),
+        ("180 deg/s2", Quantity.ACCELERATION, ROTARY, math.pi),
         ("5 ms", Quantity.TIME, LINEAR, 0.005),
         ("5 us", Quantity.TIME, ROTARY, 5e-6),
         ("0.2 kHz", Quantity.FREQUENCY, LINEAR, 200.0),

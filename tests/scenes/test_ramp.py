@@ -43,3 +43,16 @@ def test_it_needs_the_time_alone_and_no_motion_changes_it() -> None:
 def test_parameters_without_a_meaning_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValidationError):
         TypeAdapter(Ramp).validate_python({"axis": "handle", "start": 1.0, "end": 2.0, "duration": 1.0, **wrong})
+
+
+def test_the_envelope_scales_the_line() -> None:
+    """Attack from a fifth within 10 ms, fade to nothing within the last 20 ms, the line 1 N to 3 N in 100 ms."""
+    law = Ramp("handle", 1.0, 3.0, 0.1, attack_level=0.2, attack_time=0.01, fade_time=0.02).force
+    for ms, level in ((0, 0.2), (5, 0.6), (10, 1.0), (50, 1.0), (80, 1.0), (90, 0.5), (99, 0.05)):
+        assert law(ms * 1_000_000) == pytest.approx(level * (1.0 + 0.02 * ms))
+    assert law(100_000_000) == 0.0
+
+
+def test_an_envelope_that_does_not_fit_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"attack_time 0\.08 and fade_time 0\.04"):
+        Ramp("handle", 1.0, 3.0, 0.1, attack_time=0.08, fade_time=0.04)

@@ -7,7 +7,7 @@ bend of force and path, third order in the period: a hundredth of it is allowed 
 import numpy as np
 
 from haptic_fieldbus.scenes.inertia import Inertia
-from tests.scenes.sheet import Motion, Sheet, no_energy, resting
+from tests.scenes.sheet import Motion, Sheet, at_once, no_energy, resting
 
 FASTEST = 10.0
 """[m/s]; three sines of 10 mm and 40 Hz have 7.5 m/s."""
@@ -26,16 +26,33 @@ def sampled_leak(inertia: Inertia, motion: Motion) -> float:
     return 0.51 * inertia.mass / span * float(np.sum(changes * np.abs(motion.moves)))
 
 
+def most(inertia: Inertia, motion: Motion) -> float:
+    """With a condition: its largest force along the way."""
+    return (inertia.negative_saturation or 0.0) * float(np.sum(np.abs(motion.moves)))
+
+
 SHEET = Sheet(
-    examples=(Inertia("handle", mass=0.3), Inertia("handle", mass=0.1, time_constant=0.004)),
+    examples=(
+        Inertia("handle", mass=0.3),
+        Inertia("handle", mass=0.1, time_constant=0.004),
+        Inertia(
+            "handle",
+            mass=0.3,
+            dead_band=1.0,
+            positive_coefficient=0.5,
+            positive_saturation=2.0,
+            negative_saturation=2.0,
+        ),
+    ),
     steepness=lambda inertia: (
         0.0,
         inertia.mass / inertia.time_constant,
         2.0 * FASTEST * inertia.mass / inertia.time_constant**2,
     ),
     jump=lambda inertia, speed: 0.0,
-    continuous=no_energy,
-    sampled=sampled_leak,
+    continuous=lambda inertia, motion: most(inertia, motion) if inertia.dead_band else no_energy(inertia, motion),
+    sampled=lambda inertia, motion: most(inertia, motion) if inertia.dead_band else sampled_leak(inertia, motion),
     silent=lambda inertia: [resting(0.0, 0.0, 0.0), resting(0.02, 0.02, 0.02)],
-    signs=lambda inertia: [(starting(1.0), -1), (starting(-1.0), 1)],
+    signs=lambda inertia: [(starting(5.0), -1), (starting(-5.0), 1)],
+    stiffest=lambda inertia: (at_once(0.0, speed=-0.05), -1.0),
 )
