@@ -73,17 +73,15 @@ class Inertia:
 
     def begin(self, period: float) -> Law:
         """Acceleration by the exact filter, and the force that opposes it."""
-        force, span = self._condition(), self.time_constant
-        decay = math.exp(-period / span)
-        mean = -math.expm1(-period / span) * span / period
-        before, after = mean - decay, 1.0 - mean
-        filtered = last = 0.0
+        force, rise = self._condition(), -math.expm1(-period / self.time_constant) / period
+        decay = math.exp(-period / self.time_constant)
+        acceleration = last = 0.0
 
         def law(velocity: float) -> float:
-            nonlocal filtered, last
-            filtered = decay * filtered + before * last + after * velocity
+            nonlocal acceleration, last
+            acceleration = decay * acceleration + rise * (velocity - last)
             last = velocity
-            return force((velocity - filtered) / span)
+            return force(acceleration)
 
         return law
 

@@ -143,4 +143,4 @@ def test_an_element_of_ones_own_is_ones_own_affair() -> None:
         __pydantic_config__: ClassVar = STRICT
 
     check_elements(made(Free("handle", math.nan)), PERIOD, None)
-    assert refusal(made(Strict("handle", math.nan))) == "mine.strength: nan; expected a number"
+    assert refusal(made(Strict("handle", math.nan))) == "mine.strength: nan; expected a finite number"
