@@ -1,16 +1,17 @@
 """A step of the batch engine beside the same loop in scipy's dlsim and python-control's forced_response."""
 
 from collections.abc import Callable
+from typing import Any
 
 import control
 import numpy as np
 import scipy.signal
 from rows import Row, cost, show
 
-from haptic_fieldbus.margins import Plant, loop_matrix
+from haptic_fieldbus.margins import Plant, alone
 from haptic_fieldbus.numerics.batch import run
 from haptic_fieldbus.numerics.linear import gain
-from haptic_fieldbus.numerics.loops import Numbers, loops
+from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.numerics.sampled import environment
 
 PERIOD, DELAY, STIFFNESS, DAMPING = 1e-3, 0.3e-3, 600.0, 2.0
@@ -19,7 +20,7 @@ ALONE = 5000
 """Steps of the others, which run one loop."""
 
 
-def batch(**extra: Numbers) -> float:
+def batch(**extra: Any) -> float:
     """Seconds a step of one loop, on one core."""
     stiffness = np.linspace(100.0, 1200.0, LOOPS)
     many = loops(
@@ -29,14 +30,14 @@ def batch(**extra: Numbers) -> float:
     return cost(lambda: run(many, STEPS), 1, repeat=5) / (LOOPS * STEPS)
 
 
-def alone(simulate: Callable[[], object]) -> float:
+def one_by_one(simulate: Callable[[], object]) -> float:
     return cost(simulate, 1, repeat=5) / ALONE
 
 
 def closed_loop() -> tuple[np.ndarray, ...]:
     """The same loop as one matrix, started by an input that does nothing afterwards."""
     wall = environment(gain([[-STIFFNESS, -DAMPING]]), period=PERIOD, method=None, estimator="backward-difference")
-    a = loop_matrix(Plant(0.6, 1.5), PERIOD, DELAY, wall)
+    a = alone(Plant(0.6, 1.5), PERIOD, DELAY).matrix(wall)
     order = len(a)
     return a, np.zeros((order, 1)), np.eye(order)[:1], np.zeros((1, 1))
 
@@ -46,8 +47,8 @@ def rows() -> list[Row]:
     inputs, start = np.zeros(ALONE), np.eye(len(a))[0] * 1e-3
     theirs, others = scipy.signal.dlti(a, b, c, d, dt=PERIOD), control.ss(a, b, c, d, PERIOD)
     times = np.arange(ALONE) * PERIOD
-    by_scipy = alone(lambda: scipy.signal.dlsim(theirs, inputs, times, start))
-    by_control = alone(lambda: control.forced_response(others, times, inputs, start))
+    by_scipy = one_by_one(lambda: scipy.signal.dlsim(theirs, inputs, times, start))
+    by_control = one_by_one(lambda: control.forced_response(others, times, inputs, start))
     linear = batch()
     return [
         Row("linear loop, beside scipy.signal.dlsim", linear, by_scipy, 1 / 50),

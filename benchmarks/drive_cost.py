@@ -12,12 +12,12 @@ from time import perf_counter
 
 from rows import Row, cost, show
 
-from haptic_fieldbus.drive.catalogue import load_profile
 from haptic_fieldbus.drive.rig import default_axis
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.drive import Drive
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.link.frame import Frame
 
 NODE = 5
 PERIOD_NS = 1_000_000
@@ -32,8 +32,8 @@ class Period:
     def __init__(self, hand: str = "none") -> None:
         self.sent: list[Frame] = []
         axis = default_axis(Workspace.LINEAR, bus="bus", node=NODE, profile="maxon_epos4")
-        self.drive = Drive(NODE, load_profile("maxon_epos4"), axis, self.sent.append, hand_named(hand))
-        self.drive.power_on(0, booted=True)
+        self.slave = Slave(NODE, load_profile("maxon_epos4"), axis, self.sent.append, hand_named(hand))
+        self.slave.power_on(0, booted=True)
         self._configure()
         self._rpdo = Frame(0x200 + NODE, struct.pack("<Hh", 0x0F, 20))
         self._sync = Frame(0x80, b"")
@@ -52,26 +52,26 @@ class Period:
             self._write(communication + 0x200, 0, len(entries), 1)
             self._write(communication, 1, can_id, 4)
         self._write(0x6060, 0, 10, 1)
-        self.drive.receive(Frame(0, bytes((1, NODE))), 0)
+        self.slave.receive(Frame(0, bytes((1, NODE))), 0)
         for controlword in (0x06, 0x07, 0x0F):
-            self.drive.receive(Frame(0x200 + NODE, struct.pack("<Hh", controlword, 0)), 0)
+            self.slave.receive(Frame(0x200 + NODE, struct.pack("<Hh", controlword, 0)), 0)
 
     def _write(self, index: int, subindex: int, value: int, size: int) -> None:
         head = bytes((0x23 | (4 - size) << 2, *index.to_bytes(2, "little"), subindex))
-        self.drive.receive(Frame(0x600 + NODE, head + value.to_bytes(4, "little")), 0)
+        self.slave.receive(Frame(0x600 + NODE, head + value.to_bytes(4, "little")), 0)
         assert self.sent[-1].data[0] == 0x60, self.sent[-1]
 
     def __call__(self) -> None:
-        drive, sent, t_ns = self.drive, self.sent, next(self._times)
-        while drive.due_ns < t_ns:
-            drive.timer(drive.due_ns)
+        slave, sent, t_ns = self.slave, self.sent, next(self._times)
+        while slave.due_ns < t_ns:
+            slave.timer(slave.due_ns)
         sent.clear()
-        drive.receive(self._sync, t_ns)
+        slave.receive(self._sync, t_ns)
         assert sent[0].can_id == 0x180 + NODE
         t_ns += ANSWER_NS
-        while drive.due_ns < t_ns:
-            drive.timer(drive.due_ns)
-        drive.receive(self._rpdo, t_ns)
+        while slave.due_ns < t_ns:
+            slave.timer(slave.due_ns)
+        slave.receive(self._rpdo, t_ns)
 
 
 def reference() -> float:

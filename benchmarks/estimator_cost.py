@@ -1,12 +1,11 @@
-"""One step of every velocity estimator beside a backward difference written by hand; noise gain and delay with it."""
+"""One step of every velocity estimator beside a backward difference written by hand."""
 
 import itertools
 from collections.abc import Callable
 
 from rows import Row, cost, show
 
-from haptic_fieldbus.numerics.estimators import ESTIMATORS, bind, discrete
-from haptic_fieldbus.numerics.estimators.figures import delay, measured_delay, measured_noise_gain, noise_gain
+from haptic_fieldbus.numerics.estimators import ESTIMATORS, bind
 
 PERIOD, COUNT = 1e-3, 0.05 / 4096
 SLOW = 0.002
@@ -33,18 +32,7 @@ def slow_motion() -> Callable[[], float]:
 
 def row(name: str) -> Row:
     step, reference, here, there = bind(name, PERIOD, COUNT), by_hand(), slow_motion(), slow_motion()
-    return Row(figures(name), cost(lambda: step(here()), 2000), cost(lambda: reference(there()), 2000))
-
-
-def figures(name: str) -> str:
-    """Noise gain times T and delay over T: of the system, or measured on a noise of one count and a slow start."""
-    system = discrete(name, PERIOD)
-    if system is not None:
-        noise, late = noise_gain(system), delay(system, PERIOD)
-    else:
-        noise = measured_noise_gain(bind(name, PERIOD, COUNT), COUNT / 12**0.5, 20_000)
-        late = measured_delay(bind(name, PERIOD, COUNT), PERIOD, COUNT, speed=0.02, acceleration=1.0)
-    return f"{name} (noise gain {noise * PERIOD:.3f}/T, delay {late / PERIOD:.2f} T)"
+    return Row(name, cost(lambda: step(here()), 2000), cost(lambda: reference(there()), 2000))
 
 
 if __name__ == "__main__":

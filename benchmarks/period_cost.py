@@ -10,7 +10,7 @@ from time import perf_counter
 from rows import Row, cost, show
 
 from haptic_fieldbus.api import plan, run
-from haptic_fieldbus.cycle import Cycle
+from haptic_fieldbus.cycle.cycle import Cycle
 
 PERIODS = 10_000
 COUNTS = 2000

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -13,8 +14,8 @@ from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.load import Load
 from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
+from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
-from haptic_fieldbus.sim.plant import Plant
 
 SHAFT = Shaft(inertia=4e-5, damping=1e-4, coulomb=2e-3, lag=1.6e-4)
 R = 0.05 / (2 * math.pi)
@@ -75,9 +76,7 @@ def main() -> list[Row]:
     ]
     for name, parts in PARTS.items():
         load = Load(SHAFT, parts, 0.7 if "lever" in name or "all" in name else None)
-        rows.append(
-            Row(f"{name}, beside the held rigid shaft", best(lambda load=load: LoadedPlant(load, GRIP), 2), held)
-        )
+        rows.append(Row(f"{name}, beside the held rigid shaft", best(partial(LoadedPlant, load, GRIP), 2), held))
     return [*rows, sampling_row()]
 
 

@@ -14,15 +14,16 @@ from haptic_fieldbus import api
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.numerics import estimators
 from haptic_fieldbus.numerics.estimators.tachometer import bind_position
-from haptic_fieldbus.report.measure import growth, work_precision
-from haptic_fieldbus.report.measure.bench import bench_of
-from haptic_fieldbus.report.measure.in_the_loop import all_methods
-from haptic_fieldbus.report.measure.problems import periods, problems
-from haptic_fieldbus.report.page import growth as growth_page
-from haptic_fieldbus.report.page import integrator as integrator_page
-from haptic_fieldbus.report.page import work_precision as work_precision_page
-from haptic_fieldbus.report.page.style import dress, figure, line
+from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.plot import BLUE, GREY, INK, VERMILION
+from haptic_fieldbus.study.measure import growth, work_precision
+from haptic_fieldbus.study.measure.bench import bench_of
+from haptic_fieldbus.study.measure.in_the_loop import loop_growth
+from haptic_fieldbus.study.measure.problems import periods, problems
+from haptic_fieldbus.study.page import growth as growth_page
+from haptic_fieldbus.study.page import integrator as integrator_page
+from haptic_fieldbus.study.page import work_precision as work_precision_page
+from haptic_fieldbus.study.page.style import dress, figure, line
 
 FOLDER = Path(__file__).resolve().parent / "images" / "lecture"
 DPI = 80
@@ -87,18 +88,19 @@ def tachometer() -> Figure:
 
 def cost() -> Figure:
     """Error against cost for the lecture's own problem, as the report draws it."""
-    found = work_precision.measure_all([problems()["sprung-mass-step"]], periods(quick=True))
-    return work_precision_page.draw(list(found))
+    problem, steps = problems()["sprung-mass-step"], periods(quick=True)
+    return work_precision_page.draw([work_precision.measure(problem, method, steps) for method in METHODS])
 
 
 def along_the_run() -> Figure:
     """Error along the run, as the report draws it."""
-    return growth_page.draw(list(growth.follow_all(10**6)))
+    return growth_page.draw([growth.follow(method, 10**6) for method in METHODS])
 
 
 def in_the_loop() -> Figure:
     """Growth rates, as the report draws them."""
-    return integrator_page.draw(all_methods(bench_of(api.plan("wall")), 60))
+    bench = bench_of(api.plan("wall"))
+    return integrator_page.draw([loop_growth(bench, method, 60) for method in METHODS])
 
 
 DRAWN: dict[str, Callable[[], Figure]] = {

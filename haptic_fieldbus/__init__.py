@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api import plan, response, run, stability
-    from haptic_fieldbus.changes import Changes
-    from haptic_fieldbus.open_loop import Response
-    from haptic_fieldbus.planning import Plan
-    from haptic_fieldbus.result import Result
+    from haptic_fieldbus.api.open_loop import Response
+    from haptic_fieldbus.assessing.result import Result
+    from haptic_fieldbus.planning.plan import Plan
+    from haptic_fieldbus.running.changes import Changes
 
 _HOMES = {
     "plan": "haptic_fieldbus.api",
     "response": "haptic_fieldbus.api",
     "run": "haptic_fieldbus.api",
     "stability": "haptic_fieldbus.api",
-    "Changes": "haptic_fieldbus.changes",
-    "Plan": "haptic_fieldbus.planning",
-    "Response": "haptic_fieldbus.open_loop",
-    "Result": "haptic_fieldbus.result",
+    "Changes": "haptic_fieldbus.running.changes",
+    "Plan": "haptic_fieldbus.planning.plan",
+    "Response": "haptic_fieldbus.api.open_loop",
+    "Result": "haptic_fieldbus.assessing.result",
 }
 
 __all__ = ["Changes", "Plan", "Response", "Result", "plan", "response", "run", "stability"]

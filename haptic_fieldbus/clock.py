@@ -1,4 +1,4 @@
-"""Time for the loop, the buses and the simulated drives: real, or virtual and deterministic.
+"""Time for loop, buses and simulated drives: real, or virtual and deterministic.
 
 All times are integer nanoseconds since an arbitrary origin.
 """
@@ -16,11 +16,9 @@ class Clock(Protocol):
 
     def sleep_until(self, deadline_ns: int) -> int:
         """Wait for the deadline; returns the lateness [ns], 0 when on time or early."""
-        ...
 
     def compute(self, duration_ns: int) -> None:
         """Account for computing time: passes by itself in real time, is added in virtual time."""
-        ...
 
 
 class MonotonicClock:

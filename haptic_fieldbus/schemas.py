@@ -1,10 +1,14 @@
-"""Write the JSON Schemas of the files that people write: `python -m haptic_fieldbus.schemas FOLDER`."""
+"""Write the JSON Schemas of profiles, buses, rigs and scenes into a folder.
+
+`python -m haptic_fieldbus.schemas FOLDER`
+"""
 
 import json
 import sys
 from pathlib import Path
 
-from haptic_fieldbus.drive.catalogue import profile_schema, rig_schema
+from haptic_fieldbus.protocols.catalogue import bus_schema, profile_schema, rig_schema
+from haptic_fieldbus.protocols.registry import BUILT_IN
 from haptic_fieldbus.scenes.catalogue import scene_schema
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -12,7 +16,9 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 def schema_texts() -> dict[str, str]:
     """The text of each schema by the name of its file."""
-    schemas = {"profile": profile_schema(), "rig": rig_schema(), "scene": scene_schema()}
+    schemas = {"rig": rig_schema(), "scene": scene_schema()}
+    for name in BUILT_IN:
+        schemas |= {f"profile.{name}": profile_schema(name), f"bus.{name}": bus_schema(name)}
     return {
         f"{name}.schema.json": json.dumps({"$schema": DIALECT} | schema, indent=2, ensure_ascii=False) + "\n"
         for name, schema in schemas.items()

@@ -1,4 +1,4 @@
-"""The quantities that travel between a drive and a scene, and the units of a workspace."""
+"""The quantities between a drive and a scene, and the units of a workspace."""
 
 from enum import Enum, IntFlag
 
@@ -44,9 +44,11 @@ class LinkFlag(IntFlag):
     """An emergency message arrived; its code is in the header."""
     BOOT_UP = 0x04
     """The node restarted."""
-    HEARTBEAT_LOST = 0x08
+    NO_SIGN_OF_LIFE = 0x08
+    """What the device says of itself between its feedback stayed away."""
     NOT_OPERATIONAL = 0x10
-    """The node's heartbeat names another NMT state than operational."""
+    """The device says that it does not take part in the exchange."""
     BUS_OFF = 0x20
+    """The controller has left the bus."""
     EXCEPTION = 0x40
     """The device answered with an exception (Modbus) or the bus refused a frame."""

@@ -1,24 +1,27 @@
 """Ready-made values for tests: a profile, a rig axis, a scene and a plan that need no files."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.profile import (
-    DriveProfile,
-    DriveSection,
+from haptic_fieldbus.drive.cia402 import (
     IdentitySection,
-    LinkLossSection,
     MappedObject,
     OptionCode,
-    PdoSection,
     PositionSection,
-    TimingSection,
     TorqueSection,
     VelocitySection,
 )
-from haptic_fieldbus.drive.rig import BusSection, Limits, Rig, RigAxis, default_axis
-from haptic_fieldbus.planning import Plan, compile_plan
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DriveSection, TimingSection
+from haptic_fieldbus.drive.rig import Limits, Rig, RigAxis, default_axis
+from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.canopen.pdo import Pdo
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection, canopen_profile
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic, PdoTraffic
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
 from haptic_fieldbus.scenes.wall import Wall
@@ -26,7 +29,7 @@ from haptic_fieldbus.signals import Workspace
 
 PERMILLE = "permille_of_rated_torque"
 
-PROFILE = DriveProfile(
+PROFILE = CanopenProfile(
     schema=1,
     name="test_drive",
     drive=DriveSection("test", "drive", "canopen", "vendor-data"),
@@ -39,7 +42,11 @@ PROFILE = DriveProfile(
     ),
     position=PositionSection(MappedObject(0x6064, DataType.INT32, unit="counts")),
     pdo=PdoSection((1, 254, 255), (1, 254, 255), "reception"),
-    link_loss=LinkLossSection(0x1016, OptionCode(0x6007, 2), OptionCode(0x605E, 0)),
+    link_loss=LinkLossSection(
+        heartbeat_consumer=0x1016,
+        abort_connection_option=OptionCode(0x6007, 2),
+        fault_reaction_option=OptionCode(0x605E, 0),
+    ),
     timing=TimingSection(torque_bandwidth=1000.0, control_period=0.0004),
 )
 
@@ -55,7 +62,7 @@ def rig_of(scene: Scene, **changes: Any) -> Rig:
     for position, axis in enumerate(scene.axes):
         bench = default_axis(axis.workspace, bus="bus", node=1 + position, profile=PROFILE.name)
         axes[axis.name] = replace(bench, **{"limits": Limits(), **changes})
-    return Rig({"bus": BusSection("haptic_sim", "sim")}, axes)
+    return Rig({"bus": CanSection("haptic_sim", "sim")}, axes)
 
 
 def scene_of(*elements: AnyElement, workspace: Workspace = Workspace.LINEAR) -> Scene:
@@ -71,10 +78,32 @@ def plan_of(
     scene: Scene = WALL,
     rate: float = 1000.0,
     rig: Rig | None = None,
-    profile: DriveProfile = PROFILE,
+    profile: CanopenProfile = PROFILE,
     method: str | None = None,
     estimator: str | None = None,
 ) -> Plan:
     """A plan of a scene on the shipped bench."""
     rig = rig_of(scene) if rig is None else rig
     return compile_plan(scene, rig, {PROFILE.name: profile}, rate, method=method, estimator=estimator)
+
+
+def can_traffic(plan: Plan, place: int = 0) -> CanTraffic:
+    """What one bus of a plan carries."""
+    traffic = plan.buses[place].traffic
+    assert isinstance(traffic, CanTraffic)
+    return traffic
+
+
+def bit_rates(plan: Plan) -> list[int]:
+    """Of each bus [bit/s]."""
+    return [can_traffic(plan, place).bitrate for place in range(len(plan.buses))]
+
+
+def pdos_of(plan: Plan) -> tuple[Pdo, ...]:
+    """All PDOs of a plan."""
+    return tuple(pdo for axis in plan.axes if isinstance(axis.traffic, PdoTraffic) for pdo in axis.traffic.pdos)
+
+
+def canopen(name: str | Path) -> CanopenProfile:
+    """A shipped profile or a file."""
+    return canopen_profile(load_profile(name))

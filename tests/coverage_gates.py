@@ -15,9 +15,7 @@ from xml.etree import ElementTree
 PROJECT = Path(__file__).resolve().parents[1]
 PURE_CONTRACT = "pure half"
 """Part of the name of the import contract that lists the pure half."""
-FULL = ("haptic_fieldbus.drive", "haptic_fieldbus.planning", "haptic_fieldbus.axis_plan", "haptic_fieldbus.safety",
-        "haptic_fieldbus.trips", "haptic_fieldbus.axis_cycle", "haptic_fieldbus.tachometer_axis",
-        "haptic_fieldbus.laws", "haptic_fieldbus.tuning", "haptic_fieldbus.cycle")  # fmt: skip
+FULL = ("haptic_fieldbus.drive", "haptic_fieldbus.protocols", "haptic_fieldbus.planning", "haptic_fieldbus.cycle")
 FULL_PERCENT, PURE_PERCENT = 100.0, 95.0
 
 

@@ -10,7 +10,7 @@ import scipy.linalg
 import scipy.optimize
 
 from haptic_fieldbus.margins import Plant
-from haptic_fieldbus.margins.coupled import CoupledAxis
+from haptic_fieldbus.margins.loop import Axis
 from haptic_fieldbus.numerics.coupled import environment, spring_damper
 from haptic_fieldbus.numerics.linear import StateSpace
 from tests.loops import PERIOD, Array, wall
@@ -35,11 +35,10 @@ class PairByHand:
     ratio: float = 1.0
     wall: float = 0.0
 
-    def axes(self) -> list[CoupledAxis]:
+    def axes(self) -> list[Axis]:
         own = (wall(self.wall) if self.wall else None, None)
         return [
-            CoupledAxis(plant, delay * PERIOD, held)
-            for plant, delay, held in zip(self.plants, self.delays, own, strict=True)
+            Axis(plant, delay * PERIOD, held) for plant, delay, held in zip(self.plants, self.delays, own, strict=True)
         ]
 
     def period_map(self, stiffness: float) -> Array:

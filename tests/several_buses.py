@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from haptic_fieldbus.drive.rig import BusSection, Rig
-from haptic_fieldbus.request import SIMULATION_INTERFACE
+from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.protocols.canopen.bus import SIMULATION_INTERFACE, CanSection
 from haptic_fieldbus.scenes.scene import Scene
 from tests.builders import rig_of
 
@@ -20,4 +20,4 @@ def rig_on(
     """The shipped bench of a scene, each axis on the bus that `buses` says; bit rates by bus [bit/s]."""
     rates = dict.fromkeys(buses.values(), 1_000_000) | dict(bitrates or {})
     axes = {name: replace(axis, bus=buses[name]) for name, axis in rig_of(scene, **changes).axis.items()}
-    return Rig({name: BusSection(interface, name, rate) for name, rate in rates.items()}, axes)
+    return Rig({name: CanSection(interface, name, rate) for name, rate in rates.items()}, axes)

@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import os
+import pkgutil
 import re
 import subprocess
 import sys
@@ -13,7 +14,9 @@ from pathlib import Path
 
 import pytest
 
+from haptic_fieldbus.api.sites import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
+from haptic_fieldbus.protocols.registry import GROUP
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -23,6 +26,10 @@ MAKEFILE = (PROJECT / "Makefile").read_text()
 DOCUMENTS = sorted(
     path for path in PROJECT.rglob("*.md") if not any(part.startswith(".") for part in path.relative_to(PROJECT).parts)
 )
+CURRENT = [path for path in DOCUMENTS if path.parent.name != "decisions"]
+"""A decision names what there was when it was made."""
+PLACEHOLDER = re.compile(r"NAME|KIND|\bname\b")
+ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP}
 LONGEST_FILE = 300
 REFUSED = 4
 
@@ -78,6 +85,16 @@ def test_every_link_between_documents_leads_somewhere(document: Path) -> None:
     for link in re.findall(r"\]\(([^)#]+)", document.read_text()):
         if not link.startswith(("http://", "https://")):
             assert (document.parent / link).exists(), link
+
+
+@pytest.mark.parametrize("document", CURRENT, ids=lambda path: str(path.relative_to(PROJECT)))
+def test_every_module_and_file_of_the_package_that_a_document_names_is_there(document: Path) -> None:
+    text = document.read_text()
+    for name in set(re.findall(r"\bhaptic_fieldbus(?:\.\w+)+", text)) - ENTRY_POINT_GROUPS:
+        pkgutil.resolve_name(name)
+    for name in re.findall(r"\bhaptic_fieldbus/[\w/.]*", text):
+        if not PLACEHOLDER.search(name):
+            assert (PROJECT / name).exists(), name
 
 
 def test_every_decision_is_in_the_list() -> None:
@@ -138,13 +155,18 @@ def test_every_element_is_kept_apart_from_the_others() -> None:
     assert set(contract("one element")) == elements, "list the element in the import contract of pyproject.toml"
 
 
-def test_all_of_the_simulation_is_pure_but_its_bus_and_the_world_behind_it() -> None:
-    modules = {
-        f"haptic_fieldbus.sim.{path.stem}" for path in (PACKAGE / "sim").iterdir() if not path.stem.startswith("__")
-    }
-    pure = {module for module in contract("pure half", "source_modules") if module.startswith("haptic_fieldbus.sim")}
-    with_a_bus = {"haptic_fieldbus.sim.bus", "haptic_fieldbus.sim.pace", "haptic_fieldbus.sim.world"}
-    assert modules - with_a_bus == pure, "list the module in the import contract of pyproject.toml"
+def test_all_of_the_simulation_is_pure_but_what_opens_a_bus_and_the_world_behind_it() -> None:
+    sim = "haptic_fieldbus.sim"
+    pure = {module for module in contract("pure half", "source_modules") if module.startswith(sim)}
+    with_a_bus = {f"{sim}.canopen.{name}" for name in ("bus", "hosting", "pace", "site", "world")}
+    rooms = modules_in("sim") - {f"{sim}.canopen", f"{sim}.simulation"}
+    assert rooms | modules_in("sim/canopen") == pure | with_a_bus, "list the module in the import contract"
+
+
+def modules_in(folder: str) -> set[str]:
+    """The modules and folders of a folder of the package, by their full names."""
+    prefix = f"haptic_fieldbus.{folder.replace('/', '.')}"
+    return {f"{prefix}.{path.stem}" for path in (PACKAGE / folder).iterdir() if not path.stem.startswith("__")}
 
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PROJECT)))

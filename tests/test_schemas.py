@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.drive.catalogue import profile_folder, profile_names, profile_schema, rig_schema
+from haptic_fieldbus.protocols.catalogue import profile_folder, profile_names, profile_schema, rig_schema
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names, scene_schema
 from haptic_fieldbus.schemas import main, schema_texts
 from tests.drive.test_profile_files import COMPLETE as PROFILE

@@ -9,26 +9,27 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_fieldbus import plan, run
-from haptic_fieldbus.buses.canopen import CanopenBus
+from haptic_fieldbus.assessing.record import Record
+from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.cycle import Cycle, columns
-from haptic_fieldbus.drive.profile import DriveProfile, VelocitySection
+from haptic_fieldbus.cycle.cycle import Cycle, columns
+from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.drive.cia402 import VelocitySection
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import SafetyTripError
-from haptic_fieldbus.loop import run_loop
-from haptic_fieldbus.planning import Plan
-from haptic_fieldbus.record import Record
-from haptic_fieldbus.result import Result
-from haptic_fieldbus.safety import TripKind
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import Hand, Piece, hand_named
-from haptic_fieldbus.sim.world import World
-from tests.builders import VELOCITY_ONLY, plan_of, rig_of, scene_of
-from tests.test_cycle import Constant
+from tests.builders import VELOCITY_ONLY, can_traffic, plan_of, rig_of, scene_of
+from tests.cycle.test_cycle import Constant
 from tests.velocity_only import velocity_only
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ ARM = 1e6
 """[kg]; no handle deflects it."""
 
 
-def in_unit(unit: str) -> DriveProfile:
+def in_unit(unit: str) -> CanopenProfile:
     assert VELOCITY_ONLY.velocity is not None
     return replace(VELOCITY_ONLY, velocity=VelocitySection(replace(VELOCITY_ONLY.velocity.actual, unit=unit)))
 
@@ -69,7 +70,7 @@ class Motion:
 def moved(compiled: Plan, hand: Hand | None, duration: float, these: tuple[faults.Fault, ...] = ()) -> Motion:
     """A run in simulation, to its end or its drift trip."""
     clock = VirtualClock()
-    world, cycle = World(clock, compiled.bitrate), Cycle(compiled)
+    world, cycle = World(clock, can_traffic(compiled).bitrate), Cycle(compiled)
     world.add_drive(1, compiled.axes[0].profile, compiled.axes[0].rig, hand, faults=these)
     bus = CanopenBus(SimulatedBus(world=world), clock, None, owned=True)
     cycles = round(duration * compiled.rate)

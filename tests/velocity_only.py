@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from haptic_fieldbus.drive.catalogue import profile_folder
+from haptic_fieldbus.protocols.catalogue import profile_folder
 
 SECTION = '[velocity]\nactual = {{ object = 0x606C, type = "int32", unit = "{unit}" }}\n'
 

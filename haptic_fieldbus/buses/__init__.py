@@ -1,1 +1,1 @@
-"""Input and output: one file a bus, all with the same five verbs."""
+"""Input and output: one folder a protocol, each behind the same `Bus`."""

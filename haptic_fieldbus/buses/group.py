@@ -1,4 +1,4 @@
-"""Several CAN buses as one: begin on all, then collect; write on all; and stop all, whatever becomes of one.
+"""Several buses as one: begin on all, then collect; write on all; and stop all, whatever becomes of one.
 
 Each bus serves the axes of its own in the one process image. There is no thread: the SYNCs go out one directly after
 the other, and while one bus is waited for, the others' feedback gathers in their controllers. When nothing more comes
@@ -17,16 +17,15 @@ Reference: CiA 301 7.2.5 (SYNC): it synchronises the devices of one bus; nothing
 from collections.abc import Mapping
 from contextlib import ExitStack
 
-from haptic_fieldbus.buses.bus import DriveFacts
-from haptic_fieldbus.buses.canopen import CanopenBus
-from haptic_fieldbus.drive.image import HEADER
-from haptic_fieldbus.planning import Plan
+from haptic_fieldbus.buses.bus import Bus, DriveFacts, InSteps
+from haptic_fieldbus.planning.image import HEADER
+from haptic_fieldbus.planning.plan import Plan
 
 
-class BusGroup:
+class BusGroup(InSteps):
     """Buses by their names in the plan."""
 
-    def __init__(self, buses: Mapping[str, CanopenBus]) -> None:
+    def __init__(self, buses: Mapping[str, Bus]) -> None:
         self._named = dict(buses)
         self._buses = tuple(buses.values())
         self._image = bytearray()
@@ -43,32 +42,53 @@ class BusGroup:
     def restarted(self) -> frozenset[str]:
         return frozenset[str]().union(*(bus.restarted for bus in self._buses))
 
+    @property
+    def fresh(self) -> bool:
+        return all(bus.fresh for bus in self._buses)
+
+    @property
+    def latch_ns(self) -> int:
+        """Of the last."""
+        return max([bus.latch_ns for bus in self._buses])
+
     def open(self, plan: Plan) -> None:
         """Inspect the drives of all buses, then configure all, then start all; when one fails, all are closed.
 
         Raises BusError or DriveFaultError.
         """
-        self._image = bytearray(plan.image.input_size)
         try:
-            for part in plan.buses:
-                self._named[part.name].inspect(plan.on(part), self._image)
-            for part in plan.buses:
-                self._named[part.name].configure(plan.on(part))
-            for bus in self._buses:
-                bus.start()
+            super().open(plan)
         except BaseException:
             self.close()
             raise
 
-    def read(self, deadline_ns: int) -> bytearray:
-        """SYNC on all, then the TPDOs of all; raises BusError when one of the buses is dead."""
+    def inspect(self, plan: Plan, image: bytearray) -> None:
+        """All buses share the image."""
+        self._image = image
+        for part in plan.buses:
+            self._named[part.name].inspect(plan.on(part), image)
+
+    def configure(self, plan: Plan) -> None:
+        """Each bus gets its part of the plan."""
+        for part in plan.buses:
+            self._named[part.name].configure(plan.on(part))
+
+    def start(self) -> None:
+        for bus in self._buses:
+            bus.start()
+
+    def prepare(self, deadline_ns: int) -> None:
         for bus in self._buses:
             bus.prepare(deadline_ns)
+
+    def begin(self) -> None:
         for bus in self._buses:
             bus.begin()
+
+    def collect(self, deadline_ns: int) -> bytearray:
         for bus in self._buses:
             bus.collect(deadline_ns)
-        HEADER.pack_into(self._image, 0, max([bus.latch_ns for bus in self._buses]))
+        HEADER.pack_into(self._image, 0, self.latch_ns)
         return self._image
 
     def write(self, image: bytes | bytearray) -> None:
@@ -88,6 +108,10 @@ class BusGroup:
             for bus in reversed(self._buses):
                 last_in_first_out.callback(bus.release)
         return all(confirmed)
+
+    def release(self) -> None:
+        for bus in self._buses:
+            bus.release()
 
     def close(self) -> None:
         """Stop, if that was not done, and let go of all buses."""

@@ -1,115 +1,107 @@
-"""The options that commands share, and the selection that they make together."""
+"""The options that commands share, each declared once, and the value of the API that they make together."""
 
-from dataclasses import dataclass, field
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, TypedDict
+from typing import TYPE_CHECKING, Annotated, ParamSpec, TypeVar
 
 import typer
 
 from haptic_fieldbus.errors import UsageError
 
-SceneArgument = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+if TYPE_CHECKING:
+    from haptic_fieldbus.planning.task import Rendering
 
-BENCH = "Bench"
-DriveOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="PROFILE", help=r"Drive profile by name or path. \[default: maxon_epos4]", rich_help_panel=BENCH
-    ),
-]
-BusOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="BUS",
-        help=r"sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0. \[default: sim]",
-        rich_help_panel=BENCH,
-    ),
-]
-NodeOption = Annotated[
-    int | None, typer.Option(metavar="ID", help=r"Node-ID of the first axis. \[default: 1]", rich_help_panel=BENCH)
-]
-RigOption = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Rig file: your bench. --bus sim simulates it.", rich_help_panel=BENCH),
-]
+P = ParamSpec("P")
+Options = TypeVar("Options")
+Asked = TypeVar("Asked", bound="Rendering")
 
-RENDERING = "Rendering"
-RateOption = Annotated[
-    float, typer.Option(metavar="HZ", help=r"Periods a second. \[default: 1000]", rich_help_panel=RENDERING)
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set", metavar="ELEMENT.PARAMETER=VALUE", help="Change the scene; may be repeated.", rich_help_panel=RENDERING
-    ),
-]
-ChangeOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--change",
-        metavar="S:ELEMENT.PARAMETER=VALUE",
-        help="Change the scene while it runs, S seconds from enabling on; may be repeated.",
-        rich_help_panel=RENDERING,
-    ),
-]
-MethodOption = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Integrator of virtual states.", rich_help_panel=RENDERING)
-]
-EstimatorOption = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Velocity estimator.", rich_help_panel=RENDERING)
-]
-ForceOption = Annotated[
-    bool, typer.Option("--force", help="Go on although the loop would be unstable.", rich_help_panel=RENDERING)
-]
+BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
+SHOWN = (
+    "scene", "input", "amplitude", "drive", "bus", "node", "rig",
+    "rate", "duration", "settings", "change", "method", "estimator",
+)  # fmt: skip
+"""The first options of the help, in their order; others follow as their command lists them."""
 
 
-class Selected(TypedDict, total=False):
-    """What `run` and `plan` of the API take alike; what was not given is left to their defaults."""
-
-    rig: Path
-    drive: str
-    bus: str
-    node: int
-    rate: float
-    settings: dict[str, str]
-    method: str
-    estimator: str
+def option(metavar: str | None, text: str, panel: str | None = None, *names: str) -> object:
+    """An option with its help; without names it is called as its field."""
+    return typer.Option(*names, metavar=metavar, help=text, rich_help_panel=panel)
 
 
-@dataclass
-class Selection:
-    """The options of a scene on a bench, as given."""
+JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
 
-    drive: str | None = None
-    bus: str | None = None
-    node: int | None = None
-    rig: Path | None = None
-    rate: float = 1000.0
-    settings: list[str] | None = field(default=None)
-    method: str | None = None
-    estimator: str | None = None
 
-    def arguments(self) -> Selected:
-        """For the API; raises UsageError for options that exclude one another."""
-        from haptic_fieldbus.request import parse_settings
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """A scene and how it is rendered."""
 
-        if self.rig is not None:
-            named = {"--drive": self.drive, "--node": self.node}
-            given = [option for option, value in named.items() if value is not None]
-            if given:
-                raise UsageError(f"--rig says which drives and nodes there are; leave out {' and '.join(given)}")
-        values = {**vars(self), "settings": parse_settings(self.settings or [])}
-        selected: Selected = {name: value for name, value in values.items() if value is not None}  # type: ignore[assignment]
-        return selected
+    scene: Annotated[
+        str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
+    ]
+    rate: Annotated[float, option("HZ", r"Periods a second. \[default: 1000]", RENDERING)] = 1000.0
+    settings: Annotated[
+        list[str] | None,
+        option("ELEMENT.PARAMETER=VALUE", "Change the scene; may be repeated.", RENDERING, "--set"),
+    ] = None
+    method: Annotated[str | None, option("NAME", "Integrator of virtual states.", RENDERING)] = None
+    estimator: Annotated[str | None, option("NAME", "Velocity estimator.", RENDERING)] = None
+    as_json: JsonOption = False
+
+    def given(self, asked: type[Asked]) -> Asked:
+        """The value of the API; what was not given is left to its defaults. Raises UsageError."""
+        from haptic_fieldbus.planning.request import parse_settings
+
+        names = {field.name for field in fields(asked)}
+        values = {name: value for name, value in vars(self).items() if name in names and value is not None}
+        return asked(**{**values, "settings": parse_settings(self.settings or [])})
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchOptions(SceneOptions):
+    """A scene on a bench."""
+
+    drive: Annotated[
+        str | None, option("PROFILE", r"Drive profile by name or path. \[default: maxon_epos4]", BENCH)
+    ] = None
+    bus: Annotated[
+        str | None,
+        option("BUS", r"sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0. \[default: sim]", BENCH),
+    ] = None
+    node: Annotated[int | None, option("ID", r"Node-ID of the first axis. \[default: 1]", BENCH)] = None
+    rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
+
+    def given(self, asked: type[Asked]) -> Asked:
+        """As for a scene; options that exclude one another are refused."""
+        named = {"--drive": self.drive, "--node": self.node}
+        wrong = [name for name, value in named.items() if value is not None]
+        if self.rig is not None and wrong:
+            raise UsageError(f"--rig says which drives and nodes there are; leave out {' and '.join(wrong)}")
+        return super().given(asked)
+
+
+def options_of(make: Callable[P, Options]) -> Callable[[Callable[[Options], None]], Callable[P, None]]:
+    """Decorate a command of one value: the fields of `make` are its options, in the order of `SHOWN`."""
+
+    def decorated(command: Callable[[Options], None]) -> Callable[P, None]:
+        options = inspect.signature(make).parameters.values()
+
+        @wraps(command)
+        def call(*args: P.args, **kwargs: P.kwargs) -> None:
+            command(make(*args, **kwargs))
+
+        ordered = sorted(options, key=lambda each: (*SHOWN, each.name).index(each.name))
+        vars(call)["__signature__"] = inspect.Signature(ordered)
+        return call
+
+    return decorated
 
 
 def note_assumed_bitrate(bus: str | None) -> list[tuple[str, str]]:
     """A line about a bit rate that nobody told and no interface tells."""
-    from haptic_fieldbus.request import parse_bus
+    from haptic_fieldbus.protocols.registry import parse_bus
 
-    if bus is None or parse_bus(bus).bitrate_known:
-        return []
-    return [("note", f"the bit rate of {bus} is not known; 1 Mbit/s is assumed. Give it as {bus}@BITRATE")]
+    assumed = "" if bus is None else parse_bus(bus).assumed
+    return [("note", assumed)] if assumed else []

@@ -5,19 +5,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from haptic_fieldbus.cli.options import OUTPUT, option
 from haptic_fieldbus.errors import UsageError
 
-PlotOption = Annotated[
-    Path | None,
-    typer.Option(metavar="PATH", help="A picture: .png, .svg or .pdf.", rich_help_panel="Output"),
-]
+PlotOption = Annotated[Path | None, option("PATH", "A picture: .png, .svg or .pdf.", OUTPUT)]
 
 
 def check_plot(path: Path | None) -> None:
     """Before anything moves: where the picture goes, and that it can be drawn."""
-    from haptic_fieldbus.request import PLOT_SUFFIXES, file_faults
+    from haptic_fieldbus.planning.request import PLOT_SUFFIXES, file_faults
 
     wrong = file_faults("plot", path, PLOT_SUFFIXES)
     if path is not None and find_spec("matplotlib") is None:

@@ -2,44 +2,22 @@
 
 import sys
 
-from haptic_fieldbus.cli.options import (
-    BusOption,
-    DriveOption,
-    EstimatorOption,
-    JsonOption,
-    MethodOption,
-    NodeOption,
-    RateOption,
-    RigOption,
-    SceneArgument,
-    Selection,
-    SetOption,
-    note_assumed_bitrate,
-)
+from haptic_fieldbus.cli.options import BenchOptions, note_assumed_bitrate, options_of
 from haptic_fieldbus.cli.screen import KEY_WIDTH, print_json, show
 
 
-def plan(
-    scene: SceneArgument,
-    drive: DriveOption = None,
-    bus: BusOption = None,
-    node: NodeOption = None,
-    rig: RigOption = None,
-    rate: RateOption = 1000.0,
-    settings: SetOption = None,
-    method: MethodOption = None,
-    estimator: EstimatorOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@options_of(BenchOptions)
+def plan(options: BenchOptions) -> None:
     """Compile SCENE for a drive and explain what would run each period, and what is left out."""
-    chosen = Selection(drive, bus, node, rig, rate, settings, method, estimator).arguments()
-    show(note_assumed_bitrate(bus), sys.stderr)
     from haptic_fieldbus import api
-    from haptic_fieldbus.explain import explain
-    from haptic_fieldbus.result import plan_json
+    from haptic_fieldbus.assessing.result import plan_json
+    from haptic_fieldbus.planning.explain import explain
+    from haptic_fieldbus.planning.task import Task
 
-    compiled = api.plan(scene, **chosen)
-    if as_json:
+    task = options.given(Task)
+    show(note_assumed_bitrate(options.bus), sys.stderr)
+    compiled = api.plan.of(task)
+    if options.as_json:
         print_json(plan_json(compiled))
     else:
         show((line[:KEY_WIDTH].strip(), line[KEY_WIDTH:]) for line in explain(compiled).splitlines())

@@ -13,8 +13,8 @@ from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
 
 if TYPE_CHECKING:
+    from haptic_fieldbus.assessing.result import Json
     from haptic_fieldbus.drive.profile import DriveProfile
-    from haptic_fieldbus.result import Json
 
 app = typer.Typer(help="The drive profiles: list, show, check.", no_args_is_help=True)
 
@@ -25,7 +25,7 @@ IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", 
 @app.command("list")
 def list_profiles(as_json: JsonOption = False) -> None:
     """List the profiles that are shipped."""
-    from haptic_fieldbus.drive.catalogue import profile_summaries
+    from haptic_fieldbus.protocols.catalogue import profile_summaries
 
     summaries = profile_summaries()
     if as_json:
@@ -57,7 +57,7 @@ def show_profile(
     as_json: JsonOption = False,
 ) -> None:
     """Show a profile: each value with its source. From the path of a vendor's EDS: the profile that it makes."""
-    from haptic_fieldbus.drive.catalogue import load_profile
+    from haptic_fieldbus.protocols.catalogue import load_profile
 
     profile = load_profile(name)
     if eds is not None:
@@ -85,16 +85,16 @@ def check_profiles(
 ) -> None:
     """Check profiles, or vendors' EDS files: all faults of each, with line and key."""
     from haptic_fieldbus.cli.checking import check
-    from haptic_fieldbus.drive.catalogue import profile_names
+    from haptic_fieldbus.protocols.catalogue import profile_names
 
     check(names or profile_names(), _check_profile, as_json)
 
 
 def _check_profile(name: str) -> None:
     """Load it; of an EDS, from which only what is needed must be right, all faults count."""
-    from haptic_fieldbus.drive.catalogue import load_profile
-    from haptic_fieldbus.drive.from_eds import EdsProfile
     from haptic_fieldbus.errors import EdsError
+    from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
+    from haptic_fieldbus.protocols.catalogue import load_profile
 
     profile = load_profile(name)
     if isinstance(profile, EdsProfile) and profile.eds.faults:
@@ -105,7 +105,7 @@ def _write_eds(profile: "DriveProfile", path: Path) -> None:
     """UsageError when the file cannot be written."""
     from haptic_fieldbus.eds import eds_text
     from haptic_fieldbus.errors import UsageError
-    from haptic_fieldbus.sim.sheet import sheet
+    from haptic_fieldbus.sim.canopen.sheet import sheet
 
     now = datetime.now().astimezone()
     made = {
@@ -137,7 +137,7 @@ def _plain(value: object) -> "Json":
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
-    from haptic_fieldbus.drive.profile import SimulationSection
+    from haptic_fieldbus.protocols.canopen.profile import SimulationSection
 
     usual = vars(SimulationSection())
     for section in SECTIONS:

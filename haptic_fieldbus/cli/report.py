@@ -30,8 +30,8 @@ def report(
     if find_spec("matplotlib") is None:
         raise UsageError('report needs matplotlib: pip install "haptic-fieldbus[plot]"')
     from haptic_fieldbus import api
-    from haptic_fieldbus.report.measure.bench import Tools
-    from haptic_fieldbus.report.run_report import finite, make_report
+    from haptic_fieldbus.study.make_report import finite, make_report
+    from haptic_fieldbus.study.measure.bench import Tools
 
     words = ["haptic-fieldbus report", f"--out {out}", "--quick" * quick, f"--only {only}" * (only is not None)]
     with _progress() as progress:

@@ -3,102 +3,80 @@
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from haptic_fieldbus.cli.options import (
-    BusOption,
-    ChangeOption,
-    DriveOption,
-    EstimatorOption,
-    ForceOption,
-    JsonOption,
-    MethodOption,
-    NodeOption,
-    RateOption,
-    RigOption,
-    SceneArgument,
-    Selection,
-    SetOption,
+    OUTPUT,
+    RENDERING,
+    SIMULATION,
+    BenchOptions,
     note_assumed_bitrate,
+    option,
+    options_of,
 )
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.planning import Plan
-    from haptic_fieldbus.result import Result
-
-SIMULATION, OUTPUT = "Simulation", "Output"
+    from haptic_fieldbus.assessing.result import Result
+    from haptic_fieldbus.planning.plan import Plan
 
 
-def run(
-    scene: SceneArgument,
-    drive: DriveOption = None,
-    bus: BusOption = None,
-    node: NodeOption = None,
-    rig: RigOption = None,
-    rate: RateOption = 1000.0,
-    duration: Annotated[
-        float, typer.Option(metavar="S", help=r"Time from enabling on. \[default: 10]", rich_help_panel="Rendering")
-    ] = 10.0,
-    settings: SetOption = None,
-    change: ChangeOption = None,
-    method: MethodOption = None,
-    estimator: EstimatorOption = None,
-    force: ForceOption = False,
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(BenchOptions):
+    """Further options of `run`."""
+
+    duration: Annotated[float, option("S", r"Time from enabling on. \[default: 10]", RENDERING)] = 10.0
+    change: Annotated[
+        list[str] | None,
+        option(
+            "S:ELEMENT.PARAMETER=VALUE",
+            "Change the scene while it runs, S seconds from enabling on; may be repeated.",
+            RENDERING,
+        ),
+    ] = None
+    force: Annotated[bool, option(None, "Go on although the loop would be unstable.", RENDERING, "--force")] = False
     hand: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help=r"push, tap, sine, guide, release or none. \[default: that of the scene, or push]",
-            rich_help_panel=SIMULATION,
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", help="Of all that is random.", rich_help_panel=SIMULATION)] = 0,
-    faults: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Faults of drive and link.", rich_help_panel=SIMULATION)
-    ] = None,
-    record: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Frames as .log (candump) or .blf, rows as .csv.", rich_help_panel=OUTPUT),
-    ] = None,
-    plot: PlotOption = None,
-    as_json: JsonOption = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Enable a real drive without asking.")] = False,
-) -> None:
-    """Render SCENE on a drive, and say how well it went."""
-    chosen = Selection(drive, bus, node, rig, rate, settings, method, estimator).arguments()
-    check_plot(plot)
-    show(note_assumed_bitrate(bus), sys.stderr)
-    from haptic_fieldbus import api
-    from haptic_fieldbus.request import parse_changes
+        option("NAME", r"push, tap, sine, guide, release or none. \[default: that of the scene, or push]", SIMULATION),
+    ] = None
+    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION)] = 0
+    faults: Annotated[Path | None, option("FILE", "Faults of drive and link.", SIMULATION)] = None
+    record: Annotated[Path | None, option("PATH", "Frames as .log (candump) or .blf, rows as .csv.", OUTPUT)] = None
+    plot: PlotOption = None
+    yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
 
-    changes = parse_changes(change or [])
-    progress = bar(rate)
-    with _object_of_failure(as_json):
+
+@options_of(RunOptions)
+def run(options: RunOptions) -> None:
+    """Render SCENE on a drive, and say how well it went."""
+    from haptic_fieldbus import api
+    from haptic_fieldbus.planning.request import parse_changes
+
+    trial = options.given(api.Trial)
+    check_plot(options.plot)
+    show(note_assumed_bitrate(options.bus), sys.stderr)
+    changes = parse_changes(options.change or [])
+    progress = bar(trial.rate)
+    trial = replace(
+        trial,
+        changes=changes,
+        confirm=(lambda _: True) if options.yes else _ask,
+        progress=progress,
+        announce=_announcer(options.as_json, progress, changes),
+    )
+    with _object_of_failure(options.as_json):
         try:
-            result = api.run(
-                scene,
-                **chosen,
-                duration=duration,
-                hand=hand,
-                seed=seed,
-                faults=faults or (),
-                record=record,
-                force=force,
-                changes=changes,
-                confirm=(lambda _: True) if yes else _ask,
-                progress=progress,
-                announce=_announcer(as_json, progress, changes),
-            )
+            result = api.run.of(trial)
         finally:
             if progress is not None:
                 progress.close()
-    _finish(result, plot, as_json)
+    _finish(result, options.plot, options.as_json)
 
 
 def _ask(text: str) -> bool:
@@ -116,9 +94,9 @@ def _announcer(
     """Tell what is about to run; on a real bus the loop then draws nothing, for its time belongs to the drive."""
 
     def announce(plan: "Plan") -> None:
-        from haptic_fieldbus.report.words import announcement, is_simulated
+        from haptic_fieldbus.report.words import announcement
 
-        if progress is not None and not is_simulated(plan):
+        if progress is not None and not plan.simulated:
             progress.silent = True
         if not as_json:
             show(announcement(plan, changes))

@@ -76,7 +76,7 @@ def check_scenes(
 def _recommended(scene: "Scene") -> Iterator[str]:
     """The stiffness that each profile's limits leave, on the shipped bench."""
     from haptic_fieldbus.api import plan
-    from haptic_fieldbus.drive.catalogue import load_profile, profile_names
+    from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 
     for name in profile_names():
         if load_profile(name).drive.usable:

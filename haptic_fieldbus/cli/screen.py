@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
-    from haptic_fieldbus.result import Json
+    from haptic_fieldbus.assessing.result import Json
 
 KEY_WIDTH = 11
 """Columns of the keys, the space after them included."""

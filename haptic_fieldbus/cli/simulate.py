@@ -8,44 +8,31 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from haptic_fieldbus.cli.options import JsonOption, note_assumed_bitrate
+from haptic_fieldbus.cli.options import SIMULATION, JsonOption, note_assumed_bitrate, option
 from haptic_fieldbus.cli.screen import show
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.sim.rack import Slot
-
-SIMULATION = "Simulation"
+    from haptic_fieldbus.sim.slot import Slot
 
 
 def simulate(
     drive: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="PROFILE@NODE",
-            help=r"Drive profile by name or path, may be repeated. \[default: maxon_epos4]",
-        ),
+        option("PROFILE@NODE", r"Drive profile by name or path, may be repeated. \[default: maxon_epos4]"),
     ] = None,
     bus: Annotated[
         str | None,
-        typer.Option(
-            metavar="BUS", help="INTERFACE:CHANNEL@BITRATE, such as udp_multicast:239.74.163.2 or socketcan:can0."
-        ),
+        option("BUS", "INTERFACE:CHANNEL@BITRATE, such as udp_multicast:239.74.163.2 or socketcan:can0."),
     ] = None,
-    node: Annotated[int, typer.Option(metavar="ID", help="Node-ID of the first drive that names none.")] = 1,
-    hand: Annotated[
-        str, typer.Option(metavar="NAME", help="push, tap, sine, guide, release or none.", rich_help_panel=SIMULATION)
-    ] = "none",
-    seed: Annotated[int, typer.Option(metavar="N", help="Of all that is random.", rich_help_panel=SIMULATION)] = 0,
-    faults: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Faults of the drives.", rich_help_panel=SIMULATION)
-    ] = None,
+    node: Annotated[int, option("ID", "Node-ID of the first drive that names none.")] = 1,
+    hand: Annotated[str, option("NAME", "push, tap, sine, guide, release or none.", SIMULATION)] = "none",
+    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION)] = 0,
+    faults: Annotated[Path | None, option("FILE", "Faults of the drives.", SIMULATION)] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Host simulated drives in real time until Ctrl-C; one line a drive when it is ready."""
-    from haptic_fieldbus.hosting import HostRequest, check, host
-    from haptic_fieldbus.sim.fault_file import load_faults
+    from haptic_fieldbus.sim.canopen.hosting import HostRequest, check, host
+    from haptic_fieldbus.sim.faults import load_faults
 
     known_faults = load_faults(faults) if faults is not None else ()
     name, slots = check(HostRequest(drive or ["maxon_epos4"], bus, node, hand, known_faults))

@@ -1,8 +1,8 @@
-"""TOML files read into frozen dataclasses, all faults of a file at once, each with its key and its line.
+"""TOML files read into frozen dataclasses, with all faults of a file at once.
 
-A fault is looked at from three sides: what stands in the file (`document`), what the schema expected (`expected`) and
-in which line (`positions`). Pydantic is imported when a file is validated, the parser with positions once there is a
-fault.
+Each fault has its key and its line. It is looked at from three sides: what stands in the file (`document`), what the
+schema expected (`expected`) and in which line (`positions`). Pydantic is imported when a file is validated, the parser
+with positions once there is a fault.
 """
 
 from haptic_fieldbus.documents.document import Document, knows, read_document, schema_of

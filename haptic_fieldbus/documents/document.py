@@ -40,12 +40,13 @@ class Document:
         self.error = error
         self.labels: dict[KeyPath, str] = {}
         """Values that are not the file's own, and what to call them in a fault."""
-        self._faults: dict[KeyPath, list[str]] = {}
+        self.faults: dict[KeyPath, list[str]] = {}
+        """What is wrong so far, by key."""
         self.data = self._parse()
 
     @property
     def faulty(self) -> bool:
-        return bool(self._faults)
+        return bool(self.faults)
 
     def value(self, *path: str | int) -> object:
         """What the file gives at a key, unchecked; None when there is nothing."""
@@ -61,7 +62,7 @@ class Document:
 
     def fault(self, path: KeyPath, message: str, *, also: bool = False) -> None:
         """Note what is wrong at a key; the first message of a key stays alone, unless this one is true `also`."""
-        messages = self._faults.setdefault(path, [])
+        messages = self.faults.setdefault(path, [])
         if also or not messages:
             messages.append(message)
 
@@ -77,8 +78,8 @@ class Document:
 
     def checked(self, value: T | None) -> T:
         """What `validate` gave; raises all faults noted so far, in the order of their lines."""
-        if value is None or self._faults:
-            faults = [self._fault(path, message) for path, messages in self._faults.items() for message in messages]
+        if value is None or self.faults:
+            faults = [self._fault(path, message) for path, messages in self.faults.items() for message in messages]
             raise self.error(self.source, sorted(faults, key=lambda fault: fault.line or math.inf))
         return value
 
@@ -206,9 +207,9 @@ def read_document(path: Path, error: type[DocumentError]) -> Document:
     return Document(str(path), text, error)
 
 
-def schema_of(schema: Hashable, *, loaded: Sequence[str] = ()) -> Schema:
+def schema_of(schema: type, *, loaded: Sequence[str] = ()) -> Schema:
     """The JSON Schema of a file that is read into `schema`."""
-    tree: Schema = _adapter(schema).json_schema()
+    tree: Schema = _adapter(cast(Hashable, schema)).json_schema()
     for name in loaded:
         tree["properties"].pop(name)
     return tree

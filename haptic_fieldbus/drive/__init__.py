@@ -1,1 +1,1 @@
-"""What a drive offers and how it is spoken to, without any I/O."""
+"""What a drive offers, whatever its protocol: profile, rig, power table, units."""

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 from annotated_types import Gt
 
-from haptic_fieldbus.drive.profile import STRICT, NonNegativeFloat, PositiveFloat
+from haptic_fieldbus.drive.fields import STRICT, NonNegativeFloat, PositiveFloat
 
 
 @dataclass(frozen=True)

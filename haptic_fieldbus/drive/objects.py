@@ -41,6 +41,14 @@ class DataType(Enum):
         return value
 
 
+class Order(Enum):
+    """How the octets of a value follow each other on the wire; the value is the name in profile files."""
+
+    LITTLE = "little"
+    BIG = "big"
+    BIG_LOW_WORD_FIRST = "big, low word first"
+
+
 _STRUCT_CODES = {
     DataType.INT8: "b",
     DataType.INT16: "h",

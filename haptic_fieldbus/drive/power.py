@@ -1,14 +1,20 @@
-"""The power state of a CiA 402 drive as seen and commanded by the master.
+"""The power state of a drive as seen and commanded by the master: a table, one row a state.
 
 The drive owns the automaton; the master reads the state from the statusword and answers with the controlword that asks
 for the next transition on the way to *operation enabled*. It never resets a fault and never leaves *quick stop active*
-upwards: those are for a person to ask for.
-
-Reference: IEC 61800-7-201 (CiA 402-2), table of statusword states and of controlword commands.
+upwards: those are for a person to ask for. `protocols.cia402` has the standard's table; a drive with a mode register or
+an opcode instead has another one, and its status and command are called statusword and controlword all the same.
 """
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property, reduce
+from operator import or_
+from typing import Annotated, ClassVar
+
+from annotated_types import Len
+
+from haptic_fieldbus.drive.fields import STRICT, UInt32
 
 
 class PowerState(Enum):
@@ -26,61 +32,36 @@ class PowerState(Enum):
 
 
 @dataclass(frozen=True)
-class StatusPattern:
-    """The statusword bits under `mask` that make up a state."""
+class PowerRow:
+    """The statusword bits under `mask` that make up a state, and the controlword that is answered in it."""
 
-    mask: int
-    bits: int
+    mask: UInt32
+    bits: UInt32
     state: PowerState
-
-
-STATUS_PATTERNS = (
-    StatusPattern(0x4F, 0x00, PowerState.NOT_READY),
-    StatusPattern(0x4F, 0x40, PowerState.SWITCH_ON_DISABLED),
-    StatusPattern(0x6F, 0x21, PowerState.READY),
-    StatusPattern(0x6F, 0x23, PowerState.SWITCHED_ON),
-    StatusPattern(0x6F, 0x27, PowerState.OPERATION_ENABLED),
-    StatusPattern(0x6F, 0x07, PowerState.QUICK_STOP_ACTIVE),
-    StatusPattern(0x4F, 0x0F, PowerState.FAULT_REACTION_ACTIVE),
-    StatusPattern(0x4F, 0x08, PowerState.FAULT),
-)
-
-DISABLE_VOLTAGE = 0x0000
-SHUTDOWN = 0x0006
-SWITCH_ON = 0x0007
-ENABLE_OPERATION = 0x000F
+    controlword: UInt32
+    transition: int | None = None
+    """The standard's number of the transition that the answer asks for."""
+    __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What the master answers in a state, and the standard's number of the transition that it asks for."""
+class PowerTable:
+    """All states of a drive; a statusword that no row fits is *unknown*, and is answered with `off`."""
 
-    controlword: int
-    transition: int | None
+    rows: Annotated[tuple[PowerRow, ...], Len(1)]
+    off: UInt32 = 0
+    """The controlword that takes voltage away in every state."""
+    __pydantic_config__: ClassVar = STRICT
 
+    @cached_property
+    def mask(self) -> int:
+        """The bits of a statusword that matter to any row."""
+        return reduce(or_, (row.mask for row in self.rows))
 
-TOWARDS_OPERATION_ENABLED = {
-    PowerState.NOT_READY: Answer(DISABLE_VOLTAGE, None),
-    PowerState.SWITCH_ON_DISABLED: Answer(SHUTDOWN, 2),
-    PowerState.READY: Answer(SWITCH_ON, 3),
-    PowerState.SWITCHED_ON: Answer(ENABLE_OPERATION, 4),
-    PowerState.OPERATION_ENABLED: Answer(ENABLE_OPERATION, None),
-    PowerState.QUICK_STOP_ACTIVE: Answer(DISABLE_VOLTAGE, 12),
-    PowerState.FAULT_REACTION_ACTIVE: Answer(DISABLE_VOLTAGE, None),
-    PowerState.FAULT: Answer(DISABLE_VOLTAGE, None),
-    PowerState.UNKNOWN: Answer(DISABLE_VOLTAGE, None),
-}
+    def state(self, statusword: int) -> PowerState:
+        """The state that a statusword names; bits outside the masks do not matter."""
+        return next((row.state for row in self.rows if statusword & row.mask == row.bits), PowerState.UNKNOWN)
 
-RELEVANT_BITS = 0x6F
-
-
-def power_state(statusword: int) -> PowerState:
-    """The state that a statusword names; bits outside the patterns do not matter."""
-    for pattern in STATUS_PATTERNS:
-        if statusword & pattern.mask == pattern.bits:
-            return pattern.state
-    return PowerState.UNKNOWN
-
-
-STATE_OF_BITS = tuple(power_state(bits) for bits in range(RELEVANT_BITS + 1))
-"""`STATE_OF_BITS[statusword & RELEVANT_BITS]`: the look-up for the loop."""
+    def answer(self, state: PowerState) -> int:
+        """The controlword on the way to *operation enabled*."""
+        return next((row.controlword for row in self.rows if row.state is state), self.off)

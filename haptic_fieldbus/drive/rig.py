@@ -7,10 +7,10 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from annotated_types import Ge, Gt, Le, Len
+from annotated_types import Ge, Gt, Len
 
+from haptic_fieldbus.drive.fields import STRICT, NonNegativeFloat, PositiveFloat
 from haptic_fieldbus.drive.mechanics import Mechanics
-from haptic_fieldbus.drive.profile import STRICT, NonNegativeFloat, PositiveFloat
 from haptic_fieldbus.signals import Workspace
 
 if TYPE_CHECKING:
@@ -28,10 +28,16 @@ class ByKind:
 
 @dataclass(frozen=True)
 class BusSection:
+    """A bus as every protocol has one; what else its table may say is the protocol's own."""
+
     interface: Annotated[str, Len(1)]
     channel: Annotated[str, Len(1)]
-    bitrate: Annotated[int, Gt(0)] = 1_000_000
-    __pydantic_config__: ClassVar = STRICT
+    protocol: ClassVar[str] = ""
+    __pydantic_config__: ClassVar[dict[str, object]] = {"extra": "ignore"}
+
+    @property
+    def simulated(self) -> bool:
+        return False
 
 
 @dataclass(frozen=True)
@@ -92,11 +98,14 @@ class RigAxis:
     """One drive with its motor and mechanism; `None` means unknown."""
 
     bus: str
-    node: Annotated[int, Ge(1), Le(127)]
+    node: Annotated[int, Ge(0)]
+    """On its bus; which numbers there are, its protocol says."""
     profile: str
     mechanism: Annotated[LinearMechanism | RotaryMechanism, ByKind()]
     encoder_counts_per_revolution: Annotated[int, Gt(0)]
     rated_torque: PositiveFloat | None = None
+    torque_constant: PositiveFloat | None = None
+    """[N·m/A]; only of drives whose torque is told in current."""
     inertia: PositiveFloat | None = None
     viscous_damping: NonNegativeFloat | None = None
     coulomb_friction: NonNegativeFloat = 0.0
@@ -105,11 +114,6 @@ class RigAxis:
     simulation: Mechanics = field(default_factory=Mechanics)
     """What a simulated bench has beyond a rigid shaft; nothing else looks at it."""
     __pydantic_config__: ClassVar = STRICT
-
-    @property
-    def resolution(self) -> float:
-        """One encoder count in the workspace [m or rad]."""
-        return 2 * math.pi * self.mechanism.ratio / self.encoder_counts_per_revolution
 
 
 @dataclass(frozen=True)
@@ -139,6 +143,7 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         mechanism=mechanism,
         encoder_counts_per_revolution=4096,
         rated_torque=0.4,
+        torque_constant=0.05,
         inertia=4.0e-5,
         viscous_damping=1.0e-4,
         coulomb_friction=2.0e-3,

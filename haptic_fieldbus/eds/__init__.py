@@ -1,4 +1,4 @@
-"""Electronic data sheets (EDS) and device configuration files (DCF) of CANopen devices: read tolerantly, and written.
+"""Data sheets of CANopen devices (EDS, DCF): read tolerantly, and written.
 
 Reference: CiA 306-1 (EDS and DCF), CiA 301 4.2 (data types, object codes).
 """

@@ -1,13 +1,12 @@
-"""Limits of a sampled haptic loop before anything moves: numbers in, limits and a verdict out.
+"""How far a sampled loop is stable and passive, before anything moves.
 
-Coupled axes have a module of their own (`coupled`, `coupled_contact`), which a scene without any does not import.
+What only coupled axes need is in `coupled`, which a scene without couplings does not import.
 """
 
-from haptic_fieldbus.margins.contact import judge_contact
-from haptic_fieldbus.margins.linear import EnvironmentOf, stiffness_limit
+from haptic_fieldbus.margins.linear import EnvironmentOf
+from haptic_fieldbus.margins.loop import alone, stiffness_limit
 from haptic_fieldbus.margins.passivity import passive_limit, passive_limit_of
-from haptic_fieldbus.margins.plant import Plant, loop_matrix, sample, weakened
-from haptic_fieldbus.margins.quantisation import quantisation_limit
+from haptic_fieldbus.margins.plant import Plant, quantisation_limit, sample, weakened
 from haptic_fieldbus.margins.suggestion import Suggestion, suggest
 from haptic_fieldbus.margins.verdict import Stability, StiffnessLimit, Verdict, judge
 
@@ -18,9 +17,8 @@ __all__ = [
     "StiffnessLimit",
     "Suggestion",
     "Verdict",
+    "alone",
     "judge",
-    "judge_contact",
-    "loop_matrix",
     "passive_limit",
     "passive_limit_of",
     "quantisation_limit",

@@ -1,11 +1,9 @@
 """The elements of an axis in sustained contact: one discrete environment, and one stiffness to vary."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
-from haptic_fieldbus.margins.plant import Plant
-from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.sampled import discretised, estimated, scaled
 from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, Graded
@@ -23,13 +21,17 @@ def stiffest_of(elements: Iterable[Kind]) -> Kind | None:
     return max(filter(stiffness_of, elements), key=stiffness_of, default=None)
 
 
-def linearised(element: AnyElement, changes: dict[str, float]) -> StateSpace:
-    """The element in sustained contact, changed; a stiffness that follows from other parameters scales all force."""
-    if not isinstance(element, Graded) or "stiffness" not in changes:
-        varied: AnyElement = replace(element, **changes)  # type: ignore[type-var]  # elements are dataclasses
-        return varied.linearised()
-    others = {name: value for name, value in changes.items() if name != "stiffness"}
-    return scaled(linearised(element, others), changes["stiffness"] / element.stiffness)
+def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
+    """The element in sustained contact, changed as far as it has what changes.
+
+    A stiffness that follows from other parameters scales all force.
+    """
+    known = {name: value for name, value in changes.items() if hasattr(element, name)}
+    if isinstance(element, Graded) and "stiffness" in known:
+        factor = known.pop("stiffness") / element.stiffness
+        return scaled(linearised(element, known), factor)
+    varied: AnyElement = replace(element, **known) if known else element  # type: ignore[type-var]  # a dataclass
+    return varied.linearised()
 
 
 def damping_of(elements: Iterable[AnyElement]) -> float:
@@ -47,26 +49,6 @@ def environment_of(
     stiffest = stiffest_of(elements)
     steps = []
     for element in elements:
-        space = linearised(element, changes) if element is stiffest else element.linearised()
+        space = linearised(element, changes if element is stiffest else {})
         steps.append(discretised(space, period, method if isinstance(element, DynamicElement) else None))
     return estimated(parallel(steps) if steps else gain([[0.0, 0.0]]), period, estimator)
-
-
-def judge_contact(
-    plant: Plant,
-    period: float,
-    delay: float,
-    elements: tuple[Element, ...],
-    method: str | None,
-    estimator: str | None,
-) -> Stability:
-    """The verdict on one axis; its limits are those of the stiffest element, all else kept."""
-    stiffest = stiffest_of(elements)
-    return judge(
-        plant,
-        period,
-        delay,
-        lambda stiffness: environment_of(elements, period, method, estimator, stiffness=stiffness),
-        stiffness=stiffness_of(stiffest) if stiffest is not None else None,
-        damping=damping_of(elements),
-    )

@@ -3,8 +3,6 @@
 import math
 from collections.abc import Callable
 
-from haptic_fieldbus.margins.plant import Plant, sample
-from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace
 
 EnvironmentOf = Callable[[float], StateSpace]
@@ -21,18 +19,10 @@ ROUNDING = 1e-11
 """A spectral radius this little above 1 may be the rounding of 1."""
 
 
-def stiffness_limit(plant: Plant, period: float, delay: float, environment_of: EnvironmentOf) -> float:
-    """The stiffness [N/m or N·m/rad] below which every loop is stable; 0 when the smallest already is not, or ∞."""
-    device = sample(plant, period, delay)
-    return limit_of(
-        lambda stiffness: sampled.growth(device, environment_of(stiffness)),
-        plant.mass / period**2 + plant.damping / period,
-    )
-
-
 def limit_of(growth: Callable[[float], float], scale: float) -> float:
-    """The stiffness at which `growth`, largest modulus of a loop's eigenvalues, first passes 1; 0 or ∞ as above.
+    """The stiffness at which `growth`, largest modulus of a loop's eigenvalues, first passes 1.
 
+    0 when the smallest stiffness already is not stable, ∞ when any is.
     Looked for from `SMALLEST` to `LARGEST` times `scale`, an m/T² + b/T.
     """
 

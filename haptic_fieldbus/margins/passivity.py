@@ -8,7 +8,7 @@ import numpy as np
 from haptic_fieldbus.margins.linear import LARGEST, EnvironmentOf
 from haptic_fieldbus.margins.plant import Plant, check_times
 from haptic_fieldbus.numerics import sampled
-from haptic_fieldbus.numerics.linear import StateSpace, parallel
+from haptic_fieldbus.numerics.linear import parallel
 from haptic_fieldbus.numerics.passivity import SMALLEST_ANGLE, damping_needed, hold, largest_gain, response
 
 PROBES = np.array([1e-3, 0.1, 1.0, math.pi])
@@ -29,18 +29,6 @@ def passive_limit(plant: Plant, period: float, delay: float) -> float:
     return 2.0 * plant.damping / (centre + math.sqrt(centre**2 + spread))
 
 
-def damping_asked(plant: Plant, environment: StateSpace, period: float, delay: float) -> float:
-    """The damping [N·s/m or N·m·s/rad] with which this environment is passive on the plant.
-
-    With a tachometer any force at all asks for infinitely much. A reading says nothing of the motion between two: a
-    hand that is fast only at the instants of the readings sets the force as it likes, at a cost of b·∫v² that goes to
-    0 as these instants get shorter, and lets the force work on it in between.
-    """
-    if plant.tachometer:
-        return math.inf if environment.c.any() or environment.d.any() else 0.0
-    return damping_needed(environment, period, delay, plant.torque_lag)
-
-
 def passive_limit_of(plant: Plant, period: float, delay: float, environment_of: EnvironmentOf, stable: float) -> float:
     """The stiffness up to which any environment is passive; `stable` bounds it. None is with a tachometer.
 
@@ -51,7 +39,7 @@ def passive_limit_of(plant: Plant, period: float, delay: float, environment_of: 
         return 0.0
     base, one = environment_of(0.0), environment_of(1.0)
     if _is_proportional(environment_of):
-        added = parallel([one, _negative(base)])
+        added = parallel([one, sampled.scaled(base, -1.0)])
         return largest_gain(base, added, plant.damping, period, delay, plant.torque_lag)
 
     def passive(stiffness: float) -> bool:
@@ -60,19 +48,22 @@ def passive_limit_of(plant: Plant, period: float, delay: float, environment_of: 
             return False
         return damping_needed(environment, period, delay, plant.torque_lag) <= plant.damping
 
-    scale = plant.mass / period**2 + plant.damping / period
-    found = _first_left(passive, 1e-6 * min(stable, scale), min(stable, LARGEST * scale))
-    return stable if found == math.inf else found
+    return searched(passive, plant.mass / period**2 + plant.damping / period, stable, smallest=1e-6, precision=1e-6)
 
 
-def _first_left(passive: Callable[[float], bool], smallest: float, largest: float) -> float:
-    """The stiffness at which `passive` is first left on the way up; `largest` or above is ∞, below `smallest` is 0."""
-    low, high = 0.0, smallest
+def searched(
+    passive: Callable[[float], bool], scale: float, stable: float, *, smallest: float, precision: float
+) -> float:
+    """The stiffness at which `passive` is first left on the way up, `stable` at most; 0 when the smallest is not.
+
+    Looked for from `smallest` to `LARGEST` times `scale`, an m/T² + b/T, and told within a share of `precision`.
+    """
+    low, high, largest = 0.0, smallest * min(stable, scale), min(stable, LARGEST * scale)
     while passive(high):
         if high >= largest:
-            return math.inf
+            return stable
         low, high = high, min(4.0 * high, largest)
-    while low and high - low > 1e-6 * high:
+    while low and high - low > precision * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if passive(middle) else (low, middle)
     return low
@@ -85,7 +76,3 @@ def _is_proportional(environment_of: EnvironmentOf) -> bool:
         return False
     none, one, two = (response(environment, PROBES) for environment in environments)
     return bool(np.abs(two - 2.0 * one + none).max() <= 1e-9 * np.abs(two - none).max())
-
-
-def _negative(environment: StateSpace) -> StateSpace:
-    return StateSpace(environment.a, environment.b, -environment.c, -environment.d)

@@ -7,7 +7,7 @@ import numpy as np
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics import sampled
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.sampled import SampledPlant
 
 
@@ -72,6 +72,10 @@ def weakened(plant: Plant, share: float = 0.7) -> Plant:
     return replace(plant, damping=share * plant.damping, coulomb=share * plant.coulomb)
 
 
-def loop_matrix(plant: Plant, period: float, delay: float, environment: StateSpace) -> Matrix:
-    """One period of the closed loop: states of the plant, of the environment, and forces on their way."""
-    return sampled.loop_matrix(sample(plant, period, delay), environment)
+def quantisation_limit(plant: Plant) -> float | None:
+    """2·fc/D: the stiffness up to which friction holds the handle between two counts; None without quantisation.
+
+    With a step D every force is a multiple of K·D; a handle pushed by a force between two multiples rests only if
+    friction bridges K·D/2 (Abbott & Okamura, IEEE Trans. Robotics 21(5), 2005, 952). The bound has no T.
+    """
+    return 2.0 * plant.coulomb / plant.resolution if plant.resolution else None

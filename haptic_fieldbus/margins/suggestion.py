@@ -4,9 +4,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from haptic_fieldbus.margins.linear import stiffness_limit
-from haptic_fieldbus.margins.plant import Plant, sample
-from haptic_fieldbus.numerics import sampled
+from haptic_fieldbus.margins.linear import EnvironmentOf
+from haptic_fieldbus.margins.loop import Loop
 from haptic_fieldbus.numerics.linear import StateSpace
 
 
@@ -23,12 +22,7 @@ class Suggestion:
 
 
 def suggest(
-    plant: Plant,
-    period: float,
-    delay: float,
-    environment_of: Callable[[float, float], StateSpace],
-    stiffness: float,
-    damping: float | None,
+    loop: Loop, environment_of: Callable[[float, float], StateSpace], stiffness: float, damping: float | None
 ) -> Suggestion:
     """Round values that make an unstable scene stable; `damping` None: the scene has none to vary.
 
@@ -36,31 +30,17 @@ def suggest(
     is 1.2 of the stiffness asked for.
     """
 
-    device = sample(plant, period, delay)
-    return suggest_by(
-        lambda value: stiffness_limit(plant, period, delay, lambda stiffness: environment_of(stiffness, value)),
-        lambda stiffness, value: sampled.growth(device, environment_of(stiffness, value)),
-        plant.mass / period,
-        stiffness,
-        damping,
-    )
+    def damped(value: float) -> EnvironmentOf:
+        return lambda stiffness: environment_of(stiffness, value)
 
-
-def suggest_by(
-    limit_with: Callable[[float], float],
-    growth: Callable[[float, float], float],
-    largest: float,
-    stiffness: float,
-    damping: float | None,
-) -> Suggestion:
-    """The same of any loop: damping → limit, (stiffness, damping) → growth, and the largest damping to try."""
-    limit = limit_with(damping or 0.0)
+    limit = loop.limit(damped(damping or 0.0))
     softer = _two_digits(0.7 * limit) if 0.0 < limit < math.inf else None
-    for candidate in _round_values(largest) if damping is not None else ():
+    largest = 0.0 if damping is None else loop.largest_damping(damped(damping))
+    for candidate in _round_values(largest):
         if (
             candidate > (damping or 0.0)
-            and growth(1.2 * stiffness, candidate) <= 1.0
-            and (limit := limit_with(candidate)) >= 1.2 * stiffness
+            and loop.growth(environment_of(1.2 * stiffness, candidate)) <= 1.0
+            and (limit := loop.limit(damped(candidate))) >= 1.2 * stiffness
         ):
             return Suggestion(softer, candidate, limit)
     return Suggestion(softer, None, None)

@@ -27,10 +27,9 @@ from dataclasses import asdict, dataclass
 from enum import Enum
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, stiffness_limit
-from haptic_fieldbus.margins.passivity import damping_asked, passive_limit_of
-from haptic_fieldbus.margins.plant import Plant, sample
-from haptic_fieldbus.margins.quantisation import quantisation_limit
+from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
+from haptic_fieldbus.margins.loop import Loop
+from haptic_fieldbus.margins.plant import Plant
 from haptic_fieldbus.numerics import sampled
 
 
@@ -95,44 +94,33 @@ def _finite(value: float | None) -> float | None:
 
 
 def judge(
-    plant: Plant,
-    period: float,
-    delay: float,
-    environment_of: EnvironmentOf,
-    stiffness: float | None,
-    damping: float = 0.0,
-) -> Stability:
-    """Limits and verdict of one axis; `stiffness` None: there is none to vary, and `environment_of` is given 0.
+    loop: Loop, environment_of: EnvironmentOf, stiffness: float | None, damping: float = 0.0
+) -> tuple[Stability, ...]:
+    """Limits and verdict of a loop, told for each of its axes with its plant and delay.
 
-    Raises UsageError for a stiffness that is none, naming the limit, and for times that no loop has.
+    `stiffness` None: there is none to vary, and `environment_of` is given 0. Raises UsageError for a stiffness that is
+    none, naming the limit.
     """
-    device = sample(plant, period, delay)
-    stable = None if stiffness is None else stiffness_limit(plant, period, delay, environment_of)
+    stable = None if stiffness is None else loop.limit(environment_of)
     if stiffness is not None and not 0.0 <= stiffness < math.inf:
         raise UsageError(f"stiffness {stiffness:g}: expected a number from 0 up; this loop is stable to {stable:.6g}")
     asked = environment_of(stiffness or 0.0)
-    growth = sampled.growth(device, asked)
+    growth = loop.growth(asked)
     if stiffness is None or stable is None:
         limit = StiffnessLimit(None, None, None)
-        is_stable = growth <= 1.0 + ROUNDING
-        needed = damping_asked(plant, asked, period, delay)
-        is_passive, is_bridged = needed <= plant.damping * (1.0 + ROUNDING), True
+        is_stable, is_bridged = growth <= 1.0 + ROUNDING, True
+        is_passive = loop.damping_share(asked) <= 1.0 + ROUNDING
     else:
-        passive = passive_limit_of(plant, period, delay, environment_of, stable)
-        quantisation = quantisation_limit(plant)
+        passive, quantisation = loop.passive_limit(environment_of, stable), loop.quantisation_limit(environment_of)
         limit = StiffnessLimit(passive, stable, quantisation)
         is_stable = stiffness <= stable or growth < 1.0 - ROUNDING
         is_passive, is_bridged = stiffness <= passive, quantisation is None or stiffness <= quantisation
-    return Stability(
-        period_s=period,
-        delay_s=delay,
-        plant=plant,
-        stiffness=stiffness,
-        damping=damping,
-        stiffness_limit=limit,
-        spectral_radius=sampled.spectral_radius(sampled.loop_matrix(device, asked)),
-        margin=stable / stiffness if stiffness and stable is not None else None,
-        verdict=verdict_of(is_stable, is_bridged, is_passive),
+    radius = sampled.spectral_radius(loop.matrix(asked))
+    margin = stable / stiffness if stiffness and stable is not None else None
+    verdict = verdict_of(is_stable, is_bridged, is_passive)
+    return tuple(
+        Stability(loop.period, axis.delay, axis.plant, stiffness, damping, limit, radius, margin, verdict)
+        for axis in loop.axes
     )
 
 

@@ -18,8 +18,8 @@ from itertools import combinations
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, gain
-from haptic_fieldbus.numerics.sampled import SampledPlant, spectral_radius
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, gain, parallel
+from haptic_fieldbus.numerics.sampled import SampledPlant, discretised, estimated_by, spectral_radius
 
 FORCELESS = 1e-9
 """Of the forces that cancel: less than this is none."""
@@ -57,21 +57,10 @@ def environment(
     One estimator an axis; as for one axis, `method` may be None without virtual states and an estimator where that
     velocity does not matter, else UsageError.
     """
-    if space.order:
-        if method is None:
-            raise UsageError("a coupling with virtual states needs an integrator")
-        from haptic_fieldbus.numerics import integrators
-
-        space = integrators.discrete(space, period, method)
-    velocity = _velocities(space, period, estimators)
-    from_position, from_velocity = space.b[:, ::2], space.b[:, 1::2]
-    direct, direct_velocity = space.d[:, ::2], space.d[:, 1::2]
-    return StateSpace(
-        a=np.block([[space.a, from_velocity @ velocity.c], [np.zeros((velocity.order, space.order)), velocity.a]]),
-        b=np.vstack([from_position + from_velocity @ velocity.d, velocity.b]),
-        c=np.hstack([space.c, direct_velocity @ velocity.c]),
-        d=direct + direct_velocity @ velocity.d,
-    )
+    if space.order and method is None:
+        raise UsageError("a coupling with virtual states needs an integrator")
+    space = discretised(space, period, method)
+    return estimated_by(_velocities(space, period, estimators), space)
 
 
 def _velocities(space: StateSpace, period: float, estimators: Sequence[str | None]) -> StateSpace:
@@ -84,7 +73,6 @@ def _velocities(space: StateSpace, period: float, estimators: Sequence[str | Non
         if name is None:
             raise UsageError("a coupling that uses velocity needs an estimator on each of its axes")
         from haptic_fieldbus.numerics.estimators import judged
-        from haptic_fieldbus.numerics.linear import parallel
 
         found = parallel([found, embedded(judged(name, period), place, axes)])
     return found

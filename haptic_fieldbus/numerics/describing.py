@@ -7,17 +7,9 @@ predict a limit cycle well where the loop around is a low-pass filter, and say n
 import math
 
 
-def quantiser(amplitude: float, step: float) -> float:
-    """Rounding to multiples of `step`, the sine centred on a multiple; at most 4/π, at A = step/√2."""
-    total = 0.0
-    for number in range(1, math.floor(amplitude / step + 0.5) + 1):
-        edge = (number - 0.5) * step / amplitude
-        total += math.sqrt(max(0.0, 1.0 - edge**2))
-    return 4.0 * step / (math.pi * amplitude) * total
-
-
 def edge(amplitude: float, step: float) -> float:
-    """The same, the sine centred on the edge between two multiples and not wider than a step: a relay of ±step/2."""
+    """Rounding to multiples of `step`, for a sine centred on the edge between two and not wider than a step: a relay of
+    ±step/2."""
     return 2.0 * step / (math.pi * amplitude)
 
 

@@ -50,13 +50,17 @@ def estimated(space: StateSpace, period: float, estimator: str | None) -> StateS
         raise UsageError("a scene that uses velocity needs an estimator")
     from haptic_fieldbus.numerics import estimators
 
-    velocity = estimators.judged(estimator, period)
-    (from_position, from_velocity), order = (space.b[:, :1], space.b[:, 1:]), space.order
+    return estimated_by(estimators.judged(estimator, period), space)
+
+
+def estimated_by(velocity: StateSpace, space: StateSpace) -> StateSpace:
+    """A discrete (x_1, v_1, x_2, …)_k → F_k of which `velocity` gives (v_1, v_2, …)_k: (x_1, x_2, …)_k → F_k."""
+    from_position, from_velocity = space.b[:, ::2], space.b[:, 1::2]
     return StateSpace(
-        a=np.block([[space.a, from_velocity @ velocity.c], [np.zeros((velocity.order, order)), velocity.a]]),
+        a=np.block([[space.a, from_velocity @ velocity.c], [np.zeros((velocity.order, space.order)), velocity.a]]),
         b=np.vstack([from_position + from_velocity @ velocity.d, velocity.b]),
-        c=np.hstack([space.c, space.d[:, 1:] @ velocity.c]),
-        d=space.d[:, :1] + space.d[:, 1:] @ velocity.d,
+        c=np.hstack([space.c, space.d[:, 1::2] @ velocity.c]),
+        d=space.d[:, ::2] + space.d[:, 1::2] @ velocity.d,
     )
 
 

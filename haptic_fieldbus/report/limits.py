@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from haptic_fieldbus.judging import UNCERTAIN, Judged
+from haptic_fieldbus.api.judging import UNCERTAIN, Judged
 from haptic_fieldbus.margins import Plant, Stability, Verdict
 from haptic_fieldbus.report.words import Line, count, parameter_units, quantity
 from haptic_fieldbus.signals import Workspace
@@ -29,17 +29,14 @@ def limits(judged: Judged) -> list[Line]:
 
 
 def _devices(judged: Judged) -> Iterator[Line]:
-    """The device of the axis, or of each axis that is coupled, with its delay."""
-    period = f"period {1e3 * judged.stability.period_s:.3g} ms"
-    if judged.tied is None:
-        yield "device", _device(judged.stability.plant, judged.workspace)
-        yield "delay", f"{1e3 * judged.stability.delay_s:.3g} ms from sampling to acting, {period}"
-        return
+    """The device of each axis that is judged, with its delay."""
     spaces = {axis.name: axis.workspace for axis in judged.scene.axes}
-    for member in judged.tied.members:
-        yield "device", f"{member.name}: {_device(member.plant, spaces[member.name])}"
-    delays = ", ".join(f"{member.name} {1e3 * member.delay:.3g} ms" for member in judged.tied.members)
-    yield "delay", f"{delays} from sampling to acting, {period}"
+    members, delays = judged.group.members, []
+    for member in members:
+        name = f"{member.name}: " if len(members) > 1 else ""
+        yield "device", f"{name}{_device(member.plant, spaces[member.name])}"
+        delays.append(f"{name.replace(':', '')}{1e3 * member.delay:.3g} ms")
+    yield "delay", f"{', '.join(delays)} from sampling to acting, period {1e3 * judged.stability.period_s:.3g} ms"
 
 
 def notes(judged: Judged) -> list[Line]:
@@ -63,8 +60,8 @@ def _asked(told: Stability, unit: str, workspace: Workspace) -> str:
 
 
 def _axis(judged: Judged) -> str:
-    if judged.tied is not None:
-        return f" · coupling {', '.join(member.name for member in judged.tied.members)}"
+    if judged.group.couplings:
+        return f" · coupling {', '.join(member.name for member in judged.group.members)}"
     return f" · axis {judged.axis} has the smallest margin" if len(judged.scene.axes) > 1 else ""
 
 
@@ -96,7 +93,7 @@ def _limits(judged: Judged, unit: str) -> Iterator[str]:
     if told.quantisation is not None:
         between = "steps" if judged.stability.plant.tachometer else "counts"
         yield f"at rest between two {between} {_up_to(told.quantisation, unit)} (2·fc/D)"
-    less = judged.with_friction(UNCERTAIN).stiffness_limit
+    less = judged.group.weakened(UNCERTAIN).told.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
     yield f"with {UNCERTAIN:g} of the friction: {limits}"
 

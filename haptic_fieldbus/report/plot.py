@@ -15,8 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
+from haptic_fieldbus.assessing.result import Array, Result, Trace
 from haptic_fieldbus.report.words import key_figures
-from haptic_fieldbus.result import Array, Result, Trace
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
 

@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.api.judging import Judged
+from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.judging import Judged
 from haptic_fieldbus.report.plot import BLUE, GREEN, INK, VERMILION
 from haptic_fieldbus.report.words import parameter_units
-from haptic_fieldbus.result import Array
 
 POINTS = 48
 """Dampings looked at in each picture."""
@@ -23,11 +23,11 @@ def plot_region(judged: Judged, path: Path) -> None:
 
     Raises UsageError for a scene without an element that has both.
     """
-    element = judged.stiffest
+    element = judged.group.stiffest
     if element is None or not hasattr(element, "damping"):
         raise UsageError("--plot draws stiffness over damping; this scene has no element with both")
     told = judged.stability
-    near = 4.0 * max(told.plant.damping, float(element.damping), 1e-9 * judged.largest_damping)
+    near = 4.0 * max(told.plant.damping, float(element.damping), 1e-9 * judged.group.largest_damping)
     figure = Figure(figsize=(11.0, 5.0), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(
@@ -64,8 +64,8 @@ def _limits(judged: Judged, end: float) -> tuple[Array, Array, Array]:
     """Dampings from 0 to `end`, and both limits for each, shape (POINTS,)."""
 
     def both(damping: float) -> tuple[float, float]:
-        stable = _drawn(judged.limit(damping))
-        return stable, min(stable, judged.passive_limit(damping, stable))
+        stable = _drawn(judged.group.limit(damping))
+        return stable, min(stable, judged.group.passive_limit(damping, stable))
 
     dampings = np.linspace(0.0, end, POINTS)
     limits = np.array([both(damping) for damping in dampings.tolist()])
@@ -78,8 +78,8 @@ def _drawn(limit: float) -> float:
 
 def _end(judged: Judged) -> float:
     """A damping [N·s/m or N·m·s/rad] with which no stiffness is stable any more; at most twice the largest."""
-    scale = judged.largest_damping
+    scale = judged.group.largest_damping
     value = 1e-3 * scale
-    while value < 2.0 * scale and judged.limit(value):
+    while value < 2.0 * scale and judged.group.limit(value):
         value *= math.sqrt(2.0)
     return value

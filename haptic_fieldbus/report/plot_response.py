@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.open_loop import Array, Response
+from haptic_fieldbus.api.open_loop import Array, Response
 from haptic_fieldbus.report.plot import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, thin
 
 COLOURS = (ORANGE, GREEN, PURPLE, SKY)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from haptic_fieldbus.open_loop import Array, Response
+from haptic_fieldbus.api.open_loop import Array, Response
 from haptic_fieldbus.report.words import Line
 
 

@@ -6,14 +6,12 @@ from dataclasses import fields
 from itertools import chain
 from typing import Any, cast
 
-from haptic_fieldbus.axis_plan import AxisPlan
-from haptic_fieldbus.drive.pdo import Direction
+from haptic_fieldbus.assessing.result import Result, TorqueError
 from haptic_fieldbus.drive.rig import LinearMechanism
-from haptic_fieldbus.explain import delay_text
 from haptic_fieldbus.margins import Stability
-from haptic_fieldbus.planning import Plan
-from haptic_fieldbus.request import SIMULATION_INTERFACE
-from haptic_fieldbus.result import Result, TorqueError
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.explain import delay_text
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.catalogue import quantities
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.scene import axes_of
@@ -51,9 +49,9 @@ def _announcement(plan: Plan) -> Iterator[Line]:
     yield "scene", scene_text(plan)
     for axis in plan.axes:
         yield "bench", bench_text(plan, axis)
-    for pdo in plan.pdos:
-        way = "in " if pdo.direction is Direction.TPDO else "out"
-        yield "plan", f"{way} {pdo.name} {', '.join(signal.value for signal in pdo.signals)}"
+    for axis in plan.axes:
+        for text in axis.traffic.summary():
+            yield "plan", text
     yield "plan", f"left out: {', '.join(left.what for left in plan.left_out) or 'nothing'}"
     yield "delay", delay_text(plan)
     for ages in plan.coupling_ages:
@@ -115,13 +113,9 @@ def parameter_units(workspace: Workspace) -> dict[str, str]:
     }
 
 
-def is_simulated(plan: Plan) -> bool:
-    return all(plan.rig.bus[axis.rig.bus].interface == SIMULATION_INTERFACE for axis in plan.axes)
-
-
 def bench_text(plan: Plan, axis: AxisPlan) -> str:
     rig, bus = axis.rig, plan.rig.bus[axis.rig.bus]
-    link = "simulated" if is_simulated(plan) else f"{bus.interface} {bus.channel}"
+    link = "simulated" if plan.simulated else f"{bus.interface} {bus.channel}"
     place = f"bus {rig.bus}, node {axis.node}" if len(plan.buses) > 1 else f"node {axis.node}"
     mechanism = rig.mechanism
     travel = (
@@ -134,7 +128,7 @@ def bench_text(plan: Plan, axis: AxisPlan) -> str:
         if rig.inertia is not None and rig.viscous_damping is not None
         else "inertia and damping unknown"
     )
-    speed = f"{bit_rate(bus.bitrate)}, {plan.rate:g} Hz"
+    speed = f"{next(each.traffic.speed for each in plan.buses if each.name == rig.bus)}, {plan.rate:g} Hz"
     encoder = f"{rig.encoder_counts_per_revolution} counts/rev"
     return f"{axis.profile.title} ({link}), {place}, {speed} · {encoder}, {travel}, {known}"
 
@@ -227,7 +221,3 @@ def quantity(value: float, unit: str) -> str:
 def length(value: float, workspace: Workspace) -> str:
     """A place in the workspace; metres in millimetres."""
     return f"{1e3 * value:g} mm" if workspace is Workspace.LINEAR else f"{value:g} rad"
-
-
-def bit_rate(bitrate: int) -> str:
-    return f"{bitrate / 1e6:g} Mbit/s" if bitrate >= 1_000_000 else f"{bitrate / 1e3:g} kbit/s"

@@ -53,7 +53,6 @@ NonNegativeDuration = Annotated[float, Ge(0), Quantity.TIME]
 Frequency = Annotated[float, Gt(0), Quantity.FREQUENCY]
 AnyRatio = Annotated[float, Quantity.RATIO]
 Ratio = Annotated[float, Ge(0), Quantity.RATIO]
-PositiveRatio = Annotated[float, Gt(0), Quantity.RATIO]
 Share = Annotated[float, Ge(0), Le(1), Quantity.RATIO]
 TwoAxes = Annotated[tuple[str, ...], Len(2, 2)]
 
@@ -67,14 +66,12 @@ class AnyElement(Protocol):
     @property
     def needs(self) -> tuple[Signal, ...]:
         """The signals of its axis, or of each of its axes."""
-        ...
 
     def linearised(self) -> StateSpace:
         """Where it is stiffest, in sustained contact: what stability is judged by.
 
         (position, velocity) → force; of a coupling (position, velocity, position, velocity) → (force, force).
         """
-        ...
 
 
 class Element(AnyElement, Protocol):
@@ -98,7 +95,6 @@ class MemoryElement(Element, Protocol):
 
     def begin(self, period: float) -> Law:
         """A law with a fresh memory, to be called once a period [s]."""
-        ...
 
 
 @runtime_checkable
@@ -108,7 +104,6 @@ class DynamicElement(Element, Protocol):
     @property
     def dynamics(self) -> StateSpace:
         """Virtual states driven by (position, velocity); the output acts on the handle [N or N·m]."""
-        ...
 
 
 @runtime_checkable
@@ -120,7 +115,6 @@ class CouplingElement(AnyElement, Protocol):
 
     def begin(self, period: float) -> PairLaw:
         """A law with a fresh memory, to be called once a period [s]."""
-        ...
 
 
 @runtime_checkable
@@ -129,7 +123,6 @@ class Paced(Protocol):
 
     def at_period(self, period: float) -> Self:
         """The element with that parameter for this period [s]."""
-        ...
 
 
 @runtime_checkable
@@ -141,4 +134,3 @@ class Graded(Protocol):
 
     def with_stiffness(self, stiffness: float) -> Self:
         """The element with its force scaled so that this is its largest local stiffness."""
-        ...

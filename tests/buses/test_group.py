@@ -6,17 +6,17 @@ import struct
 import can
 import pytest
 
-from haptic_fieldbus.buses.canopen import SYNC_BITS, CanopenBus
+from haptic_fieldbus.buses.canopen.master import SYNC_BITS, CanopenBus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.drive.image import AXIS_HEADER, HEADER
 from haptic_fieldbus.errors import BusConfigurationError, BusError
-from haptic_fieldbus.planning import Plan
+from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag
-from tests.builders import plan_of, scene_of
-from tests.buses.benches import TORQUE_FREE
-from tests.buses.fake_can import DELAY_NS, FakeCan, FakeDrive, epos4_objects
+from tests.builders import can_traffic, plan_of, scene_of
+from tests.buses.canopen.benches import TORQUE_FREE
+from tests.buses.canopen.fake_can import DELAY_NS, FakeCan, FakeDrive, epos4_objects
 from tests.several_buses import rig_on
 
 NODE, RPDO, HEARTBEAT = 1, 0x201, 0x77F
@@ -56,7 +56,7 @@ class TwoBuses:
         return age_ns, LinkFlag(flags)
 
     def counts(self, image: bytearray, axis: int) -> int:
-        return int(struct.unpack_from("<Hi", image, self.plan.image.axes[axis].inputs[0][0])[1])
+        return int(struct.unpack_from("<Hi", image, self.plan.image.axes[axis].inputs[0])[1])
 
     def enable(self) -> "TwoBuses":
         for controlword in (0x06, 0x07, 0x0F, 0x0F):
@@ -97,12 +97,12 @@ def test_the_image_has_the_instant_of_the_last_latch_and_each_axis_the_age_since
 def test_each_bus_gets_the_set_points_of_its_axes_and_heartbeats_of_ours() -> None:
     bench = TwoBuses().open()
     before = [len(bus.sent) for bus in bench.cans]
-    for value in range(bench.plan.heartbeat_every + 1):
+    for value in range(can_traffic(bench.plan).heartbeat_every + 1):
         bench.bus.write(bytes((value, 0, 1, 0, value, 0, 2, 0)))
     for bus, start, torque in zip(bench.cans, before, (1, 2), strict=True):
         frames = [(can_id, data) for _, can_id, data in bus.sent[start:]]
         assert frames[:2] == [(RPDO, bytes((0, 0, torque, 0))), (HEARTBEAT, b"\x05")]
-        assert bus.of(RPDO)[-1] == bytes((bench.plan.heartbeat_every, 0, torque, 0))
+        assert bus.of(RPDO)[-1] == bytes((can_traffic(bench.plan).heartbeat_every, 0, torque, 0))
         assert bus.of(HEARTBEAT) == [b"\x05"] * 2
 
 

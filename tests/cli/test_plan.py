@@ -3,7 +3,7 @@ import json
 import pytest
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.explain import explain
+from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 

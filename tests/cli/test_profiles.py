@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.catalogue import load_profile, profile_folder, profile_names
+from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder, profile_names
 from tests.cli.command import Command
 
 KEYS = {"name", "vendor", "model", "protocol", "usable", "evidence"}

@@ -53,6 +53,7 @@ def test_every_section_is_written(
     names = sorted(path.stem for path in (tmp_path / "new" / "folder" / "figures").iterdir())
     assert names == sorted(figures)
     assert bool(found["optional_parts"]) is (section == "cost")
+    assert all(list(row) == ["part", "ns_per_step"] for row in found["optional_parts"])
 
 
 def test_json_is_the_one_object_on_standard_output(command: Command, tmp_path: Path) -> None:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.catalogue import load_rig
 from haptic_fieldbus.drive.mechanics import Cogging, Coupling, Gravity, Mechanics, Stribeck
 from haptic_fieldbus.errors import RigError
+from haptic_fieldbus.protocols.catalogue import load_rig
 
 RIG = """\
 [bus.can0]

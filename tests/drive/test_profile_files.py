@@ -10,18 +10,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptic_fieldbus.drive import catalogue
-from haptic_fieldbus.drive.catalogue import (
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS, VELOCITY_UNITS, velocity_step
+from haptic_fieldbus.errors import DocumentError, ProfileError, UsageError
+from haptic_fieldbus.protocols import catalogue
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.catalogue import (
     load_profile,
     profile_folder,
     profile_names,
     profile_schema,
     profile_summaries,
 )
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
-from haptic_fieldbus.drive.profile import RATED_TORQUE_UNITS, VELOCITY_UNITS, DriveProfile, velocity_step
-from haptic_fieldbus.errors import DocumentError, ProfileError, UsageError
 from haptic_fieldbus.signals import Signal
+from tests.builders import canopen
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get("HAPTIC_FIELDBUS_SHARED", CHECKOUT.parent / "shared"))
@@ -91,7 +93,7 @@ def test_a_shipped_profile_loads_by_name_and_by_path(name: str) -> None:
 
 @pytest.mark.parametrize("name", profile_names())
 def test_a_shipped_profile_offers_what_a_wall_needs(name: str) -> None:
-    profile = load_profile(name)
+    profile = canopen(name)
     needed = {Signal.STATUSWORD, Signal.POSITION, Signal.CONTROLWORD, Signal.TARGET_TORQUE}
     assert needed <= set(profile.offers())
     assert profile.torque.rated is not None
@@ -101,7 +103,7 @@ def test_a_shipped_profile_offers_what_a_wall_needs(name: str) -> None:
 @pytest.mark.parametrize("name", profile_names())
 def test_a_shipped_profile_leaves_the_shaft_free_when_the_link_is_lost(name: str) -> None:
     """6007h = 2 disable voltage, 605Eh = 0 disable without a ramp (CiA 402-2)."""
-    link_loss = load_profile(name).link_loss
+    link_loss = canopen(name).link_loss
     assert link_loss.heartbeat_consumer == 0x1016
     assert link_loss.abort_connection_option is not None
     assert (link_loss.abort_connection_option.object, link_loss.abort_connection_option.value) == (0x6007, 2)
@@ -127,9 +129,9 @@ def eds_entry(path: Path, index: int, subindex: int) -> dict[str, str] | None:
     return dict(eds[sections[name]]) if name in sections else None
 
 
-def claimed_objects(profile: DriveProfile) -> list[tuple[int, int, DataType]]:
+def claimed_objects(profile: CanopenProfile) -> list[tuple[int, int, DataType]]:
     """Every object that a profile names, with the type that it has or must have."""
-    signals = [(entry.object, entry.subindex, entry.type) for entry in profile.offers().values()]
+    signals = [(entry.object, entry.subindex, entry.type) for entry in profile.entries().values()]
     rated = profile.torque.rated
     assert rated is not None
     options = (profile.link_loss.abort_connection_option, profile.link_loss.fault_reaction_option)
@@ -142,7 +144,7 @@ def claimed_objects(profile: DriveProfile) -> list[tuple[int, int, DataType]]:
 @pytest.mark.skipif(not eds_files(), reason="no vendor EDS files: put them in HAPTIC_FIELDBUS_SHARED/eds")
 @pytest.mark.parametrize("path", eds_files(), ids=lambda path: path.stem)
 def test_each_object_of_maxon_epos4_is_in_the_vendors_eds_with_its_type(path: Path) -> None:
-    profile = load_profile("maxon_epos4")
+    profile = canopen("maxon_epos4")
     for index, subindex, data_type in claimed_objects(profile):
         entry = eds_entry(path, index, subindex)
         assert entry is not None, f"{index:04X}h:{subindex:02X} is not in {path.name}"
@@ -152,7 +154,7 @@ def test_each_object_of_maxon_epos4_is_in_the_vendors_eds_with_its_type(path: Pa
 @pytest.mark.skipif(not eds_files(), reason="no vendor EDS files: put them in HAPTIC_FIELDBUS_SHARED/eds")
 @pytest.mark.parametrize("path", eds_files(), ids=lambda path: path.stem)
 def test_the_pdos_of_maxon_epos4_are_those_of_the_vendors_eds(path: Path) -> None:
-    profile = load_profile("maxon_epos4")
+    profile = canopen("maxon_epos4")
     for base in (0x1600, 0x1A00):
         count = eds_entry(path, base, 0)
         assert count is not None
@@ -191,8 +193,8 @@ def test_profiles_inside_the_package_come_before_those_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = tmp_path / "site" / "haptic_fieldbus"
-    (package / "drive").mkdir(parents=True)
-    monkeypatch.setattr(catalogue, "__file__", str(package / "drive" / "catalogue.py"))
+    (package / "protocols").mkdir(parents=True)
+    monkeypatch.setattr(catalogue, "__file__", str(package / "protocols" / "catalogue.py"))
     assert profile_folder() == tmp_path / "site" / "profiles"
     (package / "profiles").mkdir()
     assert profile_folder() == package / "profiles"
@@ -200,7 +202,7 @@ def test_profiles_inside_the_package_come_before_those_beside_it(
 
 def test_a_complete_profile_has_its_name_from_the_file_and_defaults(tmp_path: Path) -> None:
     path = write(tmp_path, COMPLETE)
-    profile = load_profile(str(path))
+    profile = canopen(str(path))
     assert (profile.name, profile.source, profile.title) == ("push1", str(path), "acme Push 1")
     assert profile.identity.vendor_id is None
     assert profile.timing.torque_bandwidth == 1000.0
@@ -218,7 +220,7 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
         ("torque_bandwidth = 1000", "torque_bandwidth = -5"),
     )
     assert faults == [
-        'line 5: drive.protocol: "canopn"; expected "canopen" or "modbus"; nearest: canopen',
+        'line 5: drive.protocol: "canopn"; expected "canopen"',
         "line 8: torque.mode_of_operation: 10.0; expected a whole number from -128 to 127",
         'line 11: position.actual.type: "int23"; expected "int8", "int16", "int32", "uint8", "uint16" or "uint32"'
         "; nearest: int32, uint32, int8",
@@ -311,7 +313,7 @@ def test_a_drive_may_offer_velocity_beside_its_position_or_alone(tmp_path: Path)
     both = COMPLETE.replace(POSITION, POSITION + VELOCITY).replace(SOURCE, f"{SOURCE}\n{OTHER_SOURCE}")
     offered = {Signal.POSITION, Signal.VELOCITY}
     assert load_profile(write(tmp_path, alone)).offers().keys() & offered == {Signal.VELOCITY}
-    found = load_profile(write(tmp_path, both)).offers()
+    found = canopen(write(tmp_path, both)).entries()
     assert found.keys() >= offered
     assert found[Signal.VELOCITY] == ObjectEntry(0x606C, DataType.INT32, unit="rpm")
 
@@ -382,7 +384,7 @@ def test_a_section_that_is_missing_is_told_without_a_line(tmp_path: Path) -> Non
 
 def test_a_source_may_say_why_a_value_is_left_out(tmp_path: Path) -> None:
     text = COMPLETE + '"link_loss.heartbeat_consumer" = "the EDS has no 1016h"\n'
-    assert load_profile(write(tmp_path, text)).link_loss.heartbeat_consumer is None
+    assert canopen(write(tmp_path, text)).link_loss.heartbeat_consumer is None
 
 
 def test_a_profile_that_is_not_usable_loads_whatever_its_units(tmp_path: Path) -> None:

@@ -3,10 +3,10 @@
 from dataclasses import replace
 from functools import cache
 
-from haptic_fieldbus.drive.catalogue import load_profile
-from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsObject, EdsType, ObjectCode, eds_text, read_eds
-from haptic_fieldbus.sim.sheet import sheet
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.sim.canopen.sheet import sheet
 
 
 @cache
@@ -15,7 +15,7 @@ def generic() -> Eds:
     return own("generic_cia402")
 
 
-def own(profile: str | DriveProfile) -> Eds:
+def own(profile: str | CanopenProfile) -> Eds:
     """Written and read again."""
     loaded = load_profile(profile) if isinstance(profile, str) else profile
     return read_eds(eds_text(sheet(loaded)).encode(), "own.eds")

@@ -14,7 +14,7 @@ FOLDER = Path(__file__).parent / "left_out"
 SCRIPT = """
 import sys
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.cycle import Cycle, decoded_columns
+from haptic_fieldbus.cycle.cycle import Cycle, decoded_columns
 
 compiled = plan(sys.argv[1])
 cycle = Cycle(compiled)

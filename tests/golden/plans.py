@@ -4,7 +4,8 @@ from itertools import product
 from pathlib import Path
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.drive.catalogue import load_profile, profile_names
+from haptic_fieldbus.planning.explain import explain
+from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.velocity_only import velocity_only
 
@@ -18,7 +19,7 @@ def cases() -> list[tuple[str, str]]:
 
 
 def text_of(scene: str, profile: str) -> str:
-    return plan(scene, drive=profile).explain() + "\n"
+    return explain(plan(scene, drive=profile)) + "\n"
 
 
 def velocity_only_text(folder: Path) -> str:

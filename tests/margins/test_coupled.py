@@ -8,14 +8,9 @@ import pytest
 import scipy.linalg
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.margins import Plant, Verdict, judge, passive_limit, passive_limit_of, stiffness_limit
-from haptic_fieldbus.margins.coupled import (
-    CoupledAxis,
-    coupled_limit,
-    coupled_passive_limit,
-    coupled_quantisation_limit,
-    judge_coupled,
-)
+from haptic_fieldbus.margins import Plant, Verdict, alone, judge, passive_limit, passive_limit_of, stiffness_limit
+from haptic_fieldbus.margins.coupled import CoupledAxes
+from haptic_fieldbus.margins.loop import Axis
 from haptic_fieldbus.numerics.coupled import environment
 from haptic_fieldbus.numerics.coupled_passivity import Port, damping_share
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -28,8 +23,8 @@ PLANTS = [(BENCH, BENCH), (LAGGING, LIGHT), (HEAVY, replace(LIGHT, torque_lag=2 
 PAIR_DELAYS = [(0.0, 0.0), (0.33, 0.33), (0.0, 1.0), (0.5, 1.7), (2.0, 0.25)]
 
 
-def equal(plant: Plant, delay: float) -> list[CoupledAxis]:
-    return [CoupledAxis(plant, delay * PERIOD)] * 2
+def equal(plant: Plant, delay: float) -> list[Axis]:
+    return [Axis(plant, delay * PERIOD)] * 2
 
 
 class TestLimit:
@@ -40,7 +35,7 @@ class TestLimit:
         self, plants: tuple[Plant, Plant], delays: tuple[float, float], damping: float, ratio: float
     ) -> None:
         pair = PairByHand(plants, delays, damping, ratio)
-        limit = coupled_limit(pair.axes(), PERIOD, shaft(damping, ratio))
+        limit = CoupledAxes(pair.axes(), PERIOD).limit(shaft(damping, ratio))
         assert limit > 0.0
         assert pair.growth(limit * (1 - 1e-4)) < 1.0 < pair.growth(limit * (1 + 1e-4))
         assert limit == pytest.approx(pair.limit_near(limit), rel=1e-6)
@@ -51,7 +46,7 @@ class TestLimit:
     @pytest.mark.parametrize("held", [20.0, 400.0])
     def test_with_a_wall_on_one_end_too(self, delays: tuple[float, float], held: float) -> None:
         pair = PairByHand((LAGGING, LIGHT), delays, 0.2, 0.6, held)
-        limit = coupled_limit(pair.axes(), PERIOD, shaft(0.2, 0.6))
+        limit = CoupledAxes(pair.axes(), PERIOD).limit(shaft(0.2, 0.6))
         assert pair.growth(limit * (1 - 1e-4)) < 1.0 < pair.growth(limit * (1 + 1e-4))
         assert limit == pytest.approx(pair.limit_near(limit), rel=1e-6)
 
@@ -62,7 +57,7 @@ class TestLimit:
         self, delay: float, plant: Plant, damping: float
     ) -> None:
         expected = stiffness_limit(plant, PERIOD, delay * PERIOD, with_damping(2 * damping)) / 2
-        found = coupled_limit(equal(plant, delay), PERIOD, shaft(damping))
+        found = CoupledAxes(equal(plant, delay), PERIOD).limit(shaft(damping))
         assert found == pytest.approx(expected, rel=1e-7)
 
     @pytest.mark.parametrize("ratio", [3e-5, 0.02, 0.5, -3.0, 200.0, 3e4])
@@ -74,18 +69,18 @@ class TestLimit:
         first, second = Plant(0.6, 1.5, torque_lag=LAG), Plant(0.2, 0.5, torque_lag=LAG)
         mass = 1 / (1 / first.mass + ratio**2 / second.mass)
         one = Plant(mass, mass * first.damping / first.mass, torque_lag=LAG)
-        axes = [CoupledAxis(first, delay * PERIOD), CoupledAxis(second, delay * PERIOD)]
-        found = coupled_limit(axes, PERIOD, shaft(0.0, ratio))
+        axes = [Axis(first, delay * PERIOD), Axis(second, delay * PERIOD)]
+        found = CoupledAxes(axes, PERIOD).limit(shaft(0.0, ratio))
         assert found == pytest.approx(stiffness_limit(one, PERIOD, delay * PERIOD, wall), rel=1e-6)
 
     def test_at_a_device_too_heavy_to_move_is_that_of_a_wall(self) -> None:
-        axes = [CoupledAxis(LAGGING, 3.3e-4), CoupledAxis(Plant(1e6, 1e6), 0.0)]
+        axes = [Axis(LAGGING, 3.3e-4), Axis(Plant(1e6, 1e6), 0.0)]
         expected = stiffness_limit(LAGGING, PERIOD, 3.3e-4, wall)
-        assert coupled_limit(axes, PERIOD, shaft()) == pytest.approx(expected, rel=1e-4)
+        assert CoupledAxes(axes, PERIOD).limit(shaft()) == pytest.approx(expected, rel=1e-4)
 
     def test_the_delay_of_either_end_costs_stiffness(self) -> None:
         limits = [
-            coupled_limit([CoupledAxis(LAGGING, one), CoupledAxis(LAGGING, other)], PERIOD, shaft())
+            CoupledAxes([Axis(LAGGING, one), Axis(LAGGING, other)], PERIOD).limit(shaft())
             for one, other in ((0.0, 0.0), (0.0, 2e-3), (2e-3, 0.0), (2e-3, 2e-3))
         ]
         assert limits[0] > limits[1] > limits[3]
@@ -95,13 +90,13 @@ class TestLimit:
         """Together they drift for ever, which is no instability."""
         plants = (Plant(0.5, 0.0), Plant(1.3, 0.0))
         pair = PairByHand(plants, (0.3, 0.3), 2.0, 1.7)
-        assert coupled_limit(pair.axes(), PERIOD, shaft(0.0, 1.7)) == 0.0
+        assert CoupledAxes(pair.axes(), PERIOD).limit(shaft(0.0, 1.7)) == 0.0
         mass = 1 / (1 / 0.5 + 1.7**2 / 1.3)
         expected = stiffness_limit(Plant(mass, 0.0), PERIOD, 3e-4, with_damping(2.0))
-        assert coupled_limit(pair.axes(), PERIOD, shaft(2.0, 1.7)) == pytest.approx(expected, rel=1e-6)
+        assert CoupledAxes(pair.axes(), PERIOD).limit(shaft(2.0, 1.7)) == pytest.approx(expected, rel=1e-6)
 
     def test_what_depends_on_no_stiffness_has_none(self) -> None:
-        found = judge_coupled(equal(BENCH, 0.0), PERIOD, lambda stiffness: shaft(0.1)(0.0), 100.0)[0]
+        found = judge(CoupledAxes(equal(BENCH, 0.0), PERIOD), lambda stiffness: shaft(0.1)(0.0), 100.0)[0]
         assert (found.stiffness_limit.stable, found.stiffness_limit.passive) == (math.inf, math.inf)
         assert (found.stiffness_limit.quantisation, found.verdict) == (None, Verdict.PASSIVE)
 
@@ -110,13 +105,13 @@ class TestPassiveLimit:
     @pytest.mark.parametrize("delay", DELAYS)
     @pytest.mark.parametrize("plant", [BENCH, LAGGING, HEAVY])
     def test_of_equal_axes_is_half_that_of_one(self, delay: float, plant: Plant) -> None:
-        found = judge_coupled(equal(plant, delay), PERIOD, shaft(), 10.0)[0].stiffness_limit.passive
+        found = judge(CoupledAxes(equal(plant, delay), PERIOD), shaft(), 10.0)[0].stiffness_limit.passive
         assert found == pytest.approx(passive_limit(plant, PERIOD, delay * PERIOD) / 2, rel=1e-7)
 
     def test_of_equal_axes_without_delay_is_damping_over_the_period(self) -> None:
         """b > K·T, and K·T + 2·|B| with a virtual damper"""
         for damping in (0.0, 0.3, -0.3):
-            found = coupled_passive_limit(equal(BENCH, 0.0), PERIOD, shaft(damping), math.inf)
+            found = CoupledAxes(equal(BENCH, 0.0), PERIOD).passive_limit(shaft(damping), math.inf)
             assert found == pytest.approx((BENCH.damping - 2 * abs(damping)) / PERIOD, rel=1e-7)
 
     @pytest.mark.parametrize("delays", PAIR_DELAYS)
@@ -124,7 +119,7 @@ class TestPassiveLimit:
     def test_needs_all_the_damping_there_is(self, delays: tuple[float, float], ratio: float) -> None:
         axes = PairByHand((LAGGING, HEAVY), delays).axes()
         ports = [Port(axis.plant.damping, axis.delay, axis.plant.torque_lag) for axis in axes]
-        limit = coupled_passive_limit(axes, PERIOD, shaft(0.05, ratio), math.inf)
+        limit = CoupledAxes(axes, PERIOD).passive_limit(shaft(0.05, ratio), math.inf)
         shares = [damping_share(shaft(0.05, ratio)(part * limit), ports, PERIOD) for part in (0.3, 1.0, 1.001)]
         if not limit:
             assert damping_share(shaft(0.05, ratio)(0.0), ports, PERIOD) > 1.0
@@ -139,8 +134,8 @@ class TestPassiveLimit:
         self, plants: tuple[Plant, Plant], delays: tuple[float, float], ratio: float
     ) -> None:
         axes = PairByHand(plants, delays).axes()
-        passive = coupled_passive_limit(axes, PERIOD, shaft(0.0, ratio), math.inf)
-        assert 0.0 < passive <= coupled_limit(axes, PERIOD, shaft(0.0, ratio)) * (1 + 1e-9)
+        passive = CoupledAxes(axes, PERIOD).passive_limit(shaft(0.0, ratio), math.inf)
+        assert 0.0 < passive <= CoupledAxes(axes, PERIOD).limit(shaft(0.0, ratio)) * (1 + 1e-9)
 
     @pytest.mark.parametrize("delays", [(0.0, 0.0), (0.0, 2.0), (1.0, 0.0), (3.0, 1.0)])
     @pytest.mark.parametrize("ratio", [1.0, 0.4, -2.0])
@@ -156,18 +151,18 @@ class TestPassiveLimit:
         masses = 1e4 * np.array([1.0, -ratio]) / shapes[:, -1] * np.sign(shapes[0, -1])
         assert (masses > 0.0).all()
         axes = [
-            CoupledAxis(Plant(mass, damping), delay * PERIOD)
+            Axis(Plant(mass, damping), delay * PERIOD)
             for mass, damping, delay in zip(masses.tolist(), dampings.tolist(), delays, strict=True)
         ]
-        assert coupled_passive_limit(axes, PERIOD, shaft(0.0, ratio), math.inf) == pytest.approx(passive, rel=1e-6)
-        assert coupled_limit(axes, PERIOD, shaft(0.0, ratio)) == pytest.approx(passive, rel=1e-3)
+        assert CoupledAxes(axes, PERIOD).passive_limit(shaft(0.0, ratio), math.inf) == pytest.approx(passive, rel=1e-6)
+        assert CoupledAxes(axes, PERIOD).limit(shaft(0.0, ratio)) == pytest.approx(passive, rel=1e-3)
 
     def test_hands_of_one_body_cannot_make_a_passive_shaft_unstable(self) -> None:
         """Masses, springs and dampers on and between the handles, at random, without delay."""
         random = np.random.default_rng(7)
-        axes = [CoupledAxis(BENCH, 0.0), CoupledAxis(LIGHT, 0.0)]
+        axes = [Axis(BENCH, 0.0), Axis(LIGHT, 0.0)]
         g = np.array([1.0, -0.7])
-        passive = coupled_passive_limit(axes, PERIOD, shaft(0.0, 0.7), math.inf)
+        passive = CoupledAxes(axes, PERIOD).passive_limit(shaft(0.0, 0.7), math.inf)
         worst = 0.0
         for _ in range(300):
             links = 10.0 ** random.uniform(-2, 5, (3, 2)) * random.integers(0, 2, (3, 2))
@@ -186,17 +181,17 @@ class TestPassiveLimit:
         assert worst <= 1.0 + 1e-7
 
     def test_is_zero_where_nothing_could_be_passive(self) -> None:
-        assert coupled_passive_limit(equal(BENCH, 0.0), PERIOD, shaft(BENCH.damping), 1e4) == 0.0
+        assert CoupledAxes(equal(BENCH, 0.0), PERIOD).passive_limit(shaft(BENCH.damping), 1e4) == 0.0
         for other in (Plant(1.0, 0.0), replace(BENCH, tachometer=True)):
-            axes = [CoupledAxis(BENCH, 0.0), CoupledAxis(other, 0.0)]
-            assert coupled_passive_limit(axes, PERIOD, shaft(), 1e4) == 0.0
+            axes = [Axis(BENCH, 0.0), Axis(other, 0.0)]
+            assert CoupledAxes(axes, PERIOD).passive_limit(shaft(), 1e4) == 0.0
 
 
 class TestJudgement:
     def test_of_one_axis_is_that_of_one_axis(self) -> None:
         plant = replace(LAGGING, coulomb=0.25, resolution=1.2e-5)
-        expected = judge(plant, PERIOD, 3.3e-4, with_damping(0.4), 600.0, 0.4)
-        (found,) = judge_coupled([CoupledAxis(plant, 3.3e-4)], PERIOD, with_damping(0.4), 600.0, 0.4)
+        expected = judge(alone(plant, PERIOD, 3.3e-4), with_damping(0.4), 600.0, 0.4)[0]
+        (found,) = judge(CoupledAxes([Axis(plant, 3.3e-4)], PERIOD), with_damping(0.4), 600.0, 0.4)
         assert found.stiffness_limit.passive == pytest.approx(
             passive_limit_of(plant, PERIOD, 3.3e-4, with_damping(0.4), math.inf), rel=1e-7
         )
@@ -204,8 +199,8 @@ class TestJudgement:
         assert replace(found, stiffness_limit=limit) == expected
 
     def test_is_one_told_for_each_axis_with_its_plant_and_delay(self) -> None:
-        axes = [CoupledAxis(LAGGING, 3.3e-4), CoupledAxis(LIGHT, 1e-3)]
-        first, second = judge_coupled(axes, PERIOD, shaft(0.1, 2.0), 40.0, 0.1)
+        axes = [Axis(LAGGING, 3.3e-4), Axis(LIGHT, 1e-3)]
+        first, second = judge(CoupledAxes(axes, PERIOD), shaft(0.1, 2.0), 40.0, 0.1)
         assert (first.plant, first.delay_s, second.plant, second.delay_s) == (LAGGING, 3.3e-4, LIGHT, 1e-3)
         assert replace(first, plant=LIGHT, delay_s=1e-3) == second
         assert (first.stiffness, first.damping, first.period_s) == (40.0, 0.1, PERIOD)
@@ -225,28 +220,28 @@ class TestJudgement:
     def test_follows_the_table(self, stiffness: float, friction: float, verdict: Verdict) -> None:
         """passive to 752, stable to 798: half of what one of these benches is at a wall"""
         plant = replace(LAGGING, coulomb=0.25 * friction, resolution=1.2e-5)
-        (told, _) = judge_coupled(equal(plant, 0.33), PERIOD, shaft(), stiffness)
+        (told, _) = judge(CoupledAxes(equal(plant, 0.33), PERIOD), shaft(), stiffness)
         assert told.verdict is verdict
 
     def test_friction_is_asked_for_where_a_count_is_felt_most(self) -> None:
         """K ≤ 2·fc_i/(κ_i·D_i), κ = 1 and n²"""
-        axes = [CoupledAxis(Plant(0.6, 1.5, 0.3, 1e-5), 0.0), CoupledAxis(Plant(0.6, 1.5, 0.2, 1e-6), 0.0)]
+        axes = [Axis(Plant(0.6, 1.5, 0.3, 1e-5), 0.0), Axis(Plant(0.6, 1.5, 0.2, 1e-6), 0.0)]
         for ratio, expected in ((1.0, 6e4), (2.0, 6e4), (4.0, 2.5e4), (-10.0, 4e3)):
-            assert coupled_quantisation_limit(axes, shaft(0.3, ratio)) == pytest.approx(expected)
-        assert coupled_quantisation_limit(axes[:1] * 2, shaft(0.3)) == pytest.approx(6e4)
-        assert coupled_quantisation_limit(equal(HEAVY, 0.0), shaft()) is None
+            assert CoupledAxes(axes, PERIOD).quantisation_limit(shaft(0.3, ratio)) == pytest.approx(expected)
+        assert CoupledAxes(axes[:1] * 2, PERIOD).quantisation_limit(shaft(0.3)) == pytest.approx(6e4)
+        assert CoupledAxes(equal(HEAVY, 0.0), PERIOD).quantisation_limit(shaft()) is None
 
     @pytest.mark.parametrize(
         ("damping", "verdict"), [(0.7, Verdict.PASSIVE), (2.0, Verdict.STABLE), (5000.0, Verdict.UNSTABLE)]
     )
     def test_a_damper_alone_is_judged_without_stiffness(self, damping: float, verdict: Verdict) -> None:
-        found = judge_coupled(equal(BENCH, 0.0), PERIOD, shaft(damping), None, damping)[0]
+        found = judge(CoupledAxes(equal(BENCH, 0.0), PERIOD), shaft(damping), None, damping)[0]
         assert (found.verdict, found.stiffness, found.margin) == (verdict, None, None)
         assert found.stiffness_limit.stable is None
 
     def test_a_wall_on_one_end_takes_its_part_of_the_stability(self) -> None:
         told = [
-            judge_coupled([CoupledAxis(LAGGING, 0.0, own), CoupledAxis(LAGGING, 0.0)], PERIOD, shaft(), 100.0)[0]
+            judge(CoupledAxes([Axis(LAGGING, 0.0, own), Axis(LAGGING, 0.0)], PERIOD), shaft(), 100.0)[0]
             for own in (None, wall(500.0, 0.2), wall(5000.0))
         ]
         assert told[0].margin is not None
@@ -271,19 +266,19 @@ class TestJudgement:
         # Equal ends that move together share the mass, and against each other leave it where it is.
         together = stiffness_limit(LAGGING, PERIOD, 3.3e-4, sprung_mass(0.1, "exact-foh"))
         against = stiffness_limit(LAGGING, PERIOD, 3.3e-4, wall)
-        told = judge_coupled(equal(LAGGING, 0.33), PERIOD, heavy_shaft, 100.0)[0]
+        told = judge(CoupledAxes(equal(LAGGING, 0.33), PERIOD), heavy_shaft, 100.0)[0]
         assert told.stiffness_limit.stable == pytest.approx(min(together, against), rel=1e-6)
         assert told.stiffness_limit.passive == 0.0
         assert told.verdict is Verdict.STABLE
 
     @pytest.mark.parametrize("stiffness", [math.nan, -1.0, math.inf])
     def test_a_stiffness_that_is_none_is_refused_with_the_limit_of_this_pair(self, stiffness: float) -> None:
-        with pytest.raises(UsageError, match=r"expected a number from 0 up; this pair is stable to \d"):
-            judge_coupled(equal(BENCH, 0.0), PERIOD, shaft(), stiffness)
+        with pytest.raises(UsageError, match=r"expected a number from 0 up; this loop is stable to \d"):
+            judge(CoupledAxes(equal(BENCH, 0.0), PERIOD), shaft(), stiffness)
 
     def test_times_that_no_loop_has_are_refused(self) -> None:
         with pytest.raises(UsageError, match="expected a time from 0 s up"):
-            judge_coupled([CoupledAxis(BENCH, 0.0), CoupledAxis(BENCH, -1e-3)], PERIOD, shaft(), 10.0)
+            judge(CoupledAxes([Axis(BENCH, 0.0), Axis(BENCH, -1e-3)], PERIOD), shaft(), 10.0)
 
     def test_a_one_sided_coupling_is_judged_too(self) -> None:
         """A follower that is not felt: a wall whose place the leader moves. Stable as a wall is, passive never."""
@@ -291,7 +286,7 @@ class TestJudgement:
         def follower(stiffness: float) -> StateSpace:
             return gain([[0.0, 0.0], [stiffness, -stiffness]])
 
-        told = judge_coupled(equal(LAGGING, 0.33), PERIOD, follower, 100.0)[0]
+        told = judge(CoupledAxes(equal(LAGGING, 0.33), PERIOD), follower, 100.0)[0]
         expected = stiffness_limit(LAGGING, PERIOD, 3.3e-4, wall)
         assert told.stiffness_limit.stable == pytest.approx(expected, rel=1e-8)
         assert told.stiffness_limit.passive == 0.0

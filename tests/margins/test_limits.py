@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.margins import Plant, judge, stiffness_limit, weakened
+from haptic_fieldbus.margins import Plant, alone, judge, stiffness_limit, weakened
 from haptic_fieldbus.numerics.batch import run
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.sim.mechanics.motion import Shaft
-from haptic_fieldbus.sim.plant import Plant as SimulatedPlant
+from haptic_fieldbus.sim.mechanics.plant import Plant as SimulatedPlant
 from tests.loops import BENCH, PERIOD, Array, wall, with_damping
 from tests.margins.extended import DIGITS, all_inside, characteristic
 
@@ -128,13 +128,13 @@ def test_a_period_that_is_none_is_refused_with_its_limit(period: float) -> None:
 @pytest.mark.parametrize("delay", [-1e-3, math.nan, math.inf])
 def test_a_delay_that_is_none_is_refused_with_its_limit(delay: float) -> None:
     with pytest.raises(UsageError, match="expected a time from 0 s up"):
-        judge(BENCH, PERIOD, delay, wall, 100.0)
+        judge(alone(BENCH, PERIOD, delay), wall, 100.0)
 
 
 @pytest.mark.parametrize("stiffness", [math.nan, -1.0, math.inf])
 def test_a_stiffness_that_is_none_is_refused_with_the_limit_of_this_loop(stiffness: float) -> None:
     with pytest.raises(UsageError, match=r"expected a number from 0 up; this loop is stable to \d"):
-        judge(BENCH, PERIOD, 0.0, wall, stiffness)
+        judge(alone(BENCH, PERIOD, 0.0), wall, stiffness)
 
 
 def test_the_limit_does_not_depend_on_how_an_environment_is_written() -> None:

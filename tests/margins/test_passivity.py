@@ -11,6 +11,7 @@ from haptic_fieldbus.margins import (
     Stability,
     Suggestion,
     Verdict,
+    alone,
     judge,
     passive_limit,
     passive_limit_of,
@@ -112,7 +113,7 @@ class TestPassiveLimit:
         assert limit <= stiffness_limit(plant, PERIOD, delay * PERIOD, wall) * (1 + 1e-9)
 
     def test_an_undamped_virtual_mass_is_passive_at_no_stiffness(self) -> None:
-        found = judge(replace(BENCH, resolution=0.0), PERIOD, 0.33e-3, sprung_mass(5.0, "exact-foh"), 300.0)
+        found = judge(alone(replace(BENCH, resolution=0.0), PERIOD, 0.33e-3), sprung_mass(5.0, "exact-foh"), 300.0)[0]
         assert found.stiffness_limit.passive == 0.0
         assert found.verdict is Verdict.STABLE
 
@@ -124,7 +125,7 @@ class TestPassiveLimit:
             a = np.array([[0.8]])
             return StateSpace(a, np.array([[0.2]]), np.array([[-stiffness]]), np.array([[0.0]]))
 
-        found = judge(BENCH, PERIOD, delay * PERIOD, filtered, 100.0)
+        found = judge(alone(BENCH, PERIOD, delay * PERIOD), filtered, 100.0)[0]
         needed = damping_needed(filtered(1.0), PERIOD, delay * PERIOD)
         assert found.stiffness_limit.passive == pytest.approx(BENCH.damping / needed, rel=1e-5)
 
@@ -133,18 +134,18 @@ class TestSuggestion:
     PLANT = replace(BENCH, torque_lag=LAG)
 
     def judged(self, stiffness: float, damping: float) -> Stability:
-        return judge(self.PLANT, PERIOD, 0.33e-3, with_damping(damping), stiffness, damping)
+        return judge(alone(self.PLANT, PERIOD, 0.33e-3), with_damping(damping), stiffness, damping)[0]
 
     def test_offers_a_softer_wall_or_one_with_damping_for_the_shipped_bench(self) -> None:
         assert self.judged(3000.0, 0.0).verdict is Verdict.UNSTABLE
-        found = suggest(self.PLANT, PERIOD, 0.33e-3, wall, 3000.0, 0.0)
+        found = suggest(alone(self.PLANT, PERIOD, 0.33e-3), wall, 3000.0, 0.0)
         assert (found.stiffness, found.damping) == (1100.0, 2.0)
         assert found.damping_limit == pytest.approx(3609, abs=1)
         assert self.judged(1100.0, 0.0).verdict is not Verdict.UNSTABLE
         assert self.judged(3000.0, 2.0).verdict is not Verdict.UNSTABLE
 
     def test_adds_to_the_damping_that_there_is(self) -> None:
-        found = suggest(self.PLANT, PERIOD, 0.33e-3, wall, 5000.0, 2.0)
+        found = suggest(alone(self.PLANT, PERIOD, 0.33e-3), wall, 5000.0, 2.0)
         assert found.stiffness == 2500.0
         assert found.damping is not None
         assert found.damping > 2.0
@@ -152,13 +153,13 @@ class TestSuggestion:
         assert found.damping_limit >= 1.2 * 5000.0
 
     def test_offers_no_damping_where_the_scene_has_none(self) -> None:
-        found = suggest(self.PLANT, PERIOD, 0.33e-3, lambda k, _: sprung_mass(0.1, "exact-foh")(k), 600.0, None)
+        found = suggest(alone(self.PLANT, PERIOD, 0.33e-3), lambda k, _: sprung_mass(0.1, "exact-foh")(k), 600.0, None)
         assert found == Suggestion(150.0, None, None)
 
     def test_offers_nothing_where_nothing_helps(self) -> None:
         undamped = Plant(0.5, 0.0)
-        assert suggest(undamped, PERIOD, 1e-3, lambda k, _: wall(k), 100.0, 0.0) == Suggestion(None, None, None)
-        assert suggest(self.PLANT, PERIOD, 1e-3, wall, 1e9, 0.0).damping is None
+        assert suggest(alone(undamped, PERIOD, 1e-3), lambda k, _: wall(k), 100.0, 0.0) == Suggestion(None, None, None)
+        assert suggest(alone(self.PLANT, PERIOD, 1e-3), wall, 1e9, 0.0).damping is None
 
     def test_a_massless_handle_is_offered_a_softer_wall_only(self) -> None:
-        assert suggest(Plant(0.0, 1.0), PERIOD, 0.0, wall, 1e5, 0.0) == Suggestion(1300.0, None, None)
+        assert suggest(alone(Plant(0.0, 1.0), PERIOD, 0.0), wall, 1e5, 0.0) == Suggestion(1300.0, None, None)

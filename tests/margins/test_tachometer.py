@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.margins import Plant, Verdict, judge, judge_contact, sample, stiffness_limit
+from haptic_fieldbus.margins import Plant, Verdict, alone, judge, sample, stiffness_limit
 from haptic_fieldbus.margins.bodies import HAND, sample_with
 from haptic_fieldbus.margins.cycles import edge_chatter
+from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.estimators.tachometer import Integrator
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -94,14 +95,14 @@ def test_the_trapezoid_is_exact_for_a_free_mass_so_a_tachometer_costs_no_stiffne
 
 
 def test_a_wall_on_a_tachometer_is_stable_and_never_passive() -> None:
-    found = judge_contact(SEEN, PERIOD, 5e-4, (Wall("handle", 600.0),), None, TACHOMETER)
+    found = Group((Member("handle", SEEN, 5e-4, (Wall("handle", 600.0),), None, TACHOMETER),), (), PERIOD).told
     assert (found.verdict, found.stiffness_limit.passive) == (Verdict.STABLE, 0.0)
 
 
 def test_a_scene_without_a_force_that_follows_the_handle_is_passive_on_a_tachometer_too() -> None:
-    found = judge_contact(SEEN, PERIOD, 5e-4, (Constant("handle", 1.0),), None, TACHOMETER)
+    found = Group((Member("handle", SEEN, 5e-4, (Constant("handle", 1.0),), None, TACHOMETER),), (), PERIOD).told
     assert found.verdict is Verdict.PASSIVE
-    assert judge(SEEN, PERIOD, 5e-4, wall(2.0), None).verdict is Verdict.STABLE
+    assert judge(alone(SEEN, PERIOD, 5e-4), wall(2.0), None)[0].verdict is Verdict.STABLE
 
 
 def test_a_hand_that_is_fast_at_the_readings_gains_from_any_spring() -> None:

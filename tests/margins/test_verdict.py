@@ -13,8 +13,8 @@ from haptic_fieldbus.margins import (
     EnvironmentOf,
     Plant,
     Verdict,
+    alone,
     judge,
-    loop_matrix,
     stiffness_limit,
 )
 from haptic_fieldbus.margins.linear import LARGEST
@@ -65,7 +65,7 @@ def test_the_exact_method_allows_more_stiffness_than_forward_euler() -> None:
 
 def test_the_loop_matrix_has_the_eigenvalues_of_the_loop_written_by_hand() -> None:
     plant = replace(BENCH, torque_lag=LAG)
-    ours = np.linalg.eigvals(loop_matrix(plant, PERIOD, 1.3e-3, wall(900.0, 0.7)))
+    ours = np.linalg.eigvals(alone(plant, PERIOD, 1.3e-3).matrix(wall(900.0, 0.7)))
     by_hand = np.linalg.eigvals(ByHand(plant, 1.3e-3, 900.0, 0.7).period_map())
     for mode in ours:
         assert np.abs(by_hand - mode).min() < 1e-7
@@ -114,7 +114,7 @@ def test_a_massless_handle_is_a_plant_too() -> None:
 
 
 def test_an_environment_that_never_destabilises_has_no_limit() -> None:
-    found = judge(BENCH, PERIOD, 0.0, lambda stiffness: wall(0.0), 100.0)
+    found = judge(alone(BENCH, PERIOD, 0.0), lambda stiffness: wall(0.0), 100.0)[0]
     assert found.stiffness_limit.stable == math.inf
     assert found.to_json()["margin"] is None
     assert found.to_json()["stiffness_limit"] == {
@@ -131,7 +131,7 @@ class TestNoLimit:
     @pytest.mark.parametrize("mass", [1e-6, 1e-3, 0.5])
     @pytest.mark.parametrize("delay", [0.0, 0.4])
     def test_is_infinite_and_null_in_json(self, period: float, mass: float, delay: float) -> None:
-        found = judge(BENCH, period, delay * period, by_backward_euler(mass, period), 600.0)
+        found = judge(alone(BENCH, period, delay * period), by_backward_euler(mass, period), 600.0)[0]
         assert found.stiffness_limit.stable == math.inf
         limits = found.to_json()["stiffness_limit"]
         assert isinstance(limits, dict)
@@ -164,7 +164,7 @@ class TestNoLimit:
     def test_what_is_passive_below_a_limit_is_so_below_none_too(self) -> None:
         """Against the sweep at each stiffness; a virtual mass that loses its energy is passive up to some stiffness."""
         environment_of = by_backward_euler(0.5, PERIOD)
-        limit = judge(BENCH, PERIOD, 0.4e-3, environment_of, 600.0).stiffness_limit.passive
+        limit = judge(alone(BENCH, PERIOD, 0.4e-3), environment_of, 600.0)[0].stiffness_limit.passive
         assert limit is not None
         for part in (1e-3, 0.1, 0.5, 0.999):
             assert damping_needed(environment_of(part * limit), PERIOD, 0.4e-3) < BENCH.damping
@@ -206,7 +206,7 @@ class TestVerdict:
     def test_follows_the_table(self, stiffness: float, coulomb: float, resolution: float, verdict: Verdict) -> None:
         """passive to 1505, stable to 1597, quantisation at 2·fc/D"""
         plant = replace(BENCH, coulomb=coulomb, resolution=resolution, torque_lag=LAG)
-        assert judge(plant, PERIOD, 0.33e-3, wall, stiffness).verdict is verdict
+        assert judge(alone(plant, PERIOD, 0.33e-3), wall, stiffness)[0].verdict is verdict
 
     @pytest.mark.parametrize(
         ("coulomb", "resolution", "limit"), [(0.3, 0.0, None), (0.0, 0.0, None), (0.0, 1e-5, 0.0), (0.3, 1e-5, 6e4)]
@@ -214,17 +214,19 @@ class TestVerdict:
     def test_the_quantisation_limit_is_null_without_an_encoder_step_and_zero_without_friction(
         self, coulomb: float, resolution: float, limit: float | None
     ) -> None:
-        found = judge(Plant(0.6, 1.5, coulomb, resolution), PERIOD, 0.0, wall, 10.0).stiffness_limit.quantisation
+        found = judge(alone(Plant(0.6, 1.5, coulomb, resolution), PERIOD, 0.0), wall, 10.0)[
+            0
+        ].stiffness_limit.quantisation
         assert found == (None if limit is None else pytest.approx(limit))
 
     def test_margin_is_the_limit_over_the_stiffness(self) -> None:
-        found = judge(BENCH, PERIOD, 0.0, wall, 600.0)
+        found = judge(alone(BENCH, PERIOD, 0.0), wall, 600.0)[0]
         assert found.stiffness_limit.stable is not None
         assert found.margin == pytest.approx(found.stiffness_limit.stable / 600.0)
 
     def test_the_spectral_radius_is_that_of_the_whole_loop(self) -> None:
-        found = judge(BENCH, PERIOD, 0.5e-3, wall, 600.0)
-        assert found.spectral_radius == spectral_radius(loop_matrix(BENCH, PERIOD, 0.5e-3, wall(600.0)))
+        found = judge(alone(BENCH, PERIOD, 0.5e-3), wall, 600.0)[0]
+        assert found.spectral_radius == spectral_radius(alone(BENCH, PERIOD, 0.5e-3).matrix(wall(600.0)))
         assert found.spectral_radius < 1.0
 
     @pytest.mark.parametrize(
@@ -232,25 +234,32 @@ class TestVerdict:
         [(1.0, Verdict.PASSIVE), (1.57, Verdict.PASSIVE), (20.0, Verdict.STABLE), (5000.0, Verdict.UNSTABLE)],
     )
     def test_a_pure_damper_is_judged_without_stiffness(self, damping: float, verdict: Verdict) -> None:
-        found = judge(BENCH, PERIOD, 0.0, lambda stiffness: wall(stiffness, damping), None, damping)
+        found = judge(alone(BENCH, PERIOD, 0.0), lambda stiffness: wall(stiffness, damping), None, damping)[0]
         assert found.verdict is verdict
         assert (found.stiffness, found.margin) == (None, None)
         assert set(found.to_json()["stiffness_limit"].values()) == {None}  # type: ignore[attr-defined]
 
     def test_free_space_is_passive(self) -> None:
-        assert judge(BENCH, PERIOD, 1e-3, lambda stiffness: wall(0.0), None).verdict is Verdict.PASSIVE
+        assert judge(alone(BENCH, PERIOD, 1e-3), lambda stiffness: wall(0.0), None)[0].verdict is Verdict.PASSIVE
+
+    @pytest.mark.parametrize(("damping", "verdict"), [(0.0, Verdict.PASSIVE), (0.2, Verdict.STABLE)])
+    def test_an_undamped_device_is_passive_with_no_force_only(self, damping: float, verdict: Verdict) -> None:
+        loop = alone(Plant(1.0, 0.0), PERIOD, 0.0)
+        assert judge(loop, lambda stiffness: wall(0.0, damping), None, damping)[0].verdict is verdict
 
     def test_an_undamped_device_is_unstable_at_the_softest_wall(self) -> None:
-        assert judge(Plant(1.0, 0.0), PERIOD, 0.0, wall, 1e-9).verdict is Verdict.UNSTABLE
+        assert judge(alone(Plant(1.0, 0.0), PERIOD, 0.0), wall, 1e-9)[0].verdict is Verdict.UNSTABLE
 
     def test_a_sprung_mass_may_be_pushed_away_and_stay_there(self) -> None:
         """Its loop has an eigenvalue of exactly 1, which is no instability."""
-        found = judge(replace(BENCH, resolution=0.0), PERIOD, 0.33e-3, sprung_mass(1.0, "exact-foh"), 600.0, 0.0)
+        found = judge(
+            alone(replace(BENCH, resolution=0.0), PERIOD, 0.33e-3), sprung_mass(1.0, "exact-foh"), 600.0, 0.0
+        )[0]
         assert found.spectral_radius == pytest.approx(1.0, abs=1e-12)
         assert found.verdict is Verdict.STABLE
 
     def test_json_has_the_documented_keys(self) -> None:
-        found = judge(BENCH, PERIOD, 0.33e-3, wall, 600.0).to_json()
+        found = judge(alone(BENCH, PERIOD, 0.33e-3), wall, 600.0)[0].to_json()
         assert list(found) == [
             "period_s", "delay_s", "plant", "stiffness", "damping",
             "stiffness_limit", "spectral_radius", "margin", "verdict",

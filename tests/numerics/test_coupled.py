@@ -8,7 +8,7 @@ import pytest
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, sample
 from haptic_fieldbus.margins.bodies import Body, sample_with
-from haptic_fieldbus.margins.coupled import together
+from haptic_fieldbus.margins.coupled import CoupledAxes
 from haptic_fieldbus.numerics import coupled, sampled
 from haptic_fieldbus.numerics.coupled import embedded, environment, shift_modes, spring_damper
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
@@ -39,7 +39,7 @@ class TestLoopMatrix:
         self, pair: PairByHand, stiffness: float
     ) -> None:
         """Polynomials, as double eigenvalues have half their digits only; both have more states at 0."""
-        loop = together(pair.axes(), shaft(pair.damping, pair.ratio)(stiffness))
+        loop = CoupledAxes(pair.axes(), PERIOD).together(shaft(pair.damping, pair.ratio)(stiffness))
         ours, by_hand = (
             np.trim_zeros(np.where(np.abs(found) < 1e-9, 0.0, found), "b")
             for found in (np.poly(coupled.loop_matrix(devices(pair), loop)), np.poly(pair.period_map(stiffness)))
@@ -68,7 +68,7 @@ class TestGrowth:
     @pytest.mark.parametrize("pair", PAIRS, ids=range(len(PAIRS)))
     @pytest.mark.parametrize("stiffness", [1.0, 300.0, 5000.0])
     def test_is_that_of_the_loop_written_by_hand(self, pair: PairByHand, stiffness: float) -> None:
-        loop = together(pair.axes(), shaft(pair.damping, pair.ratio)(stiffness))
+        loop = CoupledAxes(pair.axes(), PERIOD).together(shaft(pair.damping, pair.ratio)(stiffness))
         assert coupled.growth(devices(pair), loop) == pytest.approx(pair.growth(stiffness), abs=1e-9)
 
     @pytest.mark.parametrize("delay", DELAYS)
@@ -113,7 +113,9 @@ class TestShiftModes:
     def test_a_wall_on_one_end_holds_both(self, held: float, ratio: float) -> None:
         """However soft beside the shaft: what counts is that nothing cancels it."""
         pair = PairByHand((BENCH, BENCH), (0.0, 0.0), wall=held)
-        assert shift_modes(self.PLANTS, together(pair.axes(), shaft(0.0, ratio)(50.0)))[0].shape == (2, 0)
+        assert shift_modes(self.PLANTS, CoupledAxes(pair.axes(), PERIOD).together(shaft(0.0, ratio)(50.0)))[
+            0
+        ].shape == (2, 0)
 
     def test_a_device_on_a_spring_holds_what_it_is_tied_to(self) -> None:
         anchored = sample_with(BENCH, [Body(mass=0.4, stiffness=2e4, anchor=500.0)], PERIOD, 0.0)

@@ -19,18 +19,6 @@ def first_harmonic(nonlinearity: Callable[[Array], Array], amplitude: float, sam
     return float(2.0 * np.mean(nonlinearity(amplitude * sine) * sine) / amplitude)
 
 
-@pytest.mark.parametrize("amplitude", AMPLITUDES)
-def test_rounding_to_counts(amplitude: float) -> None:
-    expected = first_harmonic(lambda x: STEP * np.round(x / STEP), amplitude)
-    assert describing.quantiser(amplitude, STEP) == pytest.approx(expected, abs=2e-5)
-
-
-def test_rounding_amplifies_by_at_most_four_over_pi() -> None:
-    gains = [describing.quantiser(amplitude, STEP) for amplitude in np.linspace(0.01, 3.0, 3000)]
-    assert max(gains) == pytest.approx(4 / math.pi, rel=1e-4)
-    assert describing.quantiser(STEP / math.sqrt(2.0), STEP) == pytest.approx(4 / math.pi, rel=1e-12)
-
-
 @pytest.mark.parametrize("amplitude", [0.01, 0.1, 0.29])
 def test_the_edge_of_a_count_is_a_relay(amplitude: float) -> None:
     expected = first_harmonic(lambda x: STEP * np.floor(x / STEP), amplitude)

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from haptic_fieldbus.margins import stiffness_limit
 from haptic_fieldbus.numerics.estimators import bind, discrete
 from haptic_fieldbus.numerics.estimators.differences import POLES
-from haptic_fieldbus.numerics.estimators.figures import measured_delay, measured_noise_gain
 from haptic_fieldbus.numerics.estimators.kalman import acceleration_gains, velocity_gains
 from haptic_fieldbus.numerics.estimators.levant import ROOT_GAIN, SIGN_GAIN
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.sampled import environment
 from haptic_fieldbus.numerics.transfer import transfer_function
 from tests.loops import BENCH
+from tests.numerics.estimator_figures import measured_delay, measured_noise_gain
 
 PERIOD = 1e-3
 COUNT = 0.05 / 4096

@@ -21,8 +21,8 @@ from haptic_fieldbus.numerics.estimators import (
     judged,
     judged_as,
 )
-from haptic_fieldbus.numerics.estimators.figures import delay, measured_delay, measured_noise_gain, noise_gain
 from haptic_fieldbus.numerics.linear import StateSpace
+from tests.numerics.estimator_figures import delay, measured_delay, measured_noise_gain, noise_gain
 
 PERIOD = 1e-3
 COUNT = 0.05 / 4096

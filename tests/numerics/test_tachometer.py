@@ -12,15 +12,15 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.estimators.tachometer import (
     Integrator,
     bind_position,
-    drift_rate,
-    position_system,
-    share_of_amplitude,
 )
+from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.transfer import TransferFunction, substituted, transfer_function
 
 PERIOD = 1e-3
 STEP = 0.004
 """Of the velocity [m/s]."""
+TRAPEZOID = StateSpace(np.eye(1), np.full((1, 1), PERIOD), np.eye(1), np.full((1, 1), 0.5 * PERIOD))
+"""The same as a linear system v_k → x_k, from v = 0 before the first sample."""
 
 
 def test_is_the_trapezoidal_rule() -> None:
@@ -31,14 +31,14 @@ def test_is_the_trapezoidal_rule() -> None:
 
 
 def test_its_system_is_the_trapezoidal_substitution_of_an_integrator() -> None:
-    ours = transfer_function(position_system(PERIOD))
+    ours = transfer_function(TRAPEZOID)
     expected = substituted(TransferFunction((1.0,), (1.0, 0.0)), PERIOD, "trapezoidal")
     assert ours.num == pytest.approx(expected.num)
     assert ours.den == expected.den
 
 
 def test_its_system_runs_as_the_step() -> None:
-    step, system, state = bind_position(PERIOD), position_system(PERIOD), np.zeros(1)
+    step, system, state = bind_position(PERIOD), TRAPEZOID, np.zeros(1)
     step(0.0)
     for v in (0.3, -1.0, 2.0):
         expected = float(system.c[0] @ state + system.d[0, 0] * v)
@@ -60,18 +60,19 @@ def test_quantisation_accumulates_at_half_a_step_a_second_when_velocity_is_round
     velocity = 7.3 * STEP * np.sin(0.9 * times)
     found = np.array([step(STEP * math.floor(v / STEP)) for v in velocity.tolist()])
     error = found - 7.3 * STEP / 0.9 * (1 - np.cos(0.9 * times))
-    assert np.polyfit(times, error, 1)[0] == pytest.approx(drift_rate(STEP), rel=0.03)
+    assert np.polyfit(times, error, 1)[0] == pytest.approx(-0.5 * STEP, rel=0.03)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1, 0.25, 0.4, 0.49])
 def test_fast_motions_lose_amplitude_as_the_theory_says(share: float) -> None:
     """A sine at that share of the sampling rate."""
-    frequency = 2 * math.pi * share / PERIOD
+    half = math.pi * share
+    frequency = 2 * half / PERIOD
     step = bind_position(PERIOD)
     found = [step(math.cos(frequency * n * PERIOD)) for n in range(2000)]
     basis = np.exp(1j * frequency * np.arange(2000) * PERIOD)
     fitted = np.linalg.lstsq(np.stack([basis.real, basis.imag, np.ones(2000)], axis=-1), found, rcond=None)[0]
-    assert math.hypot(*fitted[:2]) * frequency == pytest.approx(share_of_amplitude(frequency, PERIOD), rel=1e-6)
+    assert math.hypot(*fitted[:2]) * frequency == pytest.approx(half / math.tan(half), rel=1e-6)
 
 
 def test_a_motion_at_the_sampling_rate_looks_like_a_steady_one() -> None:

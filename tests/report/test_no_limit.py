@@ -5,8 +5,9 @@ import json
 import pytest
 
 import haptic_fieldbus
+from haptic_fieldbus.api.judging import Inquiry, judge_scene
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.judging import judge_scene
+from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.report.limits import limits
 from haptic_fieldbus.report.words import stability_text
 
@@ -15,7 +16,7 @@ METHOD = "backward-euler"
 
 
 def test_the_limits_of_a_scene_say_so() -> None:
-    lines = [text for key, text in limits(judge_scene("sprung_mass", method=METHOD)) if key in ("limits", "")]
+    lines = [text for key, text in limits(judge_scene(Inquiry("sprung_mass", method=METHOD))) if key in ("limits", "")]
     assert lines[0] == "stable with no limit"
     assert lines[1].startswith("passive to 1")
     assert "friction: stable with no limit, passive to 1" in lines[3]
@@ -23,7 +24,7 @@ def test_the_limits_of_a_scene_say_so() -> None:
 
 def test_a_plan_says_so() -> None:
     plan = haptic_fieldbus.plan("sprung_mass", method=METHOD)
-    assert "200 N/m asked, stable with no limit, passive to 1" in plan.explain()
+    assert "200 N/m asked, stable with no limit, passive to 1" in explain(plan)
     assert stability_text(plan).startswith("stable with no limit on this bench; you ask 200: ")
 
 

@@ -3,15 +3,15 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.drive.rig import BusSection, Rig, default_axis
-from haptic_fieldbus.report.verdict import verdict_of
+from haptic_fieldbus.assessing.result import Result, TorqueError, Trip
+from haptic_fieldbus.assessing.verdict import verdict_of
+from haptic_fieldbus.drive.rig import Rig, default_axis
+from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.report.words import (
     announcement,
     bench_text,
-    bit_rate,
     count,
     energy_text,
-    is_simulated,
     key_figures,
     length,
     outcome,
@@ -19,7 +19,6 @@ from haptic_fieldbus.report.words import (
     quantity,
     stability_text,
 )
-from haptic_fieldbus.result import Result, TorqueError, Trip
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
@@ -95,14 +94,14 @@ def test_every_parameter_of_an_element_has_its_unit() -> None:
 
 def test_the_bench_of_a_real_bus_is_told_with_what_is_unknown() -> None:
     axis = default_axis(Workspace.LINEAR, bus="b", node=5, profile="maxon_epos4")
-    known = plan("wall", Rig({"b": BusSection("socketcan", "can0", 500_000)}, {"handle": axis}), rate=500.0)
+    known = plan("wall", Rig({"b": CanSection("socketcan", "can0", 500_000)}, {"handle": axis}), rate=500.0)
     blind = replace(known.axes[0], rig=replace(axis, inertia=None), plant=None, stability=None)
     lines = dict(announcement(replace(known, axes=(blind,))))
     assert lines["bench"].startswith("maxon EPOS4 (socketcan can0), node 5, 500 kbit/s, 500 Hz · ")
     assert lines["bench"].endswith("inertia and damping unknown")
     assert lines["stability"].startswith("unknown")
-    assert not is_simulated(known)
-    assert is_simulated(plan("wall"))
+    assert not known.simulated
+    assert plan("wall").simulated
 
 
 def test_on_several_buses_each_bench_is_told_with_its_bus_and_bit_rate() -> None:
@@ -141,7 +140,6 @@ def test_numbers_are_written_for_people() -> None:
     assert (count(1_234_567), count(12.6)) == ("1 234 567", "13")
     assert percent(0.272) == "27 %"
     assert (length(0.02, Workspace.LINEAR), length(0.5, Workspace.ROTARY)) == ("20 mm", "0.5 rad")
-    assert (bit_rate(1_000_000), bit_rate(125_000)) == ("1 Mbit/s", "125 kbit/s")
     assert energy_text(None) == ""
     assert energy_text(-2e-3).startswith("takes from the hand 2 mJ more")
 

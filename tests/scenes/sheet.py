@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.laws import law_of
+from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
 from haptic_fieldbus.signals import Signal
 

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from haptic_fieldbus.laws import law_of
+from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.scenes import element as element_module
 from haptic_fieldbus.scenes.element import (
     AnyElement,

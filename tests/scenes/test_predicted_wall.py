@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from haptic_fieldbus.margins import Plant, judge_contact
+from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
@@ -114,7 +115,8 @@ def test_it_needs_the_velocity() -> None:
 def test_stability_is_judged_by_the_prediction_as_the_damping_that_it_is() -> None:
     """By a backward difference F = −K·(1.5·x_k − 0.5·x_{k−1}): passive while b > K·T/2 + |B|, B = K·T/2."""
     mass, damping = 0.63, 1.58
-    found = judge_contact(Plant(mass, damping), PERIOD, 0.0, (WALL,), None, "backward-difference").stiffness_limit
+    member = Member("handle", Plant(mass, damping), 0.0, (WALL,), None, "backward-difference")
+    found = Group((member,), (), PERIOD).told.stiffness_limit
     assert found.passive == pytest.approx(damping / PERIOD, rel=1e-6)
     assert found.stable is not None
     decay = math.exp(-damping * PERIOD / mass)

@@ -1,24 +1,24 @@
-"""A simulated drive without wire or clock, driven frame by frame: what the tests of its protocol use."""
+"""A simulated drive and its node without wire or clock, driven frame by frame: what the tests of both use."""
 
 import struct
 from dataclasses import dataclass, replace
 
-from haptic_fieldbus.drive.catalogue import load_profile
-from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis, default_axis
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.drive import Drive
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.slave import Slave
+from haptic_fieldbus.sim.drive.settings import DriveSettings
 from haptic_fieldbus.sim.hand import Hand
-from haptic_fieldbus.sim.link.frame import Frame
-from haptic_fieldbus.sim.settings import DriveSettings
 
 NODE = 5
 MS = 1_000_000
 SIZES = {"B": 1, "b": 1, "H": 2, "h": 2, "I": 4, "i": 4}
 
 
-def profile(name: str = "maxon_epos4") -> DriveProfile:
-    return load_profile(name)
+def profile(name: str = "maxon_epos4") -> CanopenProfile:
+    return canopen_profile(load_profile(name))
 
 
 def axis(workspace: Workspace = Workspace.LINEAR, **changes: object) -> RigAxis:
@@ -37,7 +37,7 @@ class DriveBench:
 
     def __init__(
         self,
-        drive_profile: DriveProfile | None = None,
+        drive_profile: CanopenProfile | None = None,
         drive_axis: RigAxis | None = None,
         *,
         hand: Hand | None = None,
@@ -46,10 +46,11 @@ class DriveBench:
     ) -> None:
         self.t_ns = 0
         self.sent: list[tuple[int, Frame]] = []
-        self.drive = Drive(
+        self.slave = Slave(
             NODE, drive_profile or profile(), drive_axis or axis(), self._sent, hand, settings or DriveSettings()
         )
-        self.drive.power_on(0, booted=booted)
+        self.drive, self.node = self.slave.drive, self.slave.node
+        self.slave.power_on(0, booted=booted)
 
     def _sent(self, frame: Frame) -> None:
         self.sent.append((self.t_ns, frame))
@@ -57,14 +58,14 @@ class DriveBench:
     def run(self, duration_ns: int) -> None:
         """Let the drive do what falls due."""
         end_ns = self.t_ns + duration_ns
-        while self.drive.due_ns <= end_ns:
-            self.t_ns = max(self.t_ns, self.drive.due_ns)
-            self.drive.timer(self.t_ns)
+        while self.slave.due_ns <= end_ns:
+            self.t_ns = max(self.t_ns, self.slave.due_ns)
+            self.slave.timer(self.t_ns)
         self.t_ns = end_ns
 
     def give(self, can_id: int, data: bytes = b"") -> None:
         """A frame ends now."""
-        self.drive.receive(Frame(can_id, data), self.t_ns)
+        self.slave.receive(Frame(can_id, data), self.t_ns)
 
     def take(self, can_id: int) -> list[bytes]:
         """Octets of the frames sent with this identifier; all are forgotten."""

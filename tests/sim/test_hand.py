@@ -10,8 +10,8 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.sim.hand import HANDS, Hand, grip, hand_named
 from haptic_fieldbus.sim.mechanics.motion import Shaft
+from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
-from haptic_fieldbus.sim.plant import Plant
 
 LINEAR = LinearMechanism("linear", metres_per_revolution=0.05)
 RATIO = 0.05 / (2 * math.pi)

@@ -12,29 +12,30 @@ from numpy.typing import NDArray
 
 import haptic_fieldbus
 from haptic_fieldbus.api import run
+from haptic_fieldbus.api.sites import Conditions, site_of
+from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.result import Result, Trace
 from haptic_fieldbus.buses.bus import Bus
-from haptic_fieldbus.buses.canopen import CanopenBus
+from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.coupled_plan import tied_with
-from haptic_fieldbus.cycle import Cycle
+from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import BusError, DriveFaultError, HapticFieldbusError
-from haptic_fieldbus.loop import LoopReport, run_loop
-from haptic_fieldbus.planning import Plan
-from haptic_fieldbus.request import parse_bus
-from haptic_fieldbus.result import Result, Trace
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.selection import Selection
+from haptic_fieldbus.protocols.registry import parse_bus
+from haptic_fieldbus.running.loop import run_loop
+from haptic_fieldbus.running.session import Request, render
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.selection import Selection
-from haptic_fieldbus.session import Request, render
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import Hand, Piece, hand_named
-from haptic_fieldbus.sim.world import World
-from tests.builders import PROFILE, plan_of, rig_of, scene_of
+from tests.builders import PROFILE, can_traffic, plan_of, rig_of, scene_of
 from tests.several_buses import rig_on
 
 Array = NDArray[np.float64]
@@ -170,8 +171,8 @@ def free_plan(stiffness: float, damping: float) -> Plan:
 
 def rate_of_growth(plan: Plan) -> float:
     """Of the twist's peaks after a flick [1/s], as the package's own simulation runs it."""
-    request = Request(Selection(plan, parse_bus("sim")), 4.0, FLICK, 0, (), None, None, None)
-    left, right = traces(render(request))
+    request = Request(Selection(plan, parse_bus("sim")), 4.0)
+    left, right = traces(render(request, site_of(plan, None, Conditions(FLICK))))
     twist = left.position - right.position
     size, later = np.abs(twist), left.times > left.times[0] + 0.2
     peaks = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:]) & later[1:-1]) + 1
@@ -188,9 +189,8 @@ class TestFreeRunning:
         limit = stability.stiffness_limit.stable if stability is not None else None
         assert limit is not None
         plan = free_plan(part * limit, damping)
-        tied = tied_with(plan.axes, plan.axes[0], plan.period)
-        assert tied is not None
-        expected = math.log(tied.growth()) / plan.period
+        assert plan.axes[0].group is not None
+        expected = math.log(plan.axes[0].group.growth()) / plan.period
         assert (expected > 0.0) is (part > 1.0)
         assert rate_of_growth(plan) == pytest.approx(expected, abs=1.2e-3)
 
@@ -206,7 +206,7 @@ class Worlds:
 
     def __post_init__(self) -> None:
         self.plan = plan_of(SCENE, rig=rig_on(SCENE, self.buses))
-        self.worlds = {bus.name: World(self.clock, bus.bitrate) for bus in self.plan.buses}
+        self.worlds = {bus.name: World(self.clock, can_traffic(self.plan.on(bus)).bitrate) for bus in self.plan.buses}
         self.torques: dict[str, list[int]] = {name: [] for name in AXES}
         for axis in self.plan.axes:
             world, these = self.worlds[axis.rig.bus], self.struck.get(axis.name)
@@ -225,7 +225,7 @@ class Worlds:
         masters: dict[str, Bus] = {
             name: CanopenBus(SimulatedBus(name, world=bus), self.clock, owned=True) for name, bus in self.worlds.items()
         }
-        master = next(iter(masters.values())) if len(masters) == 1 else BusGroup(masters)  # type: ignore[arg-type]
+        master = next(iter(masters.values())) if len(masters) == 1 else BusGroup(masters)
         try:
             master.open(self.plan)
             run_loop(self.plan, Cycle(self.plan), master, self.clock, cycles=cycles, report=self.report)

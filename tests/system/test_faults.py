@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.api import run
+from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.cli.failures import outcome_of
 from haptic_fieldbus.errors import FaultFileError, HapticFieldbusError, SafetyTripError
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.result import Result
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.cycle import Cycle, decoded_columns
+from haptic_fieldbus.cycle.cycle import Cycle, decoded_columns
 from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Rig, RotaryMechanism
-from haptic_fieldbus.planning import Plan
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Workspace

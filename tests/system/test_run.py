@@ -11,9 +11,10 @@ import pytest
 
 from haptic_fieldbus import Result
 from haptic_fieldbus.api import plan, run
-from haptic_fieldbus.drive.rig import BusSection, Limits, Rig, default_axis
+from haptic_fieldbus.drive.rig import Limits, Rig, default_axis
 from haptic_fieldbus.errors import BusOverloadError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
@@ -36,7 +37,7 @@ def fine_bench(**changes: object) -> Rig:
         limits=Limits(speed=100.0),
         **changes,  # type: ignore[arg-type]
     )
-    return Rig({"bus": BusSection("haptic_sim", "sim")}, {"handle": axis})
+    return Rig({"bus": CanSection("haptic_sim", "sim")}, {"handle": axis})
 
 
 def stability_of(scene: Scene, rig: Rig) -> Stability:

@@ -12,9 +12,9 @@ import can
 import pytest
 
 from haptic_fieldbus import run
+from haptic_fieldbus.buses.canopen.frames import open_frame_writer
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.record import open_frame_writer
-from haptic_fieldbus.sim.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 
 FIELDS = (
     "can.id", "canopen.cob_id", "canopen.sdo.main_idx", "canopen.sdo.sub_idx", "canopen.sdo.abort_code",

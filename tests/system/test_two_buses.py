@@ -13,21 +13,22 @@ import pytest
 from numpy.typing import NDArray
 
 from haptic_fieldbus.api import run
-from haptic_fieldbus.buses.canopen import CanopenBus
+from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.cycle import Cycle
+from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import BusError, DriveFaultError, HapticFieldbusError, UsageError
-from haptic_fieldbus.loop import LoopReport, run_loop
-from haptic_fieldbus.planning import Plan
-from haptic_fieldbus.result import Result
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.world import World
-from tests.builders import PROFILE, plan_of, scene_of
+from tests.builders import PROFILE, can_traffic, plan_of, scene_of
 from tests.several_buses import rig_on
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ class TwoWorlds:
     report: LoopReport = field(default_factory=LoopReport)
 
     def __post_init__(self) -> None:
-        self.worlds = {bus.name: World(self.clock, bus.bitrate) for bus in self.plan.buses}
+        self.worlds = {bus.name: World(self.clock, can_traffic(self.plan.on(bus)).bitrate) for bus in self.plan.buses}
         self.frames: dict[str, list[tuple[int, int, bytes]]] = {name: [] for name in self.worlds}
         for bus in self.plan.buses:
             world = self.worlds[bus.name]

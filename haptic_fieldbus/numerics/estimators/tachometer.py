@@ -25,10 +25,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.linear import StateSpace
 
 
 def bind_position(period: float, start: float = 0.0) -> Callable[[float], float]:
@@ -79,19 +76,3 @@ class Integrator:
     def hold(self, time: float) -> None:
         """No reading came: the last one goes on, until the next replaces what it gave."""
         self.position = self._sum + self._velocity * (time - self._time)
-
-
-def position_system(period: float) -> StateSpace:
-    """The same as a linear system v_k → x_k, from v = 0 before the first sample."""
-    return StateSpace(np.eye(1), np.full((1, 1), period), np.eye(1), np.full((1, 1), 0.5 * period))
-
-
-def share_of_amplitude(frequency: float, period: float) -> float:
-    """Amplitude that is left of a sine of that angular frequency [rad/s], up to half the sampling rate."""
-    half = 0.5 * frequency * period
-    return half / math.tan(half)
-
-
-def drift_rate(velocity_step: float) -> float:
-    """Mean drift [m/s or rad/s] of a tachometer that rounds its reading down to whole steps [m/s or rad/s]."""
-    return -0.5 * velocity_step

@@ -8,45 +8,31 @@ Pure: frames and times [ns] in, frames out through `send`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from haptic_fieldbus.sim.canopen import lss, nmt
-from haptic_fieldbus.sim.canopen.alarms import Alarms
-from haptic_fieldbus.sim.canopen.bit_timing import BitTiming
-from haptic_fieldbus.sim.canopen.cob_id import ID, INVALID
-from haptic_fieldbus.sim.canopen.communication import NodeObjects
-from haptic_fieldbus.sim.canopen.dictionary import Dictionary
-from haptic_fieldbus.sim.canopen.emergency import HEARTBEAT_LOST, Emergencies
-from haptic_fieldbus.sim.canopen.guarding import Guarding
-from haptic_fieldbus.sim.canopen.heartbeat import HEARTBEAT_ID, Consumers, Producer
-from haptic_fieldbus.sim.canopen.lss import UNCONFIGURED, LssSlave
-from haptic_fieldbus.sim.canopen.nmt import NmtState, Service
-from haptic_fieldbus.sim.canopen.pdo import PdoDefaults
-from haptic_fieldbus.sim.canopen.process import Application, Handler, ProcessData
-from haptic_fieldbus.sim.canopen.sdo.server import TIMEOUT_NS, SdoServer
-from haptic_fieldbus.sim.canopen.storage import Storage
-from haptic_fieldbus.sim.canopen.timestamp import TimeConsumer
-from haptic_fieldbus.sim.link.frame import Frame
-from haptic_fieldbus.sim.link.wire import NEVER_NS
+from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.model.options import NodeOptions
+from haptic_fieldbus.sim.canopen.services import lss, nmt
+from haptic_fieldbus.sim.canopen.services.alarms import Alarms, Handler
+from haptic_fieldbus.sim.canopen.services.bit_timing import BitTiming
+from haptic_fieldbus.sim.canopen.services.cob_id import ID, INVALID
+from haptic_fieldbus.sim.canopen.services.communication import NodeObjects
+from haptic_fieldbus.sim.canopen.services.emergency import HEARTBEAT_LOST, Emergencies
+from haptic_fieldbus.sim.canopen.services.guarding import Guarding
+from haptic_fieldbus.sim.canopen.services.heartbeat import HEARTBEAT_ID, Consumers, Producer
+from haptic_fieldbus.sim.canopen.services.lss import BIT_RATES, UNCONFIGURED, LssSlave
+from haptic_fieldbus.sim.canopen.services.nmt import NmtState, Service
+from haptic_fieldbus.sim.canopen.services.process import Application, ProcessData
+from haptic_fieldbus.sim.canopen.services.sdo.server import TIMEOUT_NS, SdoServer
+from haptic_fieldbus.sim.canopen.services.storage import Storage
+from haptic_fieldbus.sim.canopen.services.timestamp import TimeConsumer
+from haptic_fieldbus.sim.drive.dictionary import Dictionary
 
 SDO_RESPONSE_ID = 0x580
 SDO_REQUEST_ID = 0x600
+_CONSUMERS = 4
+"""So many nodes can be watched."""
 _EVERYTHING, _COMMUNICATION = (0x1000, 0xFFFF), (0x1000, 0x1FFF)
-
-
-@dataclass(frozen=True)
-class NodeOptions:
-    """What differs between models: PDOs, the object that watches the master, when RPDOs act, how long a reset takes."""
-
-    rpdos: list[PdoDefaults]
-    tpdos: list[PdoDefaults]
-    consumer: int | None = 0x1016
-    consumers: int = 4
-    """So many nodes can be watched."""
-    acts_at_sync: bool = False
-    reset_ns: int = 0
-    bitrate: int = 1_000_000
-    """That of the bus [bit/s]: a node set to another one by LSS is not heard any more."""
 
 
 class Node:
@@ -75,12 +61,10 @@ class Node:
         self._alarms = alarms = Alarms()
         self._boot_alarm = alarms.new(self._boot)
         self._sdo_alarm = alarms.new(self._sdo_timeout)
-        self._bit_timing = BitTiming(
-            options.bitrate, alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route
-        )
+        self._bit_timing = BitTiming(BIT_RATES[0], alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route)
         self.emergencies = Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
         self._producer = Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
-        consumers = options.consumers if options.consumer is not None else 0
+        consumers = _CONSUMERS if options.consumer is not None else 0
         self._consumers = Consumers(
             dictionary, options.consumer or 0, consumers, alarms, self._route, self._link_lost, self._link_back
         )
@@ -89,7 +73,7 @@ class Node:
         self._objects = NodeObjects(dictionary, number)
         self._storage = Storage(dictionary)
         self.lss = LssSlave(
-            self._objects.identity, number, options.bitrate, self._reset_communication, self._bit_timing.activate
+            self._objects.identity, number, BIT_RATES[0], self._reset_communication, self._bit_timing.activate
         )
         self.process = ProcessData(
             dictionary, application, self.emergencies, self._emit, self._route, alarms,
@@ -149,7 +133,7 @@ class Node:
         self.process.stop()
         self._producer.stop()
         self._consumers.stop()
-        self._guarding.stop()
+        self._guarding.reset()
         self._sdo_alarm.off()
         self.sdo.reset()
         self.lss.reset(power_on=power_on)

@@ -4,7 +4,7 @@ from queue import Empty
 
 import canopen
 
-from haptic_fieldbus.sim.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 
 
 class Responses:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.drive.catalogue import load_profile
-from haptic_fieldbus.sim.bus import SimulatedBus
-from haptic_fieldbus.sim.world import World
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.world import World
 from tests.sim.bench import NODE, axis
 from tests.sim.canopen.responses import Responses
 
@@ -133,7 +133,7 @@ def test_emergencies_and_heartbeats_are_understood_by_the_foreign_classes(bench:
     bench.write(0x1017, 0, 10, 2)
     bench.network.nmt.send_command(1)
     bench.world.run()
-    bench.world.drive(NODE).fault(0x4210, bench.clock.now_ns())
+    bench.world.slave(NODE).drive.fault(0x4210, bench.clock.now_ns())
     end_ns = bench.clock.now_ns() + 30_000_000
     while bench.clock.now_ns() < end_ns:
         message = bench.bus.recv((end_ns - bench.clock.now_ns()) * 1e-9)

@@ -16,9 +16,9 @@ from canopen.lss import (
 )
 
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.drive.catalogue import load_profile
-from haptic_fieldbus.sim.bus import SimulatedBus
-from haptic_fieldbus.sim.world import World
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.world import World
 from tests.sim.bench import NODE, axis
 from tests.sim.canopen.responses import Responses
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.sim.settings import DriveSettings
+from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.sim.bench import DriveBench, profile
 from tests.sim.canopen.clauses import lss, nmt, pdo, sdo
 from tests.sim.canopen.clauses.script import Clause, matches, play, steps

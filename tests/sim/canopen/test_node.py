@@ -2,9 +2,9 @@
 
 import pytest
 
-from haptic_fieldbus.sim.link.frame import Frame
-from haptic_fieldbus.sim.link.wire import NEVER_NS
-from haptic_fieldbus.sim.settings import DriveSettings
+from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.sim.bench import MS, NODE, DriveBench, Refusal, profile
 
 HEARTBEAT, EMERGENCY, MASTER = 0x705, 0x85, 0x77F
@@ -130,8 +130,8 @@ class TestStates:
 
     def test_frames_that_are_not_standard_data_frames_concern_nobody(self) -> None:
         bench = _bench()
-        bench.drive.receive(Frame(0, bytes((START, 0)), extended=True), 0)
-        bench.drive.receive(Frame(0, bytes(2), remote=True), 0)
+        bench.slave.receive(Frame(0, bytes((START, 0)), extended=True), 0)
+        bench.slave.receive(Frame(0, bytes(2), remote=True), 0)
         assert _state(bench) == 127
 
 
@@ -169,11 +169,11 @@ class TestProducer:
         bench.sent.clear()
         bench.run(100 * MS)
         assert bench.sent == []
-        assert bench.drive.due_ns == NEVER_NS
+        assert bench.slave.due_ns == NEVER_NS
 
     def test_a_heartbeat_can_be_lost_alone(self) -> None:
         bench = _bench()
-        bench.drive.node.heartbeat_enabled = False
+        bench.node.heartbeat_enabled = False
         bench.sent.clear()
         bench.run(100 * MS)
         assert bench.sent == []
@@ -255,7 +255,7 @@ class TestConsumer:
     def test_a_node_that_cannot_be_is_not_watched(self) -> None:
         bench = self._bench()
         assert bench.write(0x1016, 1, 200 << 16 | 50, "I") is None
-        assert 0x7C8 not in bench.drive.node.handlers
+        assert 0x7C8 not in bench.node.handlers
 
     def test_writing_1016h_while_the_master_is_lost_ends_the_error(self) -> None:
         bench = self._bench()
@@ -328,7 +328,7 @@ class TestEmergencies:
         bench = DriveBench()
         assert bench.read(0x1003, 1) == Refusal(0x0800_0024)
         for code in range(0x3001, 0x300B):
-            bench.drive.node.emergencies.raise_error(code)
+            bench.node.emergencies.raise_error(code)
         assert bench.read(0x1003) == 8
         assert [bench.read(0x1003, number) for number in (1, 2, 8)] == [0x300A, 0x3009, 0x3003]
         assert bench.write(0x1003, 0, 1, "B") == Refusal(0x0609_0030)
@@ -341,7 +341,7 @@ class TestEmergencies:
     )
     def test_the_error_register_names_the_class_of_the_error(self, code: int, register: int) -> None:
         bench = DriveBench()
-        bench.drive.node.emergencies.raise_error(code)
+        bench.node.emergencies.raise_error(code)
         (message,) = bench.take(EMERGENCY)
         assert message == code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0))
         assert bench.read(0x1001) == register
@@ -349,15 +349,15 @@ class TestEmergencies:
     def test_an_error_that_is_active_is_not_told_again_and_an_unknown_one_not_cleared(self) -> None:
         bench = DriveBench()
         for _ in range(2):
-            bench.drive.node.emergencies.raise_error(0x3210)
-        bench.drive.node.emergencies.clear(0x2310)
+            bench.node.emergencies.raise_error(0x3210)
+        bench.node.emergencies.clear(0x2310)
         assert len(bench.take(EMERGENCY)) == 1
 
     def test_the_register_keeps_what_is_still_wrong(self) -> None:
         bench = DriveBench()
-        bench.drive.node.emergencies.raise_error(0x3210)
-        bench.drive.node.emergencies.raise_error(0x4210)
-        bench.drive.node.emergencies.clear(0x3210)
+        bench.node.emergencies.raise_error(0x3210)
+        bench.node.emergencies.raise_error(0x4210)
+        bench.node.emergencies.clear(0x3210)
         assert bench.take(EMERGENCY)[-1] == bytes((0, 0, 0x09, 0, 0, 0, 0, 0))
 
     def test_bit_31_of_1014h_silences_them_and_the_identifier_is_fixed(self) -> None:
@@ -365,7 +365,7 @@ class TestEmergencies:
         assert bench.read(0x1014) == 0x85
         assert bench.write(0x1014, 0, 0x86, "I") == Refusal(0x0609_0030)
         assert bench.write(0x1014, 0, 0x8000_0085, "I") is None
-        bench.drive.node.emergencies.raise_error(0x3210)
+        bench.node.emergencies.raise_error(0x3210)
         assert bench.take(EMERGENCY) == []
 
 
@@ -386,7 +386,7 @@ class TestErrorsThatOutlive:
     def test_a_fault_of_the_device_outlives_a_reset_of_communication_that_of_communication_does_not(self) -> None:
         bench = _bench()
         for code in (0x3210, 0x8130):
-            bench.drive.node.emergencies.raise_error(code)
+            bench.node.emergencies.raise_error(code)
         bench.nmt(RESET_COMMUNICATION)
         bench.run(RESET_NS)
         assert bench.read(0x1001) == 0x05
@@ -397,17 +397,17 @@ class TestErrorsThatOutlive:
     def test_a_fault_reset_leaves_errors_of_communication_alone(self) -> None:
         bench = DriveBench()
         for code in (0x3210, 0x8130):
-            bench.drive.node.emergencies.raise_error(code)
-        bench.drive.node.emergencies.clear_all()
+            bench.node.emergencies.raise_error(code)
+        bench.node.emergencies.clear_all()
         assert bench.take(EMERGENCY)[-1] == bytes.fromhex("00 00 11 00 00 00 00 00")
-        bench.drive.node.emergencies.clear_all()
+        bench.node.emergencies.clear_all()
         assert bench.take(EMERGENCY) == []
 
     def test_writing_the_life_time_while_the_master_is_lost_ends_the_error(self) -> None:
         bench = DriveBench()
         bench.write(0x100C, 0, 10, "H")
         bench.write(0x100D, 0, 2, "B")
-        bench.drive.receive(Frame(HEARTBEAT, b"", remote=True), bench.t_ns)
+        bench.slave.receive(Frame(HEARTBEAT, b"", remote=True), bench.t_ns)
         bench.run(20 * MS)
         assert bench.read(0x1001) == 0x11
         bench.write(0x100D, 0, 0, "B")
@@ -439,7 +439,7 @@ def test_the_lss_address_has_zeros_for_what_1018h_does_not_say() -> None:
 
 def test_a_node_is_set_to_the_bit_rate_of_its_bus() -> None:
     bench = DriveBench()
-    bench.drive.node.commission(500_000)
+    bench.node.commission(500_000)
     for request in (bytes((4, 1)), bytes((0x13, 0, 2)), bytes((0x15, 10))):
         bench.give(0x7E5, request.ljust(8, b"\0"))
     bench.run(20 * MS)

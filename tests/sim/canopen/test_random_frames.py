@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptic_fieldbus.sim.canopen.nmt import NmtState
-from haptic_fieldbus.sim.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.services.nmt import NmtState
 from tests.sim.bench import MS, NODE, DriveBench, profile
 
 FRAMES = 1000
@@ -86,14 +86,14 @@ class Watched:
 
     def __init__(self) -> None:
         self.bench = DriveBench(profile("generic_cia402"))
-        self.node = self.bench.drive.node
+        self.node = self.bench.node
         self.heard: set[int] = set()
         """Kinds of what was sent: the function code of CiA 301, 7.3.5."""
 
     def take(self, frame: Frame, pause_ns: int) -> None:
         before, number = self.node.state, self.node.number
         self.bench.sent.clear()
-        self.bench.drive.receive(frame, self.bench.t_ns)
+        self.bench.slave.receive(frame, self.bench.t_ns)
         self._check_state(frame, before, number)
         self._check_sent(before)
         self.bench.sent.clear()
@@ -137,7 +137,7 @@ class Watched:
 
     def check_alive(self) -> None:
         """After a reset of the node by its watchdog all is well again, on the node-ID that it then has."""
-        self.bench.drive.node.reset(self.bench.t_ns)
+        self.bench.node.reset(self.bench.t_ns)
         self.bench.sent.clear()
         self.bench.run(30 * MS)
         number = self.node.number

@@ -11,7 +11,7 @@ from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.load import Load
 from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
-from haptic_fieldbus.sim.plant import Plant
+from haptic_fieldbus.sim.mechanics.plant import Plant
 from tests.sim.mechanics.energy import balance
 
 SHAFT = Shaft(inertia=4e-5, damping=1e-4, coulomb=2e-3, lag=1 / (2 * math.pi * 1000))

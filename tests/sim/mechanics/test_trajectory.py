@@ -5,8 +5,8 @@ import pytest
 
 from haptic_fieldbus.sim.hand import Grip, Piece
 from haptic_fieldbus.sim.mechanics.motion import Shaft
+from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
-from haptic_fieldbus.sim.plant import Plant
 
 SHAFT = Shaft(4e-5, 1e-4, 2e-3, 1.6e-4)
 GRIP = Grip(6e-6, 2.5e-4, 0.019, pieces=(Piece(0.0, 0.05), Piece(0.003, -0.02)))

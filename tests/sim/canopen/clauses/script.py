@@ -17,7 +17,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from haptic_fieldbus.sim.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link.frame import Frame
 from tests.sim.bench import MS, NODE, DriveBench
 
 FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
@@ -68,14 +68,13 @@ def take(bench: DriveBench, step: str) -> list[str]:
     """Do one step; the frames that it says itself must follow."""
     word, *rest = step.split()
     if word == ">":
-        bench.drive.receive(Frame(int(rest[0], 16), bytes.fromhex("".join(rest[1:]))), bench.t_ns)
+        bench.slave.receive(Frame(int(rest[0], 16), bytes.fromhex("".join(rest[1:]))), bench.t_ns)
     elif word == "?":
-        bench.drive.receive(Frame(int(rest[0], 16), bytes(int(rest[1]) if rest[1:] else 0), remote=True), bench.t_ns)
+        bench.slave.receive(Frame(int(rest[0], 16), bytes(int(rest[1]) if rest[1:] else 0), remote=True), bench.t_ns)
     elif word == "wait":
         bench.run(round(float(rest[0]) * MS))
     elif word == "error":
-        bench.drive.node.now_ns = bench.t_ns
-        bench.drive.node.emergencies.raise_error(int(rest[0], 16))
+        bench.slave.error(int(rest[0], 16), bench.t_ns)
     elif word in ("w", "r"):
         return sdo(bench, word, rest)
     else:

@@ -1,0 +1,144 @@
+"""The limits of a scene before anything moves, on its bench or on a device that is given by numbers."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.margins import Plant, Stability, stiffness_limit
+from haptic_fieldbus.margins.group import Group, Member, groups_of
+from haptic_fieldbus.numerics.linear import gain
+from haptic_fieldbus.numerics.sampled import TACHOMETER
+from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
+from haptic_fieldbus.planning.request import check_request
+from haptic_fieldbus.planning.selection import check_rendering, select
+from haptic_fieldbus.planning.settings import settled
+from haptic_fieldbus.planning.task import SIMULATION, Task
+from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.signals import Signal, Workspace
+
+UNCERTAIN = 0.7
+"""Share of the friction that a limit is told for beside the full one."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device given by numbers instead of a bench [kg, N·s/m, N, m, s, or their rotary counterparts]."""
+
+    mass: float = 0.0
+    damping: float = 0.0
+    coulomb: float = 0.0
+    resolution: float = 0.0
+    delay: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inquiry(Task):
+    """A task to judge on its bench, or on a device if any of these is given; those that are not are 0 then."""
+
+    mass: float | None = None
+    """Mass [kg] or inertia [kg·m²]."""
+    damping: float | None = None
+    """Viscous damping [N·s/m or N·m·s/rad]."""
+    coulomb: float | None = None
+    """Coulomb friction [N or N·m]."""
+    resolution: float | None = None
+    """One encoder count [m or rad]."""
+    delay: float | None = None
+    """From sampling to acting [s], the hold not counted."""
+
+    @property
+    def device(self) -> Device | None:
+        """None where the bench is meant."""
+        given = {field.name: value for field in fields(Device) if (value := getattr(self, field.name)) is not None}
+        return Device(**given) if given else None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The judgement with the smallest margin, the axis in whose units it is, and the axes that it is about."""
+
+    scene: Scene
+    axis: str
+    workspace: Workspace
+    stability: Stability
+    group: Group
+
+    @property
+    def estimator(self) -> str | None:
+        """What estimates the velocity that elements or couplings act on; None where none does."""
+        return next((each.estimator for each in self.group.members if self._needs_velocity(each)), None)
+
+    @property
+    def linear_estimator(self) -> str | None:
+        """What stands for an estimator that is not linear; None where there is none, or it is linear."""
+        if self.estimator is None or self.estimator == TACHOMETER:
+            return None
+        from haptic_fieldbus.numerics.estimators import judged_as
+
+        return judged_as(self.estimator)
+
+    def _needs_velocity(self, member: Member) -> bool:
+        couplings = (each for each in self.group.couplings if member.name in each.axes)
+        return any(Signal.VELOCITY in each.needs for each in (*member.elements, *couplings))
+
+
+def judge_scene(inquiry: Inquiry) -> Judged:
+    """Judge the scene on its bench, or on the device that is given; raises DocumentError, UsageError or PlanError."""
+    check_request(bus=inquiry.bus or SIMULATION, node=inquiry.node, rate=inquiry.rate)
+    if inquiry.device is not None:
+        return _on_device(inquiry, inquiry.device)
+    plan = select(inquiry).plan
+    return _weakest(
+        Judged(plan.scene, axis.name, axis.workspace, axis.stability, axis.group)
+        for axis in plan.axes
+        if axis.stability is not None and axis.group is not None and axis.group.told_by == axis.name
+    )
+
+
+def _weakest(found: Iterable[Judged]) -> Judged:
+    return min(found, key=lambda each: math.inf if each.stability.margin is None else each.stability.margin)
+
+
+def _on_device(task: Task, device: Device) -> Judged:
+    """Each axis of the scene moves this device; torque is ideal."""
+    check_rendering(task)
+    period = round(1e9 / task.rate) * 1e-9
+    plant = _plant_of(device, period)
+    method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
+
+    def judged(chosen: Scene) -> Judged:
+        spaces, paced = {axis.name: axis.workspace for axis in chosen.axes}, chosen.at_period(period)
+        members = [Member(name, plant, device.delay, paced.of_axis(name), method, estimator) for name in spaces]
+        return _weakest(
+            Judged(chosen, group.told_by, spaces[group.told_by], group.told, group)
+            for group in groups_of(members, paced.couplings, period)
+        )
+
+    wanted = settled(task.scene, task.settings)
+    found = judged(wanted.scene)
+    return found if wanted.part is None else judged(wanted.at(found.stability))
+
+
+def _plant_of(device: Device, period: float) -> Plant:
+    """Raises one UsageError with all that cannot be; a mass of zero is refused with the limit that it leads to."""
+    values = {name: getattr(device, name) for name in ("damping", "coulomb", "resolution", "delay")}
+    faults = [
+        f"{name} {value:g}: expected a number from 0 up"
+        for name, value in values.items()
+        if not 0.0 <= value < math.inf
+    ]
+    if not 0.0 < device.mass < math.inf:
+        faults.insert(0, f"mass {device.mass:g}: expected a number above 0{_massless(device, period, faults)}")
+    if faults:
+        raise UsageError("\n".join(faults))
+    return Plant(device.mass, device.damping, device.coulomb, device.resolution)
+
+
+def _massless(device: Device, period: float, faults: list[str]) -> str:
+    """Where the limit of a plain spring goes as the mass goes to zero."""
+    if faults or not device.damping:
+        return ""
+    plant = Plant(0.0, device.damping)
+    limit = stiffness_limit(plant, period, device.delay, lambda stiffness: gain([[-stiffness]]))
+    return f"; as it goes to 0, the limit of a spring goes to {limit:.6g}"

@@ -1,0 +1,280 @@
+"""The open loop: what the elements of a scene answer to a motion of the puck that is prescribed, as in a lecture.
+
+The puck starts at rest; virtual masses rest where it is. A step moves it at the first sample, t = 0: it finds them at
+rest where the puck was. Nothing is fed back, so what grows here grows by the method alone.
+"""
+
+import csv
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.api.arguments import arguments_of
+from haptic_fieldbus.cycle.laws import law_of
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
+from haptic_fieldbus.planning.request import check_request
+from haptic_fieldbus.planning.selection import check_rendering
+from haptic_fieldbus.planning.settings import parsed, with_settings
+from haptic_fieldbus.planning.task import Rendering
+from haptic_fieldbus.scenes.element import CouplingElement, DynamicElement, Element, Law
+from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.signals import Signal, Workspace
+
+Array = NDArray[np.float64]
+
+DEFAULT_DURATION = 1.0
+INPUT_FORMS = "step, ramp, sine@HZ or FILE.csv with the columns time and position"
+STATE_NAMES = ("position", "velocity")
+"""Of the first two virtual states; further ones are counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenLoop(Rendering):
+    """A scene without a bench, and the motion of the puck that is prescribed."""
+
+    input: str | Path = "step"
+    """A motion by name, or a file (`INPUT_FORMS`)."""
+    amplitude: float = 1.0
+    """Of the motion [m or rad]; a file is multiplied by it."""
+    duration: float | None = None
+    """[s]; None is `DEFAULT_DURATION`, or that of the file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """One sample a row: time [s], position of the puck [m or rad], force on it [N or N·m], shape (n,) each."""
+
+    time: Array
+    position: Array
+    force: Array
+    states: Mapping[str, Array]
+    """Virtual states by name; those of a second element carry its name in front."""
+    spectral_radius: float | None
+    """Of one step of the method, the largest of all elements; None without virtual states."""
+    diverged: bool
+    """A number was no longer finite; the rows end before it."""
+    workspace: Workspace = Workspace.LINEAR
+    method: str | None = None
+
+    def to_json(self) -> dict[str, object]:
+        """The object that `response --json` prints."""
+        return {
+            "time": self.time.tolist(),
+            "position": self.position.tolist(),
+            "force": self.force.tolist(),
+            "states": {name: values.tolist() for name, values in self.states.items()},
+            "spectral_radius": self.spectral_radius,
+            "diverged": self.diverged,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A prescribed motion: where the puck rests before it, and a position for each time, in rows."""
+
+    rest: float
+    at: Callable[[Array], Array]
+    duration: float = DEFAULT_DURATION
+
+
+@dataclass
+class _Answer:
+    """What one element gave: force (n,), states by name, spectral radius of its step."""
+
+    force: Array
+    states: dict[str, Array] = field(default_factory=dict)
+    spectral_radius: float | None = None
+
+
+@arguments_of(OpenLoop)
+def response(asked: OpenLoop) -> Response:
+    """The force of the scene's first axis for a prescribed motion; rate in Hz, duration in s (a file has its own).
+
+    What is coupled to it stands still.
+
+    `input` is "step", "ramp" (reaches `amplitude` after one second), "sine@HZ" or a file with the columns time and
+    position, which `amplitude` multiplies. Raises DocumentError or UsageError.
+    """
+    duration, method = asked.duration, asked.method or DEFAULT_METHOD
+    check_request(rate=asked.rate, duration=DEFAULT_DURATION if duration is None else duration)
+    check_rendering(asked)
+    motion = motion_of(asked.input, asked.amplitude)
+    period = round(1e9 / asked.rate) * 1e-9
+    chosen = with_settings(asked.scene, parsed(asked.settings)).at_period(period)
+    axis = chosen.axes[0]
+    samples = round((motion.duration if duration is None else duration) / period) + 1
+    time = period * np.arange(samples, dtype=np.float64)
+    position = motion.at(time)
+    elements = (*chosen.of_axis(axis.name), *_grounded(chosen, axis.name))
+    answers = _Answers(elements, period, method, asked.estimator or DEFAULT_ESTIMATOR)
+    return answers.to(time, position, motion.rest, axis.workspace)
+
+
+@dataclass(frozen=True)
+class Grounded:
+    """A coupling as one of its axes feels it while the other stands still at 0."""
+
+    axis: str
+    coupling: CouplingElement
+
+    @property
+    def name(self) -> str:
+        return self.coupling.name
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return self.coupling.needs
+
+    def begin(self, period: float) -> Law:
+        """The force on the axis, by the signals of that axis alone."""
+        law, place = self.coupling.begin(period), self.coupling.axes.index(self.axis)
+        still = (0,) * len(self.needs)
+        return lambda *own: law(*((*still, *own) if place else (*own, *still)))[place]
+
+    def linearised(self) -> StateSpace:
+        """The part of the coupling that is felt there."""
+        space, place = self.coupling.linearised(), self.coupling.axes.index(self.axis)
+        own = slice(2 * place, 2 * place + 2)
+        return StateSpace(space.a, space.b[:, own], space.c[place : place + 1], space.d[place : place + 1, own])
+
+
+def _grounded(scene: Scene, axis: str) -> Iterator[Grounded]:
+    return (Grounded(axis, coupling) for coupling in scene.couplings if axis in coupling.axes)
+
+
+class _Answers:
+    """The elements of one axis, asked one after the other."""
+
+    def __init__(self, elements: tuple[Element, ...], period: float, method: str, estimator: str) -> None:
+        self._elements, self._period = elements, period
+        self._method, self._estimator = method, estimator
+
+    def to(self, time: Array, position: Array, rest: float, workspace: Workspace) -> Response:
+        """The sum of all forces; rows that any element could not finish are left out."""
+        velocity = self._velocity(position, rest)
+        answers = [self._answer(element, position, velocity, rest) for element in self._elements]
+        rows = min([len(answer.force) for answer in answers], default=len(time))
+        force = np.sum([answer.force[:rows] for answer in answers], axis=0) if answers else np.zeros(rows)
+        finite = np.isfinite(force)
+        rows = rows if finite.all() else int(np.argmin(finite))
+        radii = [answer.spectral_radius for answer in answers if answer.spectral_radius is not None]
+        return Response(
+            time=time[:rows],
+            position=position[:rows],
+            force=force[:rows],
+            states={name: values[:rows] for name, values in self._states(answers)},
+            spectral_radius=max(radii, default=None),
+            diverged=rows < len(time),
+            workspace=workspace,
+            method=self._method if radii else None,
+        )
+
+    def _states(self, answers: list[_Answer]) -> Iterator[tuple[str, Array]]:
+        named = [(element, answer) for element, answer in zip(self._elements, answers, strict=True) if answer.states]
+        for number, (element, answer) in enumerate(named):
+            for name, values in answer.states.items():
+                yield f"{element.name}.{name}" if number else name, values
+
+    def _velocity(self, position: Array, rest: float) -> Array:
+        """As the loop estimates it; zeros where nobody asks."""
+        if not any(Signal.VELOCITY in element.needs for element in self._elements):
+            return np.zeros_like(position)
+        from haptic_fieldbus.numerics.estimators import bind, chosen
+
+        estimate, period_ns = bind(self._estimator, self._period), round(1e9 * self._period)
+        if not chosen(self._estimator).estimator.timed:
+            return np.array([estimate(x) for x in [rest, *position.tolist()]])[1:]
+        return np.array([estimate(x, k * period_ns) for k, x in enumerate([rest, *position.tolist()])])[1:]
+
+    def _answer(self, element: Element, position: Array, velocity: Array, rest: float) -> _Answer:
+        if isinstance(element, DynamicElement):
+            return self._dynamic(element, np.stack([position, velocity], axis=1), rest)
+        elapsed_ns = round(1e9 * self._period) * np.arange(len(position))
+        at_rest = {Signal.POSITION: rest, Signal.VELOCITY: 0.0, Signal.ELAPSED_NS: 0}
+        signals = {Signal.POSITION: position, Signal.VELOCITY: velocity, Signal.ELAPSED_NS: elapsed_ns}
+        law = law_of(element, self._period, self._method)
+        law(*[at_rest[signal] for signal in element.needs])
+        if not element.needs:
+            return _Answer(np.full(len(position), law()))
+        return _Answer(_run(law, [signals[signal] for signal in element.needs]))
+
+    def _dynamic(self, element: DynamicElement, inputs: Array, rest: float) -> _Answer:
+        from haptic_fieldbus.numerics import integrators
+        from haptic_fieldbus.numerics.integrators.trajectory import follow
+
+        space = element.dynamics
+        one = integrators.discretise(space, self._period, self._method)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = follow(one, inputs, (integrators.rest(space)[0] * rest).tolist())
+        names = [*STATE_NAMES, *(f"state {number}" for number in range(3, space.order + 1))][: space.order]
+        radius = float(np.abs(np.linalg.eigvals(one.system.a)).max(initial=0.0))
+        states = {name: found.states[:, place] for place, name in enumerate(names)}
+        return _Answer(found.outputs[:, 0], states, radius)
+
+
+def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
+    """The law along its inputs, up to the first number that is not finite."""
+    forces: list[float] = []
+    for row in zip(*(values.tolist() for values in inputs), strict=True):
+        try:
+            forces.append(law(*row))
+        except OverflowError:
+            break
+        if not math.isfinite(forces[-1]):
+            forces.pop()
+            break
+    return np.array(forces)
+
+
+def motion_of(name: str | Path, amplitude: float) -> Motion:
+    """The motion of a name (`INPUT_FORMS`); raises UsageError."""
+    if not math.isfinite(amplitude):
+        raise UsageError(f"amplitude {amplitude:g}: expected a number")
+    text = str(name)
+    if text == "step":
+        return Motion(0.0, lambda time: np.full_like(time, amplitude))
+    if text == "ramp":
+        return Motion(0.0, lambda time: amplitude * time)
+    if text.startswith("sine@"):
+        turn = 2.0 * math.pi * _frequency(text)
+        return Motion(0.0, lambda time: amplitude * np.sin(turn * time))
+    if Path(text).suffix == ".csv":
+        return _recorded(Path(text), amplitude)
+    raise UsageError(f'no input "{text}"; there are: {INPUT_FORMS}')
+
+
+def _frequency(text: str) -> float:
+    try:
+        frequency = float(text.partition("@")[2])
+    except ValueError:
+        frequency = math.nan
+    if not 0.0 < frequency < math.inf:
+        raise UsageError(f'input "{text}": after @ stands a frequency above 0 in Hz, for example sine@2')
+    return frequency
+
+
+def _recorded(path: Path, amplitude: float) -> Motion:
+    """Straight lines between the rows of a file, from its first time on."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    except OSError as error:
+        raise UsageError(f'input "{path}": cannot be read: {error.strerror}') from error
+    try:
+        times = [float(row["time"]) for row in rows]
+        places = [amplitude * float(row["position"]) for row in rows]
+    except (KeyError, TypeError, ValueError):
+        raise UsageError(f'input "{path}": expected the columns time and position, with numbers') from None
+    rising = all(before < after for before, after in pairwise(times))
+    if len(times) < 2 or not rising or not all(map(math.isfinite, (*times, *places))):
+        raise UsageError(f'input "{path}": expected two rows or more of finite numbers, their times rising')
+    first = times[0]
+    return Motion(places[0], lambda time: np.interp(first + time, times, places), times[-1] - first)

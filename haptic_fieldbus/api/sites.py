@@ -1,0 +1,130 @@
+"""Where a run takes place: simulated worlds that share one virtual time, or the real buses of the plan."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+from haptic_fieldbus.assessing.recording import World
+from haptic_fieldbus.buses.access import Access
+from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
+from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.planning.plan import BusPlan, Plan
+from haptic_fieldbus.protocols.registry import added
+from haptic_fieldbus.running.session import Site
+from haptic_fieldbus.sim.faults import Fault, faults_on
+from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.simulation import Simulation
+from haptic_fieldbus.sim.slot import Slot
+
+ACCESS = {"canopen": "haptic_fieldbus.buses.canopen.access:ACCESS"}
+SIMULATIONS = {"canopen": "haptic_fieldbus.sim.canopen.site:SIMULATION"}
+BUS_GROUP, SIMULATION_GROUP = "haptic_fieldbus.buses", "haptic_fieldbus.simulations"
+"""Groups of entry points by which a package adds these halves of its protocol."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What happens on a simulated bench; `seed` draws all that is random."""
+
+    hand: Hand | None = None
+    seed: int = 0
+    faults: tuple[Fault, ...] = ()
+
+
+@contextmanager
+def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator[Site]:
+    """The site of a plan, all of its buses open or none; frames are recorded where the file is one for them.
+
+    Raises UsageError or BusError.
+    """
+    if plan.simulated:
+        _check_faults(conditions.faults, plan)
+    clock: Clock = VirtualClock() if plan.simulated else MonotonicClock()
+    buses: dict[str, Bus] = {}
+    worlds: dict[str, World] = {}
+    with ExitStack() as opened:
+        logs = _logs(plan, record, opened)
+        with ExitStack() as failing:
+            for part in plan.buses:
+                log = logs.get(part.name)
+                if plan.simulated:
+                    buses[part.name], world = _simulated(plan, part, clock, conditions, log)
+                    worlds |= {} if world is None else {part.name: world}
+                else:
+                    buses[part.name] = _access(part.protocol).open_bus(plan.rig.bus[part.name], clock, log)
+                failing.callback(buses[part.name].close)
+            failing.pop_all()
+        yield Site(clock, buses, worlds)
+
+
+def ask_rated_torques(rig: Rig) -> Rig:
+    """Fill in each axis' rated torque from its drive, where the rig does not give it; raises BusError."""
+    axes = {}
+    for name, axis in rig.axis.items():
+        if axis.rated_torque is None:
+            section = rig.bus[axis.bus]
+            axis = replace(axis, rated_torque=_access(section.protocol).rated_torque(section, name, axis))
+        axes[name] = axis
+    return replace(rig, axis=axes)
+
+
+def _logs(plan: Plan, record: Path | None, opened: ExitStack) -> dict[str, Any]:
+    logs: dict[str, Any] = {}
+    for protocol in dict.fromkeys(bus.protocol for bus in plan.buses):
+        names = [bus.name for bus in plan.buses if bus.protocol == protocol]
+        logs |= opened.enter_context(_access(protocol).logs(record, names))
+    return logs
+
+
+def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, log: object) -> tuple[Bus, World | None]:
+    """One simulated bus with its drives; the hand waits until force has faded in."""
+    hand, slots = conditions.hand, []
+    faults = faults_on(conditions.faults, bus.name)
+    for axis in plan.on(bus).axes:
+        waiting = hand.after(axis.limits.fade_in) if hand is not None and plan.scene.holds(axis.name) else None
+        slots.append(Slot(axis.node, axis.profile, axis.rig, waiting, tuple(faults)))
+    channel = bus.name if len(plan.buses) > 1 else ""
+    simulation = _simulation(bus.protocol)
+    return simulation.simulate(plan.rig.bus[bus.name], channel, slots, clock, _seed(plan, bus, conditions.seed), log)
+
+
+def _seed(plan: Plan, bus: BusPlan, seed: int) -> int | str:
+    """Drives are drawn by their node-ID; where an earlier bus has the same, by the name of the bus too."""
+    before = plan.buses[: plan.buses.index(bus)]
+    taken = {axis.node for other in before for axis in plan.on(other).axes}
+    twins = any(axis.node in taken for axis in plan.on(bus).axes)
+    return f"{seed}/{bus.name}" if twins else seed
+
+
+def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
+    names = [bus.name for bus in plan.buses]
+    unknown = [
+        f'fault "{fault.kind}" is on the bus "{fault.bus}"; this run has: {", ".join(names)}'
+        for fault in faults
+        if fault.bus is not None and fault.bus not in names
+    ]
+    if unknown:
+        raise UsageError("\n".join(unknown))
+
+
+def _access(protocol: str) -> Access:
+    return cast(Access, _found(ACCESS, BUS_GROUP, protocol, "real bus"))
+
+
+def _simulation(protocol: str) -> Simulation:
+    return cast(Simulation, _found(SIMULATIONS, SIMULATION_GROUP, protocol, "simulated bus"))
+
+
+def _found(built_in: dict[str, str], group: str, protocol: str, what: str) -> object:
+    """The half of a protocol that is asked for; raises UsageError where it has none."""
+    if protocol in built_in:
+        module, name = built_in[protocol].split(":")
+        return getattr(import_module(module), name)
+    if protocol not in added(group):
+        raise UsageError(f"{protocol} has no {what}: no package adds one (entry point group {group})")
+    return added(group)[protocol].load()

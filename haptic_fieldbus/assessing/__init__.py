@@ -1,0 +1,1 @@
+"""What a run was: its record, torque error, verdict and result."""

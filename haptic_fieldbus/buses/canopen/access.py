@@ -1,0 +1,47 @@
+"""CANopen buses on any python-can interface."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+from haptic_fieldbus.buses.access import Access
+from haptic_fieldbus.buses.canopen.frames import FrameLog, frame_logs
+from haptic_fieldbus.buses.canopen.master import CanopenBus
+from haptic_fieldbus.buses.canopen.node import Node
+from haptic_fieldbus.buses.canopen.setup import NO_ANSWER_ADVICE
+from haptic_fieldbus.buses.canopen.wire import Wire, open_can
+from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.drive.rig import BusSection, RigAxis
+from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
+from haptic_fieldbus.errors import BusTimeoutError
+from haptic_fieldbus.protocols.canopen.bus import can_section
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.catalogue import load_profile
+
+
+class CanopenAccess(Access):
+    """Opened by python-can."""
+
+    def logs(self, record: Path | None, buses: Sequence[str]) -> AbstractContextManager[Mapping[str, FrameLog]]:
+        return frame_logs(record, buses)
+
+    def open_bus(self, section: BusSection, clock: Clock, log: FrameLog | None) -> CanopenBus:
+        return CanopenBus(open_can(can_section(section)), clock, log, owned=True)
+
+    def rated_torque(self, section: BusSection, name: str, axis: RigAxis) -> float | None:
+        profile = load_profile(axis.profile)
+        mapped = profile.torque.rated if isinstance(profile, CanopenProfile) else None
+        if mapped is None:
+            return None
+        can_bus = open_can(can_section(section))
+        try:
+            wire = Wire(can_bus, MonotonicClock(), can_bus.channel_info)
+            raw = Node(wire, axis.node, f"node {axis.node} (axis {name})").read(mapped.entry)
+        except BusTimeoutError as error:
+            raise BusTimeoutError(f"{error}. {NO_ANSWER_ADVICE}") from error
+        finally:
+            can_bus.shutdown()
+        return raw * RATED_TORQUE_UNITS[mapped.unit]
+
+
+ACCESS = CanopenAccess()

@@ -1,0 +1,300 @@
+"""Configuration of one drive by SDO: look first, then write and read back, then start.
+
+Looking writes nothing, so a wrong drive is refused untouched. What the drive must do when the master is gone is part
+of the configuration: a drive that does not confirm it is not started.
+
+Reference: CiA 301 7.5.2 (communication objects); IEC 61800-7-201 (CiA 402-2), 6007h, 6060h, 6061h, 605Eh.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import canopen
+
+from haptic_fieldbus.buses.bus import DriveFacts
+from haptic_fieldbus.buses.canopen.limits import MAX_TORQUE, check_max_torque
+from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
+from haptic_fieldbus.drive.cia402 import OptionCode
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
+from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, Direction, Pdo
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic, Member
+from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
+
+DEVICE_TYPE = ObjectEntry(0x1000, DataType.UINT32)
+SYNC_ID = ObjectEntry(0x1005, DataType.UINT32)
+PRODUCER_HEARTBEAT = ObjectEntry(0x1017, DataType.UINT16)
+VENDOR_ID, PRODUCT_CODE, REVISION, SERIAL = (ObjectEntry(0x1018, DataType.UINT32, sub) for sub in range(1, 5))
+ERROR_CODE = ObjectEntry(0x603F, DataType.UINT16)
+CONTROLWORD = ObjectEntry(0x6040, DataType.UINT16)
+STATUSWORD = ObjectEntry(0x6041, DataType.UINT16)
+MODE = ObjectEntry(0x6060, DataType.INT8)
+MODE_DISPLAY = ObjectEntry(0x6061, DataType.INT8)
+
+DRIVE_PROFILE = 0x0192
+"""Low word of the device type: CiA 402."""
+COB_ID_INVALID = 0x8000_0000
+"""Bit 31 of a PDO's COB-ID: the PDO does not exist."""
+COB_ID_NO_RTR = 0x4000_0000
+"""Bit 30 of a TPDO's COB-ID; many drives have it fixed, so it stays as it is."""
+SYNC_PRODUCER = 0x4000_0000
+"""Bit 30 of 1005h: the device sends SYNC itself."""
+CAN_ID = 0x7FF
+SHAFT_BRAKES = 3
+"""Abort connection option code: quick stop command."""
+SHAFT_WORDS = {1: "the drive faults", 2: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
+NO_ANSWER_ADVICE = "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
+RATED_TORQUE_TOLERANCE = 0.02
+HEARTBEATS_TO_CONFIRM = 3
+POLL_NS = 5_000_000
+DISABLE_TIMEOUT = 1.0  # [s]; for a drive that some earlier master left enabled
+ENERGISED = (
+    PowerState.SWITCHED_ON,
+    PowerState.OPERATION_ENABLED,
+    PowerState.QUICK_STOP_ACTIVE,
+    PowerState.FAULT_REACTION_ACTIVE,
+)
+ABSENT = (0x0602_0000, 0x0609_0011)
+"""SDO abort codes: object, or sub-index, does not exist."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One axis of the plan and its node; `bus` is the traffic that both are part of, `member` their part in it."""
+
+    node: Node
+    axis: AxisPlan
+    bus: CanTraffic
+    member: Member
+
+    def inspect(self) -> DriveFacts:
+        """Is this the drive of the profile, healthy and rated as the rig says? Writes nothing.
+
+        Raises BusTimeoutError, BusConfigurationError, DriveFaultError.
+        """
+        self._check_device_type()
+        vendor, product = self._check_identity()
+        self._check_no_fault()
+        self._check_sync()
+        check_max_torque(self.axis, self.node.label, self._optional(MAX_TORQUE))
+        return DriveFacts(
+            axis=self.axis.name,
+            node=self.node.id,
+            title=self.member.profile.title,
+            vendor_id=vendor,
+            product_code=product,
+            revision=self._optional(REVISION),
+            serial=self._optional(SERIAL),
+            rated_torque=self._check_rated_torque(),
+            link_loss=self._link_loss_words(),
+        )
+
+    def configure(self) -> None:
+        """Write everything, each entry read back; the node is pre-operational and torque-free afterwards."""
+        self.node.booted = False
+        self.node.command(NmtState.PRE_OPERATIONAL)
+        self.node.write(PRODUCER_HEARTBEAT, self.bus.node_heartbeat_ms)
+        self.node.confirm(NmtState.PRE_OPERATIONAL, self._confirmation_time)
+        self._disable()
+        self._guard_link()
+        self._set_mode()
+        self._map_pdos()
+
+    def start(self) -> None:
+        """NMT operational, confirmed by a heartbeat."""
+        self.node.command(NmtState.OPERATIONAL)
+        self.node.confirm(NmtState.OPERATIONAL, self._confirmation_time)
+        if self.node.booted:
+            raise BusConfigurationError(f"{self.node.label} restarted while it was configured: is its supply stable?")
+
+    @property
+    def _confirmation_time(self) -> float:
+        return HEARTBEATS_TO_CONFIRM * self.bus.node_heartbeat_ms * 1e-3
+
+    def _check_device_type(self) -> None:
+        try:
+            device_type = self.node.read(DEVICE_TYPE)
+        except BusTimeoutError as error:
+            raise BusTimeoutError(
+                f"{self.node.label} does not answer on {self.axis.rig.bus} at {self.bus.bitrate} bit/s: "
+                f"{NO_ANSWER_ADVICE}"
+            ) from error
+        if device_type & 0xFFFF != DRIVE_PROFILE:
+            raise BusConfigurationError(
+                f"{self.node.label} is not a CiA 402 drive: its device type 1000h is {device_type:08X}h, "
+                f"a drive's ends in {DRIVE_PROFILE:04X}h"
+            )
+
+    def _check_identity(self) -> tuple[int, int]:
+        vendor, product = self.node.read(VENDOR_ID), self.node.read(PRODUCT_CODE)
+        profile = self.member.profile
+        expected = profile.identity
+        wrong_vendor = expected.vendor_id is not None and vendor != expected.vendor_id
+        wrong_product = bool(expected.product_codes) and product not in expected.product_codes
+        if wrong_vendor or wrong_product:
+            wanted = f"vendor {expected.vendor_id or 0:08X}h"
+            if expected.product_codes:
+                wanted += ", product " + " or ".join(f"{code:08X}h" for code in expected.product_codes)
+            raise BusConfigurationError(
+                f"{self.node.label} is another drive: 1018h says vendor {vendor:08X}h, product {product:08X}h; "
+                f"the profile {profile.name or profile.title} expects {wanted}. Nothing was written"
+            )
+        return vendor, product
+
+    def _check_no_fault(self) -> None:
+        statusword = self.node.read(STATUSWORD)
+        if CIA402.state(statusword) not in (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE):
+            return
+        code = self._optional(ERROR_CODE)
+        cause = "" if code is None else f", error code {code:04X}h (603Fh)"
+        raise DriveFaultError(
+            f"{self.node.label} is in the state {CIA402.state(statusword).value}{cause}. Remove the cause, then clear "
+            "it: switch the drive off and on, or write 6040h = 0 and then 80h with the drive's own tool"
+        )
+
+    def _check_sync(self) -> None:
+        sync = self._optional(SYNC_ID)
+        if sync is None:
+            return
+        if sync & CAN_ID != SYNC_COB_ID or sync & SYNC_PRODUCER:
+            raise BusConfigurationError(
+                f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is needed"
+            )
+
+    def _check_rated_torque(self) -> float | None:
+        """The drive's rated torque [N·m]; it scales every command, so the rig's must agree."""
+        mapped = self.member.profile.torque.rated
+        if mapped is None:
+            return None
+        if mapped.unit not in RATED_TORQUE_UNITS:
+            known = ", ".join(RATED_TORQUE_UNITS)
+            raise BusConfigurationError(
+                f"{self.member.profile.title}: unit {mapped.unit!r} of {mapped.entry} is not one of {known}"
+            )
+        rated = self.node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
+        expected = self.axis.rig.rated_torque
+        if expected is not None and abs(rated - expected) > RATED_TORQUE_TOLERANCE * expected:
+            raise BusConfigurationError(
+                f"{self.node.label}: its rated torque is {rated:g} N·m ({mapped.entry}), the rig says {expected:g} N·m "
+                f"(axis.{self.axis.name}.rated_torque); every command would be wrong by that much"
+            )
+        return rated
+
+    def _disable(self) -> None:
+        """Switch the power stage off, should some earlier master have left it on."""
+        if self.energised():
+            self.node.send(CONTROLWORD, DISABLE_VOLTAGE)
+        self._poll(
+            lambda: not self.energised(),
+            DISABLE_TIMEOUT,
+            lambda: "was found enabled and stays so although it was told to disable voltage",
+        )
+
+    def energised(self, timeout: float = SDO_TIMEOUT) -> bool:
+        """Can the motor carry torque, by the statusword read now [s]?"""
+        return CIA402.state(self.node.read(STATUSWORD, timeout)) in ENERGISED
+
+    def _guard_link(self) -> None:
+        """What the drive does when the master is gone: deadline, and reactions that leave no torque."""
+        section = self.member.profile.link_loss
+        if section.heartbeat_consumer is None:
+            raise _unguarded(self.member.profile.title, "no heartbeat consumer (profile: link_loss.heartbeat_consumer)")
+        if section.abort_connection_option is None and section.fault_reaction_option is None:
+            raise _unguarded(self.member.profile.title, "no reaction to the loss of its master (profile: link_loss)")
+        consumer = ObjectEntry(section.heartbeat_consumer, DataType.UINT32, 1)
+        self.node.write(consumer, self.bus.master_node << 16 | self._deadline_ms)
+        for option in (section.abort_connection_option, section.fault_reaction_option):
+            if option is not None:
+                self.node.write(ObjectEntry(option.object, DataType.INT16), self._reaction(option))
+
+    def release_guard(self, timeout: float) -> None:
+        """The drive no longer watches us, so that our leaving is no error; raises BusError [s]."""
+        index = self.member.profile.link_loss.heartbeat_consumer
+        if index is not None:
+            self.node.send(ObjectEntry(index, DataType.UINT32, 1), 0, timeout)
+
+    @property
+    def _deadline_ms(self) -> int:
+        return max(1, round(self.member.profile.link_loss.deadline * 1e3))
+
+    def _reaction(self, option: OptionCode) -> int:
+        brakes = (
+            self.axis.rig.on_link_loss == "brake" and option is self.member.profile.link_loss.abort_connection_option
+        )
+        return SHAFT_BRAKES if brakes else option.value
+
+    def _link_loss_words(self) -> str:
+        option = self.member.profile.link_loss.abort_connection_option
+        reaction = 0 if option is None else self._reaction(option)
+        words = SHAFT_WORDS.get(reaction, f"the drive reacts as it was set up ({reaction})")
+        return f"on link loss {words} within {self._deadline_ms} ms"
+
+    def _set_mode(self) -> None:
+        mode = self.member.profile.torque.mode_of_operation
+        self.node.write(MODE, mode)
+        self._poll(
+            lambda: self.node.read(MODE_DISPLAY) == mode,
+            self.member.profile.timing.mode_change_timeout,
+            lambda: f"did not take over mode of operation {mode}: {MODE_DISPLAY} says {self.node.read(MODE_DISPLAY)}",
+        )
+
+    def _map_pdos(self) -> None:
+        available = self.member.profile.pdo
+        for direction, number, pdos in (
+            (Direction.TPDO, available.tpdos, self.member.traffic.tpdos),
+            (Direction.RPDO, available.rpdos, self.member.traffic.rpdos),
+        ):
+            used = {pdo.number: pdo for pdo in pdos}
+            for at in range(1, number + 1):
+                cob_id = self._switch_off(direction, at)
+                if at in used:
+                    self._map(used[at], cob_id)
+
+    def _switch_off(self, direction: Direction, number: int) -> int:
+        """Makes the PDO invalid if it is not; returns its COB-ID as it then stands."""
+        entry = _communication(direction, number, DataType.UINT32, 1)
+        cob_id = self.node.read(entry)
+        if not cob_id & COB_ID_INVALID:
+            cob_id |= COB_ID_INVALID
+            self.node.write(entry, cob_id)
+        return cob_id
+
+    def _map(self, pdo: Pdo, cob_id: int) -> None:
+        """In the order that CiA 301 prescribes: invalid, no entries, entries, their number, type, valid."""
+        self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), 0)
+        for subindex, entry in enumerate(pdo.entries, start=1):
+            self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT32, subindex), entry.mapping)
+        self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), len(pdo.entries))
+        self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT8, 2), pdo.transmission_type)
+        if pdo.direction is Direction.TPDO and not pdo.synchronous:
+            self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)
+        valid = pdo.cob_id | (cob_id & COB_ID_NO_RTR)
+        self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT32, 1), valid)
+
+    def _optional(self, entry: ObjectEntry) -> int | None:
+        """An entry that a drive may lack."""
+        try:
+            return self.node.read(entry)
+        except BusConfigurationError as error:
+            cause = error.__cause__
+            if isinstance(cause, canopen.SdoAbortedError) and cause.code in ABSENT:
+                return None
+            raise
+
+    def _poll(self, reached: Callable[[], bool], timeout: float, complaint: Callable[[], str]) -> None:
+        deadline_ns = self.node.now_ns() + round(timeout * 1e9)
+        while not reached():
+            if self.node.now_ns() >= deadline_ns:
+                raise BusConfigurationError(f"{self.node.label} {complaint()} (waited {timeout:g} s)")
+            self.node.wait(POLL_NS)
+
+
+def _communication(direction: Direction, number: int, kind: DataType, subindex: int) -> ObjectEntry:
+    return ObjectEntry((0x1800 if direction is Direction.TPDO else 0x1400) + number - 1, kind, subindex)
+
+
+def _unguarded(title: str, lacks: str) -> BusConfigurationError:
+    return BusConfigurationError(f"{title} has {lacks}: it could hold the last torque when the cable breaks; refused")

@@ -1,0 +1,1 @@
+"""The running plan: one input image in, one output image out, once a period."""

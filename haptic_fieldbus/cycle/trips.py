@@ -1,0 +1,100 @@
+"""A trip as an exception: whose fault it was, and a sentence that says what, by how much and when."""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+
+from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
+from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.signals import LinkFlag
+
+TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
+    TripKind.EMERGENCY: DriveFaultError,
+    TripKind.DRIVE_FAULT: DriveFaultError,
+    TripKind.DRIVE_DISABLED: DriveFaultError,
+    TripKind.NODE_RESET: DriveFaultError,
+    TripKind.NODE_NOT_OPERATIONAL: DriveFaultError,
+    TripKind.NO_SIGN_OF_LIFE: BusTimeoutError,
+    TripKind.FEEDBACK_LOST: BusTimeoutError,
+    TripKind.BUS_OFF: BusError,
+    TripKind.BUS_EXCEPTION: BusError,
+    TripKind.NOT_FINITE: SafetyTripError,
+    TripKind.SPEED: SafetyTripError,
+    TripKind.POSITION: SafetyTripError,
+    TripKind.DRIFT: SafetyTripError,
+}
+"""Whose fault it was: the drive's, the bus', or a limit of ours."""
+
+
+SILENCES = (TripKind.FEEDBACK_LOST, TripKind.NO_SIGN_OF_LIFE)
+"""What a restart looks like before the node can say that it restarted."""
+
+
+def explained(trip: Trip, restarted: Collection[str]) -> Trip:
+    """The trip as it is known when torque is off: a node that fell silent may have restarted."""
+    return replace(trip, kind=TripKind.NODE_RESET) if trip.kind in SILENCES and trip.axis in restarted else trip
+
+
+def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticFieldbusError:
+    """The exception for a trip; `enabled_at_ns` is None before operation enabled."""
+    axis = next(axis for axis in plan.axes if axis.name == trip.axis)
+    cause, when = CAUSES[trip.kind](trip, axis), moment(trip.t_ns, enabled_at_ns)
+    return TRIP_ERRORS[trip.kind](f"axis {trip.axis}: {cause}, {when}. Torque was taken away")
+
+
+def moment(t_ns: int, enabled_at_ns: int | None) -> str:
+    """When something happened, as messages say it."""
+    if enabled_at_ns is None:
+        return "before operation enabled"
+    return f"{(t_ns - enabled_at_ns) * 1e-9:.3f} s after operation enabled"
+
+
+def _told_by_bus(flag: LinkFlag) -> "Cause":
+    """In the words of its protocol."""
+    return lambda trip, axis: axis.traffic.fault_text(flag, int(trip.value))
+
+
+def _power(trip: Trip, axis: AxisPlan) -> str:
+    return f"node {axis.node} went to {trip.detail} by itself (statusword {int(trip.value):04X}h)"
+
+
+def _feedback(trip: Trip, axis: AxisPlan) -> str:
+    return f"no feedback from node {axis.node}: the last is {trip.value * 1e3:.1f} ms old"
+
+
+def _not_finite(trip: Trip, axis: AxisPlan) -> str:
+    return f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
+
+
+def _speed(trip: Trip, axis: AxisPlan) -> str:
+    unit = axis.workspace.length_unit
+    return f"speed {trip.value:.3g} {unit}/s, the limit is {trip.limit:g} {unit}/s"
+
+
+def _position(trip: Trip, axis: AxisPlan) -> str:
+    unit = axis.workspace.length_unit
+    return f"position {trip.value:.4g} {unit}, the limit is {trip.limit:g} {unit}"
+
+
+def _drift(trip: Trip, axis: AxisPlan) -> str:
+    """What to do is a part of it: a new run finds zero anew."""
+    unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
+    return (
+        f"the position may be off by {trip.value:.3g} {unit}, the limit is {trip.limit:.3g} {unit}: what is rounded "
+        f"off {axis.profile.title}'s velocity, its only feedback, in steps of {step:.3g} {unit}/s, adds up (to go on, "
+        f"start anew with the handle at its zero, or raise axis.{axis.name}.limits.drift)"
+    )
+
+
+Cause = Callable[[Trip, AxisPlan], str]
+CAUSES: dict[TripKind, Cause] = {
+    **{kind: _told_by_bus(flag) for flag, kind in LINK_TRIPS.items()},
+    TripKind.DRIVE_FAULT: _power,
+    TripKind.DRIVE_DISABLED: _power,
+    TripKind.FEEDBACK_LOST: _feedback,
+    TripKind.NOT_FINITE: _not_finite,
+    TripKind.SPEED: _speed,
+    TripKind.POSITION: _position,
+    TripKind.DRIFT: _drift,
+}

@@ -1,0 +1,113 @@
+"""A drive with the objects of CiA 402, whatever carries them: which object is which signal, and its option codes.
+
+Reference: IEC 61800-7-201 (CiA 402-2).
+"""
+
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar
+
+from annotated_types import Ge, Le
+
+from haptic_fieldbus.drive.fields import STRICT, UInt32
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
+from haptic_fieldbus.signals import Signal
+
+Index = Annotated[int, Ge(0x1000), Le(0xFFFF)]
+
+
+@dataclass(frozen=True)
+class MappedObject:
+    """An object that carries a signal, as written in a profile."""
+
+    object: Index
+    type: DataType
+    subindex: Annotated[int, Ge(0), Le(255)] = 0
+    unit: str = ""
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def entry(self) -> ObjectEntry:
+        return ObjectEntry(self.object, self.type, self.subindex, self.unit)
+
+
+@dataclass(frozen=True)
+class OptionCode:
+    """An option object and the value that it must hold while force is rendered."""
+
+    object: Index
+    value: Annotated[int, Ge(-32768), Le(32767)]
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class IdentitySection:
+    """Compared with 1018h before anything is written; None is not compared."""
+
+    vendor_id: UInt32 | None = None
+    product_codes: tuple[UInt32, ...] = ()
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class TorqueSection:
+    mode_of_operation: Annotated[int, Ge(-128), Le(127)]
+    target: MappedObject
+    actual: MappedObject | None = None
+    rated: MappedObject | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class PositionSection:
+    actual: MappedObject
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class VelocitySection:
+    actual: MappedObject
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkLoss:
+    """What the drive does when its master is gone."""
+
+    abort_connection_option: OptionCode | None = None
+    fault_reaction_option: OptionCode | None = None
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cia402Profile(DriveProfile):
+    """A drive model by its objects."""
+
+    torque: TorqueSection
+    position: PositionSection | None = None
+    velocity: VelocitySection | None = None
+    """What the drive measures itself; read only where there is no position."""
+    identity: IdentitySection = field(default_factory=IdentitySection)
+    link_loss: LinkLoss = field(default_factory=LinkLoss)
+    __pydantic_config__: ClassVar = STRICT
+
+    def entries(self) -> dict[Signal, ObjectEntry]:
+        """The objects that carry each signal."""
+        entries = {
+            Signal.STATUSWORD: ObjectEntry(0x6041, DataType.UINT16),
+            Signal.CONTROLWORD: ObjectEntry(0x6040, DataType.UINT16),
+            Signal.TARGET_TORQUE: self.torque.target.entry,
+        }
+        if self.position is not None:
+            entries[Signal.POSITION] = self.position.actual.entry
+        if self.velocity is not None:
+            entries[Signal.VELOCITY] = self.velocity.actual.entry
+        if self.torque.actual is not None:
+            entries[Signal.TORQUE_ACTUAL] = self.torque.actual.entry
+        return entries
+
+    def offers(self) -> dict[Signal, MappedSignal]:
+        """The same without what only CANopen needs to know."""
+        return {
+            signal: MappedSignal(signal, str(entry), entry.type, entry.unit) for signal, entry in self.entries().items()
+        }

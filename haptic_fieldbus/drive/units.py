@@ -1,0 +1,41 @@
+"""Units of what a drive reads and takes, as written in profiles: the size of one step, in SI at the motor shaft."""
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.drive.rig import RigAxis
+
+PERMILLE, MILLIAMPERE, MILLINEWTON_METRE = "permille_of_rated_torque", "mA", "mN·m"
+TORQUE_UNITS = (PERMILLE, MILLIAMPERE, MILLINEWTON_METRE)
+RATED_TORQUE_UNITS = {"µN·m": 1e-6, "mN·m": 1e-3, "N·m": 1.0}
+"""Unit of the rated torque → N·m."""
+COUNTS, MILLIRADIAN = "counts", "mrad"
+COUNTS_PER_SECOND = "counts/s"
+REVOLUTIONS_PER_SECOND = {"rpm": 1 / 60, "0.1 rpm": 1 / 600, "0.01 rpm": 1 / 6_000, "0.001 rpm": 1 / 60_000}
+"""One step of a velocity in revolutions of the motor a second: the units of CiA 402-2, 60A9h, that drives have."""
+VELOCITY_UNITS = (*REVOLUTIONS_PER_SECOND, COUNTS_PER_SECOND)
+
+
+def torque_step(unit: str, axis: "RigAxis") -> float | None:
+    """One step of torque [N·m]; None where the rig does not give what it follows from (`needed_for`)."""
+    if unit == MILLINEWTON_METRE:
+        return 1e-3
+    if unit == MILLIAMPERE:
+        return None if axis.torque_constant is None else 1e-3 * axis.torque_constant
+    return None if axis.rated_torque is None else axis.rated_torque / 1000.0
+
+
+def needed_for(unit: str) -> str:
+    """The key of a rig's axis from which a step of torque follows."""
+    return "torque_constant" if unit == MILLIAMPERE else "rated_torque"
+
+
+def steps_per_revolution(unit: str, counts_per_revolution: int) -> float:
+    """Steps of a position in one revolution of the motor."""
+    return 2e3 * math.pi if unit == MILLIRADIAN else counts_per_revolution
+
+
+def velocity_step(unit: str, counts_per_revolution: int) -> float:
+    """One step of a velocity [rad/s]."""
+    return 2 * math.pi * REVOLUTIONS_PER_SECOND.get(unit, 1 / counts_per_revolution)

@@ -1,0 +1,84 @@
+"""A plan in words: what is mapped, what runs each period, what was left out, what it costs.
+
+The text is the golden file of each scene on each profile.
+"""
+
+import math
+from collections.abc import Iterator
+
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.plan import BusPlan, Plan
+
+KEY_WIDTH = 11
+
+
+def explain(plan: Plan) -> str:
+    """Several lines, a key and a text each; ends without a newline."""
+    return "\n".join(f"{key:{KEY_WIDTH}}{text}".rstrip() for key, text in _lines(plan))
+
+
+def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
+    yield "scene", f"{plan.scene.name}: {plan.scene.description}"
+    for axis in plan.axes:
+        yield "axis", _axis(axis)
+    for bus in plan.buses:
+        yield "bus", _bus(plan, bus)
+        for axis in plan.on(bus).axes:
+            yield from axis.traffic.lines()
+    yield from _listed("steps", [f"{number}  {step}" for number, step in enumerate(plan.steps, start=1)])
+    yield from _listed("modules", list(plan.modules))
+    yield from _listed("left out", [f"{left.what}: {left.why}" for left in plan.left_out])
+    yield "delay", delay_text(plan)
+    yield from _listed("coupling", [str(ages) for ages in plan.coupling_ages])
+    yield from _stability(plan)
+
+
+def _axis(axis: AxisPlan) -> str:
+    effort = f"at most {axis.limits.effort:.3g} {axis.workspace.effort_unit}"
+    return f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"
+
+
+def _bus(plan: Plan, bus: BusPlan) -> str:
+    """Named where there are several."""
+    name, axes = (f"{bus.name}: ", f", axes {', '.join(bus.axes)}") if len(plan.buses) > 1 else ("", "")
+    return f"{name}{bus.traffic.line()}{axes}"
+
+
+def _listed(key: str, texts: list[str]) -> Iterator[tuple[str, str]]:
+    for position, text in enumerate(texts):
+        yield (key if position == 0 else ""), text
+
+
+def delay_text(plan: Plan) -> str:
+    """The delay budget in one line [ms]."""
+    delay = plan.delay
+    parts = ", ".join(
+        f"{name} {1e3 * part:.2f}"
+        for name, part in (
+            ("bus", delay.bus),
+            ("compute", delay.compute),
+            ("drive", delay.drive),
+            ("torque loop", delay.torque_loop),
+        )
+    )
+    return f"{1e3 * delay.total:.2f} ms: {parts}; the hold adds T/2 = {500 * plan.period:.2f}"
+
+
+def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
+    axis, stability = plan.weakest, plan.stability
+    if axis is None or stability is None:
+        yield "stability", "unknown: the rig does not give inertia and viscous_damping"
+        return
+    limit = stability.stiffness_limit
+    if stability.stiffness is None or limit.stable is None or limit.passive is None:
+        yield "stability", stability.verdict.value
+        return
+    per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
+    limits = f"stable {_up_to(limit.stable)}, passive {_up_to(limit.passive)}"
+    yield "stability", f"{stability.verdict.value}: {stability.stiffness:g} {per} asked, {limits}"
+    if stability.recommended is not None:
+        yield "", f"recommended up to {stability.recommended:.3g} {per}"
+
+
+def _up_to(limit: float) -> str:
+    return f"to {limit:.4g}" if math.isfinite(limit) else "with no limit"

@@ -1,0 +1,72 @@
+"""No: a loop that would be unstable is refused before anything moves, with its limit and what would be stable."""
+
+from haptic_fieldbus.errors import UnstableSceneError
+from haptic_fieldbus.margins import Stability, Verdict
+from haptic_fieldbus.margins.group import Group
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.scenes.element import AnyElement, Graded
+from haptic_fieldbus.scenes.files import parameters
+from haptic_fieldbus.signals import Signal
+
+
+def check_stable(plan: Plan, *, running: bool = False) -> None:
+    """Raises UnstableSceneError for the first axis that is; one whose bench is unknown has no verdict.
+
+    To a loop that is `running` no damping is proposed where it estimates no velocity.
+    """
+    for axis in plan.axes:
+        if axis.group is not None and axis.stability is not None and axis.stability.verdict is Verdict.UNSTABLE:
+            limit = axis.stability.stiffness_limit.stable
+            raise UnstableSceneError(_refusal(plan, axis.group, axis.stability, running), limit=limit)
+
+
+def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> str:
+    """What is unstable, where the limit lies, and what would be stable."""
+    axis = plan.axis(group.told_by)
+    per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
+    asked = "this scene" if stability.stiffness is None else f"{stability.stiffness:g} {per}"
+    if group.stiffest is not None and len(group.varied) > 1 and not group.couplings:
+        asked += f" of {group.stiffest.name}"
+    limit = stability.stiffness_limit.stable
+    at = f"at {plan.rate:g} Hz with {1e3 * axis.delay.total:.2f} ms of delay"
+    limited = f"limit {limit:.4g} {per} {at}" if limit else f"no stiffness is stable {at}{_uncoupled(plan, group)}"
+    hints = _hints(group)
+    if running and Signal.VELOCITY not in axis.needs:
+        hints = [hint for hint in hints if ".damping=" not in hint]
+    would = f"\nWould be stable: {' · or '.join(hints)}." if hints else ""
+    return f"{asked} is unstable on this bench: {limited}.{would}"
+
+
+def _uncoupled(plan: Plan, group: Group) -> str:
+    """Which of the coupled axes are unstable by themselves, so that no coupling of theirs is stable."""
+    parts = []
+    for each in group.uncoupled():
+        found, element, space = each.told, each.stiffest, plan.axis(each.told_by).workspace
+        if element is not None and found.verdict is Verdict.UNSTABLE:
+            limit = f"limit {found.stiffness_limit.stable:.4g} {space.effort_unit}/{space.length_unit}"
+            parts.append(f"; {element.name} on {each.told_by} is unstable without a coupling too, {limit}")
+    return "".join(parts)
+
+
+def _softer(element: AnyElement, stiffness: float) -> str:
+    """The settings that give an element this stiffness; where it follows from other parameters, those."""
+    if not isinstance(element, Graded):
+        return f"--set {element.name}.stiffness={stiffness:g}"
+    softer = element.with_stiffness(stiffness)
+    changed = {name: getattr(softer, name) for name in parameters(type(element)) if name != "stiffness"}
+    changed = {name: value for name, value in changed.items() if value != getattr(element, name)}
+    if not all(isinstance(value, float) for value in changed.values()):
+        return f"{element.name} with {stiffness / element.stiffness:.2g} times its stiffnesses"
+    settings = [f"{name}={value:g}" for name, value in changed.items()]
+    return " ".join(f"--set {element.name}.{setting}" for setting in settings)
+
+
+def _hints(group: Group) -> list[str]:
+    """Settings that would make the group stable, all else as it is."""
+    element, found = group.stiffest, group.suggested()
+    if element is None:
+        return []
+    hints = [] if found.stiffness is None else [_softer(element, found.stiffness)]
+    if found.damping is not None and found.damping_limit is not None:
+        hints.append(f"--set {element.name}.damping={found.damping:g} (limit {found.damping_limit:.4g})")
+    return hints

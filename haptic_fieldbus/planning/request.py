@@ -1,0 +1,143 @@
+"""What a caller may ask for, checked before anything is opened: all faults at once, in one `UsageError`.
+
+The Python API and the command line both pass through here, so both are equally safe and say the same sentences.
+"""
+
+import math
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from haptic_fieldbus.documents import suggestion
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.registry import DEFAULT_PROTOCOL, parse_bus, protocol_named
+
+MAXIMUM_RATE = 100_000.0
+"""[Hz]; far above what any bus here carries, so that a period is never shorter than the clock resolves."""
+
+PLOT_SUFFIXES = (".png", ".svg", ".pdf")
+RECORD_SUFFIXES = (".log", ".blf", ".csv")
+
+
+def parse_settings(texts: Iterable[str]) -> dict[str, str]:
+    """`element.parameter=value` texts as a mapping; raises one UsageError that lists all malformed ones."""
+    settings: dict[str, str] = {}
+    faults = []
+    for text in texts:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        element, _, parameter = key.partition(".")
+        if not (equals and element and parameter and value):
+            faults.append(f'--set "{text}": expected element.parameter=value, for example wall.stiffness=400')
+        elif key in settings:
+            faults.append(f"--set {key}: given twice, as {settings[key]} and {value}")
+        settings[key] = value
+    _raise(faults)
+    return settings
+
+
+def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
+    """`SECONDS:element.parameter=value` texts in the order of their times, those of one time together.
+
+    Raises one UsageError that lists all malformed ones.
+    """
+    changes: dict[float, dict[str, str]] = {}
+    faults = []
+    for text in texts:
+        when, _, setting = text.partition(":")
+        try:
+            time = float(when)
+            ((key, value),) = parse_settings([setting]).items()
+        except ValueError:
+            faults.append(
+                f'--change "{text}": expected SECONDS:element.parameter=value, for example 2.5:wall.stiffness=400'
+            )
+            continue
+        same = changes.setdefault(time, {})
+        if key in same:
+            faults.append(f"--change {time:g}:{key}: given twice, as {same[key]} and {value}")
+        same[key] = value
+    _raise(faults)
+    return sorted(changes.items())
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A name out of a table: what it is called, what was given, what there is."""
+
+    what: str
+    given: str | None
+    names: Collection[str]
+
+    def faults(self) -> list[str]:
+        if self.given is None or self.given in self.names:
+            return []
+        return [f'no {self.what} "{self.given}"{suggestion(self.given, self.names)}']
+
+
+def check_request(
+    *,
+    bus: str = "sim",
+    node: int = 1,
+    rate: float = 1000.0,
+    duration: float = 10.0,
+    seed: int = 0,
+    choices: Sequence[Choice] = (),
+    record: Path | None = None,
+    plot: Path | None = None,
+) -> BusName:
+    """Check all that was asked for (rate in Hz, duration in s); raises one UsageError that lists every fault."""
+    faults = _number_faults(rate, duration, seed)
+    faults += [fault for choice in choices for fault in choice.faults()]
+    faults += file_faults("record", record, RECORD_SUFFIXES)
+    faults += file_faults("plot", plot, PLOT_SUFFIXES)
+    try:
+        name = parse_bus(bus)
+    except UsageError as error:
+        raise UsageError("\n".join([str(error), *_node_faults(DEFAULT_PROTOCOL, node), *faults])) from None
+    _raise([*_node_faults(name.section.protocol, node), *faults])
+    return name
+
+
+def _node_faults(protocol: str, node: int) -> list[str]:
+    """Of a bus that cannot be told, the nodes are those of the default protocol."""
+    nodes = protocol_named(protocol).nodes
+    return [] if node in nodes else [f"node {node}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}"]
+
+
+def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
+    good_rate = 0.0 < rate <= MAXIMUM_RATE
+    good_duration = math.isfinite(duration) and duration > 0.0
+    checks = [
+        (good_rate, f"rate {rate:g}: expected a rate above 0 and up to {MAXIMUM_RATE:g} Hz"),
+        (good_duration, f"duration {duration:g}: expected a time above 0 s"),
+        (
+            not (good_rate and good_duration) or rate * duration >= 1.0,
+            f"duration {duration:g} s: less than one period at {rate:g} Hz",
+        ),
+        (seed >= 0, f"seed {seed}: expected a whole number from 0"),
+    ]
+    return [sentence for good, sentence in checks if not good]
+
+
+def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list[str]:
+    """Why a file could not be written, known before the run rather than after it."""
+    if path is None:
+        return []
+    if path.suffix not in suffixes:
+        return [f'{option} "{path}": the suffix must be one of {", ".join(suffixes)}']
+    if not path.parent.is_dir():
+        return [f'{option} "{path}": there is no folder {path.parent}']
+    existed = path.exists()
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        return [f'{option} "{path}": cannot be written: {error.strerror}']
+    if not existed:
+        path.unlink()
+    return []
+
+
+def _raise(faults: list[str]) -> None:
+    if faults:
+        raise UsageError("\n".join(faults))

@@ -1,0 +1,154 @@
+"""From a task (scene, bench, settings) to a compiled plan, in one line: load, check, compile."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from haptic_fieldbus.drive.rig import BusSection, LinearMechanism, Rig, RigAxis, RotaryMechanism, default_axis
+from haptic_fieldbus.errors import PlanError, UsageError
+from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.settings import Settled, settled
+from haptic_fieldbus.planning.task import SIMULATION, Rendering, Task
+from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
+from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
+from haptic_fieldbus.scenes.checked import check_elements
+from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.signals import Workspace
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What a task names, loaded: its scene with settings, the bench, and the bus."""
+
+    task: Task
+    settled: Settled
+    rig: Rig
+    bus: BusName
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A plan and the bus it is for."""
+
+    plan: Plan
+    bus: BusName
+
+
+def select(task: Task) -> Selection:
+    """Load, check and compile; raises DocumentError, UsageError or PlanError."""
+    loaded = load(task)
+    check_known(loaded)
+    return compiled(loaded)
+
+
+def load(task: Task) -> Loaded:
+    """Load what the task names, without judging it; raises DocumentError or UsageError."""
+    check_rendering(task)
+    rig = load_rig(task.rig) if isinstance(task.rig, str | Path) else task.rig
+    bus = parse_bus(task.bus or SIMULATION) if rig is None or task.bus is not None else _bus_of(rig)
+    if rig is not None and task.bus is not None:
+        rig = _on_bus(rig, bus)
+    scene = settled(task.scene, task.settings)
+    if rig is None:
+        rig = _shipped_bench(scene.scene, task.drive, bus, task.node)
+    return Loaded(task, scene, rig, bus)
+
+
+def check_rendering(asked: Rendering) -> None:
+    """Refuse names that do not exist, also where the scene needs neither, and elements that no file may have.
+
+    Only what is named is imported. Raises UsageError or SceneError.
+    """
+    if asked.method is not None:
+        from haptic_fieldbus.numerics.integrators import method_named
+
+        method_named(asked.method)
+    if asked.estimator is not None:
+        from haptic_fieldbus.numerics.estimators import chosen
+
+        chosen(asked.estimator)
+    if isinstance(asked.scene, Scene):
+        check_elements(asked.scene, 1.0 / asked.rate, asked.method)
+
+
+def check_known(loaded: Loaded) -> None:
+    """Raises PlanError that names every key of the rig without which stability cannot be judged."""
+    missing = [
+        f"axis.{name}.{key}"
+        for name, axis in loaded.rig.axis.items()
+        for key in ("rated_torque", "inertia", "viscous_damping")
+        if getattr(axis, key) is None
+    ]
+    if missing:
+        raise PlanError(
+            f"the bench on {loaded.bus.text} is unknown, so stability cannot be judged. A rig file (--rig FILE) must "
+            f"give: {', '.join(missing)}. Without them, --force allows 5 % of rated torque"
+        )
+
+
+def compiled(loaded: Loaded) -> Selection:
+    """Compile for the bench; where a setting is a part of the limit, once without it to know the limit."""
+    plan = _compiled(loaded, loaded.settled.scene)
+    if loaded.settled.part is not None:
+        plan = _compiled(loaded, loaded.settled.at(plan.stability))
+    return Selection(plan, loaded.bus)
+
+
+def _compiled(loaded: Loaded, scene: Scene) -> Plan:
+    task, rig = loaded.task, loaded.rig
+    profiles = {axis.profile: load_profile(axis.profile) for axis in rig.axis.values()}
+    return compile_plan(scene, rig, profiles, task.rate, method=task.method, estimator=task.estimator)
+
+
+def _used(rig: Rig) -> dict[str, BusSection]:
+    """The buses on which there are axes, by name."""
+    return {name: rig.bus[name] for name in sorted({axis.bus for axis in rig.axis.values()})}
+
+
+def _bus_of(rig: Rig) -> BusName:
+    """What the rig's buses are, all together; raises UsageError when one run cannot use them together."""
+    names = {name: protocol_named(section.protocol).bus_name(section) for name, section in _used(rig).items()}
+    listed = ", ".join(f"{name} is {bus.text}" for name, bus in names.items())
+    if len({bus.simulated for bus in names.values()}) > 1:
+        raise UsageError(
+            f"{rig.source or 'the rig'} mixes simulated and real buses: {listed}. A run has either virtual or real "
+            "time; --bus sim simulates all of them"
+        )
+    if len({(bus.section.interface, bus.section.channel) for bus in names.values()}) < len(names):
+        raise UsageError(
+            f"{rig.source or 'the rig'} names one bus twice: {listed}. What hangs on one pair of wires is one [bus]"
+        )
+    first = next(iter(names.values()))
+    return replace(first, text=", ".join(bus.text for bus in names.values()))
+
+
+def _on_bus(rig: Rig, named: BusName) -> Rig:
+    """The rig on the bus that was named; of a rig with several, only the simulation can stand for all."""
+    used = _used(rig)
+    if len(used) > 1 and not named.simulated:
+        raise UsageError(
+            f"--bus {named.text} is one bus, but the axes of {rig.source or 'the rig'} are on several: "
+            f"{', '.join(used)}. Leave it out, or simulate them with --bus sim"
+        )
+    sections = {
+        own: protocol_named(section.protocol).in_place_of(section, named, own if len(used) > 1 else None)
+        for own, section in used.items()
+    }
+    return replace(rig, bus=sections)
+
+
+def _shipped_bench(scene: Scene, drive: str, bus: BusName, node: int) -> Rig:
+    """One axis per axis of the scene, nodes counting from `node`; on a real bus its plant is unknown."""
+    name = bus.text.partition("@")[0]
+    make = default_axis if bus.simulated else _unknown_axis
+    axes = {
+        axis.name: make(axis.workspace, bus=name, node=node + position, profile=drive)
+        for position, axis in enumerate(scene.axes)
+    }
+    return Rig({name: bus.section}, axes)
+
+
+def _unknown_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
+    mechanism = LinearMechanism("linear", 0.05) if workspace is Workspace.LINEAR else RotaryMechanism("rotary")
+    return RigAxis(bus, node, profile, mechanism, encoder_counts_per_revolution=4096)

@@ -1,0 +1,50 @@
+"""What a caller asks for, as it was given: nothing is loaded or checked yet.
+
+Whatever asks for more than these extends them, so each argument and its default stand in one place.
+"""
+
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+
+from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.planning.settings import Value
+from haptic_fieldbus.scenes.scene import Scene
+
+DEFAULT_DRIVE = "maxon_epos4"
+DEFAULT_RATE = 1000.0
+"""[Hz]"""
+SIMULATION = "sim"
+"""Without a bit rate: that of each bus of the rig."""
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """A scene and how it is rendered, on whatever bench."""
+
+    scene: str | Path | Scene
+    """A name of the library, a file, or a scene made in Python."""
+    _: KW_ONLY
+    rate: float = DEFAULT_RATE
+    """Periods a second [Hz]."""
+    settings: Mapping[str, Value] | None = None
+    """Parameters of the scene, such as {"wall.stiffness": 800.0}, "0.8 N/mm" or "max/2"."""
+    method: str | None = None
+    """Integrator of virtual states, by name."""
+    estimator: str | None = None
+    """Velocity estimator, by name."""
+
+
+@dataclass(frozen=True)
+class Task(Rendering):
+    """A scene to render on a bench; a rig replaces drive, bus and node, but a bus that is named replaces the rig's."""
+
+    rig: str | Path | Rig | None = None
+    """A file or a Rig; None is the shipped bench, one axis for each of the scene."""
+    _: KW_ONLY
+    drive: str = DEFAULT_DRIVE
+    """Profile of the shipped bench, by name or path."""
+    bus: str | None = None
+    """As `parse_bus` takes it apart; None is the simulation, or the buses of the rig."""
+    node: int = 1
+    """Node-ID of the first axis of the shipped bench; the others count from it."""

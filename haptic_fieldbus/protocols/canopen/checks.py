@@ -1,0 +1,67 @@
+"""Faults of a CANopen profile that its dataclasses cannot state."""
+
+from haptic_fieldbus.documents import Document
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.units import COUNTS, PERMILLE, RATED_TORQUE_UNITS, VELOCITY_UNITS
+
+_TYPES = {
+    ("torque", "target"): ("int16", "int32"),
+    ("torque", "actual"): ("int16", "int32"),
+    ("position", "actual"): ("int32",),
+    ("velocity", "actual"): ("int32",),
+}
+_UNITS = {
+    ("torque", "target"): (PERMILLE,),
+    ("torque", "actual"): (PERMILLE,),
+    ("torque", "rated"): tuple(RATED_TORQUE_UNITS),
+    ("position", "actual"): (COUNTS,),
+    ("velocity", "actual"): VELOCITY_UNITS,
+}
+_OPTIONS = (("link_loss", "abort_connection_option"), ("link_loss", "fault_reaction_option"))
+
+
+def check_profile(document: Document) -> None:
+    """Note all of them."""
+    _check_motion(document)
+    _check_signals(document)
+    _check_objects(document)
+
+
+def _check_motion(document: Document) -> None:
+    """The handle must be seen: by its position, or by its velocity."""
+    if "position" not in document.data and "velocity" not in document.data:
+        document.fault(
+            ("position",), "missing, and so is [velocity]; expected position.actual, velocity.actual or both"
+        )
+
+
+def _check_signals(document: Document) -> None:
+    """Types and units that force can be rendered with; a profile that says it is not usable may have others."""
+    if document.value("drive", "usable") is False:
+        if "drive.usable" not in document.table("sources"):
+            document.fault(
+                ("drive", "usable"), 'false without its reason; expected an entry "drive.usable" in [sources]'
+            )
+        return
+    known = [data_type.value for data_type in DataType]
+    for path, types in _TYPES.items():
+        found = document.value(*path, "type")
+        if found in known and found not in types:
+            document.refuse((*path, "type"), " or ".join(f'"{name}"' for name in types))
+    for path, units in _UNITS.items():
+        found = document.value(*path, "unit")
+        if document.table(*path) and found not in units:
+            document.refuse((*path, "unit"), " or ".join(f'"{name}"' for name in units))
+
+
+def _check_objects(document: Document) -> None:
+    """Each object has one use: two signals, or two options, in one object are a slip of copying."""
+    used: dict[tuple[int, str], str] = {}
+    for path in (*_UNITS, *_OPTIONS):
+        index, subindex = document.value(*path, "object"), str(document.value(*path, "subindex") or 0)
+        if not isinstance(index, int):
+            continue
+        name = ".".join(path)
+        first = used.setdefault((index, subindex), name)
+        if first != name:
+            document.fault((*path, "object"), f"0x{index:04X} is {first} already; expected another object")

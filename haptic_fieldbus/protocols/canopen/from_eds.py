@@ -1,0 +1,239 @@
+"""A drive profile out of an EDS or DCF: what the file says, and for the rest the standards or a named assumption.
+
+An EDS names objects, types and PDOs but no units, times or reactions. Units are therefore taken as CiA 402-2 has them
+(torque in ‰ of rated torque, rated torque in mN·m), which is ASSUMED and not every drive keeps to. A file without what
+force needs is refused, with what is missing.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from haptic_fieldbus.drive.cia402 import (
+    IdentitySection,
+    MappedObject,
+    OptionCode,
+    PositionSection,
+    TorqueSection,
+    VelocitySection,
+)
+from haptic_fieldbus.drive.objects import NAMES, DataType
+from haptic_fieldbus.drive.profile import DriveSection, TimingSection
+from haptic_fieldbus.drive.units import COUNTS_PER_SECOND, PERMILLE
+from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
+from haptic_fieldbus.errors import EdsError, Fault
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection
+
+CYCLIC_TORQUE, PROFILE_TORQUE = 10, 4
+"""Values of 6060h."""
+NEEDED: Mapping[int, tuple[EdsType, ...]] = {
+    0x6040: (EdsType.UNSIGNED16,),
+    0x6041: (EdsType.UNSIGNED16,),
+    0x6060: (EdsType.INTEGER8,),
+    0x6061: (EdsType.INTEGER8,),
+    0x6064: (EdsType.INTEGER32,),
+    0x6071: (EdsType.INTEGER16, EdsType.INTEGER32),
+}
+"""Without one of these no force can be rendered; with the types that each may have. 606Ch may stand for 6064h."""
+MAPPED = {0x6040: "received", 0x6041: "sent", 0x6064: "sent", 0x6071: "received"}
+"""What the cycle maps."""
+VELOCITY_UNIT_CODES = {
+    0x00B4_4700: "rpm",
+    0xFFB4_4700: "0.1 rpm",
+    0xFEB4_4700: "0.01 rpm",
+    0xFDB4_4700: "0.001 rpm",
+    0x00B5_0300: COUNTS_PER_SECOND,
+}
+"""Values of 60A9h: prefix, numerator (B4h revolutions, B5h counts), denominator (47h minutes, 03h seconds)."""
+_RECEIVED, _SENT = ("rw", "rww", "wo"), ("ro", "rw", "rwr", "const")
+_TYPES: Mapping[EdsType | None, DataType] = {
+    EdsType.INTEGER8: DataType.INT8,
+    EdsType.INTEGER16: DataType.INT16,
+    EdsType.INTEGER32: DataType.INT32,
+    EdsType.UNSIGNED8: DataType.UINT8,
+    EdsType.UNSIGNED16: DataType.UINT16,
+    EdsType.UNSIGNED32: DataType.UINT32,
+}
+_ANY_NODE = 1
+"""Defaults that do not follow the node-ID are the same for all."""
+_MOST_ENTRIES = 64
+_INHIBIT_UNIT = 1e-4
+"""[s]; 1800h:03."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EdsProfile(CanopenProfile):
+    """A profile that keeps its file, for the simulated drive to play."""
+
+    eds: Eds = field(default_factory=lambda: Eds({}))
+
+
+def data_type(entry: EdsEntry) -> DataType | None:
+    """The type as profiles write it; None for one that no profile has."""
+    return _TYPES.get(entry.type)
+
+
+def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
+    """The profile; EdsError with all that is missing for force. `mode` of operation: else what 6502h offers."""
+    velocity = _velocity(eds)
+    faults = [Fault("", f"not usable for force: {lack}", line) for lack, line in _lacks(eds, mode, velocity)]
+    if faults:
+        raise EdsError(eds.source, faults)
+    device = eds.device
+    link_loss = _link_loss(eds)
+    return EdsProfile(
+        schema=1,
+        name=Path(eds.source).stem,
+        source=eds.source,
+        drive=DriveSection(
+            vendor=device.vendor_name or "unknown vendor",
+            model=device.product_name or Path(eds.source).stem or "unknown model",
+            protocol="canopen",
+            evidence="vendor-data",
+        ),
+        identity=_identity(eds),
+        torque=TorqueSection(mode or _torque_mode(eds), *_torque(eds)),
+        position=None if velocity else PositionSection(MappedObject(0x6064, DataType.INT32, unit="counts")),
+        velocity=velocity,
+        pdo=_pdos(eds),
+        link_loss=link_loss,
+        timing=TimingSection(torque_bandwidth=1000.0, control_period=0.0005),
+        sources=_sources(eds, link_loss, velocity),
+        eds=eds,
+    )
+
+
+def pdo_count(eds: Eds, communication: int) -> int:
+    """So many PDOs from the first on have both their records; `communication` is 1400h or 1800h."""
+    count = 0
+    while communication + count in eds and communication + 0x200 + count in eds:
+        count += 1
+    return count
+
+
+def _lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) -> Iterator[tuple[str, int | None]]:
+    """Each thing that is missing, in words, and the line that says so."""
+    for index, types in NEEDED.items():
+        entry = eds.find(index)
+        if index == 0x6064 and velocity is not None:
+            continue
+        if entry is None:
+            yield f"there is no {_named(index)}", None
+        elif entry.type not in types:
+            found = entry.type.name if entry.type is not None else "of an unknown type"
+            yield f"{_named(index)} is {found}, expected {' or '.join(type.name for type in types)}", entry.line
+        elif index in MAPPED and not (entry.mappable and entry.access in _ways(MAPPED[index])):
+            yield f"{_named(index)} cannot be {MAPPED[index]} in a PDO", entry.line
+    for communication, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
+        if not pdo_count(eds, communication):
+            yield f"there is no {name} ({communication:04X}h and {communication + 0x200:04X}h)", None
+    if not mode and not _torque_mode(eds):
+        entry = eds.find(0x6502)
+        yield f"{_named(0x6502)} {_supported(eds):X}h names no torque mode", entry.line if entry else None
+
+
+def _named(index: int) -> str:
+    return f"{index:04X}h {NAMES[index]}"
+
+
+def _ways(way: str) -> tuple[str, ...]:
+    return _RECEIVED if way == "received" else _SENT
+
+
+def _supported(eds: Eds) -> int:
+    """6502h; 0 where the file does not say."""
+    return _number(eds, 0x6502) or 0
+
+
+def _torque_mode(eds: Eds) -> int:
+    """Cyclic before profile torque, 0 for neither; a file that says nothing is trusted to have the cyclic one."""
+    modes = _supported(eds)
+    if not modes:
+        return CYCLIC_TORQUE
+    return next((mode for mode in (CYCLIC_TORQUE, PROFILE_TORQUE) if modes >> mode - 1 & 1), 0)
+
+
+def _number(eds: Eds, index: int, subindex: int = 0) -> int | None:
+    entry = eds.find(index, subindex)
+    value = entry.value(_ANY_NODE) if entry is not None else None
+    return value if isinstance(value, int) else None
+
+
+def _identity(eds: Eds) -> IdentitySection:
+    """1018h, or what [DeviceInfo] says; a product code of 0 is not compared."""
+    vendor, product = _number(eds, 0x1018, 1), _number(eds, 0x1018, 2)
+    vendor, product = vendor or eds.device.vendor_number, product or eds.device.product_number
+    return IdentitySection(vendor or None, (product,) if product else ())
+
+
+def _torque(eds: Eds) -> tuple[MappedObject, MappedObject | None, MappedObject | None]:
+    """Target, actual and rated torque."""
+    target = MappedObject(0x6071, _TYPES[eds.objects[0x6071].entries[0].type], unit=PERMILLE)
+    actual, rated = eds.find(0x6077), eds.find(0x6076)
+    is_sent = actual is not None and actual.mappable and actual.type in NEEDED[0x6071]
+    return target, _mapped(actual if is_sent else None, PERMILLE), _mapped(rated, "mN·m")
+
+
+def _mapped(entry: EdsEntry | None, unit: str) -> MappedObject | None:
+    found = data_type(entry) if entry is not None else None
+    return MappedObject(entry.index, found, unit=unit) if entry is not None and found is not None else None
+
+
+def _velocity(eds: Eds) -> VelocitySection | None:
+    """606Ch, where there is no 6064h and 60A9h names no unit that is unknown."""
+    actual = eds.find(0x606C)
+    if 0x6064 in eds or actual is None or actual.type is not EdsType.INTEGER32:
+        return None
+    code = _number(eds, 0x60A9)
+    unit = COUNTS_PER_SECOND if code is None else VELOCITY_UNIT_CODES.get(code & 0xFFFF_FFFF)
+    if unit is None or not (actual.mappable and actual.access in _SENT):
+        return None
+    return VelocitySection(MappedObject(0x606C, DataType.INT32, unit=unit))
+
+
+def _pdos(eds: Eds) -> PdoSection:
+    """As many as there are, with the room of the smallest and the inhibit time of the slowest."""
+    rpdos, tpdos = pdo_count(eds, 0x1400), pdo_count(eds, 0x1800)
+    mappings = [*range(0x1600, 0x1600 + rpdos), *range(0x1A00, 0x1A00 + tpdos)]
+    room = min(len(eds.objects[index].entries.keys() - {0}) for index in mappings)
+    inhibit = max(_number(eds, 0x1800 + number, 3) or 0 for number in range(tpdos))
+    return PdoSection(
+        tpdo_types=(1, 254, 255),
+        rpdo_types=(1, 254, 255),
+        tpdos=tpdos,
+        rpdos=rpdos,
+        entries=min(max(room, 1), _MOST_ENTRIES),
+        inhibit_time_default=inhibit * _INHIBIT_UNIT,
+    )
+
+
+def _link_loss(eds: Eds) -> LinkLossSection:
+    """What the file has of 1016h, 6007h and 605Eh; the values are those that leave the shaft free (CiA 402-2)."""
+    return LinkLossSection(
+        heartbeat_consumer=0x1016 if eds.find(0x1016, 1) is not None else None,
+        abort_connection_option=OptionCode(0x6007, 2) if 0x6007 in eds else None,
+        fault_reaction_option=OptionCode(0x605E, 0) if 0x605E in eds else None,
+    )
+
+
+def _sources(eds: Eds, link_loss: LinkLossSection, velocity: VelocitySection | None) -> dict[str, str]:
+    """Where each value comes from."""
+    file = Path(eds.source).name
+    assumed = "as CiA 402-2 has it: ASSUMED, an EDS names no units"
+    absent = {name: f"left out: not in {file}" for name, value in vars(link_loss).items() if value is None}
+    motion = {"position.actual": f"{file}, 6064h; in counts: ASSUMED, 608Fh and the factor group are not looked at"}
+    if velocity is not None:
+        unit = "60A9h" if 0x60A9 in eds else "in counts/s: ASSUMED, there is no 60A9h"
+        motion = {"velocity.actual": f"{file}, 606Ch and {unit}; there is no 6064h"}
+    return {
+        "identity": f"{file}, 1018h or [DeviceInfo]",
+        "torque.mode_of_operation": f"{file}, 6502h; where it says nothing, 10 (cyclic synchronous torque) is ASSUMED",
+        "torque.target": f"{file}, 6071h; unit {assumed}",
+        "torque.actual": f"{file}, 6077h; unit {assumed}",
+        "torque.rated": f"{file}, 6076h; unit {assumed}",
+        **motion,
+        "pdo": f"{file}, 1400h to 1BFFh; transmission types as in CiA 301 4.2.0, 7.5.2.35 and 7.5.2.37",
+        "link_loss": f"{file}; values as in CiA 402-2, deadline chosen here",
+        **{f"link_loss.{name}": text for name, text in absent.items()},
+        "timing": "ASSUMED: usual figures for servo drives; to be measured on the bench",
+    }

@@ -1,0 +1,102 @@
+"""Process data objects: which signals travel in which frame, and what that costs on the bus.
+
+References: CiA 301 7.5.2.33-38 (PDO parameters); the worst-case bit count is Tindell's bound as corrected by Davis et
+al., Real-Time Systems 35 (2007), doi:10.1007/s11241-007-9012-7.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from itertools import accumulate
+
+from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.errors import ImageTooLargeError
+from haptic_fieldbus.signals import Signal
+
+SYNC_COB_ID = 0x080
+HEARTBEAT_COB_ID = 0x700
+LARGEST_PAYLOAD = 8
+SYNCHRONOUS_TYPES = range(241)
+INTERFRAME_SPACE_BITS = 3
+
+
+class Direction(Enum):
+    """As the drive sees it: it transmits TPDOs and receives RPDOs."""
+
+    TPDO = "TPDO"
+    RPDO = "RPDO"
+
+
+@dataclass(frozen=True)
+class Pdo:
+    """One PDO of one node with the objects mapped into it."""
+
+    direction: Direction
+    number: int
+    node: int
+    transmission_type: int
+    signals: tuple[Signal, ...]
+    entries: tuple[ObjectEntry, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.direction.value}{self.number}"
+
+    @property
+    def cob_id(self) -> int:
+        """The predefined connection set (CiA 301, 7.3.5), good for PDO 1 to 4."""
+        base = 0x180 if self.direction is Direction.TPDO else 0x200
+        return base + 0x100 * (self.number - 1) + self.node
+
+    @property
+    def mapping_index(self) -> int:
+        return (0x1A00 if self.direction is Direction.TPDO else 0x1600) + self.number - 1
+
+    @property
+    def size(self) -> int:
+        """Octets of payload."""
+        return sum(entry.type.size for entry in self.entries)
+
+    @property
+    def synchronous(self) -> bool:
+        return self.transmission_type in SYNCHRONOUS_TYPES
+
+
+def lay_out(
+    direction: Direction,
+    offered: Mapping[Signal, ObjectEntry],
+    signals: Sequence[Signal],
+    *,
+    node: int,
+    transmission_type: int,
+    pdos: int,
+    entries: int,
+) -> tuple[Pdo, ...]:
+    """Fill the fewest PDOs, in the order of the signals; raises ImageTooLargeError when the drive has too few."""
+    frames: list[list[Signal]] = [[]]
+    for signal in signals:
+        octets = sum(offered[member].type.size for member in frames[-1]) + offered[signal].type.size
+        if octets > LARGEST_PAYLOAD or len(frames[-1]) == entries:
+            frames.append([])
+        frames[-1].append(signal)
+    available = min(pdos, 4)
+    if len(frames) > available:
+        raise ImageTooLargeError(
+            f"{len(signals)} signals need {len(frames)} {direction.value}s of node {node}, which has {available}: "
+            + ", ".join(signal.value for signal in signals)
+        )
+    return tuple(
+        Pdo(direction, number, node, transmission_type, tuple(frame), tuple(offered[signal] for signal in frame))
+        for number, frame in enumerate(frames, start=1)
+    )
+
+
+def placed(pdos: Sequence[Pdo], offset: int) -> tuple[tuple[Pdo, int], ...]:
+    """Each with the place of its octets, which follow each other from `offset` on."""
+    sizes = accumulate((pdo.size for pdo in pdos), initial=offset)
+    return tuple(zip(pdos, sizes, strict=False))
+
+
+def worst_case_bits(octets: int) -> int:
+    """Bits of an 11-bit-identifier data frame with worst stuffing, interframe space included."""
+    return 8 * octets + 44 + INTERFRAME_SPACE_BITS + (33 + 8 * octets) // 4

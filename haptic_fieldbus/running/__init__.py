@@ -1,0 +1,1 @@
+"""A run: the loop, the session around it, changes while it goes."""

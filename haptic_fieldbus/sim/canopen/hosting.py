@@ -1,0 +1,242 @@
+"""Simulated drives on a python-can bus, in real time and in one thread, for masters in other programs.
+
+Theory: the real bus takes the place of the simulated wire, so there are no bit times of ours; the drives are the same.
+The thread waits in `recv` until the next timer of a drive. Each timer is served with its own instant and not with that
+of the waking, so lateness of the host never adds up, and the shafts move as if there were none. What the drives send at
+one instant goes out in the order of its priority, as on a wire.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import can
+
+from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
+from haptic_fieldbus.buses.canopen.wire import open_can
+from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.canopen.bus import DEFAULT_BITRATE, NODES, can_section
+from haptic_fieldbus.protocols.registry import parse_bus
+from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.sim.canopen.channel import NamedDrive, drive_of, slot_of
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link.wire import Port
+from haptic_fieldbus.sim.canopen.rack import Rack
+from haptic_fieldbus.sim.faults import BusOff, ErrorFrame, Fault
+from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.slot import Slot
+
+ECHOING = ("udp_multicast",)
+"""Interfaces that give back what one sends; there the drives of one host hear each other by that."""
+LONGEST_REMEMBERED = 1000
+"""Segments of motion; nobody asks for more."""
+
+_NAP_NS = 100_000_000
+"""The longest wait, so that a request to stop is soon heard."""
+_BOOT_NS = 1_000_000
+"""A drive that is switched on has sent its boot-up message by then, and is ready."""
+_BURST = 1000
+"""Frames sent before the bus is listened to again, should drives answer each other without end."""
+
+
+@dataclass(frozen=True)
+class HostRequest:
+    """What is hosted where; drives as `PROFILE` or `PROFILE@NODE`, the first without a node at `node`."""
+
+    drives: Sequence[str]
+    bus: str | None
+    node: int = 1
+    hand: str = "none"
+    faults: tuple[Fault, ...] = ()
+
+
+def host(
+    bus: BusName, slots: Sequence[Slot], seed: int, ready: Callable[[Slot], None], stopped: Callable[[], bool]
+) -> int:
+    """Host drives until `stopped` says so; `ready` is told of each. Returns how many frames could not be sent.
+
+    Raises UsageError or BusError when the bus cannot be opened, and BusError when it dies.
+    """
+    section = can_section(bus.section)
+    can_bus = open_can(section)
+    try:
+        echoes = section.interface in ECHOING
+        subject = Host(can_bus, MonotonicClock(), bus.text, seed, bitrate=section.bitrate, echoes=echoes)
+        for slot in slots:
+            subject.add(slot)
+        subject.serve_for(_BOOT_NS)
+        for slot in slots:
+            ready(slot)
+        while not stopped():
+            subject.serve(_NAP_NS)
+        return subject.lost
+    finally:
+        can_bus.shutdown()
+
+
+def check(request: HostRequest) -> tuple[BusName, list[Slot]]:
+    """The bus, and what is put on it; raises one UsageError that lists all faults, or ProfileError."""
+    faults = [
+        f'fault "{fault.kind}" is one of the master\'s controller, which is not simulated here'
+        for fault in request.faults
+        if isinstance(fault, BusOff | ErrorFrame)
+    ] + [
+        f'fault "{fault.kind}" names the bus "{fault.bus}" of a rig; here is one bus, leave it out'
+        for fault in request.faults
+        if fault.bus is not None
+    ]
+    slots: list[Slot] = []
+    bus, drives, hand = None, [], None
+    with _collecting(faults):
+        hand = hand_named(request.hand)
+    with _collecting(faults):
+        bus = joined_bus(request.bus)
+    with _collecting(faults):
+        drives = numbered(request.drives, request.node)
+    for drive in drives:
+        with _collecting(faults):
+            slots.append(slot_of(drive, request.bus or "", Workspace.LINEAR, hand, request.faults, booted=False))
+    if bus is None or faults:
+        raise UsageError("\n".join(faults))
+    return bus, slots
+
+
+@contextmanager
+def _collecting(faults: list[str]) -> Iterator[None]:
+    try:
+        yield
+    except UsageError as error:
+        faults.append(str(error))
+
+
+def joined_bus(text: str | None) -> BusName:
+    """A bus that other programs can join; UsageError for the simulated one, which lives inside a single program."""
+    example = "socketcan:can0, udp_multicast:239.74.163.2"
+    if text is None:
+        raise UsageError(f"--bus says where the drives are hosted, for example {example}")
+    name = parse_bus(text)
+    if name.simulated:
+        raise UsageError(f'bus "{text}": no other program can join it; host on {example} or virtual:CHANNEL')
+    return name
+
+
+def numbered(texts: Sequence[str], first: int) -> list[NamedDrive]:
+    """Every drive with its node-ID: the one it asks for, else the next free one from `first` on. Raises UsageError."""
+    asking = [text.rpartition("@")[2].isdecimal() and "@" in text for text in texts]
+    taken = [drive_of(text).node for text, asks in zip(texts, asking, strict=True) if asks]
+    twice = sorted({node for node in taken if taken.count(node) > 1})
+    if twice:
+        raise UsageError(f"node-ID {', '.join(map(str, twice))} is asked for twice")
+    if first not in NODES:
+        raise UsageError(f"node {first}: a node-ID is a whole number from {NODES[0]} to {NODES[-1]}")
+    free = (node for node in NODES if node >= first and node not in taken)
+    drives = []
+    for text, asks in zip(texts, asking, strict=True):
+        node = drive_of(text).node if asks else next(free, None)
+        if node is None:
+            raise UsageError(f"no node-ID is left for {text}")
+        drives.append(drive_of(text) if asks else NamedDrive(text, node))
+    return drives
+
+
+class Host:
+    """Drives on a bus; `echoes`: the bus gives back what is sent. `name` is what messages call it."""
+
+    def __init__(
+        self,
+        can_bus: can.BusABC,
+        clock: Clock,
+        name: str,
+        seed: int = 0,
+        *,
+        bitrate: int = DEFAULT_BITRATE,
+        echoes: bool = False,
+    ) -> None:
+        self.lost = 0
+        """Frames that could not be sent because the transmit queue was full."""
+        self._bus = can_bus
+        self._clock = clock
+        self._name = name
+        self._bitrate = bitrate
+        self._echoes = echoes
+        self._rack = Rack(_Elsewhere(), seed, LONGEST_REMEMBERED)
+
+    def add(self, slot: Slot) -> None:
+        """Power a drive now; ValueError when the node-ID is taken."""
+        slave = self._rack.add(slot, Port(in_order=False), self._clock.now_ns())
+        slave.node.commission(self._bitrate)
+
+    def serve(self, longest_ns: int) -> None:
+        """Receive one frame, or do what falls due, within this time; raises BusError when the bus is dead."""
+        now_ns = self._clock.now_ns()
+        self._catch_up(now_ns)
+        message = self._receive(min(longest_ns, self._rack.due_ns - now_ns))
+        if message is None or message.is_error_frame or message.is_fd:
+            return
+        data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
+        frame = Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame)
+        now_ns = self._clock.now_ns()
+        self._catch_up(now_ns)
+        self._rack.receive(frame, None, now_ns)
+        self._flush(now_ns)
+
+    def serve_for(self, duration_ns: int) -> None:
+        """Serve so long."""
+        end_ns = self._clock.now_ns() + duration_ns
+        while (remaining_ns := end_ns - self._clock.now_ns()) > 0:
+            self.serve(remaining_ns)
+
+    def _catch_up(self, now_ns: int) -> None:
+        while self._rack.due_ns <= now_ns:
+            due_ns = self._rack.due_ns
+            self._rack.timers(due_ns)
+            self._flush(due_ns)
+
+    def _flush(self, t_ns: int) -> None:
+        """Send what waits, the most urgent first; the drives of this host hear one another."""
+        for _ in range(_BURST):
+            waiting = [port for port in self._ports() if port.waiting]
+            if not waiting:
+                return
+            port = min(waiting, key=lambda port: port.candidate()[0])
+            item = port.candidate()
+            port.waiting.remove(item)
+            self._send(item[1])
+            if not self._echoes:
+                self._rack.receive(item[1], port, t_ns)
+
+    def _ports(self) -> Iterator[Port]:
+        return (port for port, _slave in self._rack.attached)
+
+    def _send(self, frame: Frame) -> None:
+        message = can.Message(
+            arbitration_id=frame.can_id,
+            is_extended_id=frame.extended,
+            is_remote_frame=frame.remote,
+            dlc=len(frame.data),
+            data=None if frame.remote else frame.data,
+        )
+        try:
+            self._bus.send(message)
+        except FOREIGN as error:
+            if not is_queue_full(error):
+                raise translate(error, self._name) from error
+            self.lost += 1
+
+    def _receive(self, longest_ns: int) -> can.Message | None:
+        try:
+            return self._bus.recv(max(0, longest_ns) * 1e-9)
+        except FOREIGN as error:
+            raise translate(error, self._name) from error
+
+
+class _Elsewhere:
+    """The master's controller is in another program; the faults that concern it are refused beforehand."""
+
+    def bus_off(self, t_ns: int, until_ns: int) -> None:
+        """Not asked for here."""
+
+    def error_frame(self, t_ns: int) -> None:
+        """Not asked for here."""

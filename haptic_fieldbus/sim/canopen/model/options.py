@@ -1,0 +1,61 @@
+"""What a node is built from: PDOs after power-on, and where models of drives differ."""
+
+from dataclasses import dataclass, replace
+
+from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.sim.canopen.services.cob_id import INVALID, NO_RTR
+from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults
+from haptic_fieldbus.sim.drive.settings import DriveSettings
+
+_PREDEFINED = 4
+"""CiA 301, table 39: PDOs with an identifier of their own."""
+
+
+@dataclass(frozen=True)
+class NodeOptions:
+    """What differs between models: PDOs, the object that watches the master, when RPDOs act, how long a reset takes."""
+
+    rpdos: list[PdoDefaults]
+    tpdos: list[PdoDefaults]
+    consumer: int | None = 0x1016
+    acts_at_sync: bool = False
+    reset_ns: int = 0
+
+
+def node_options(node: int, profile: CanopenProfile, settings: DriveSettings) -> NodeOptions:
+    """PDOs after power-on: the first of each direction valid, all with the predefined identifiers, event-driven."""
+    signals = profile.entries()
+    status, control = signals[Signal.STATUSWORD], signals[Signal.CONTROLWORD]
+    inhibit = round(profile.pdo.inhibit_time_default * 1e4)
+    measured = signals.get(Signal.POSITION) or signals[Signal.VELOCITY]
+    pdo = profile.pdo
+    rpdos = _defaults(pdo.rpdos, 0x200 + node, pdo.entries, 0, control, signals[Signal.TARGET_TORQUE])
+    return NodeOptions(
+        rpdos=[replace(rpdo, sync_honoured=profile.simulation.sync_honoured) for rpdo in rpdos],
+        tpdos=_defaults(pdo.tpdos, 0x180 + node, pdo.entries, inhibit, status, measured),
+        consumer=profile.link_loss.heartbeat_consumer,
+        acts_at_sync=profile.pdo.rpdo_acts == "next_sync",
+        reset_ns=settings.reset_ns,
+    )
+
+
+def _defaults(
+    count: int, first_id: int, max_entries: int, inhibit: int, word: ObjectEntry, value: ObjectEntry
+) -> list[PdoDefaults]:
+    """PDO 1 carries the word, PDO 2 word and value where it has room, the others nothing."""
+    both = (word.mapping, value.mapping) if max_entries > 1 else ()
+    mappings = {1: (word.mapping,), 2: both}
+    return [
+        PdoDefaults(
+            number=number,
+            cob_id=(0 if number == 1 else INVALID)
+            | NO_RTR
+            | (first_id + 0x100 * (number - 1) if number <= _PREDEFINED else 0),
+            mapping=mappings.get(number, ()),
+            max_entries=max_entries,
+            inhibit_time=inhibit,
+        )
+        for number in range(1, count + 1)
+    ]

@@ -1,0 +1,150 @@
+"""Quirks: where a drive leaves the standards, by the keys of a profile's [simulation].
+
+Each is something that a master meets on real drives. It changes the profile or the settings that the simulated drive is
+built from, or its dictionary once it is built; the master never reads the section, so it meets the quirk unprepared.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.sim.canopen.model.vendor import extend
+from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
+from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
+from haptic_fieldbus.sim.drive.settings import DriveSettings
+
+
+@dataclass(frozen=True)
+class Quirk:
+    """One key of [simulation], what it does, and which drive is known for it."""
+
+    key: str
+    effect: str
+    seen: str
+
+
+QUIRKS = (
+    Quirk(
+        "pdos_disabled",
+        "after power-on every PDO has bit 31 of its COB-ID set",
+        "Ingenia Everest XCR (RPDO 1 to 4), maxon EPOS4 and ZeroErr eRob (2 to 4): their EDS files",
+    ),
+    Quirk(
+        "cob_ids_missing",
+        "after power-on the COB-IDs of PDOs are 8000 0000h: no identifier",
+        "Elmo Gold (RPDO2, TPDO2), Nanotec C5-E and PD4-C (5 to 8): their EDS files",
+    ),
+    Quirk(
+        "absent",
+        "objects that the drive does not have: SDO abort 0602 0000h, and none of their effects",
+        "Nanotec C5-E, Ingenia Everest XCR (1016h, 6007h), EYOU EuServo (6007h, 6076h), maxon EPOS4 (6072h): their EDS",
+    ),
+    Quirk(
+        "sync_honoured",
+        "false: synchronous RPDOs act on reception, although 1400h:02 reads back as written",
+        "Kinco FD124S: canopen-python/canopen issue 400",
+    ),
+    Quirk(
+        "max_torque",
+        "6072h after power-on; 0 leaves the motor without torque until it is written",
+        "Nanotec C5-E (0), PD4-C (100): their EDS files",
+    ),
+    Quirk(
+        "supported_modes",
+        "what 6502h says, whatever the modes are",
+        "ros-industrial/ros_canopen issue 462: wrong; Technosoft iPOS: no torque mode in it, by its EDS",
+    ),
+    Quirk(
+        "mode_change_time",
+        "6061h follows 6060h only after this time",
+        "Festo drives, 3 to 6 s: ros-industrial/ros2_canopen issue 234",
+    ),
+    Quirk(
+        "boot_time",
+        "the boot-up message comes only after this time, and nothing is answered before",
+        "ros-industrial/ros2_canopen issue 370 (1 s asked for, as 20 ms did not do)",
+    ),
+)
+"""All keys; inhibit times of TPDOs have their own, `pdo.inhibit_time_default`."""
+
+_NS = 1_000_000_000
+_HEARTBEAT_CONSUMER = 0x1016
+_APPLICATION = range(0x6000, 0x6800)
+_FIRST_MANUFACTURER_BIT = 16
+_PDO_COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
+
+
+def played(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
+    """Profile and settings with the quirks of the profile, to build the drive from."""
+    quirks, link_loss, torque = profile.simulation, profile.link_loss, profile.torque
+    absent = frozenset(quirks.absent)
+    boot_ns = round(quirks.boot_time * _NS)
+    settings = replace(
+        settings,
+        without=settings.without | absent | _not_in_file(profile),
+        modes=_modes(profile) if settings.modes is None else settings.modes,
+        mode_change_ns=max(settings.mode_change_ns, round(quirks.mode_change_time * _NS)),
+        start_delay_ns=settings.start_delay_ns + boot_ns,
+        reset_ns=settings.reset_ns + boot_ns,
+    )
+    abort, reaction = link_loss.abort_connection_option, link_loss.fault_reaction_option
+    link_loss = replace(
+        link_loss,
+        heartbeat_consumer=None if _HEARTBEAT_CONSUMER in absent else link_loss.heartbeat_consumer,
+        abort_connection_option=None if abort is not None and abort.object in absent else abort,
+        fault_reaction_option=None if reaction is not None and reaction.object in absent else reaction,
+    )
+    rated, actual = torque.rated, torque.actual
+    torque = replace(
+        torque,
+        rated=None if rated is not None and rated.object in absent else rated,
+        actual=None if actual is not None and actual.object in absent else actual,
+    )
+    return replace(profile, link_loss=link_loss, torque=torque), settings
+
+
+def install(dictionary: Dictionary, profile: CanopenProfile, node: int) -> tuple[str, ...]:
+    """What is left to do once the drive is built; what a vendor's file asks in vain comes back in words."""
+    quirks = profile.simulation
+    notes = extend(dictionary, profile.eds, node) if isinstance(profile, EdsProfile) else ()
+    for index in quirks.absent:
+        dictionary.remove(index)
+    for index, value in ((0x6072, quirks.max_torque), (0x6502, quirks.supported_modes)):
+        if value is not None and index in dictionary:
+            _start_with(dictionary.find(index), value)
+    for entry in _cob_ids(dictionary):
+        if quirks.cob_ids_missing:
+            _start_with(entry, INVALID)
+            entry.numbered = False
+        elif quirks.pdos_disabled:
+            _start_with(entry, entry.default | INVALID)
+    return notes
+
+
+def _start_with(entry: Entry, value: int) -> None:
+    entry.value = entry.default = value
+
+
+def _cob_ids(dictionary: Dictionary) -> Iterable[Entry]:
+    return [
+        entry
+        for entry in dictionary
+        if entry.subindex == 1 and any(entry.index in records for records in _PDO_COMMUNICATION)
+    ]
+
+
+def _not_in_file(profile: CanopenProfile) -> frozenset[int]:
+    """Objects of CiA 402-2 that a vendor's drive does not have."""
+    if not isinstance(profile, EdsProfile):
+        return frozenset()
+    return frozenset(index for index in _APPLICATION if index not in profile.eds)
+
+
+def _modes(profile: CanopenProfile) -> frozenset[int] | None:
+    """Modes of operation by 6502h of a vendor's file; None where it does not say."""
+    entry = profile.eds.find(0x6502) if isinstance(profile, EdsProfile) else None
+    value = entry.value(1) if entry is not None else None
+    if not isinstance(value, int) or not value:
+        return None
+    return frozenset(bit + 1 for bit in range(_FIRST_MANUFACTURER_BIT) if value >> bit & 1)

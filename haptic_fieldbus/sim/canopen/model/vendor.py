@@ -1,0 +1,229 @@
+"""A simulated drive with the object dictionary of a vendor's EDS.
+
+What the simulated drive works with keeps its behaviour and takes access, type, limits, mappability and power-on value
+from the file; what it does not know is plain storage; what the file does not have is taken away. Values that describe
+the bench rather than the model (rated torque and current, ramps, encoder and gear) stay those of the rig, because a
+file gives them for some other motor and without unit. REAL32 is stored as its octets, BOOLEAN as one octet, larger
+types and those the file leaves open as rows of octets that cannot be mapped.
+"""
+
+import struct
+from collections.abc import Callable, Container, Iterator
+
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.eds import Eds, EdsEntry, EdsType, NodeOffset
+from haptic_fieldbus.protocols.canopen.from_eds import data_type, pdo_count
+from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused
+
+STRING_OCTETS = 256
+"""Room of a string that can be written."""
+DOMAIN_OCTETS = 32 * 1024
+"""Room of a DOMAIN."""
+UNKNOWN_OCTETS = 8
+"""Room of an entry whose type the file leaves open."""
+BENCH_VALUES = frozenset((0x6075, 0x6076, 0x6081, 0x6083, 0x6084, 0x6085, 0x608F, 0x6090, 0x6091, 0x6092))
+"""Rated current and torque, profile velocity, ramps, factors: they follow from the rig."""
+COMMUNICATION = range(0x1000, 0x2000)
+"""Types and limits are CiA 301's here: a file was found that limits 1016h to 65535, which names no node."""
+SHOWN_VALUES = frozenset((0x1000, 0x1008, 0x1009, 0x100A, 0x1018, 0x6502))
+"""What the drive only shows; other values that it shows are its own."""
+_MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
+_MAPPING = 0x200
+"""From the communication record of a PDO to its mapping."""
+_LEFT_OPEN = {0: 2, 1: INVALID, 2: 255}
+"""Of a communication record, where the file gives no value: no identifier, event-driven."""
+_DUMMIES = range(2, 8)
+_MAX_BITS = 64
+_ACCESS = {access.value: access for access in Access} | {"rwr": Access.RW, "rww": Access.RW}
+_WAYS = {
+    "ro": Mappable.TPDO, "const": Mappable.TPDO, "rwr": Mappable.TPDO,
+    "wo": Mappable.RPDO, "rww": Mappable.RPDO, "rw": Mappable.BOTH,
+}  # fmt: skip
+
+
+def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
+    """Make the dictionary that of the file, for this node-ID; what could not be taken over comes back in words."""
+    implemented = {(entry.index, entry.subindex): entry for entry in dictionary}
+    _take_away(dictionary, eds)
+    for described in eds:
+        entry = implemented.get((described.index, described.subindex))
+        if entry is not None and _understood(entry, described):
+            _take_over(entry, described, node)
+        elif not _belongs_to_a_pdo(described, implemented):
+            dictionary.add(_stored(described, node))
+    notes = tuple(_set_up_pdos(dictionary, eds, node))
+    for entry in dictionary:
+        formula = eds.objects[entry.index].entries[entry.subindex].formula
+        entry.numbered = isinstance(formula, NodeOffset)
+    return notes
+
+
+def _understood(entry: Entry, described: EdsEntry) -> bool:
+    """Whether all that the file lets an entry hold means something to the drive.
+
+    Found: 60E1h as INTEGER16 with the default −1000, where CiA 402-2 has an UNSIGNED16; taken as such it would turn the
+    limit round. It becomes storage, and the drive goes by its own.
+    """
+    type = data_type(described)
+    if type is None or entry.type is None or type is entry.type:
+        return type is entry.type
+    shown = entry.access in (Access.RO, Access.CONST)
+    return not shown and _limits(described, type)[0] >= entry.type.limits[0]
+
+
+def _belongs_to_a_pdo(described: EdsEntry, implemented: Container[tuple[int, int]]) -> bool:
+    """A mapping entry beyond the room that the drive's PDOs have."""
+    return any(described.index in records for records in _MAPPINGS) and (described.index, 0) in implemented
+
+
+def _take_away(dictionary: Dictionary, eds: Eds) -> None:
+    """What the file does not have."""
+    for entry in list(dictionary):
+        if entry.index not in eds:
+            dictionary.remove(entry.index)
+        elif eds.find(entry.index, entry.subindex) is None:
+            dictionary.remove(entry.index, entry.subindex)
+
+
+def _take_over(entry: Entry, described: EdsEntry, node: int) -> None:
+    """An entry that the drive works with becomes what the file says of it."""
+    shown, measured = entry.access in (Access.RO, Access.CONST), entry.access is Access.RO
+    entry.access, entry.mappable = _ACCESS[described.access], _mappable(described)
+    if entry.index in BENCH_VALUES or (measured and entry.index not in SHOWN_VALUES):
+        return
+    type, value = data_type(described), described.value(node)
+    if type is not None and entry.type is not None and not shown and entry.index not in COMMUNICATION:
+        entry.type, (entry.low, entry.high) = type, _limits(described, type)
+    if isinstance(value, int) and entry.type is not None:
+        entry.value = entry.default = value
+    elif isinstance(value, str) and entry.type is None:
+        entry.text = entry.default_text = value.encode()
+
+
+def _mappable(described: EdsEntry) -> Mappable:
+    return _WAYS[described.access] if described.mappable else Mappable.NO
+
+
+def _limits(described: EdsEntry, type: DataType) -> tuple[int, int]:
+    """The file's limits where they leave a range that the default lies in, else the type's."""
+    low, high = type.limits
+    asked = (
+        described.low if isinstance(described.low, int) else low,
+        described.high if isinstance(described.high, int) else high,
+    )
+    default = described.default if isinstance(described.default, int) else asked[0]
+    return asked if asked[0] < asked[1] and asked[0] <= default <= asked[1] else (low, high)
+
+
+# What the drive does not know.
+
+
+def _stored(described: EdsEntry, node: int) -> Entry:
+    """Plain storage."""
+    access, value = _ACCESS[described.access], described.value(node)
+    type = data_type(described)
+    if type is not None:
+        low, high = _limits(described, type)
+        initial = value if isinstance(value, int) else max(low, min(high, 0))
+        return Entry(described.index, described.subindex, type, initial, access,
+                     limits=(low, high), mappable=_mappable(described))  # fmt: skip
+    if described.type is EdsType.REAL32:
+        bits = int.from_bytes(struct.pack("<f", value if isinstance(value, float) else 0.0), "little")
+        return Entry(described.index, described.subindex, DataType.UINT32, bits, access, mappable=_mappable(described))
+    if described.type is EdsType.BOOLEAN:
+        flag = value if isinstance(value, int) else 0
+        return Entry(described.index, described.subindex, DataType.UINT8, flag, access, limits=(0, 1))
+    return _octets(described, access, value)
+
+
+def _octets(described: EdsEntry, access: Access, value: int | float | str | bytes | None) -> Entry:
+    size = described.type.size if described.type is not None else None
+    entry = Entry(described.index, described.subindex, None, access=access, text=_initial(described, value, size),
+                  capacity=size or _room(described.type))  # fmt: skip
+    if size is not None:
+        entry.accept = _whole(size)
+    return entry
+
+
+def _room(type: EdsType | None) -> int:
+    if type is None:
+        return UNKNOWN_OCTETS
+    return DOMAIN_OCTETS if type is EdsType.DOMAIN else STRING_OCTETS
+
+
+def _initial(described: EdsEntry, value: int | float | str | bytes | None, size: int | None) -> bytes:
+    """The octets of a default."""
+    if isinstance(value, str):
+        return value.encode("utf-16-le" if described.type is EdsType.UNICODE_STRING else "utf-8")
+    if isinstance(value, bytes):
+        return value
+    if described.type is EdsType.REAL64:
+        return struct.pack("<d", value or 0.0)
+    if described.type is not None and size is None:
+        return b""
+    number = value if isinstance(value, int) else 0
+    return number.to_bytes(size or UNKNOWN_OCTETS // 2, "little", signed=number < 0)
+
+
+def _whole(size: int) -> Callable[[int], None]:
+    """Octets of a type with a fixed size come all at once."""
+
+    def accept(octets: int) -> None:
+        if octets != size:
+            raise Refused(AbortCode.TOO_SHORT)
+
+    return accept
+
+
+# PDOs.
+
+
+def _set_up_pdos(dictionary: Dictionary, eds: Eds, node: int) -> Iterator[str]:
+    """PDOs after power-on as the file has them; one that cannot work is switched off and told."""
+    for communication, way in ((0x1400, Mappable.RPDO), (0x1800, Mappable.TPDO)):
+        for index in range(communication, communication + pdo_count(eds, communication)):
+            for subindex, entry in _record(dictionary, index).items():
+                _default(entry, _given(eds, index, subindex, node), _LEFT_OPEN.get(subindex, 0))
+            for subindex, entry in _record(dictionary, index + _MAPPING).items():
+                _default(entry, _given(eds, index + _MAPPING, subindex, node), 0)
+            reason = _unmappable(dictionary, index + _MAPPING, way)
+            if reason:
+                yield f"{index + _MAPPING:04X}h: {reason}; this PDO is left without objects"
+                _default(dictionary.find(index + _MAPPING), 0, 0)
+                cob_id = dictionary.find(index, 1)
+                _default(cob_id, cob_id.default | INVALID, INVALID)
+
+
+def _record(dictionary: Dictionary, index: int) -> dict[int, Entry]:
+    return {entry.subindex: entry for entry in dictionary if entry.index == index}
+
+
+def _given(eds: Eds, index: int, subindex: int, node: int) -> int | None:
+    described = eds.find(index, subindex)
+    value = described.value(node) if described is not None else None
+    return value if isinstance(value, int) else None
+
+
+def _default(entry: Entry, value: int | None, otherwise: int) -> None:
+    entry.value = entry.default = otherwise if value is None else value
+
+
+def _unmappable(dictionary: Dictionary, index: int, way: Mappable) -> str:
+    """Why the mapping of a PDO cannot work, empty if it can; what the file maps itself becomes mappable."""
+    record, bits = _record(dictionary, index), 0
+    for position in range(1, record[0].default + 1):
+        if position not in record:
+            return f"there are fewer than {record[0].default} entries"
+        mapping = record[position].default
+        bits += mapping & 0xFF
+        if way is Mappable.RPDO and mapping >> 16 in _DUMMIES:
+            continue
+        try:
+            target = dictionary.find(mapping >> 16, mapping >> 8 & 0xFF)
+        except Refused:
+            return f"{mapping:08X}h names an object that does not exist"
+        if target.type is None or target.bits != mapping & 0xFF:
+            return f"{mapping:08X}h has another length than its object"
+        target.mappable |= way
+    return f"{bits} bits do not fit into a PDO" if bits > _MAX_BITS else ""

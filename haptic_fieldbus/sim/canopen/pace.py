@@ -1,0 +1,199 @@
+"""Who moves the time of a world: the programs that wait in it, or the wall clock.
+
+Theory: a world is lazy and belongs to nobody. *Stepped*, one thread uses it and its clock is virtual: a program that
+receives makes time pass, so nothing depends on the machine. *Paced*, the clock is the machine's and any number of
+threads use the world at once; there is one lock and one condition and no thread of its own. Whoever touches the world
+first lets all happen that has fallen due by then, each event at its own instant. Who waits sleeps until the next event
+or its own deadline, whichever is sooner; a frame that is sent may be sooner still, so sending wakes all that wait.
+"""
+
+import errno
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import can
+
+from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.canopen.link.controller import Controller, Received
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+
+Accept = Callable[[Received], bool]
+"""Whether a frame is one that the program asked for."""
+
+LONGEST_WAIT_NS = 60_000_000_000
+"""Stepped: a receive without time-out gives up after so much virtual time without a frame."""
+RECEIVE_ROOM = 1024
+"""Paced: frames that a program's controller holds for it; a program that reads none loses those that come then."""
+TRANSMIT_ROOM = 1000
+"""Paced: frames that wait to be sent, the queue length that is recommended for SocketCAN."""
+_NAP = 3600.0
+"""[s]: the longest single sleep; Python refuses to wait for ages."""
+_LEAVING_NS = 200_000_000
+"""Paced: a program that leaves waits so long for what it sent last."""
+
+
+class LazyWorld(Protocol):
+    """A world as far as its pace knows it."""
+
+    @property
+    def clock(self) -> Clock: ...
+
+    @property
+    def next_ns(self) -> int: ...
+
+    @property
+    def is_idle(self) -> bool: ...
+
+    def attach(self, *, receive_own: bool = False, room: int | None = None) -> Controller: ...
+
+    def detach(self, controller: Controller) -> None: ...
+
+    def run(self) -> None: ...
+
+    def send(self, controller: Controller, frame: Frame) -> bool: ...
+
+    def receive(self, controller: Controller, timeout_ns: int) -> Received | None: ...
+
+
+class Pace(Protocol):
+    """How a program uses a world; every time-out is in s, None: for ever."""
+
+    def attach(self, *, receive_own: bool) -> Controller:
+        """A program's end of the wire."""
+
+    def detach(self, controller: Controller) -> None:
+        """The program leaves; who waits for its frames is woken."""
+
+    def send(self, controller: Controller, frame: Frame, timeout: float | None) -> None:
+        """Queue a frame at the present; can.CanOperationError when the controller does not take it."""
+
+    def receive(self, controller: Controller, timeout: float | None, accept: Accept | None) -> Received | None:
+        """The next frame that is accepted, None at the deadline; can.CanOperationError when none can come."""
+
+    def timestamp(self, t_ns: int) -> float:
+        """What a message says about an instant of the world's clock [s]."""
+
+
+def pace_of(world: LazyWorld) -> Pace:
+    """By the world's clock: the machine's is followed, every other one is moved."""
+    return Paced(world) if isinstance(world.clock, MonotonicClock) else Stepped(world)
+
+
+class Stepped:
+    """Virtual time, one thread."""
+
+    def __init__(self, world: LazyWorld) -> None:
+        self._world = world
+
+    def attach(self, *, receive_own: bool) -> Controller:
+        return self._world.attach(receive_own=receive_own)
+
+    def detach(self, controller: Controller) -> None:
+        self._world.detach(controller)
+
+    def send(self, controller: Controller, frame: Frame, timeout: float | None) -> None:
+        if not self._world.send(controller, frame):
+            raise _bus_off()
+
+    def receive(self, controller: Controller, timeout: float | None, accept: Accept | None) -> Received | None:
+        world = self._world
+        wait_ns = LONGEST_WAIT_NS if timeout is None else max(0, round(timeout * 1e9))
+        if timeout is not None and accept is None:  # what a loop asks for every period
+            return world.receive(controller, wait_ns)
+        deadline_ns = world.clock.now_ns() + wait_ns
+        while True:
+            if timeout is None and world.is_idle and not controller.received:
+                raise can.CanOperationError("nothing will come: no frame is on its way and no drive has one to send")
+            item = world.receive(controller, max(0, deadline_ns - world.clock.now_ns()))
+            if item is None:
+                break
+            if accept is None or accept(item):
+                return item
+        if timeout is None:
+            raise can.CanOperationError("nothing came in 60 s of virtual time")
+        return None
+
+    def timestamp(self, t_ns: int) -> float:
+        return t_ns * 1e-9
+
+
+class Paced:
+    """The wall clock, any number of threads."""
+
+    def __init__(self, world: LazyWorld) -> None:
+        self._world = world
+        self._turn = threading.Condition()
+        self._epoch_ns = time.time_ns() - world.clock.now_ns()
+
+    def attach(self, *, receive_own: bool) -> Controller:
+        with self._turn:
+            self._world.run()
+            return self._world.attach(receive_own=receive_own, room=RECEIVE_ROOM)
+
+    def detach(self, controller: Controller) -> None:
+        with self._turn:
+            self._wait_while(lambda: bool(controller.port.waiting), _LEAVING_NS)
+            self._world.detach(controller)
+            self._turn.notify_all()
+
+    def send(self, controller: Controller, frame: Frame, timeout: float | None) -> None:
+        with self._turn:
+            if len(controller.port.waiting) >= TRANSMIT_ROOM:
+                self._make_room(controller, timeout)
+            _check_open(controller)
+            if not self._world.send(controller, frame):
+                raise _bus_off()
+            self._turn.notify_all()
+
+    def receive(self, controller: Controller, timeout: float | None, accept: Accept | None) -> Received | None:
+        found: list[Received] = []
+
+        def wanted() -> bool:
+            _check_open(controller)
+            while controller.received:
+                item = controller.received.popleft()
+                if accept is None or accept(item):
+                    found.append(item)
+                    return False
+            return True
+
+        with self._turn:
+            wait_ns = NEVER_NS if timeout is None else max(0, round(timeout * 1e9))
+            self._wait_while(wanted, wait_ns)
+        return found[0] if found else None
+
+    def timestamp(self, t_ns: int) -> float:
+        return (t_ns + self._epoch_ns) * 1e-9
+
+    def _make_room(self, controller: Controller, timeout: float | None) -> None:
+        def full() -> bool:
+            return len(controller.port.waiting) >= TRANSMIT_ROOM and not controller.closed
+
+        self._wait_while(full, max(0, round((timeout or 0.0) * 1e9)))
+        if full():
+            raise can.CanOperationError("the transmit queue is full", errno.ENOBUFS)
+
+    def _wait_while(self, condition: Callable[[], bool], wait_ns: int) -> None:
+        """Let time pass, from event to event, while the condition holds and the wait is not over."""
+        world = self._world
+        deadline_ns = min(NEVER_NS, world.clock.now_ns() + wait_ns)
+        while True:
+            now_ns = world.clock.now_ns()
+            world.run()
+            if not condition() or now_ns >= deadline_ns:
+                return
+            remaining_ns = min(deadline_ns, world.next_ns) - world.clock.now_ns()
+            if remaining_ns > 0:
+                self._turn.wait(min(remaining_ns * 1e-9, _NAP))
+
+
+def _check_open(controller: Controller) -> None:
+    if controller.closed:
+        raise can.CanOperationError("the bus has been shut down")
+
+
+def _bus_off() -> can.CanOperationError:
+    return can.CanOperationError("the simulated controller is bus-off")

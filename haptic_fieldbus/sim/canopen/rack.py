@@ -1,0 +1,109 @@
+"""The slaves of a bench, their timers, and the faults that befall them.
+
+Frames come from a wire, simulated or real, and wait in the ports for it. Everything random (serial number, where within
+a count the encoder's zero lies, boot time) is drawn from the seed.
+"""
+
+import heapq
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
+from random import Random
+
+from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.canopen.injection import Line, inject, install
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.link.wire import Port
+from haptic_fieldbus.sim.canopen.slave import Slave
+from haptic_fieldbus.sim.drive.settings import DriveSettings
+from haptic_fieldbus.sim.faults import LastingFault, TimedFault, faults_of
+from haptic_fieldbus.sim.slot import Slot
+
+_START_JITTER_NS = 40_000
+_RESET_NS = (20_000_000, 30_000_000)
+
+
+class Rack:
+    """Slaves by node-ID; all times are those of one clock [ns].
+
+    `longest`: so much of the true motion, in segments, is kept at least; None: all of it.
+    """
+
+    def __init__(self, line: Line, seed: int | str = 0, longest: int | None = None) -> None:
+        self._seed = seed
+        self.slaves: dict[int, Slave] = {}
+        self.attached: list[tuple[Port, Slave]] = []
+        self.due_ns = NEVER_NS
+        """When something is to be done without a frame."""
+        self._line = line
+        self._longest = longest
+        self._agenda: list[tuple[int, int, Callable[[int], None]]] = []
+        self._planned = 0
+
+    def add(self, slot: Slot, port: Port, t_ns: int) -> Slave:
+        """Power a drive that sends through this port; ValueError when the node-ID is taken."""
+        self.check_free(slot.node)
+        settings = replace(_drawn(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
+        slave = Slave(slot.node, slot.profile, slot.axis, port.send, slot.hand, settings, t_ns=t_ns)
+        slave.drive.plant.recorder.longest = self._longest
+        timed: list[TimedFault] = []
+        for fault in faults_of(slot.faults, slot.node):
+            if isinstance(fault, LastingFault):
+                install(fault, slave)
+            else:
+                timed.append(fault)
+        slave.drive.on_enabled = partial(self._plan_faults, timed, slave)
+        self.slaves[slot.node] = slave
+        self.attached.append((port, slave))
+        slave.power_on(t_ns, booted=slot.booted)
+        self.find_due()
+        return slave
+
+    def check_free(self, node: int) -> None:
+        """ValueError when the node-ID is taken."""
+        if node in self.slaves:
+            raise ValueError(f"node {node} is on this bus already")
+
+    def receive(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
+        """A frame ended; every slave but its sender hears it."""
+        for port, slave in self.attached:
+            if port is not sender:
+                slave.receive(frame, t_ns)
+        self.find_due()
+
+    def timers(self, t_ns: int) -> None:
+        """Do what is due."""
+        while self._agenda and self._agenda[0][0] <= t_ns:
+            heapq.heappop(self._agenda)[2](t_ns)
+        for _port, slave in self.attached:
+            if slave.due_ns <= t_ns:
+                slave.timer(t_ns)
+        self.find_due()
+
+    def find_due(self) -> None:
+        """After anything that may have changed it."""
+        due_ns = self._agenda[0][0] if self._agenda else NEVER_NS
+        for _port, slave in self.attached:
+            due_ns = min(due_ns, slave.due_ns)
+        self.due_ns = due_ns
+
+    def plan(self, t_ns: int, action: Callable[[int], None]) -> None:
+        """Do something at an instant, with that instant."""
+        self._planned += 1
+        heapq.heappush(self._agenda, (t_ns, self._planned, action))
+
+    def _plan_faults(self, faults: Iterable[TimedFault], slave: Slave, t_ns: int) -> None:
+        """A drive is *operation enabled* for the first time: its faults count from here."""
+        for fault in faults:
+            self.plan(t_ns + round(fault.at * 1e9), partial(inject, fault, slave, self._line))
+
+
+def _drawn(seed: int | str, node: int) -> DriveSettings:
+    """The random properties of one drive."""
+    random = Random(f"{seed}/{node}")
+    return DriveSettings(
+        serial=random.getrandbits(32),
+        encoder_phase=random.random() - 0.5,
+        start_delay_ns=random.randrange(_START_JITTER_NS),
+        reset_ns=random.randrange(*_RESET_NS),
+    )

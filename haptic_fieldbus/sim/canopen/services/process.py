@@ -1,0 +1,192 @@
+"""The process data of a simulated node: which PDOs act on SYNC, which on an event, and when.
+
+At a SYNC the measured entries are latched and the synchronous TPDOs made of them, then the synchronous RPDOs received
+since the last one act (CiA 301, 7.2.5); those that come later than the synchronous window (1007h) after it are dropped.
+Event-driven TPDOs are looked at once every `event_period_ns`. What every period needs is decided when a parameter
+changes: an RPDO gets the receiver that its parameters ask for, and no more.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.services.alarms import Alarms, Handler
+from haptic_fieldbus.sim.canopen.services.deadline import Deadlines
+from haptic_fieldbus.sim.canopen.services.emergency import PDO_TOO_LONG, PDO_TOO_SHORT, SYNC_LENGTH, Emergencies
+from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
+from haptic_fieldbus.sim.canopen.services.sync import SyncObjects
+from haptic_fieldbus.sim.drive.dictionary import Dictionary
+
+
+class Application(Protocol):
+    """What the CANopen half needs of the drive behind it."""
+
+    event_period_ns: int
+
+    def sync(self, t_ns: int) -> None:
+        """A SYNC ended: latch the measured entries."""
+
+    def measure(self, t_ns: int) -> None:
+        """Bring the measured entries up to date."""
+
+    def act(self, t_ns: int) -> None:
+        """Entries were received that may ask for something."""
+
+    def link_lost(self, t_ns: int) -> None:
+        """An event of 6007h: heartbeat, life guarding or RPDO deadline missed, *stopped* entered, a reset."""
+
+    def restart(self, t_ns: int) -> None:
+        """Power-on state."""
+
+
+class ProcessData:
+    """All PDOs of a node; works between `start` and `stop`."""
+
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        application: Application,
+        emergencies: Emergencies,
+        send: Callable[[Frame], None],
+        changed: Callable[[], None],
+        alarms: Alarms,
+        rpdos: list[PdoDefaults],
+        tpdos: list[PdoDefaults],
+        acts_at_sync: bool,
+    ) -> None:
+        """`acts_at_sync`: this drive holds even the content of event-driven RPDOs until the next SYNC."""
+        self.skip_tpdos = 0
+        """So many TPDOs are lost inside the node."""
+        self.objects = SyncObjects(dictionary, changed)
+        self._application = application
+        self._emergencies = emergencies
+        self._send = send
+        self._acts_at_sync = acts_at_sync
+        self._rpdos = [Rpdo(dictionary, defaults, changed) for defaults in rpdos]
+        self._tpdos = [Tpdo(dictionary, defaults, changed) for defaults in tpdos]
+        self._poll = alarms.new(self.poll)
+        self._deadlines = Deadlines(alarms, emergencies, application.link_lost)
+        self._waiting: dict[Rpdo, bytes] = {}
+        self._at_sync: list[Tpdo] = []
+        self._at_event: list[Tpdo] = []
+        self._sync_octets = 0
+        self._window_ns = 0
+        self._window_end_ns = NEVER_NS
+
+    def compile(self) -> None:
+        """Take over the parameters of all PDOs, as after a reset."""
+        for pdo in (*self._rpdos, *self._tpdos):
+            pdo.compile()
+
+    def start(self, t_ns: int) -> None:
+        """Entering *operational*."""
+        for tpdo in self._tpdos:
+            tpdo.restart(t_ns, counted=self.objects.counted)
+        self._waiting.clear()
+        self._window_end_ns = NEVER_NS
+        self._poll.at(t_ns)
+
+    def stop(self) -> None:
+        """Leaving *operational*."""
+        self._waiting.clear()
+        self._deadlines.stop()
+        self._poll.off()
+
+    def route(self, t_ns: int) -> dict[int, Handler]:
+        """What is received by which identifier, as the parameters now stand."""
+        self._at_sync = [tpdo for tpdo in self._tpdos if tpdo.valid and tpdo.with_sync]
+        self._at_event = [tpdo for tpdo in self._tpdos if tpdo.valid and tpdo.event_driven]
+        self._sync_octets = int(self.objects.counted)
+        self._window_ns = self.objects.window_ns
+        self._poll.at(min(self._poll.due_ns, t_ns) if self._at_event else NEVER_NS)
+        self._deadlines.watch([rpdo for rpdo in self._rpdos if rpdo.valid])
+        handlers: dict[int, Handler] = {rpdo.can_id: self._receiver(rpdo) for rpdo in self._rpdos if rpdo.valid}
+        handlers[self.objects.can_id] = self.sync
+        return handlers
+
+    def requests(self) -> dict[int, Callable[[int], None]]:
+        """What is asked for by remote frames, by identifier."""
+        return {tpdo.can_id: self._requested(tpdo) for tpdo in self._tpdos if tpdo.on_request}
+
+    def sync(self, data: bytes, t_ns: int) -> None:
+        """A SYNC ended."""
+        if len(data) != self._sync_octets:
+            self._emergencies.raise_error(SYNC_LENGTH)
+            return
+        if self._emergencies.monitored:
+            self._emergencies.clear(SYNC_LENGTH)
+        self._application.sync(t_ns)
+        if self._window_ns:
+            self._window_end_ns = t_ns + self._window_ns
+        counter = data[0] if data else 0
+        for tpdo in self._at_sync:
+            octets = tpdo.at_sync(counter)
+            if octets is not None:
+                self._send_pdo(tpdo, octets)
+        if self._waiting:
+            for rpdo, received in self._waiting.items():
+                rpdo.apply(received)
+            self._waiting.clear()
+            self._application.act(t_ns)
+
+    def poll(self, t_ns: int) -> None:
+        """Look at the event-driven TPDOs."""
+        self._poll.at(t_ns + self._application.event_period_ns)
+        self._application.measure(t_ns)
+        for tpdo in self._at_event:
+            octets = tpdo.at_event(t_ns)
+            if octets is not None:
+                self._send_pdo(tpdo, octets)
+
+    def _receiver(self, rpdo: Rpdo) -> Handler:
+        receive = self._holder(rpdo) if rpdo.synchronous or self._acts_at_sync else self._actor(rpdo)
+        if rpdo.deadline_ns:
+            receive = self._deadlines.heard(rpdo, receive)
+        return self._measured(rpdo, receive)
+
+    def _measured(self, rpdo: Rpdo, receive: Handler) -> Handler:
+        """Only frames of the right length, or the right part of them, go on; the others are told of."""
+        size, emergencies = rpdo.size, self._emergencies
+
+        def measured(data: bytes, t_ns: int) -> None:
+            if len(data) != size:
+                emergencies.raise_error(PDO_TOO_SHORT if len(data) < size else PDO_TOO_LONG, rpdo)
+                if len(data) < size:
+                    return
+            elif emergencies.monitored:
+                emergencies.clear(PDO_TOO_SHORT, rpdo)
+                emergencies.clear(PDO_TOO_LONG, rpdo)
+            receive(data, t_ns)
+
+        return measured
+
+    def _holder(self, rpdo: Rpdo) -> Handler:
+        def hold(data: bytes, t_ns: int) -> None:
+            if not self._window_ns or t_ns <= self._window_end_ns:
+                self._waiting[rpdo] = data
+
+        return hold
+
+    def _actor(self, rpdo: Rpdo) -> Handler:
+        apply, act = rpdo.apply, self._application.act
+
+        def receive(data: bytes, t_ns: int) -> None:
+            apply(data)
+            act(t_ns)
+
+        return receive
+
+    def _requested(self, tpdo: Tpdo) -> Callable[[int], None]:
+        def requested(t_ns: int) -> None:
+            octets = tpdo.at_request(lambda: self._application.measure(t_ns))
+            if octets is not None:
+                self._send_pdo(tpdo, octets)
+
+        return requested
+
+    def _send_pdo(self, tpdo: Tpdo, octets: bytes) -> None:
+        if self.skip_tpdos:
+            self.skip_tpdos -= 1
+        else:
+            self._send(Frame(tpdo.can_id, octets))

@@ -1,0 +1,124 @@
+"""The electronic data sheet of a simulated drive: what its object dictionary is, for programs that want a file.
+
+Whether a power-on value follows the node-ID is seen by building the drive twice, as two nodes. The drive of a vendor's
+file keeps that file's names and types.
+"""
+
+from dataclasses import replace
+
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.rig import default_axis
+from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsObject, EdsType, NodeOffset, ObjectCode, Value
+from haptic_fieldbus.eds.names import member_name, parameter_name
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
+from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.sim.canopen.slave import Slave
+from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable
+
+BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
+"""The simulated wire takes any; these are the standard's [kbit/s]."""
+_TYPES = {
+    DataType.INT8: EdsType.INTEGER8,
+    DataType.INT16: EdsType.INTEGER16,
+    DataType.INT32: EdsType.INTEGER32,
+    DataType.UINT8: EdsType.UNSIGNED8,
+    DataType.UINT16: EdsType.UNSIGNED16,
+    DataType.UINT32: EdsType.UNSIGNED32,
+}
+_STRINGS = (0x1008, 0x1009, 0x100A)
+_ARRAYS = (0x1003, 0x1010, 0x1011, 0x1016)
+_WRITABLE = {Mappable.RPDO: "rww", Mappable.TPDO: "rwr"}
+"""Access of what can be read and written; rw when it is mapped in no way or in both."""
+_MEASURED = range(0x6000, 0xA000)
+"""What the drive shows here changes by itself, so a default would say nothing; but for these:"""
+_FIXED = (0x6075, 0x6076, 0x6502, 0x67FF)
+_DUMMIES = tuple(range(2, 8))
+"""Integers of one to four octets, as space in an RPDO."""
+
+
+def sheet(profile: DriveProfile) -> Eds:
+    """The EDS of the simulated drive with this profile, on the shipped bench."""
+    first, second = (dictionary_of(profile, node) for node in (1, 2))
+    known = profile.eds if isinstance(profile, EdsProfile) else Eds({})
+    objects: dict[int, dict[int, EdsEntry]] = {}
+    for entry in sorted(first, key=lambda entry: (entry.index, entry.subindex)):
+        other = second.find(entry.index, entry.subindex)
+        described = known.find(entry.index, entry.subindex)
+        objects.setdefault(entry.index, {})[entry.subindex] = _entry(entry, _default(entry, other), described)
+    return Eds(
+        objects={index: _object(index, members, known.objects.get(index)) for index, members in objects.items()},
+        device=_device(profile, first),
+        dummies=_DUMMIES,
+        comments=(f"The simulated {profile.title} of haptic-fieldbus, profile {profile.name}",),
+    )
+
+
+def dictionary_of(profile: DriveProfile, node: int) -> Dictionary:
+    """The objects of the simulated drive with this node-ID."""
+    axis = default_axis(Workspace.LINEAR, bus="", node=node, profile=profile.name)
+    return Slave(node, profile, axis, lambda _frame: None).drive.dictionary
+
+
+def _default(entry: Entry, other: Entry) -> Value | None:
+    """The power-on value; None for one that the drive measures."""
+    if entry.type is None:
+        return entry.default_text.decode(errors="replace") if entry.index in _STRINGS else entry.default_text or None
+    if entry.access is Access.RO and entry.index in _MEASURED and entry.index not in _FIXED:
+        return None
+    return entry.default if entry.default == other.default else NodeOffset(entry.default - 1)
+
+
+def _entry(entry: Entry, default: Value | None, described: EdsEntry | None) -> EdsEntry:
+    """One sub-index; of a vendor's, types that are stored as octets are shown as the file has them."""
+    type = described.type if described is not None else _type(entry)
+    narrow = entry.type is not None and type in _TYPES.values() and (entry.low, entry.high) != entry.type.limits
+    return EdsEntry(
+        index=entry.index,
+        subindex=entry.subindex,
+        name=described.name if described is not None else "",
+        type=type,
+        access=_access(entry),
+        default=default if described is None or type in _TYPES.values() else described.default,
+        low=entry.low if narrow else None,
+        high=entry.high if narrow else None,
+        mappable=bool(entry.mappable),
+    )
+
+
+def _type(entry: Entry) -> EdsType:
+    if entry.type is not None:
+        return _TYPES[entry.type]
+    return EdsType.VISIBLE_STRING if entry.index in _STRINGS else EdsType.DOMAIN
+
+
+def _access(entry: Entry) -> str:
+    return _WRITABLE.get(entry.mappable, "rw") if entry.access is Access.RW else entry.access.value
+
+
+def _object(index: int, members: dict[int, EdsEntry], described: EdsObject | None) -> EdsObject:
+    """Sub-indices together, each with its name."""
+    if described is not None:
+        return EdsObject(index, described.name, described.code, members)
+    name = parameter_name(index)
+    if members.keys() == {0}:
+        code = ObjectCode.DOMAIN if members[0].type is EdsType.DOMAIN else ObjectCode.VAR
+        return EdsObject(index, name, code, {0: replace(members[0], name=name)})
+    named = {number: replace(entry, name=member_name(index, number)) for number, entry in members.items()}
+    return EdsObject(index, name, ObjectCode.ARRAY if index in _ARRAYS else ObjectCode.RECORD, named)
+
+
+def _device(profile: DriveProfile, dictionary: Dictionary) -> DeviceInfo:
+    """What [DeviceInfo] says, from 1018h and the number of PDOs."""
+    vendor, product, revision = (dictionary.value(0x1018, subindex) for subindex in (1, 2, 3))
+    return DeviceInfo(
+        vendor_name=profile.drive.vendor,
+        vendor_number=vendor,
+        product_name=profile.drive.model,
+        product_number=product,
+        revision_number=revision,
+        bit_rates=BIT_RATES,
+        rpdos=sum(index in dictionary for index in range(0x1400, 0x1600)),
+        tpdos=sum(index in dictionary for index in range(0x1800, 0x1A00)),
+        lss=True,
+    )

@@ -1,0 +1,34 @@
+"""A simulated CAN bus with a master on it."""
+
+from collections.abc import Sequence
+
+from haptic_fieldbus.buses.canopen.frames import FrameLog
+from haptic_fieldbus.buses.canopen.master import CanopenBus
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.drive.rig import BusSection
+from haptic_fieldbus.protocols.canopen.bus import can_section
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.simulation import Simulation
+from haptic_fieldbus.sim.slot import Slot
+
+
+class CanSimulation(Simulation):
+    """The simulated wire of `world`."""
+
+    def simulate(
+        self,
+        section: BusSection,
+        channel: str,
+        slots: Sequence[Slot],
+        clock: Clock,
+        seed: int | str,
+        log: FrameLog | None,
+    ) -> tuple[CanopenBus, World]:
+        world = World(clock, can_section(section).bitrate, seed)
+        for slot in slots:
+            world.add(slot)
+        return CanopenBus(SimulatedBus(channel, world=world), clock, log, owned=True), world
+
+
+SIMULATION = CanSimulation()

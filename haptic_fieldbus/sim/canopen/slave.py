@@ -1,0 +1,81 @@
+"""A simulated drive on CAN: the drive, and the CANopen node by which it is reached.
+
+Pure: frames and times [ns] in, frames out through `send`.
+"""
+
+from collections.abc import Callable
+
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.protocols.canopen.profile import canopen_profile
+from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.model.options import node_options
+from haptic_fieldbus.sim.canopen.model.quirks import install, played
+from haptic_fieldbus.sim.canopen.node import Node
+from haptic_fieldbus.sim.drive.core import Drive
+from haptic_fieldbus.sim.drive.settings import DriveSettings
+from haptic_fieldbus.sim.hand import Hand
+
+
+class Slave:
+    """Joins a drive and its node; it is the `Link` of the drive."""
+
+    def __init__(
+        self,
+        number: int,
+        profile: DriveProfile,
+        axis: RigAxis,
+        send: Callable[[Frame], None],
+        hand: Hand | None = None,
+        settings: DriveSettings | None = None,
+        t_ns: int = 0,
+    ) -> None:
+        """Without voltage yet, at `t_ns`."""
+        model, settings = played(canopen_profile(profile), settings or DriveSettings())
+        self.silent_until_ns = 0
+        """Until then nothing is sent or received."""
+        self._frames = send
+        self.drive = Drive(model, axis, self, hand, settings, t_ns)
+        dictionary = self.drive.dictionary
+        self.node = Node(number, dictionary, self.drive, self._send, node_options(number, model, settings))
+        self.not_taken_over = install(dictionary, model, number)
+        """What a vendor's file asks for that this drive cannot do, in words."""
+
+    # Called by the rack.
+
+    @property
+    def due_ns(self) -> int:
+        """When something is to be done without a frame."""
+        return min(self.node.due_ns, self.drive.due_ns)
+
+    def power_on(self, t_ns: int, *, booted: bool = False) -> None:
+        """Voltage comes now and the boot-up message follows, or (`booted`) came long ago."""
+        self.node.power_on(t_ns, None if booted else self.drive.settings.start_delay_ns)
+
+    def receive(self, frame: Frame, t_ns: int) -> None:
+        """A frame of another node ended."""
+        if t_ns >= self.silent_until_ns:
+            self.node.receive(frame, t_ns)
+
+    def timer(self, t_ns: int) -> None:
+        """Do what is due."""
+        if self.drive.due_ns <= t_ns:
+            self.drive.timer(t_ns)
+        if self.node.due_ns <= t_ns:
+            self.node.timer(t_ns)
+
+    # Called by the drive.
+
+    def error(self, code: int, t_ns: int) -> None:
+        """Send an emergency message."""
+        self.node.now_ns = t_ns
+        self.node.emergencies.raise_error(code)
+
+    def clear_errors(self, t_ns: int) -> None:
+        """A fault was reset: *error reset*, unless an error of communication goes on."""
+        self.node.now_ns = t_ns
+        self.node.emergencies.clear_all()
+
+    def _send(self, frame: Frame) -> None:
+        if self.node.now_ns >= self.silent_until_ns:
+            self._frames(frame)

@@ -1,0 +1,276 @@
+"""A simulated CiA 402 drive: its automaton, and what it makes the power stage do.
+
+Theory (CiA 402-2): motion comes from the mode of operation in *operation enabled* (see `operation`), and else from the
+slowing down in *quick stop active* and *fault reaction active*. What happens when the link is lost is 6007h's to say,
+what a quick stop does 605Ah's, a fault 605Eh's; 605Bh and 605Ch say whether *shutdown* and *disable operation* slow
+down first: then the state stays *operation enabled* until the motor stands, without following commands, and *enable
+operation* takes it back. Every other state frees the shaft at once.
+Safe torque off is no event of the standard's automaton: here torque ends at once, as by *disable voltage*, *switch on
+disabled* is not left until it is closed, as bit 3 of 60FDh (*interlock*) tells. With an error code in the settings it
+is a fault while torque is made, as with drives that treat it so.
+It knows no bus: a link writes and reads the dictionary, calls the drive at times [ns], and is told of errors (`Link`).
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from haptic_fieldbus.drive.cia402 import Cia402Profile
+from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.sim.drive.brake import Way, way_of
+from haptic_fieldbus.sim.drive.dictionary import Dictionary
+from haptic_fieldbus.sim.drive.modes.catalogue import build_modes
+from haptic_fieldbus.sim.drive.objects import add_objects
+from haptic_fieldbus.sim.drive.operation import Operation
+from haptic_fieldbus.sim.drive.power import STATUS_BITS, Cause, PowerAutomaton, State
+from haptic_fieldbus.sim.drive.servo import Servo
+from haptic_fieldbus.sim.drive.settings import (
+    DriveSettings,
+    build_gains,
+    build_plant,
+    build_units,
+    known,
+    object_defaults,
+)
+from haptic_fieldbus.sim.drive.stage import Stage
+from haptic_fieldbus.sim.hand import Hand
+
+_VOLTAGE_ENABLED, _REMOTE = 0x0010, 0x0200
+_SLOWEST_TICK_NS = 1_000_000
+_LAST_ENDING_QUICK_STOP = 4
+"""605Ah: codes up to this one leave *quick stop active* by themselves, those above stay there."""
+_DISABLE = 0
+"""605Ah, 605Eh: disable the drive function, the shaft is free."""
+_SLOW_DOWN = 1
+"""605Bh, 605Ch: slow down before the transition is made."""
+_DISABLE_OPERATION, _SHUTDOWN = 5, 8
+_ENERGISED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+_INTERLOCK = 1 << 3
+"""60FDh, bit 3."""
+LINK_LOST, FOLLOWING_ERROR = 0x8130, 0x8611
+"""603Fh."""
+
+# CiA 402-2, 6007h: what a lost link does.
+_LINK_LOSS = {1: Cause.FAULT, 2: Cause.DISABLE_VOLTAGE, 3: Cause.QUICK_STOP}
+
+
+class Link(Protocol):
+    """What a drive tells of itself to the link that it is reached by."""
+
+    def error(self, code: int, t_ns: int) -> None:
+        """The drive has detected an error."""
+
+    def clear_errors(self, t_ns: int) -> None:
+        """A fault was reset."""
+
+
+class Drive:
+    """One drive with its motor, load and hand."""
+
+    def __init__(
+        self,
+        profile: Cia402Profile,
+        axis: RigAxis,
+        link: Link,
+        hand: Hand | None,
+        settings: DriveSettings,
+        t_ns: int = 0,
+    ) -> None:
+        """Without voltage yet, at `t_ns`; `restart` is its power-on."""
+        self.settings = settings
+        self.on_enabled: Callable[[int], None] = lambda _t_ns: None
+        """Called once, with the time of the first *operation enabled*."""
+        self.power = PowerAutomaton()
+        self.dictionary = Dictionary()
+        self.objects = add_objects(
+            self.dictionary, profile, known(axis)[2], settings.serial, object_defaults(profile, axis, settings),
+            settings.modes, settings.without,
+        )  # fmt: skip
+        period_ns = round(profile.timing.control_period * 1e9)
+        self.event_period_ns = period_ns or _SLOWEST_TICK_NS
+        self.plant = build_plant(profile, axis, hand, settings, t_ns)
+        self.servo = Servo(
+            self.plant,
+            counts_per_revolution=axis.encoder_counts_per_revolution,
+            control_period_ns=period_ns,
+            phase=settings.encoder_phase,
+        )
+        self.units = build_units(profile, axis, self.objects, self.dictionary)
+        self.stage = Stage(
+            self.servo, self.objects, self.units, build_gains(profile, axis, self.event_period_ns * 1e-9)
+        )
+        modes = build_modes(self.stage, self.objects, self._following_error)
+        self.operation = Operation(
+            self.stage, self.objects, modes, self.event_period_ns, settings.mode_change_ns, self._show_status
+        )
+        self._link = link
+        self._enabled_once = False
+        self._state = self.power.state
+        self._controlword = self.objects.controlword
+        self._word = -1
+        """The controlword that needs no second look, -1: none."""
+        self._leaving = False
+        self._inputs = 0
+        self.objects.on_written(self._written, self.units.update)
+
+    # What befalls it.
+
+    def fault(self, code: int, t_ns: int) -> None:
+        """The drive detects a fault: the link is told, fault reaction, fault."""
+        self._link.error(code, t_ns)
+        self._fail(code, t_ns)
+
+    def sto(self, open_: bool, t_ns: int) -> None:
+        """Safe torque off is opened or closed."""
+        self.power.locked = open_
+        self.inputs(self._inputs & ~_INTERLOCK | (_INTERLOCK if open_ else 0))
+        if not open_:
+            return
+        if self.settings.sto_error and self._state in _ENERGISED:
+            self.fault(self.settings.sto_error, t_ns)
+        self.power.event(
+            Cause.REACTION_COMPLETE if self._state is State.FAULT_REACTION_ACTIVE else Cause.DISABLE_VOLTAGE
+        )
+        self._follow(t_ns)
+
+    def inputs(self, bits: int) -> None:
+        """What the digital inputs 60FDh carry from now on; nothing in the drive depends on them."""
+        self._inputs = self.objects.row(0x60FD).value = bits & 0xFFFF_FFFF
+
+    # Called by the link.
+
+    @property
+    def due_ns(self) -> int:
+        """When `timer` is to be called."""
+        return self.operation.due_ns
+
+    def timer(self, t_ns: int) -> None:
+        """Do what is due."""
+        self.operation.timer(t_ns)
+
+    def sync(self, t_ns: int) -> None:
+        """Latch the measured entries; the control ticks are counted from here."""
+        self.servo.sync(t_ns)
+        self.operation.sync(t_ns)
+        self.stage.show()
+
+    def measure(self, t_ns: int) -> None:
+        """Bring the measured entries up to date, before entries are read or written at this time."""
+        self.servo.advance(t_ns)
+        self.stage.show()
+
+    def act(self, t_ns: int) -> None:
+        """Controlword, mode or target may have been received."""
+        word = self._controlword.value
+        if word != self._word:
+            self._command(word, t_ns)
+        self.operation.act(t_ns)
+
+    def link_lost(self, t_ns: int) -> None:
+        """6007h decides."""
+        cause = _LINK_LOSS.get(self.objects.abort_connection_option.value)
+        if cause is Cause.FAULT:
+            self._fail(LINK_LOST, t_ns)
+        elif cause is not None:
+            self.power.event(cause)
+            self._follow(t_ns)
+
+    def restart(self, t_ns: int) -> None:
+        """Power-on state."""
+        self.units.update()
+        self.inputs(self._inputs)
+        self.power.start()
+        self.operation.restart()
+        self._enter(t_ns)
+
+    # Inside.
+
+    def _written(self) -> None:
+        self._word = -1
+        self.act(self.plant.t_ns)
+
+    def _command(self, word: int, t_ns: int) -> None:
+        """The controlword is new, or something has changed since it was looked at."""
+        self._word = word
+        power, row = self.power, self.objects.row
+        power.stays_in_quick_stop = row(0x605A).value > _LAST_ENDING_QUICK_STOP
+        options = {_SHUTDOWN: row(0x605B), _DISABLE_OPERATION: row(0x605C)}
+        power.deferred = [number for number, option in options.items() if option.value == _SLOW_DOWN]
+        power.controlword(word)
+        self._follow(t_ns)
+        if self._state is State.OPERATION_ENABLED:
+            self._stop_or_go(word, t_ns)
+
+    def _stop_or_go(self, word: int, t_ns: int) -> None:
+        """In *operation enabled*: slow down before leaving it, or halt, or neither."""
+        if self.power.held is not None:
+            if not self._leaving:
+                self._leaving = True
+                self.operation.stop(Way.SLOW_DOWN_RAMP, t_ns, self._left)
+            return
+        if self._leaving:
+            self._leaving = False
+            self.operation.enable(t_ns)
+        self.operation.halt(word, t_ns)
+
+    def _left(self, t_ns: int) -> None:
+        self.power.complete()
+        self._enter(t_ns)
+
+    def _fail(self, code: int, t_ns: int) -> None:
+        if self.power.event(Cause.FAULT):
+            self.objects.error_code.value = code
+            self._enter(t_ns)
+
+    def _following_error(self, t_ns: int) -> None:
+        if self.settings.following_error_faults:
+            self.fault(FOLLOWING_ERROR, t_ns)
+
+    def _follow(self, t_ns: int) -> None:
+        if self.power.state is not self._state:
+            self._enter(t_ns)
+
+    def _enter(self, t_ns: int) -> None:
+        """The automaton has a new state: make the power stage follow it."""
+        before, self._state = self._state, self.power.state
+        state = self._state
+        self._word, self._leaving = -1, False
+        if state is State.OPERATION_ENABLED:
+            self._first_enabled(t_ns)
+            self.operation.enable(t_ns)
+        elif state is State.QUICK_STOP_ACTIVE:
+            self._slow_down(self.objects.row(0x605A).value, t_ns)
+        elif state is State.FAULT_REACTION_ACTIVE:
+            can_brake = before in _ENERGISED and not self.power.locked
+            self._slow_down(self.objects.fault_reaction_option.value if can_brake else _DISABLE, t_ns)
+        else:
+            self.operation.disable(t_ns)
+            if before is State.FAULT:
+                self.objects.error_code.value = 0
+                self._link.clear_errors(t_ns)
+        self._show_status()
+
+    def _first_enabled(self, t_ns: int) -> None:
+        self.servo.advance(t_ns)
+        if not self._enabled_once:
+            self._enabled_once = True
+            self.plant.start_hand()
+            self.on_enabled(t_ns)
+
+    def _slow_down(self, code: int, t_ns: int) -> None:
+        """Brake at the control ticks, or free the shaft and be done."""
+        if code == _DISABLE:
+            self.operation.disable(t_ns)
+            self._slowed_down(t_ns)
+            return
+        stays = self._state is State.QUICK_STOP_ACTIVE and code > _LAST_ENDING_QUICK_STOP
+        self.operation.leave()
+        self.operation.stop(way_of(code), t_ns, None if stays else self._slowed_down)
+
+    def _slowed_down(self, t_ns: int) -> None:
+        """Quick stop or fault reaction complete."""
+        cause = Cause.STOPPED if self._state is State.QUICK_STOP_ACTIVE else Cause.REACTION_COMPLETE
+        self.power.event(cause)
+        self._enter(t_ns)
+
+    def _show_status(self) -> None:
+        self.objects.statusword.value = STATUS_BITS[self._state] | _VOLTAGE_ENABLED | _REMOTE | self.operation.status

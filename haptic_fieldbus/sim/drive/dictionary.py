@@ -1,0 +1,227 @@
+"""The object dictionary of a simulated drive: entries with access rules, and the codes of refusals.
+
+Reference: CiA 301 4.2, 7.2.4.3.17 (abort codes), 7.4.7 (access).
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from enum import Enum, Flag
+
+from haptic_fieldbus.drive.objects import DataType
+
+
+class AbortCode(Enum):
+    """CiA 301, table 22."""
+
+    TOGGLE_BIT = 0x0503_0000
+    TIMEOUT = 0x0504_0000
+    UNKNOWN_COMMAND = 0x0504_0001
+    BLOCK_SIZE = 0x0504_0002
+    SEQUENCE_NUMBER = 0x0504_0003
+    CRC = 0x0504_0004
+    OUT_OF_MEMORY = 0x0504_0005
+    UNSUPPORTED_ACCESS = 0x0601_0000
+    WRITE_ONLY = 0x0601_0001
+    READ_ONLY = 0x0601_0002
+    NO_OBJECT = 0x0602_0000
+    NOT_MAPPABLE = 0x0604_0041
+    MAPPING_TOO_LONG = 0x0604_0042
+    PARAMETER_INCOMPATIBLE = 0x0604_0043
+    LENGTH = 0x0607_0010
+    TOO_LONG = 0x0607_0012
+    TOO_SHORT = 0x0607_0013
+    NO_SUBINDEX = 0x0609_0011
+    INVALID_VALUE = 0x0609_0030
+    VALUE_TOO_HIGH = 0x0609_0031
+    VALUE_TOO_LOW = 0x0609_0032
+    CANNOT_STORE = 0x0800_0020
+    DEVICE_STATE = 0x0800_0022
+    NO_DATA = 0x0800_0024
+
+
+class Refused(Exception):
+    """An access is refused; `code` says why."""
+
+    def __init__(self, code: AbortCode | int) -> None:
+        self.code = code.value if isinstance(code, AbortCode) else code
+        super().__init__(f"{self.code:08X}h")
+
+
+class Access(Enum):
+    RO = "ro"
+    WO = "wo"
+    RW = "rw"
+    CONST = "const"
+
+
+class Mappable(Flag):
+    """Into which PDOs an entry may be mapped."""
+
+    NO = 0
+    TPDO = 1
+    RPDO = 2
+    BOTH = 3
+
+
+class Entry:
+    """One sub-index. `value` is what the last write or the drive put there; octets and strings stand in `text`.
+
+    `accept` may refuse a write by raising Refused (of octets: it is given their number), `changed` is called after
+    one, `fetch` computes what is read. `default` and `default_text` are the power-on values; those of an entry that is
+    `numbered` contain the node-ID ($NODEID of an EDS).
+    """
+
+    __slots__ = (
+        "accept", "access", "changed", "default", "default_text", "fetch", "high", "index",
+        "low", "mappable", "numbered", "subindex", "text", "type", "value",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        index: int,
+        subindex: int,
+        type: DataType | None,
+        value: int = 0,
+        access: Access = Access.RO,
+        *,
+        limits: tuple[int, int] | None = None,
+        mappable: Mappable = Mappable.NO,
+        accept: Callable[[int], None] | None = None,
+        text: bytes = b"",
+        capacity: int = 0,
+        numbered: bool = False,
+    ) -> None:
+        """`type` None is a string or a DOMAIN whose octets are `text`; it can be written up to its `capacity`."""
+        self.index = index
+        self.subindex = subindex
+        self.type = type
+        self.value = self.default = value
+        self.text = self.default_text = text
+        self.access = access
+        self.low, self.high = limits or (type.limits if type is not None else (0, capacity))
+        self.mappable = mappable
+        self.numbered = numbered
+        self.accept = accept
+        self.changed: Callable[[], None] | None = None
+        self.fetch: Callable[[], int] | None = None
+
+    @property
+    def bits(self) -> int:
+        return 8 * self.type.size if self.type is not None else 8 * len(self.text)
+
+    def read(self) -> bytes:
+        """The octets of the value, as a link hands them out."""
+        if self.access is Access.WO:
+            raise Refused(AbortCode.WRITE_ONLY)
+        if self.type is None:
+            return self.text
+        return self.type.pack(self.fetch() if self.fetch is not None else self.value)
+
+    def begin_write(self, size: int | None) -> None:
+        """Refuse a download of so many octets (None: not known yet) before any of them arrives."""
+        if self.access in (Access.RO, Access.CONST) or (self.type is None and not self.high):
+            raise Refused(AbortCode.READ_ONLY)
+        if size is None:
+            return
+        if size > self.capacity:
+            raise Refused(AbortCode.TOO_LONG)
+        if self.type is not None and size < self.capacity:
+            raise Refused(AbortCode.TOO_SHORT)
+
+    @property
+    def capacity(self) -> int:
+        """So many octets can be written at most."""
+        return self.type.size if self.type is not None else self.high
+
+    def write(self, data: bytes) -> None:
+        """Take over octets that came by a link."""
+        self.begin_write(len(data))
+        if self.type is None:
+            if self.accept is not None:
+                self.accept(len(data))
+            self.text = data
+        else:
+            self._write_value(self.type.unpack(data))
+        if self.changed is not None:
+            self.changed()
+
+    def reset(self) -> None:
+        """Power-on value."""
+        self.value, self.text = self.default, self.default_text
+
+    def _write_value(self, value: int) -> None:
+        if not self.low <= value <= self.high:
+            raise Refused(AbortCode.VALUE_TOO_HIGH if value > self.high else AbortCode.VALUE_TOO_LOW)
+        if self.accept is not None:
+            self.accept(value)
+        self.value = value
+
+
+def one_of(values: Iterable[int]) -> Callable[[int], None]:
+    """An `accept` that refuses every other value as invalid."""
+    allowed = frozenset(values)
+
+    def accept(value: int) -> None:
+        if value not in allowed:
+            raise Refused(AbortCode.INVALID_VALUE)
+
+    return accept
+
+
+class Dictionary:
+    """All entries by index and sub-index."""
+
+    def __init__(self, entries: Iterable[Entry] = ()) -> None:
+        self._objects: dict[int, dict[int, Entry]] = {}
+        for entry in entries:
+            self.add(entry)
+
+    def __iter__(self) -> Iterator[Entry]:
+        for subentries in self._objects.values():
+            yield from subentries.values()
+
+    def __contains__(self, index: int) -> bool:
+        return index in self._objects
+
+    def add(self, entry: Entry) -> Entry:
+        """Add an entry, or replace the one at its place."""
+        self._objects.setdefault(entry.index, {})[entry.subindex] = entry
+        return entry
+
+    def renumber(self, change: int) -> None:
+        """The node-ID grew by `change`: power-on values follow it."""
+        for entry in self:
+            entry.default += change * entry.numbered
+
+    def remove(self, index: int, subindex: int | None = None) -> None:
+        """Take away an object, or one sub-index of it: what this model does not have. Unknown ones are passed over."""
+        if subindex is None:
+            self._objects.pop(index, None)
+        else:
+            self._objects.get(index, {}).pop(subindex, None)
+
+    def add_record(self, entries: Iterable[Entry]) -> None:
+        """Add the sub-indices of one record together with its sub-index 0, the highest of them."""
+        members = [self.add(entry) for entry in entries]
+        highest = max(entry.subindex for entry in members)
+        self.add(Entry(members[0].index, 0, DataType.UINT8, highest, Access.CONST))
+
+    def find(self, index: int, subindex: int = 0) -> Entry:
+        """The entry; Refused when the object or its sub-index does not exist."""
+        subentries = self._objects.get(index)
+        if subentries is None:
+            raise Refused(AbortCode.NO_OBJECT)
+        entry = subentries.get(subindex)
+        if entry is None:
+            raise Refused(AbortCode.NO_SUBINDEX)
+        return entry
+
+    def value(self, index: int, subindex: int = 0) -> int:
+        """What stands in an entry, as the drive itself reads it; 0 where there is none."""
+        entry = self._objects.get(index, {}).get(subindex)
+        return entry.value if entry is not None else 0
+
+    def restore(self, first: int, last: int) -> None:
+        """Power-on values of a range of objects."""
+        for entry in self:
+            if first <= entry.index <= last:
+                entry.reset()

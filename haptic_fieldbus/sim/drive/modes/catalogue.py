@@ -1,0 +1,33 @@
+"""The modes of operation that a drive has, by their number in 6060h."""
+
+from collections.abc import Callable
+
+from haptic_fieldbus.sim.drive.modes.homing import Homing
+from haptic_fieldbus.sim.drive.modes.mode import Mode
+from haptic_fieldbus.sim.drive.modes.position import CyclicPosition, ProfilePosition
+from haptic_fieldbus.sim.drive.modes.torque import CyclicTorque, ProfileTorque
+from haptic_fieldbus.sim.drive.modes.velocity import CyclicVelocity, ProfileVelocity
+from haptic_fieldbus.sim.drive.object_table import (
+    CYCLIC_POSITION,
+    CYCLIC_VELOCITY,
+    HOMING,
+    PROFILE_POSITION,
+    PROFILE_TORQUE,
+    PROFILE_VELOCITY,
+)
+from haptic_fieldbus.sim.drive.objects import NO_MODE, Objects
+from haptic_fieldbus.sim.drive.stage import Stage
+
+
+def build_modes(stage: Stage, objects: Objects, failed: Callable[[int], None]) -> dict[int, Mode]:
+    """One of each that the drive offers, and no mode; a manufacturer's torque mode works as the cyclic one does."""
+    watched = {PROFILE_POSITION: ProfilePosition, CYCLIC_POSITION: CyclicPosition}
+    others: dict[int, Callable[[Stage, Objects], Mode]] = {
+        PROFILE_VELOCITY: ProfileVelocity,
+        PROFILE_TORQUE: ProfileTorque,
+        HOMING: Homing,
+        CYCLIC_VELOCITY: CyclicVelocity,
+    }
+    modes = {number: others.get(number, CyclicTorque)(stage, objects) for number in objects.modes - watched.keys()}
+    modes |= {number: watched[number](stage, objects, failed) for number in objects.modes & watched.keys()}
+    return modes | {NO_MODE: Mode(stage)}

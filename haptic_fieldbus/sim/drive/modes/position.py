@@ -1,0 +1,201 @@
+"""The position modes: profile position (1) and cyclic synchronous position (8).
+
+Theory (CiA 402-2). Profile position: a rising edge of bit 4 hands over a set-point (607Ah with 6081h, 6083h, 6084h; bit
+6: relative to the target before it, 60F2h = 0), which is answered by bit 12 of the statusword, *set-point acknowledge*.
+With bit 5 it replaces what is under way at once, else it is made when that is complete; one set-point can wait. Bit 12
+falls when bit 4 has fallen and nothing waits. An edge while one waits is a set-point only with bit 5. Bit 10 is set
+when |target − actual| has been within 6067h for 6068h. Bit 9, *change on set-point*, is optional and not looked at.
+Cyclic: every new target (607Ah + 60B0h) is reached linearly within the interpolation time 60C2h, so the demand is one
+such time late; 60B1h and 60B2h feed speed and torque forward. Without 60B1h a speed v costs a following error v/k, k
+the gain of the position loop (see `stage`). What stands in 607Ah on entering the mode is a target like any other.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from haptic_fieldbus.sim.drive.modes.following import Following, nearest
+from haptic_fieldbus.sim.drive.modes.mode import (
+    BIT_12,
+    FOLLOWS_COMMAND,
+    INTERNAL_LIMIT,
+    NEW_SET_POINT,
+    TARGET_REACHED,
+    Lasting,
+    Mode,
+)
+from haptic_fieldbus.sim.drive.modes.ramps import Motion, to_distance, to_velocity
+from haptic_fieldbus.sim.drive.object_table import NO_LIMIT
+from haptic_fieldbus.sim.drive.objects import Objects
+from haptic_fieldbus.sim.drive.stage import Stage
+
+ACKNOWLEDGE = BIT_12
+_IMMEDIATELY, _RELATIVE = 0x0020, 0x0040
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """As it was handed over: position units, rad/s, rad/s²."""
+
+    target: int
+    relative: bool
+    speed: float
+    acceleration: float
+    deceleration: float
+
+
+class ProfilePosition(Mode):
+    """Profile position mode."""
+
+    halts = True
+
+    def __init__(self, stage: Stage, objects: Objects, failed: Callable[[int], None]) -> None:
+        super().__init__(stage)
+        self.ticking = True
+        row = objects.row
+        self._controlword, self._position = objects.controlword, row(0x607A)
+        self._speed, self._acceleration, self._deceleration = row(0x6081), row(0x6083), row(0x6084)
+        self._window, self._window_time = row(0x6067), row(0x6068)
+        self._following = Following(stage, objects, failed)
+        self._reached = Lasting()
+        self._active: SetPoint | None = None
+        self._waiting: SetPoint | None = None
+        self._edge = False
+        self._target: float | None = None
+        self._begin(to_velocity(0.0, 0.0, 1.0, 1.0), 0.0, 0)
+
+    def start(self, t_ns: int) -> None:
+        """Come to rest; after a halt the set-point under way is made from where the motor then is."""
+        stage, halted = self.stage, self._active
+        velocity, ramp = stage.servo.plant.velocity, stage.ramp(self._deceleration)
+        self._begin(to_velocity(velocity, 0.0, ramp, ramp), stage.angle(), t_ns)
+        self._following.restart()
+        if halted is not None and self._target is not None:
+            self._go(halted, self._target, t_ns)
+        self.act(t_ns)
+
+    def leave(self) -> None:
+        """The mode or *operation enabled* is left: what was under way or waited is forgotten."""
+        self._active = self._waiting = self._target = None
+        self._edge = False
+        self.status = 0
+
+    def act(self, t_ns: int) -> None:
+        """The handshake."""
+        word = self._controlword.value
+        edge = bool(word & NEW_SET_POINT)
+        if edge and not self._edge:
+            self._hand_over(word, t_ns)
+        elif not edge and self._waiting is None:
+            self.status &= ~ACKNOWLEDGE
+        self._edge = edge
+
+    def _hand_over(self, word: int, t_ns: int) -> None:
+        ramp = self.stage.ramp
+        point = SetPoint(
+            self._position.value, bool(word & _RELATIVE),
+            self._speed.value * abs(self.stage.units.speed), ramp(self._acceleration), ramp(self._deceleration),
+        )  # fmt: skip
+        if word & _IMMEDIATELY or self._active is None:
+            self._waiting = None
+            self._go(point, self._goal(point), t_ns)
+        elif self._waiting is None:
+            self._waiting = point
+        else:
+            return
+        self.status |= ACKNOWLEDGE
+
+    def _goal(self, point: SetPoint) -> float:
+        """Where a set-point leads [rad]."""
+        unit = self.stage.units.angle
+        if point.relative:
+            return (self._target if self._target is not None else self.stage.angle()) + point.target * unit
+        return nearest(point.target, self.stage.angle() / unit) * unit
+
+    def _go(self, point: SetPoint, goal: float, t_ns: int) -> None:
+        angle, velocity, _ = self._motion.at((t_ns - self._begin_ns) * 1e-9)
+        angle += self._origin
+        speed = self.stage.slow(point.speed)
+        motion = to_distance(velocity, goal - angle, speed, point.acceleration, point.deceleration)
+        self._begin(motion, angle, t_ns)
+        self._limited = speed != point.speed
+        self._active, self._target = point, goal
+
+    def _begin(self, motion: Motion, origin: float, t_ns: int) -> None:
+        self._motion, self._origin, self._begin_ns = motion, origin, t_ns
+        self._limited = False
+        self._reached.restart()
+        self.status &= ~TARGET_REACHED
+
+    def tick(self, t_ns: int) -> None:
+        time = (t_ns - self._begin_ns) * 1e-9
+        angle, velocity, acceleration = self._motion.at(time)
+        angle += self._origin
+        stage = self.stage
+        stage.position(angle, velocity, acceleration, t_ns)
+        error = self._following.check(angle, t_ns)
+        reached = time >= self._motion.end and self._near(angle, t_ns)
+        limited = stage.limited or self._limited
+        self.status = (
+            self.status & ACKNOWLEDGE | error
+            | (TARGET_REACHED if reached else 0) | (INTERNAL_LIMIT if limited else 0)
+        )  # fmt: skip
+        if reached:
+            self._complete(t_ns)
+
+    def _near(self, angle: float, t_ns: int) -> bool:
+        window = self._window.value
+        distance = abs(round((angle - self.stage.angle()) / self.stage.units.angle))
+        return self._reached(window == NO_LIMIT or distance <= window, t_ns, self._window_time.value)
+
+    def _complete(self, t_ns: int) -> None:
+        """The positioning is complete; the set-point that waits comes next."""
+        point, self._active, self._waiting = self._waiting, None, None
+        if point is not None:
+            self._go(point, self._goal(point), t_ns)
+            if not self._edge:
+                self.status &= ~ACKNOWLEDGE
+
+
+class CyclicPosition(Mode):
+    """Cyclic synchronous position mode."""
+
+    def __init__(self, stage: Stage, objects: Objects, failed: Callable[[int], None]) -> None:
+        super().__init__(stage)
+        self.ticking = True
+        row = objects.row
+        self._target, self._offset = row(0x607A), row(0x60B0)
+        self._velocity_offset, self._torque_offset = row(0x60B1), row(0x60B2)
+        self._time, self._exponent = row(0x60C2, 1), row(0x60C2, 2)
+        self._following = Following(stage, objects, failed)
+        self._seen: int | None = None
+        self._from = self._to = 0.0
+        self._begin_ns, self._span_ns = 0, 1
+
+    def start(self, t_ns: int) -> None:
+        self._from = self._to = self.stage.angle()
+        self._seen, self._begin_ns = None, t_ns
+        self._following.restart()
+        self.status = FOLLOWS_COMMAND
+        self.act(t_ns)
+
+    def act(self, t_ns: int) -> None:
+        wanted = self._target.value + self._offset.value
+        if wanted == self._seen:
+            return
+        unit = self.stage.units.angle
+        self._from = self._demand(t_ns)
+        self._to = nearest(wanted, self._from / unit) * unit
+        self._seen, self._begin_ns = wanted, t_ns
+        self._span_ns = max(1, round(self._time.value * 10.0 ** (self._exponent.value + 9)))
+
+    def _demand(self, t_ns: int) -> float:
+        share = min(1.0, (t_ns - self._begin_ns) / self._span_ns)
+        return self._from + share * (self._to - self._from)
+
+    def tick(self, t_ns: int) -> None:
+        stage = self.stage
+        angle = self._demand(t_ns)
+        forward, offset = self._velocity_offset.value * stage.units.speed, self._torque_offset.value * stage.permille
+        stage.position(angle, forward, 0.0, t_ns, offset)
+        error = self._following.check(angle, t_ns)
+        self.status = FOLLOWS_COMMAND | error | (INTERNAL_LIMIT if stage.limited else 0)

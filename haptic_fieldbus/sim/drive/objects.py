@@ -1,0 +1,200 @@
+"""The objects of a simulated drive beyond communication: CiA 402-2, and what its profile names.
+
+Objects that the profile gives another index or type stand there as the profile says. What the drive does not have
+(6007h, 605Eh, 6076h, 6077h where the profile names none; objects of modes that it lacks; objects that its settings
+leave out) is not in the dictionary; the drive works with its power-on value all the same.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, PositionSection, VelocitySection
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable, one_of
+from haptic_fieldbus.sim.drive.object_table import FACTORS, STANDARD_MODES, Defaults, Row, rows
+
+PERMILLE = 1e-3
+_TORQUE_UNITS = {"permille_of_rated_torque": PERMILLE}
+"""Unit of targets and actual values as a share of rated torque."""
+
+DEVICE_TYPE = 0x0002_0192
+"""CiA 402-2, 1000h: device profile 402, servo drive."""
+
+NO_MODE = 0
+NO_ACTION, SLOW_DOWN = 0, 2
+"""6007h, 605Eh of a drive without them: a lost link changes nothing, a fault is met by the quick stop ramp."""
+# CiA 402-2, 6502h: bit of a mode is its number minus one; manufacturer specific modes are negative, bits 16 on.
+_FIRST_MANUFACTURER_BIT = 16
+
+
+@dataclass(frozen=True)
+class Objects:
+    """The entries that the drive itself works with, whether they are in the dictionary or not."""
+
+    error_code: Entry
+    controlword: Entry
+    statusword: Entry
+    abort_connection_option: Entry
+    fault_reaction_option: Entry
+    mode: Entry
+    mode_display: Entry
+    position: Entry
+    velocity: Entry
+    target_torque: Entry
+    actual_torque: Entry
+    modes: frozenset[int]
+    """Modes of operation that work."""
+    torque_mode: int
+    rated_torque: float
+    """[N·m], as 6076h says it."""
+    torque_unit: float
+    """[N·m] of one step of the target."""
+    table: dict[tuple[int, int], Entry]
+    """The entries of `object_table`, by index and sub-index."""
+
+    def row(self, index: int, subindex: int = 0) -> Entry:
+        """An entry of `object_table`."""
+        return self.table[index, subindex]
+
+    def on_written(self, changed: Callable[[], None], factors_changed: Callable[[], None]) -> None:
+        """Have it told when a client writes one of them; process data is told of by `Drive.act`."""
+        for entry in (*self.table.values(), self.controlword, self.mode, self.target_torque):
+            if entry.access is Access.RW:
+                entry.changed = factors_changed if entry.index in FACTORS else changed
+
+    @property
+    def torque_limits(self) -> tuple[Entry, Entry, Entry, Entry]:
+        """6072h, 6073h, 60E0h, 60E1h."""
+        return self.row(0x6072), self.row(0x6073), self.row(0x60E0), self.row(0x60E1)
+
+
+def add_objects(
+    dictionary: Dictionary,
+    profile: Cia402Profile,
+    rated_torque: float,
+    serial: int,
+    defaults: Defaults,
+    modes: frozenset[int] | None = None,
+    without: frozenset[int] = frozenset(),
+) -> Objects:
+    """Fill the dictionary; UsageError for a torque unit that cannot be simulated."""
+    share = _TORQUE_UNITS.get(profile.torque.target.unit)
+    if share is None:
+        raise UsageError(f'{profile.name}: targets in "{profile.torque.target.unit}" cannot be simulated')
+    _add_identity(dictionary, profile, serial)
+    rated = _add_rated(dictionary, profile, rated_torque)
+    torque_mode = profile.torque.mode_of_operation
+    offered = (STANDARD_MODES if modes is None else STANDARD_MODES & modes) | {torque_mode}
+    table = _add_table(dictionary, rows(defaults), offered, without)
+    add = dictionary.add
+    add(Entry(0x6502, 0, DataType.UINT32, _supported(offered), mappable=Mappable.TPDO))
+    actual = profile.torque.actual
+    abort, reaction = profile.link_loss.abort_connection_option, profile.link_loss.fault_reaction_option
+    return Objects(
+        error_code=add(Entry(0x603F, 0, DataType.UINT16, mappable=Mappable.TPDO)),
+        controlword=add(Entry(0x6040, 0, DataType.UINT16, 0, Access.RW, mappable=Mappable.BOTH)),
+        statusword=add(Entry(0x6041, 0, DataType.UINT16, mappable=Mappable.TPDO)),
+        abort_connection_option=(
+            _add_option(dictionary, abort.object, 1, range(4)) if abort else _hidden(0x6007, NO_ACTION)
+        ),
+        fault_reaction_option=(
+            _add_option(dictionary, reaction.object, 2, range(5)) if reaction else _hidden(0x605E, SLOW_DOWN)
+        ),
+        mode=add(
+            Entry(0x6060, 0, DataType.INT8, 0, Access.RW, mappable=Mappable.BOTH, accept=one_of((NO_MODE, *offered)))
+        ),
+        mode_display=add(Entry(0x6061, 0, DataType.INT8, mappable=Mappable.TPDO)),
+        position=_add_motion(dictionary, profile, 0x6064, profile.position),
+        velocity=_add_motion(dictionary, profile, 0x606C, profile.velocity),
+        target_torque=_add_mapped(dictionary, profile.torque.target, Access.RW, Mappable.BOTH),
+        actual_torque=(
+            _add_mapped(dictionary, actual, Access.RO, Mappable.TPDO) if actual is not None else _hidden(0x6077, 0)
+        ),
+        modes=offered,
+        torque_mode=torque_mode,
+        rated_torque=rated,
+        torque_unit=rated * share,
+        table=table,
+    )
+
+
+def _add_table(
+    dictionary: Dictionary, table: Iterable[Row], modes: frozenset[int], without: frozenset[int]
+) -> dict[tuple[int, int], Entry]:
+    """Make all entries; put those into the dictionary that the drive has."""
+    entries: dict[tuple[int, int], Entry] = {}
+    shown: dict[int, list[Entry]] = {}
+    for row in table:
+        accept = one_of(row.allowed) if row.allowed is not None else None
+        both = Mappable.BOTH if row.mappable is Mappable.RPDO else row.mappable
+        entry = Entry(row.index, row.subindex, row.type, row.value, row.access,
+                      limits=row.limits, mappable=both, accept=accept)  # fmt: skip
+        entries[row.index, row.subindex] = entry
+        if row.index not in without and (not row.modes or modes.intersection(row.modes)):
+            shown.setdefault(row.index, []).append(entry)
+    for members in shown.values():
+        if members[0].subindex:
+            dictionary.add_record(members)
+        else:
+            dictionary.add(members[0])
+    return entries
+
+
+def _add_identity(dictionary: Dictionary, profile: Cia402Profile, serial: int) -> None:
+    """CiA 301: 1000h, 1008h, 1018h."""
+    dictionary.add(Entry(0x1000, 0, DataType.UINT32, DEVICE_TYPE, Access.CONST))
+    dictionary.add(Entry(0x1008, 0, None, access=Access.CONST, text=profile.title.encode()))
+    identity = profile.identity
+    product = identity.product_codes[0] if identity.product_codes else 0
+    dictionary.add_record(
+        Entry(0x1018, subindex, DataType.UINT32, value)
+        for subindex, value in enumerate((identity.vendor_id or 0, product, 0x0001_0000, serial), start=1)
+    )
+
+
+def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: float) -> float:
+    """6076h; returns the rated torque as the object, in whole steps of its unit, says it [N·m], UsageError for none."""
+    rated = profile.torque.rated
+    if rated is None:
+        return rated_torque
+    unit = RATED_TORQUE_UNITS[rated.unit]
+    entry = _add_mapped(dictionary, rated, Access.RO, Mappable.TPDO)
+    entry.value = entry.default = round(rated_torque / unit)
+    if not entry.value:
+        raise UsageError(f"{profile.name}: {rated_torque} N·m of rated torque is less than one step of {rated.unit}")
+    return entry.value * unit
+
+
+def _add_mapped(dictionary: Dictionary, mapped: MappedObject, access: Access, mappable: Mappable) -> Entry:
+    """An object that carries a signal, where the profile has it."""
+    entry = Entry(mapped.object, mapped.subindex, mapped.type, 0, access, mappable=mappable)
+    if mapped.subindex:
+        dictionary.add_record([entry])
+    return dictionary.add(entry)
+
+
+def _add_motion(
+    dictionary: Dictionary, profile: Cia402Profile, index: int, section: PositionSection | VelocitySection | None
+) -> Entry:
+    """What the drive measures of the motion; a drive that offers velocity only shows no position."""
+    if section is not None:
+        return _add_mapped(dictionary, section.actual, Access.RO, Mappable.TPDO)
+    entry = Entry(index, 0, DataType.INT32, mappable=Mappable.TPDO)
+    return dictionary.add(entry) if profile.position is not None else entry
+
+
+def _add_option(dictionary: Dictionary, index: int, value: int, codes: Iterable[int]) -> Entry:
+    """An option code with its power-on value; codes that are reserved are refused."""
+    return dictionary.add(Entry(index, 0, DataType.INT16, value, Access.RW, accept=one_of(codes)))
+
+
+def _hidden(index: int, value: int) -> Entry:
+    """An entry that is not in the dictionary."""
+    return Entry(index, 0, DataType.INT16, value)
+
+
+def _supported(modes: Iterable[int]) -> int:
+    """6502h."""
+    return sum(1 << (mode - 1 if mode > 0 else _FIRST_MANUFACTURER_BIT - mode - 1) for mode in modes if mode)

@@ -1,0 +1,86 @@
+"""The drive's power stage and encoder: counts out, torque targets in.
+
+Theory: a target that arrives is taken over at the next control tick and held until the next one. Ticks are multiples of
+the control period counted from the end of the last SYNC (from power-on while there was none); a SYNC is a tick itself.
+The encoder counts floor(N·θ/2π + phase + 1/2) in 32 bits; the phase, where within a count the zero lies, is its own.
+"""
+
+import math
+
+from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.mechanics.body import Body
+
+_WRAP = 1 << 32
+_HALF = 1 << 31
+
+
+class Servo:
+    """Between the drive's firmware and the plant; times in integer nanoseconds."""
+
+    def __init__(self, plant: Body, *, counts_per_revolution: int, control_period_ns: int, phase: float = 0.0) -> None:
+        self.plant = plant
+        self.stuck_until_ns = 0
+        """Until then the encoder shows what it showed."""
+        self._counts_per_radian = counts_per_revolution / (2 * math.pi)
+        self._round = phase + 0.5
+        self._offset = 0
+        self._shown = 0
+        self._period_ns = control_period_ns
+        self._grid_ns = plant.t_ns
+        self._pending_ns = NEVER_NS
+        self._pending = 0.0
+
+    def advance(self, t_ns: int) -> None:
+        """Move the plant, taking over the target that waits for a tick on the way."""
+        if self._pending_ns <= t_ns:
+            self.plant.advance(self._pending_ns)
+            self._pending_ns = NEVER_NS
+            self.plant.set_target(self._pending)
+        self.plant.advance(t_ns)
+
+    def sync(self, t_ns: int) -> None:
+        """A SYNC ended: the ticks are counted from here."""
+        self.advance(t_ns)
+        self._grid_ns = t_ns
+        self._pending_ns = min(self._pending_ns, t_ns) if self._pending_ns != NEVER_NS else NEVER_NS
+
+    def tick(self, t_ns: int) -> int:
+        """The first control tick at or after `t_ns`."""
+        if not self._period_ns:
+            return t_ns
+        return self._grid_ns + -(-(t_ns - self._grid_ns) // self._period_ns) * self._period_ns
+
+    def next_tick(self, t_ns: int, period_ns: int) -> int:
+        """The same for loops that need a period even where targets act at once."""
+        return self._grid_ns + -(-(t_ns - self._grid_ns) // period_ns) * period_ns
+
+    def command(self, torque: float, t_ns: int) -> None:
+        """A target [N·m] arrived; it replaces one that still waits."""
+        if self._pending_ns <= t_ns:
+            self.advance(self._pending_ns)
+        self._pending = torque
+        self._pending_ns = self.tick(t_ns)
+
+    def cut(self, t_ns: int) -> None:
+        """Switch the power stage off: the target is zero at once."""
+        self.advance(t_ns)
+        self._pending_ns = NEVER_NS
+        self.plant.set_target(0.0)
+
+    def jump(self, counts: int) -> None:
+        """The encoder loses or gains counts from now on."""
+        self._offset += counts
+
+    def counts(self) -> int:
+        """What the encoder shows at the plant's present time."""
+        plant = self.plant
+        if plant.t_ns >= self.stuck_until_ns:
+            shown = math.floor(plant.state[0] * self._counts_per_radian + self._round) + self._offset
+            self._shown = (shown + _HALF) % _WRAP - _HALF
+        return self._shown
+
+    def fine_counts(self) -> float:
+        """The same before rounding, and without end; whole where the shaft stands in the middle of a count."""
+        if self.plant.t_ns < self.stuck_until_ns:
+            return float(self._shown)
+        return self.plant.state[0] * self._counts_per_radian + self._round - 0.5 + self._offset

@@ -1,0 +1,77 @@
+"""The factor group: between counts of the encoder, position and velocity units, and the shaft in SI.
+
+Theory (CiA 402-2, 607Eh, 608Fh, 6091h, 6092h). Position [position units] = counts · feed constant / (encoder resolution
+· gear ratio); a velocity unit is one position unit a second, or the one that the drive has of its own (60A9h, r/min and
+parts of it), whatever the factors; an acceleration unit is a position unit a second squared. Bit 7 of
+the polarity turns positions, bit 6 velocities. A drive without feed constant counts on the driving shaft: its feed
+constant is then its encoder resolution.
+"""
+
+import math
+from collections.abc import Mapping
+
+from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
+
+WRAP, HALF = 1 << 32, 1 << 31
+_POSITION_POLARITY, _VELOCITY_POLARITY = 0x80, 0x40
+
+_RESOLUTION, _GEAR, _FEED = 0x608F, 0x6091, 0x6092
+
+
+def fit(value: float) -> int:
+    """As an INTEGER32, bounded."""
+    return max(-HALF, min(HALF - 1, round(value)))
+
+
+class Units:
+    """The factors as the objects say; `update` after a change."""
+
+    plain: bool
+    """Whether a position unit is a count."""
+    angle: float
+    """One position unit at the motor shaft [rad], with its sign."""
+    speed: float
+    """One velocity unit [rad/s], with its sign."""
+
+    def __init__(
+        self,
+        counts_per_radian: float,
+        table: Mapping[tuple[int, int], Entry],
+        dictionary: Dictionary,
+        velocity_unit: float | None = None,
+    ) -> None:
+        """`table`: the factors by index and sub-index; `velocity_unit` [rad/s]: that of a drive with one of its own."""
+        self.counts_per_radian = counts_per_radian
+        self._velocity_unit = velocity_unit
+        self._polarity = table[0x607E, 0]
+        pairs = ((table[index, 1], table[index, 2]) for index in (_RESOLUTION, _GEAR, _FEED))
+        self._resolution, self._gear, self._feed = pairs
+        self._dictionary = dictionary
+        self.update()
+
+    def update(self) -> None:
+        """Take over the objects; a factor of 0 counts as 1."""
+        feed_constant = self._feed if _FEED in self._dictionary else self._resolution
+        (counts, turns), (motor, shaft), (feed, per) = (
+            (pair[0].value or 1, pair[1].value or 1) for pair in (self._resolution, self._gear, feed_constant)
+        )
+        polarity = self._polarity.value
+        self._numerator = feed * turns * shaft * (-1 if polarity & _POSITION_POLARITY else 1)
+        self._denominator = per * counts * motor
+        self.plain = self._numerator == self._denominator
+        per_radian = self._numerator / self._denominator * self.counts_per_radian
+        self.angle = 1 / per_radian
+        self.speed = math.copysign(self._velocity_unit or self.angle, -1 if polarity & _VELOCITY_POLARITY else 1)
+
+    def position(self, counts: int) -> int:
+        """Counts as position units, rounded, in 32 bits."""
+        numerator = 2 * counts * self._numerator + self._denominator
+        return (numerator // (2 * self._denominator) + HALF) % WRAP - HALF
+
+    def counts(self, position: int) -> int:
+        """The nearest count to a position."""
+        return round(position * self._denominator / self._numerator)
+
+    def velocity(self, speed: float) -> int:
+        """Speed of the shaft [rad/s] in velocity units, bounded."""
+        return fit(speed / self.speed)

@@ -1,0 +1,143 @@
+"""Motor shaft, friction and hand, followed exactly between events; `loaded_plant` is for all that a rig may ask beyond.
+
+Theory: with a constant target the shaft moves linearly while it *slips* in one direction s (friction −fc·s) and while
+it *sticks*. It sticks when it comes to rest with |pull| ≤ fc, the pull being what acts on it at rest, friction apart;
+it slips again when the pull exceeds fc (by one part in 1e12, so that rounding cannot make it hesitate). The instants of
+both are found inside a step: a change of sign always, a dip where the tangent at the start of the step allows one. A
+step lasts 1 ms at most when there is Coulomb friction, so only an oscillation above some 500 Hz could hide a reversal.
+
+Everything at the motor shaft, SI; `t_ns` is the plant's own time.
+"""
+
+import numpy as np
+
+from haptic_fieldbus.numerics.linear import Matrix
+from haptic_fieldbus.sim import NEVER_NS
+from haptic_fieldbus.sim.hand import Grip
+from haptic_fieldbus.sim.mechanics.body import Body
+from haptic_fieldbus.sim.mechanics.motion import (
+    ANGLE,
+    FORCE,
+    FRICTION,
+    HAND_SPEED,
+    ORDER,
+    SPEED,
+    STRETCH,
+    TARGET,
+    TORQUE,
+    Motion,
+    Shaft,
+    State,
+)
+
+MAX_STEP_NS = 1_000_000
+_MAX_EVENTS = 100
+"""In one step; after that the mode is kept to the step's end."""
+_BREAKAWAY = 1.0 + 1e-12
+
+
+class Plant(Body):
+    """A rigid shaft, perhaps held by a hand; moves when told to."""
+
+    def __init__(
+        self, shaft: Shaft, grip: Grip | None, *, position: float = 0.0, velocity: float = 0.0, t_ns: int = 0
+    ) -> None:
+        super().__init__(t_ns, (position, velocity, 0.0, 0.0, velocity if grip else 0.0, 0.0, 0.0, 0.0, 0.0), ORDER)
+        self._shaft = shaft
+        self._coulomb = shaft.coulomb
+        self._threshold = shaft.coulomb * _BREAKAWAY
+        self._longest_ns = MAX_STEP_NS if shaft.coulomb > 0 else NEVER_NS
+        self._hold(grip)
+
+    def _hold(self, grip: Grip | None) -> None:
+        self._grip = grip
+        self._stiffness, self._damping = (grip.stiffness, grip.damping) if grip is not None else (0.0, 0.0)
+        self._slipping = Motion(self._shaft, grip, sticking=False)
+        self._sticking = Motion(self._shaft, grip, sticking=True)
+        speed = self.state[SPEED]
+        if speed == 0.0:
+            self._from_rest()
+        else:
+            self._enter(1 if speed > 0.0 else -1)
+        self._record(0.0)
+
+    def _continue(self, state: State) -> None:
+        self.state = state
+        self._record(0.0)
+
+    def _move(self, t_ns: int) -> None:
+        longest_ns = self._longest_ns
+        while (span_ns := t_ns - self.t_ns) > 0:
+            self._step(span_ns if span_ns < longest_ns else longest_ns)
+
+    def _step(self, span_ns: int) -> None:
+        before = self.state
+        after = self._motion.step(before, span_ns)
+        if self._coulomb and self._may_switch(before, after, span_ns * 1e-9):
+            after = self._through_events(before, after, span_ns)
+        self.state = after
+        self.t_ns += span_ns
+
+    def _pull(self, state: State) -> float:
+        """Torque on the shaft at rest, friction apart [N·m]."""
+        return state[TORQUE] + self._stiffness * state[STRETCH] + self._damping * state[HAND_SPEED]
+
+    def _may_switch(self, before: State, after: State, span: float) -> bool:
+        """Whether an event inside the step is possible."""
+        direction = self._direction
+        if direction:
+            speed = before[SPEED]
+            drag = (self._shaft.damping + self._damping) * speed
+            acceleration = (self._pull(before) + before[FRICTION] - drag) / self._shaft.inertia
+            return direction * after[SPEED] < 0.0 or direction * (speed + acceleration * span) < 0.0
+        rate = abs(before[TARGET] - before[TORQUE]) / self._shaft.lag
+        if self._grip is not None:
+            press = before[FORCE] - self._stiffness * before[STRETCH] - self._damping * before[HAND_SPEED]
+            rate += abs(self._stiffness * before[HAND_SPEED] + self._damping * press / self._grip.inertia)
+        return abs(self._pull(after)) > self._threshold or abs(self._pull(before)) + rate * span > self._threshold
+
+    def _through_events(self, before: State, after: State, span_ns: int) -> State:
+        """The state at the end of the step, through the changes of mode inside it."""
+        z = np.array(before)
+        left_ns = float(span_ns)
+        for count in range(_MAX_EVENTS):
+            event_ns = self._first_event(z, left_ns)
+            if event_ns is None:
+                if count == 0:
+                    return after
+                break
+            left_ns -= event_ns
+            self.state = _state(self._motion.flow.advance(z, event_ns))
+            self._from_rest()
+            self._record(span_ns - left_ns)
+            z = np.array(self.state)
+        return _state(self._motion.flow.advance(z, left_ns))
+
+    def _first_event(self, z: Matrix, span_ns: float) -> float | None:
+        form = np.zeros(ORDER)
+        flow = self._motion.flow
+        if self._direction:
+            form[SPEED] = self._direction
+            return flow.first_negative(z, span_ns, form, 0.0)
+        form[TORQUE], form[STRETCH], form[HAND_SPEED] = 1.0, self._stiffness, self._damping
+        found = [flow.first_negative(z, span_ns, sign * form, self._threshold) for sign in (1.0, -1.0)]
+        return min((event_ns for event_ns in found if event_ns is not None), default=None)
+
+    def _from_rest(self) -> None:
+        """The shaft stands: it sticks, or goes where it is pulled."""
+        self.state = (self.state[ANGLE], 0.0, *self.state[TORQUE:])
+        pull = self._pull(self.state)
+        self._enter(0 if abs(pull) <= self._coulomb else 1 if pull > 0.0 else -1)
+
+    def _enter(self, direction: int) -> None:
+        """Slip in a direction, or stick (0)."""
+        self._direction = direction
+        self._motion = self._slipping if direction or not self._coulomb else self._sticking
+        self.state = (*self.state[:FRICTION], -self._coulomb * direction)
+
+    def _record(self, offset_ns: float) -> None:
+        self.recorder.segment(self.t_ns, offset_ns, self._motion.flow, self.state)
+
+
+def _state(z: Matrix) -> State:
+    return tuple(z.tolist())

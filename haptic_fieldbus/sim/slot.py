@@ -1,0 +1,23 @@
+"""A place for a drive on a simulated bus."""
+
+from dataclasses import dataclass
+
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.sim.faults import Fault
+from haptic_fieldbus.sim.hand import Hand
+
+
+@dataclass(frozen=True)
+class Slot:
+    """What is put on the bus under a node-ID; position [rad] and velocity [rad/s] are those of the shaft."""
+
+    node: int
+    profile: DriveProfile
+    axis: RigAxis
+    hand: Hand | None = None
+    faults: tuple[Fault, ...] = ()
+    position: float = 0.0
+    velocity: float = 0.0
+    booted: bool = True
+    """The bench was switched on before the program came; False: now, the boot-up message is still to come."""

@@ -1,0 +1,161 @@
+"""Cases of the loop around a puck and a wall: a virtual mass held, free and light, and a start inside the wall."""
+
+import math
+
+import numpy as np
+
+from haptic_fieldbus.margins import Plant, stiffness_limit
+from haptic_fieldbus.margins.plant import sample
+from haptic_fieldbus.numerics import integrators, sampled
+from haptic_fieldbus.numerics.integrators import METHODS, trajectory
+from haptic_fieldbus.numerics.linear import gain
+from haptic_fieldbus.planning.selection import select
+from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.cases.closed_loop_oracles import jury_limit, moved
+from haptic_fieldbus.study.cases.drive_bench import PERIOD_NS, Feeder, feed
+from haptic_fieldbus.study.cases.textbook import RULES
+from haptic_fieldbus.study.measure.in_the_loop import flicked
+from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass, two_masses
+
+PERIOD = 1e-3
+
+
+def stiff_held_puck(quick: bool) -> CaseResult:
+    """With T·√(k/m) = 1000 and the puck moved by one unit, F = −k·cos(ωt): four methods survive, one kind is right."""
+    steps, h = (1000 if quick else 100_000), 1000.0
+    k = MASS * (h / PERIOD) ** 2
+    exact = -k * np.cos(h * np.arange(steps))
+    runs = {}
+    with np.errstate(over="ignore", invalid="ignore"):
+        for name in METHODS:
+            one = integrators.discretise(sprung_mass(k), PERIOD, name)
+            inputs = np.zeros((steps, one.increments.b.shape[1]))
+            inputs[:, 0] = 1.0
+            runs[name] = trajectory.follow(one, inputs, [0.0, 0.0])
+    bounded = [name for name, run in runs.items() if not run.diverged and np.abs(run.outputs).max() <= 1.001 * k]
+    worst = max(float(np.abs(runs[name].outputs[:, 0] - exact).max()) / k for name in ("exact-zoh", "exact-foh"))
+    allowed = 2e-14 * h * steps
+    expected = ["backward-euler", "trapezoidal", "exact-zoh", "exact-foh"]
+    return CaseResult(
+        f"bounded only: {', '.join(expected)}; exact ones on −k·cos(ωt) for {steps} steps",
+        f"bounded: {', '.join(bounded)}; exact ones off by {worst:.1e} of k ({allowed:.0e} allowed)",
+        sorted(bounded) == sorted(expected) and worst <= allowed,
+        "closed form −k·cos(ωt); stability at h = 1000 by hand",
+        tolerance=f"{allowed:.0e} of k",
+    )
+
+
+def _two_masses(puck: float, duration: float, steps: int, method: str) -> float:
+    """Largest error of the puck's position over its largest one, pushed with 1 N; the plant has four states."""
+    total, reduced = puck + MASS, puck * MASS / (puck + MASS)
+    one = integrators.discretise(two_masses(puck, MASS, STIFFNESS), duration / steps, method)
+    found = trajectory.follow(one, np.tile([1.0, 0.0], (steps, 1)), [0.0] * 4).states[:, 0]
+    time = np.arange(steps) * (duration / steps)
+    stretch = reduced / (puck * STIFFNESS) * (1.0 - np.cos(math.sqrt(STIFFNESS / reduced) * time))
+    exact = time**2 / (2.0 * total) + MASS / total * stretch
+    if len(found) < steps:
+        return math.inf
+    return float(np.abs(found - exact).max() / np.abs(exact).max())
+
+
+def free_puck(quick: bool) -> CaseResult:
+    """Puck and mass on a spring, pushed by 1 N: four states, a double root at 0, and an oscillation."""
+    steps = 2000 if quick else 20_000
+    errors = {name: _two_masses(0.2, steps * PERIOD, steps, name) for name in ("exact-zoh", "exact-foh")}
+    worst = max(errors.values())
+    coarse, fine = (_two_masses(0.2, 1.0, count, "rk4") for count in (100, 200))
+    return CaseResult(
+        f"exact steps on the closed form for {steps * PERIOD:g} s; rk4's error 16 times less at half the step",
+        f"off by {worst:.1e} of the way (1e-9 allowed); rk4 {coarse / fine:.2f} times less (14 to 18 allowed)",
+        worst <= 1e-9 and 14.0 <= coarse / fine <= 18.0,
+        "closed form: uniform acceleration of both masses, and their oscillation",
+        tolerance="1e-9 of the way; the ratio of 16 within 14 to 18",
+    )
+
+
+def light_puck(quick: bool) -> CaseResult:
+    """A puck of 1 mg turns by 14 rad in a period, exactly; a wall's limit for a light handle goes to 2b/T."""
+    steps = 1000 if quick else 10_000
+    error = _two_masses(1e-6, steps * PERIOD, steps, "exact-foh")
+    euler = _two_masses(1e-6, steps * PERIOD, steps, "forward-euler")
+    damping, masses = 0.5, (1e-4, 1e-5, 1e-6, 1e-9)
+
+    def limit(mass: float) -> float:
+        return stiffness_limit(Plant(mass, damping), PERIOD, 0.0, lambda k: gain([[-k]]))
+
+    worst = max(abs(limit(mass) / jury_limit(Plant(mass, damping), PERIOD) - 1.0) for mass in masses)
+    massless = limit(0.0)
+    return CaseResult(
+        f"exact step on the closed form, forward Euler diverges; massless handle: limit {2 * damping / PERIOD:g} N/m",
+        f"off by {error:.1e} (1e-8 allowed), Euler {euler:.0e}; limit {massless:.6f} N/m, masses from 1e-4 to 1e-9 kg "
+        f"off Jury's by {worst:.0e} (1e-8 allowed)",
+        max(error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0)) <= 1e-8 and euler > 1e6,
+        "closed form of two masses; Jury's conditions by hand, 2b/T without mass",
+        tolerance="1e-8 of the way and of the limit",
+    )
+
+
+def _textbook_forces(device: Plant, method: str, steps: int) -> list[float]:
+    """Forces on the free handle, flicked with 0.1 m/s, in plain floats."""
+    rule, omega = RULES[method], math.sqrt(STIFFNESS / MASS)
+    x, v, q, speed = 0.0, 0.1, 0.0, 0.0
+    forces = []
+    for _ in range(steps):
+        force = STIFFNESS * (q - x)
+        forces.append(force)
+        before = x
+        x, v = moved(device, x, v, force, PERIOD)
+        q, speed = rule(q, speed, before, x, omega, PERIOD)
+    return forces
+
+
+def _package_forces(device: Plant, method: str, steps: int) -> tuple[list[float], float]:
+    """The same by the one-period map of `sampled`, and the spectral radius without the shift."""
+    virtual = sampled.environment(sprung_mass(), period=PERIOD, method=method, estimator=None)
+    plant = sample(device, PERIOD, 0.0)
+    return flicked(plant, virtual, steps).tolist(), sampled.growth(plant, virtual)
+
+
+def sampled_free_puck(quick: bool) -> CaseResult:
+    """The virtual mass in the loop with a free handle, by every method: forces, and who grows."""
+    device, steps = Plant(0.3, 0.2), (8000 if quick else 40_000)
+    worst, growing, wrong = 0.0, [], []
+    for method in METHODS:
+        forces, radius = _package_forces(device, method, steps)
+        brute = _textbook_forces(device, method, steps)
+        tenth, peak = steps // 10, max(map(abs, brute))
+        worst = max(worst, max(abs(x - y) for x, y in zip(forces, brute, strict=True)) / peak)
+        grew = max(map(abs, brute[-tenth:])) > max(map(abs, brute[:tenth]))
+        if grew:
+            growing.append(method)
+        if grew != (radius > 1.0):
+            wrong.append(method)
+    return CaseResult(
+        f"forces of textbook loops for {steps} periods; in them grow: {', '.join(growing) or 'none'}",
+        f"off by {worst:.1e} of the peak (1e-9 allowed); spectral radius disagrees for: {', '.join(wrong) or 'none'}",
+        worst <= 1e-9 and not wrong and sorted(RULES) == sorted(METHODS),
+        "every method as textbooks write it, around a device in closed form, in plain floats",
+        tolerance="1e-9 of the largest force; the set of methods exact",
+    )
+
+
+def start_inside_the_wall(quick: bool) -> CaseResult:
+    """A run that starts 10 mm inside a wall of 600 N/m fades its force in over 0.5 s: no kick."""
+    cycle = Feeder(select(Task("wall", settings={"wall.position": -0.01})).plan)
+    forces = []
+    for number in range(1000 if quick else 10_000):
+        feed(cycle, t_ns=number * PERIOD_NS)
+        forces.append(cycle.value("command"))
+    ramp = [-6.0 * min(1.0, (number + 1) / 500.0) for number in range(len(forces))]
+    worst = max(abs(force - ideal) for force, ideal in zip(forces, ramp, strict=True))
+    jump = max(abs(b - a) for a, b in zip([0.0, *forces[:-1]], forces, strict=True))
+    unit = cycle.plan.axes[0].effort_unit
+    return CaseResult(
+        "−6 N reached on a straight line over 0.5 s, 0.012 N a period",
+        f"off the line by {worst:.4f} N (0.51 of a step of torque allowed), largest change {jump:.4f} N "
+        f"(0.012 N and a step allowed); a step of torque is {unit:.4f} N",
+        worst <= 0.51 * unit and jump <= 0.012 + unit and abs(forces[0]) <= 0.012 + unit,
+        "the line by hand: 600 N/m · 10 mm · t/0.5 s, rounded to the drive's step",
+        tolerance="0.51 of a step of torque; 0.012 N and a step a period",
+    )

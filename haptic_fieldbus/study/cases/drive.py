@@ -1,0 +1,233 @@
+"""What a bus, an encoder and a clock can do to a running loop: it lets go, or goes on as if nothing had happened."""
+
+import math
+from fractions import Fraction
+
+from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.drive.rig import Limits
+from haptic_fieldbus.numerics.integrators import bind
+from haptic_fieldbus.scenes.constant import Constant
+from haptic_fieldbus.scenes.sprung_mass import SprungMass
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import LinkFlag, Workspace
+from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.cases import drive_bench
+from haptic_fieldbus.study.cases.drive_bench import COUNT, PERIOD_NS, UNIT, Feeder, feed, plan_of, running, torque
+
+
+def lost_bus(quick: bool) -> CaseResult:
+    """Bus-off in contact: our command is zero in that period, and the drive alone takes its torque away."""
+    cycle = running(plan_of(Constant("handle", 3.0)))
+    before = torque(cycle)
+    after = [torque(cycle, flags=LinkFlag.BUS_OFF), *(torque(cycle) for _ in range(100))]
+    outcome = drive_bench.bus_off_in_contact()
+    return CaseResult(
+        f"target {round(3.0 / UNIT)} ‰, then 0 from the period of the loss on; the drive's torque is asked to be 0 "
+        f"within its guard time of {1e3 * outcome.guard:g} ms and a period, and the run ends with an error",
+        f"target {before} ‰, then at most {max(map(abs, after))} ‰ for {len(after)} periods; drive without torque "
+        f"{1e3 * outcome.torque_free_after:.2f} ms later; {outcome.error}",
+        before == round(3.0 / UNIT)
+        and not any(after)
+        and cycle.tripped is TripKind.BUS_OFF
+        and outcome.pushed < 0.0
+        and 0.0 <= outcome.torque_free_after <= outcome.guard + PERIOD_NS * 1e-9
+        and outcome.error == "BusError",
+        "hand-derived: 3 N in thousandths of rated torque; the guard time that the drive was given",
+        tolerance="exact in ‰; the drive within its guard time and a period",
+    )
+
+
+def stale_position(quick: bool) -> CaseResult:
+    """Without new feedback force is held for a period, halved, and taken away for good; one new sample resets that."""
+    full = round(3.0 / UNIT)
+    cycle = running(plan_of(Constant("handle", 3.0)))
+    mended = [torque(cycle, flags=flag) for _ in range(3) for flag in (LinkFlag.STALE, LinkFlag.STALE, 0)]
+    lost = [torque(cycle, flags=LinkFlag.STALE) for _ in range(3)]
+    later = [torque(cycle) for _ in range(10)]
+    half, kept = round(1.5 / UNIT), cycle.tripped is TripKind.FEEDBACK_LOST and not any(later)
+    return CaseResult(
+        f"{full}, {half}, {full} ‰ three times with every third sample; {full}, {half}, 0 ‰ without any, then 0 for "
+        "good (exact)",
+        f"{', '.join(map(str, mended))}; {', '.join(map(str, lost))}, then at most {max(map(abs, later))} ‰",
+        mended == [full, half, full] * 3 and lost == [full, half, 0] and kept,
+        "hand-derived: 3 N held, 1.5 N at half, in thousandths of rated torque",
+        tolerance="exact in ‰",
+    )
+
+
+def non_finite_input(quick: bool) -> CaseResult:
+    """A force that is not a number or infinite becomes zero torque and a trip; walls and states hide none of it."""
+    values = (math.nan, -math.nan, math.inf, -math.inf, 1e308 * 10.0, math.inf - math.inf)
+    torques, trips = [], 0
+    for value in values:
+        cycle = Feeder(plan_of(Constant("handle", value)))
+        torques += [abs(torque(cycle)) for _ in range(10)]
+        trips += cycle.tripped is TripKind.NOT_FINITE
+    step = bind(SprungMass("handle", 200.0, 0.5).dynamics, 1e-3)
+    step(0.0)
+    shown = [
+        step(math.nan),
+        step(0.0),
+        *(Wall("handle", 600.0, damping=b).force(math.nan, 0.0) for b in (0.0, 1.0)),
+        Wall("handle", 600.0, damping=1.0).force(1.0, math.nan),
+    ]
+    visible = sum(math.isnan(force) for force in shown)
+    return CaseResult(
+        f"{len(values)} of {len(values)} such forces trip, largest target 0 ‰; {len(shown)} of {len(shown)} "
+        "not-a-number inputs come out as not-a-number",
+        f"{trips} of {len(values)} trip, largest target {max(torques)} ‰; {visible} of {len(shown)} come out",
+        trips == len(values) and not any(torques) and visible == len(shown),
+        "IEEE 754: an operation on not-a-number gives not-a-number; zero torque by definition of a trip",
+        tolerance="exact",
+    )
+
+
+def denormal_input(quick: bool) -> CaseResult:
+    """Forces and motions below 2.2e-308 give a torque of 0 without a trip, and virtual states that keep their law."""
+    targets, trips = [], 0
+    for value in (5e-324, -5e-324, 1e-310, 2.2250738585072014e-308):
+        cycle = running(plan_of(Constant("handle", value)))
+        targets.append(abs(torque(cycle)))
+        trips += cycle.trip is not None
+    stiffness, mass, height, steps = 200.0, 0.5, 1e-310, 1000 if quick else 100_000
+    step = bind(SprungMass("handle", stiffness, mass).dynamics, 1e-3, "exact-zoh")
+    step(0.0)
+    turn = math.sqrt(stiffness / mass) * 1e-3
+    error = max(abs(step(height) / height + stiffness * math.cos(turn * n)) for n in range(steps)) / stiffness
+    return CaseResult(
+        f"targets 0 ‰, 0 trips; a sprung mass pushed by {height:g} m swings as k·x·cos(ω·t) for {steps} periods, "
+        "within 1e-6",
+        f"largest target {max(targets)} ‰, {trips} trips; off by {error:.1g}",
+        not any(targets) and not trips and error < 1e-6,
+        "closed form: F = −k·x·cos(ω·t) after a step of the handle",
+        tolerance="1e-6 of the swing; targets exact",
+    )
+
+
+def encoder_wrap(quick: bool) -> CaseResult:
+    """An encoder that passes 2³¹ on its way there and back is followed as if it had no end."""
+    cycle = running(plan_of(Wall("handle", stiffness=1.0, position=-1.0, damping=0.5)), 0x7FFF_FFFF - 2000)
+    true, off, off_speed, crossings = 0, 0.0, 0.0, 0
+    ways = [way for _ in range(20 if quick else 2000) for way in (700, 700, 700, 1, 699, -700, -1, -699, -700, -700)]
+    counts = 0x7FFF_FFFF - 2000
+    for way in ways:
+        true += way
+        moved = (counts + way + 2**31) % 2**32 - 2**31
+        crossings += moved * counts < 0
+        counts = moved
+        feed(cycle, counts)
+        off = max(off, abs(float(Fraction(cycle.value("position")) - true * Fraction(1, 4096) * Fraction(1, 20))))
+        off_speed = max(off_speed, abs(cycle.value("velocity") - way * COUNT / 1e-3))
+    expected = 2 * len(ways) // 10
+    return CaseResult(
+        f"{expected} crossings, no trip, position within 1e-15 m and velocity within 1e-11 m/s of the unlimited count",
+        f"{crossings} crossings, {cycle.tripped.value if cycle.tripped else 'no trip'}, position off by "
+        f"{off:.1g} m, velocity by {off_speed:.1g} m/s",
+        crossings == expected and cycle.trip is None and off < 1e-15 and off_speed < 1e-11,
+        "integers without a largest value, and fractions",
+        tolerance="1e-15 m, 1e-11 m/s",
+    )
+
+
+def encoder_jump(quick: bool) -> CaseResult:
+    """A jump that the speed limit allows is rendered at the slew limit; one count more lets go in the same period."""
+    limit = 10.0
+    allowed = math.floor(Fraction(10, 1000) / Fraction(1, 20 * 4096)) + 1
+    plan = plan_of(Wall("handle", stiffness=2000.0))
+    jumps = range(allowed - 20, allowed + 21)
+    outcomes = {}
+    for jump in jumps:
+        cycle = running(plan)
+        outcomes[jump] = (torque(cycle, jump), cycle.tripped)
+    largest = max(jump for jump, (_, trip) in outcomes.items() if trip is None)
+    tripped = [(sent, trip) for sent, trip in outcomes.values() if trip is not None]
+    slew = plan.axes[0].limits.effort / 5.0 / UNIT
+    kick = max(abs(sent) for sent, _ in outcomes.values())
+    return CaseResult(
+        f"jumps up to {allowed} counts ({limit:g} m/s for 1 ms, and a count) pass, larger ones trip with 0 ‰; no step "
+        f"of torque beyond {slew:.1f} ‰ (a fifth of the limit, and rounding)",
+        f"up to {largest} counts pass, {len(tripped)} of 20 larger ones trip with at most "
+        f"{max(abs(sent) for sent, _ in tripped)} ‰; largest step {kick} ‰",
+        largest == allowed
+        and len(tripped) == 20
+        and all(sent == 0 and trip is TripKind.SPEED for sent, trip in tripped)
+        and 0 < kick <= slew + 0.5,
+        "hand-derived from speed limit, period and count; slew of 5 ms from 0 to the limit",
+        tolerance="exact in counts; half a step of torque",
+    )
+
+
+def clock_backwards(quick: bool) -> CaseResult:
+    """Time stamps that stand still or go back: a wall never looks at them, and a timed velocity keeps its value."""
+    wall, damped = Wall("handle", stiffness=600.0), Wall("handle", stiffness=600.0, damping=0.5)
+    timed = running(plan_of(damped, estimator="tick-interval"), t_ns=600 * PERIOD_NS)
+    plain = running(plan_of(wall))
+    t_ns, speeds, off = 600 * PERIOD_NS, [], 0.0
+    hops = (PERIOD_NS, 0, -PERIOD_NS, PERIOD_NS, -(10**15), PERIOD_NS, PERIOD_NS, -1)
+    for n in range(80):
+        t_ns += hops[n % len(hops)]
+        feed(timed, 10 * (n + 1), t_ns=t_ns)
+        speeds.append(timed.value("velocity"))
+        off = max(off, abs(torque(plain, 10 * (n + 1), t_ns=t_ns) + 6000.0 * (n + 1) * COUNT / UNIT))
+    true = 10 * COUNT / 1e-3
+    same = all(abs(speed / true - 1.0) < 1e-9 for speed in speeds)
+    calm = timed.trip is None and plain.trip is None
+    return CaseResult(
+        f"wall: K·x within 0.5 ‰ at every sample; timed velocity the true {true:.5f} m/s within 1e-9; no trip",
+        f"wall off by {off:.3f} ‰; velocity from {min(speeds):.5f} to {max(speeds):.5f} m/s; "
+        f"{'no trip' if calm else 'a trip'}",
+        off <= 0.5 + 1e-9 and same and calm,
+        "closed form: F = −K·x; ten counts a millisecond are the true speed",
+        tolerance="0.5 ‰ of torque, 1e-9 of the velocity",
+    )
+
+
+def long_clock(quick: bool) -> CaseResult:
+    """Near 2⁶² ns (146 years) a timed velocity is as exact as at 0, and a trip and a period are to the nanosecond."""
+    start = 2**62 + 12_345
+    cycle = running(plan_of(Wall("handle", 600.0, damping=0.5), estimator="tick-interval"), t_ns=start - PERIOD_NS)
+    error, counts, t_ns = 0.0, 0, start
+    for n in range(400):
+        late = (n * 7919) % 1000 - 500
+        feed(cycle, counts := counts + 5, t_ns=(stamp := start + n * PERIOD_NS + late))
+        exact = Fraction(5, 20 * 4096) / Fraction(stamp - t_ns, 10**9) if n else None
+        error = error if exact is None else max(error, abs(float(Fraction(cycle.value("velocity")) / exact - 1)))
+        t_ns = stamp
+    feed(cycle, counts, flags=LinkFlag.BOOT_UP, t_ns=start + 10**15 + 1)
+    stamp = cycle.trip.t_ns - start if cycle.trip is not None else 0
+    odd, cycles = drive_bench.odd_periods(2**62 - 10**12 + 1, 300)
+    return CaseResult(
+        "velocity within 1e-9 of counts over nanoseconds, trip at 1000000000000001 ns, "
+        "300 periods of exactly 1000000 ns, simulated 1000 s before 2⁶² ns (where the simulation's clock ends)",
+        f"velocity off by {error:.1g}, trip at {stamp} ns, {cycles} simulated periods, {odd} of another length",
+        error < 1e-9 and stamp == 10**15 + 1 and cycles == 300 and odd == 0,
+        "fractions of integer counts and nanoseconds; float64 has steps of 1024 ns there",
+        tolerance="1e-9 of the velocity; times exact",
+    )
+
+
+def rotary_equals_linear(quick: bool) -> CaseResult:
+    """With a radius of 1 m, metres and radians, newtons and newton metres are the same numbers."""
+    wall = Wall("handle", stiffness=30.0, position=0.01, damping=0.002)
+    limits = Limits(effort=0.3, speed=100.0)
+    plans = [plan_of(wall, workspace=space, radius=1.0, limits=limits) for space in Workspace]
+    cycles = [running(plan) for plan in plans]
+    worst, apart, before = 0.0, 0, 0.0
+    for n in range(1, 200):
+        counts = round(20.0 * math.sin(0.05 * n))
+        x = 2.0 * math.pi * counts / 4096
+        exact = min(0.0, -30.0 * (x - 0.01) - 0.002 * (x - before) / 1e-3) if x > 0.01 else 0.0
+        before = x
+        outputs = [torque(cycle, counts) for cycle in cycles]
+        worst = max(worst, *(abs(cycle.value("force") - exact) for cycle in cycles))
+        apart += outputs[0] != outputs[1]
+    judged = [plan.stability.stiffness_limit.stable if plan.stability else None for plan in plans]
+    low, high = (limit or math.nan for limit in judged)
+    same = abs(low / high - 1.0)
+    return CaseResult(
+        "force and torque within 1e-12 of −K·x − B·v, 0 of 199 targets differ, limits of stiffness within 1e-12",
+        f"off by {worst:.1g}, {apart} of 199 targets differ, limits {low:.6g} and {high:.6g}, apart by {same:.1g}",
+        worst < 1e-12 and apart == 0 and same < 1e-12 and all(cycle.trip is None for cycle in cycles),
+        "closed form of a spring-damper, x = 2π·counts/4096 m or rad",
+        tolerance="1e-12; targets exact",
+    )

@@ -1,0 +1,250 @@
+"""Elements at their edges: fast impacts, stiff tissue, slipping bristles, a standstill, a detent that is too sharp."""
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+from haptic_fieldbus.margins import Plant, stiffness_limit
+from haptic_fieldbus.numerics.integrators import bind
+from haptic_fieldbus.numerics.integrators.explicit import bind_rates
+from haptic_fieldbus.numerics.linear import gain
+from haptic_fieldbus.scenes.detents import Detents
+from haptic_fieldbus.scenes.friction import Friction
+from haptic_fieldbus.scenes.generalised_maxwell import GeneralisedMaxwell
+from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
+from haptic_fieldbus.scenes.lugre import LuGre
+from haptic_fieldbus.sim.mechanics import plant as sim_plant
+from haptic_fieldbus.sim.mechanics.motion import Shaft
+from haptic_fieldbus.study.case import CaseResult, listed
+from haptic_fieldbus.study.cases.closed_loop_oracles import jury_limit, simulate
+
+LOSS, IMPACT_MASS = 0.6, 0.2
+"""Of the impact: p [s/m], and the mass that hits [kg]."""
+BODY = HuntCrossley("handle", effort=100.0, depth=0.01, exponent=1.5, loss=LOSS)
+"""F = −k·xⁿ·(1 + p·v), k = 1e5 N/m^1.5."""
+PERIOD = 1e-3
+
+
+def _contact(depth: float, speed: float) -> float:
+    """Its push out, below 0 where it pulls."""
+    return 0.0 - BODY.force(depth, speed)
+
+
+def _impact(speed: float, period: float) -> tuple[float, float]:
+    """(exit speed [m/s], smallest force [N]) of a mass that hits at `speed`, followed by RK4."""
+    step = bind_rates(lambda t, z: (z[1], -_contact(*z) / IMPACT_MASS), (0.0, speed), period, "rk4")
+    smallest, (depth, now) = 0.0, step()
+    while depth >= 0.0:
+        depth, now = step()
+        smallest = min(smallest, _contact(depth, now))
+    return -now, smallest
+
+
+def _exit_speed(speed: float) -> float:
+    """The w with −p·w − ln(1 − p·w) = p·v − ln(1 + p·v), by bisection."""
+    entry, low, high = LOSS * speed - math.log1p(LOSS * speed), 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if -middle - math.log1p(-middle) < entry else (low, middle)
+    return low / LOSS
+
+
+def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
+    """Exit speeds of slow and fast impacts solve p·v − ln(1 + p·v) equal at entry and exit, and nothing pulls."""
+    speeds = (0.1, 1.0, 5.0, 20.0)
+    found = [_impact(speed, 2e-6 if quick else 2e-7) for speed in speeds]
+    exact = [_exit_speed(speed) for speed in speeds]
+    error = max(abs(left - right) / right for (left, _), right in zip(found, exact, strict=True))
+    pulled_out = _contact(1e-3, -3.0 / LOSS)
+    smallest = min(force for _, force in found)
+    return CaseResult(
+        f"in at 0.1, 1, 5, 20 m/s, out at {listed(exact, '.5g')} m/s (within 1e-6); never a force below 0 N",
+        f"out at {listed([left for left, _ in found], '.5g')} m/s, off by {error:.1g}; smallest force {smallest:g} N, "
+        f"{pulled_out:g} N when pulled out at 3/p",
+        error < 1e-6 and smallest >= 0.0 and pulled_out == 0.0,
+        "closed form: p·v − ln(1 + p·v) is equal at entry and exit, solved by bisection",
+        tolerance="1e-6 of the speed; the sign of the force exact",
+    )
+
+
+TISSUE = GeneralisedMaxwell("handle", rest=100.0, branches=((200.0, 0.1), (300.0, 1e-3), (500.0, 1e-5)))
+"""[N/m], and [N/m, s] of each branch."""
+
+
+def _pressed(branches: Sequence[tuple[float, float]], steps: int) -> list[float]:
+    """The closed form of the force [N] from the period after a press of 1 mm on."""
+    return [-1e-3 * (TISSUE.rest + sum(k * math.exp(-n * PERIOD / tau) for k, tau in branches)) for n in range(steps)]
+
+
+def _relaxation(method: str, steps: int) -> list[float]:
+    """Force minus the closed form [N]."""
+    step = bind(TISSUE.linearised(), PERIOD, method)
+    step(0.0)
+    return [step(1e-3) - force for force in _pressed(TISSUE.branches, steps)]
+
+
+def _law(steps: int) -> float:
+    """The element's own step, exact for a press that takes one period: largest difference to its closed form [N]."""
+    law = TISSUE.begin(PERIOD)
+    law(0.0)
+    ramps = [(k * tau / PERIOD * -math.expm1(-PERIOD / tau), tau) for k, tau in TISSUE.branches]
+    return max(abs(law(1e-3) - force) for force in _pressed(ramps, steps))
+
+
+def multi_scale_tissue(quick: bool) -> CaseResult:
+    """Branches of 100 ms, 1 ms and 10 µs at a period of 1 ms: what three methods make of a press of 1 mm."""
+    steps = 50
+    euler, trapezoid, exact = (_relaxation(method, steps) for method in ("forward-euler", "trapezoidal", "exact-zoh"))
+    growth = abs(euler[-1] / euler[-2])
+    late = trapezoid[15:]
+    turns = sum(a * b < 0.0 for a, b in pairwise(late))
+    ratio = late[2] - late[1], late[1] - late[0]
+    error = max(*map(abs, exact), _law(steps))
+    return CaseResult(
+        "forward Euler ×99.0 a period, the trapezoid turns sign every period by ×−0.961 (within 0.01), "
+        "exact step on the closed form within 1e-12 N",
+        f"forward Euler ×{growth:.4g}; trapezoid {turns} turns in {len(late) - 1} periods, "
+        f"×{ratio[0] / ratio[1]:.3f}; exact step off by {error:.1g} N",
+        abs(growth - 99.0) < 0.01
+        and turns == len(late) - 1
+        and abs(ratio[0] / ratio[1] + 49.0 / 51.0) < 0.01
+        and error < 1e-12,
+        "closed form: F = −x·(k₀ + Σ k·e^(−t/τ)); factors 1 − T/τ and (1 − T/2τ)/(1 + T/2τ) of the fastest branch",
+        tolerance="0.01 of the growths; 1e-12 N",
+    )
+
+
+BRISTLE, LEVEL = 1e5, 2.0
+"""LuGre: σ0 [N/m] and g [N], here without Stribeck's rise."""
+LUGRE = LuGre("handle", coulomb=LEVEL, stiffness=BRISTLE)
+
+
+def _bristle(speed: float, steps: int, period: float, method: str) -> float:
+    """Its stretch [m] at constant speed after so many steps of ż = v − σ0·|v|/g·z."""
+    step = bind_rates(lambda t, z, v: (v - BRISTLE * abs(v) / LEVEL * z[0],), (0.0,), period, method)
+    return [step(speed) for _ in range(steps + 1)][-1][0]
+
+
+def _explicit_error(speed: float, steps: int) -> float:
+    """Distance of the bristle from its steady stretch, in steady stretches, by forward Euler."""
+    return abs(_bristle(speed, steps, PERIOD, "forward-euler") * BRISTLE / LEVEL - 1.0)
+
+
+def _element_bristle(speeds: Iterable[float]) -> list[float]:
+    """The stretch of the element's bristle after each period, at constant speed within it."""
+    law, place = LUGRE.begin(PERIOD), 0.0
+    law(place)
+    return [-law(place := place + speed * PERIOD) / BRISTLE for speed in speeds]
+
+
+def lugre_fast_slip(quick: bool) -> CaseResult:
+    """The explicit bristle explodes just above |v| = 2·g/(σ0·T); the element's exact step follows at any speed."""
+    limit, steps = 2.0 * LEVEL / (BRISTLE * PERIOD), 500
+    below, above = _explicit_error(0.99 * limit, steps), _explicit_error(1.01 * limit, steps)
+    error = max(
+        abs(_element_bristle([speed] * 3)[-1] / _bristle(speed, 600, PERIOD / 200, "rk4") - 1.0)
+        for speed in (0.01 * limit, limit, 1.01 * limit)
+    )
+    speeds = ((-1.0) ** n * limit * 10.0 ** (n % 9) for n in range(steps if quick else 1_000_000))
+    largest = max(BRISTLE * abs(z) / LEVEL for z in _element_bristle(speeds))
+    rates = [math.log(value) / steps for value in (below, above)]
+    return CaseResult(
+        f"explicit: error ×0.98 a period at 0.99 of {limit:g} m/s, ×1.02 at 1.01; element: the ODE within 1e-8, "
+        "force within g up to 1e8 times the limit",
+        f"×{math.exp(rates[0]):.4f} and ×{math.exp(rates[1]):.4f} a period; element off by {error:.1g}, "
+        f"largest force {largest:.6g} g",
+        abs(rates[0] - math.log(0.98)) < 1e-6
+        and abs(rates[1] - math.log(1.02)) < 1e-6
+        and error < 1e-8
+        and largest <= 1.0 + 1e-12,
+        "closed form: the error is multiplied by 1 − σ0·|v|·T/g; the element's step by RK4 with 200 steps a period",
+        tolerance="1e-6 of ln of growth; 1e-8 of the force",
+    )
+
+
+INERTIA, VISCOUS, COULOMB, SPIN, LAG = 4e-5, 1e-4, 2e-3, 20.0, 1.6e-4
+"""The shipped bench at the motor shaft [kg·m², N·m·s/rad, N·m], thrown at [rad/s]; its torque loop [s]."""
+RENDERED = Friction("shaft", coulomb=COULOMB, stiffness=0.05)
+"""The same friction from an element, on a shaft that has none."""
+
+
+def _thrown(damping: float, t_ns: int) -> sim_plant.Plant:
+    """The simulated shaft so long after it was thrown, with no torque and nobody holding it."""
+    plant = sim_plant.Plant(Shaft(INERTIA, damping, COULOMB, LAG), None, velocity=SPIN)
+    plant.advance(t_ns)
+    return plant
+
+
+def _stop(damping: float) -> tuple[float, float]:
+    """(time [s], angle [rad]) of the simulated standstill, the time by bisection to a nanosecond."""
+    low, high = 0, 1_000_000_000
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if _thrown(damping, middle).velocity > 0.0 else (low, middle)
+    return high * 1e-9, _thrown(damping, 2_000_000_000).position
+
+
+def _rendered_way() -> float:
+    """Where the shaft turns back [rad] when the friction is rendered at 1 kHz."""
+    plant, law, t_ns = sim_plant.Plant(Shaft(INERTIA, 0.0, 0.0, LAG), None, velocity=SPIN), RENDERED.begin(PERIOD), 0
+    way = 0.0
+    while plant.velocity > 0.0:
+        way = plant.position
+        plant.set_target(law(way))
+        t_ns += round(PERIOD * 1e9)
+        plant.advance(t_ns)
+    return max(way, plant.position)
+
+
+def coulomb_stop(quick: bool) -> CaseResult:
+    """A shaft thrown against Coulomb friction, its own or a rendered one, stops after a known way."""
+    logarithm = math.log1p(VISCOUS * SPIN / COULOMB)
+    times = INERTIA / VISCOUS * logarithm, INERTIA * SPIN / COULOMB
+    ways = (
+        INERTIA / VISCOUS * (SPIN - COULOMB / VISCOUS * logarithm),
+        INERTIA * SPIN**2 / (2.0 * COULOMB),
+    )
+    found = [_stop(VISCOUS), _stop(0.0)]
+    rendered = INERTIA * SPIN**2 / (2.0 * COULOMB) + 0.5 * COULOMB / RENDERED.stiffness + SPIN * (PERIOD / 2 + LAG)
+    turned = _rendered_way()
+    late = max(abs(t - exact) for (t, _), exact in zip(found, times, strict=True))
+    off = max(abs(way / exact - 1.0) for (_, way), exact in zip(found, ways, strict=True))
+    return CaseResult(
+        f"stands after {times[0]:.6f} s and {ways[0]:.6f} rad with damping, {times[1]:.6f} s and {ways[1]:.6f} rad "
+        f"without (within 2 ns and 1e-9), and stays; rendered, it turns after {rendered:.4f} rad (within 1e-4 of it)",
+        f"{found[0][0]:.6f} s and {found[0][1]:.6f} rad, {found[1][0]:.6f} s and {found[1][1]:.6f} rad; "
+        f"off by {1e9 * late:.2g} ns and {off:.1g}; "
+        f"rendered {turned:.4f} rad, off by {abs(turned / rendered - 1.0):.1g}",
+        late < 2e-9 and off < 1e-9 and abs(turned / rendered - 1.0) < 1e-4,
+        "closed form: t = J/b·ln(1 + b·ω/fc), θ = J/b·(ω − fc/b·ln(1 + b·ω/fc)); J·ω/fc and J·ω²/2fc for b = 0, to "
+        "which rendering adds fc/2K of its spring and ω·(T/2 + λ) of hold and torque loop",
+        tolerance="2 ns, 1e-9 rad; rendered 1e-4 of the way",
+    )
+
+
+HANDLE, PITCH = Plant(0.6, 1.6), 2e-3
+"""A handle on detents of this pitch [m]."""
+DETENTS = Detents("handle", amplitude=1.0, pitch=PITCH)
+
+
+def _swing(stiffness: float, steps: int) -> float:
+    """Growth of a millionth of a pitch in detents of this local stiffness, step by step."""
+    start = 1e-6 * PITCH
+    positions = simulate(HANDLE, PERIOD, DETENTS.with_stiffness(stiffness).force, steps + 1, start=(start, 0.0))
+    return max(map(abs, positions[-499:])) / start
+
+
+def detent_too_sharp(quick: bool) -> CaseResult:
+    """A detent is calm in its valley as long as 2π·A/p is below the stiffness limit of a wall, and not above."""
+    limit, steps = jury_limit(HANDLE, PERIOD), 20_000 if quick else 200_000
+    predicted = stiffness_limit(HANDLE, PERIOD, 0.0, lambda k: gain([[-DETENTS.with_stiffness(k).stiffness]]))
+    calm, restless = _swing(0.9 * predicted, steps), _swing(1.1 * predicted, steps)
+    off = abs(predicted / limit - 1.0)
+    return CaseResult(
+        f"limit {limit:.3f} N/m (within 1e-8), so A = {1e3 * limit * PITCH / (2 * math.pi):.1f} mN at 2 mm; a small "
+        "swing at least halves at 0.9 of it and doubles at 1.1",
+        f"limit {predicted:.3f} N/m, off by {off:.1g}; swing ×{calm:.3g} and ×{restless:.3g} in {steps} periods",
+        off < 1e-8 and calm < 0.5 and restless > 2.0,
+        "Jury's criterion written by hand, and the sine simulated step by step",
+        tolerance="1e-8 of the limit; the swing beyond a factor of 2",
+    )

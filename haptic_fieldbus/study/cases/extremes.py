@@ -1,0 +1,162 @@
+"""Integrator cases of extreme masses and numbers: refusals, overflow, vanishing mass, silence."""
+
+import math
+from collections.abc import Callable
+from fractions import Fraction
+
+import numpy as np
+
+from haptic_fieldbus.api.open_loop import response
+from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.errors import SceneError, UsageError
+from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise
+from haptic_fieldbus.numerics.integrators.explicit import EXPLICIT, bind_rates
+from haptic_fieldbus.numerics.integrators.trajectory import follow
+from haptic_fieldbus.numerics.sampled import spectral_radius
+from haptic_fieldbus.planning.selection import select
+from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.cases.drive_bench import COUNT, PERIOD_NS, Feeder, torque
+from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
+
+LARGEST = 2**1024
+"""Numbers from here on are no finite double."""
+SENTENCE = "expected a number above 0"
+COUNTS, PERIODS = 10, 400
+"""How far the puck is moved at period 1, and how long the cycle is run."""
+
+
+def _overflow_sample(square: int, scale: Fraction) -> int:
+    """Forward Euler in integers from p = 1, q = 0 with T = 1: the first sample at which scale·|p| is no double."""
+    p, q, sample = 1, 0, 0
+    while scale * abs(p) < LARGEST:
+        p, q, sample = p + q, q - square * p, sample + 1
+    return sample
+
+
+def float_overflow(quick: bool) -> CaseResult:
+    """Forward Euler far too slow: the run ends flagged before its first infinity, the drive gets zero from there on."""
+    space = sprung_mass(100.0, 1.0)
+    found = follow(discretise(space, 1.0, "forward-euler"), np.zeros((2_000, 2)), [1.0, 0.0])
+    expected = _overflow_sample(100, Fraction(100))
+    expected_trip = 1 + _overflow_sample(10_000, Fraction(STIFFNESS * COUNTS * COUNT))
+    # the library's scene with a mass of 20 µg at 1 kHz
+    fast = Task("sprung_mass", settings={"sprung_mass.mass": 2e-8}, method="forward-euler")
+    cycle, targets, commands = Feeder(select(fast).plan), [], []
+    for period in range(PERIODS):
+        targets.append(torque(cycle, COUNTS if period else 0, t_ns=period * PERIOD_NS))
+        commands.append(abs(cycle.value("command")))
+    tripped = cycle.trip.t_ns // PERIOD_NS if cycle.trip else PERIODS
+    after, largest = targets[tripped:], max(commands[:tripped])
+    return CaseResult(
+        f"T·ω = 10 diverges at sample {expected}; in the cycle, T·ω = 100, trip at period {expected_trip} ± 1, then 0",
+        f"flagged at sample {found.diverged_at}, all {len(found.outputs)} rows before finite; trip at period {tripped} "
+        f"({cycle.tripped.value if cycle.tripped else 'none'}), {len(after)} targets after it all "
+        f"{max(map(abs, after), default=-1)} ‰, command before at most {largest:.3g} N",
+        found.diverged_at == expected == len(found.outputs)
+        and bool(np.isfinite(found.outputs).all() and np.isfinite(found.states).all())
+        and cycle.tripped is TripKind.NOT_FINITE
+        and abs(tripped - expected_trip) <= 1
+        and not any(after)
+        and largest <= cycle.plan.axes[0].limits.effort,
+        "the same recursion in unbounded integers, against 2¹⁰²⁴",
+        tolerance="exact sample; a period of the trip",
+    )
+
+
+def _refused(ask: Callable[[], object]) -> str:
+    """The sentence with which something is refused; empty where it was not."""
+    try:
+        ask()
+    except SceneError as error:
+        return " ".join(map(str, error.faults))
+    except UsageError as error:
+        return str(error)
+    return ""
+
+
+def _asked(mass: float) -> str:
+    """What `response` says to a mass."""
+    return _refused(lambda: response("sprung_mass", settings={"sprung_mass.mass": mass}, duration=0.01))
+
+
+def mass_zero_refused(quick: bool) -> CaseResult:
+    """No mass has no equation of motion; the smallest double has none either, as k/m is infinite."""
+    said = [_asked(mass) for mass in (0.0, -0.0)]
+    tiny = _refused(lambda: discretise(sprung_mass(STIFFNESS, 5e-324), 1e-3))
+    return CaseResult(
+        f'm = 0 and −0 kg refused with "{SENTENCE}"; m = 5e-324 kg (k/m = ∞) with "a mass must be above 0"',
+        f'"{said[0]}"; "{tiny}"',
+        all(SENTENCE in sentence for sentence in said) and "a mass must be above 0" in tiny,
+        "q̇ = (k/m)·(x − p) has no value at m = 0; 200/5e-324 > 2¹⁰²⁴ (tolerance: none, the words are compared)",
+        tolerance="exact words",
+    )
+
+
+def mass_negative_refused(quick: bool) -> CaseResult:
+    """A negative mass runs away by itself, e^{t·√(k/|m|)}: exactly as fast as said, hence refused with a sentence."""
+    said = [_asked(mass) for mass in (-1e-12, -MASS, -1e12)]
+    radius = spectral_radius(discrete(sprung_mass(STIFFNESS, -MASS), 1e-3).a)
+    expected = math.exp(1e-3 * math.sqrt(STIFFNESS / MASS))
+    return CaseResult(
+        f'm = −1e-12, −0.5, −1e12 kg refused with "{SENTENCE}"; −0.5 kg would grow by {expected:.9f} a step of 1 ms',
+        f'"{said[1]}"; grows by {radius:.9f} a step',
+        all(SENTENCE in sentence for sentence in said) and abs(radius - expected) <= 1e-9,
+        "pole s = +√(k/|m|) = +20 1/s, growth e^{sT} (tolerance 1e-9)",
+        tolerance="exact words; 1e-9 of the growth",
+    )
+
+
+def _falling_force(mass: float, stiffness: float, acceleration: float, period: float, sample: int) -> float:
+    """Force of the mass behind a puck on straight lines through a·t²/2 [N]: F_n = −m·a·(h/2)·cot(h/2)·(1 − cos nh).
+
+    The puck's velocity jumps by a·T/2 at first and by a·T at each later sample; each jump starts a sine, and
+    ½·sin(nh) + Σ sin(ih) over i < n is ½·cot(h/2)·(1 − cos nh).
+    """
+    h = period * math.sqrt(stiffness / mass)
+    return -mass * acceleration * 0.5 * h / math.tan(0.5 * h) * (1.0 - math.cos(sample * h))
+
+
+def mass_to_zero(quick: bool) -> CaseResult:
+    """A lighter and lighter mass behind an accelerating puck: felt as its inertia, and then not at all."""
+    stiffness, acceleration, period, steps = 2e3, 3.0, 1e-4, 2_000 if quick else 20_000
+    masses = [10.0**-exponent for exponent in range(8)]
+    tolerance = 1e-12 * stiffness * 0.5 * acceleration * (steps * period) ** 2
+    worst, largest, expected = 0.0, [], []
+    for mass in masses:
+        step = bind(sprung_mass(stiffness, mass), period, "exact-foh")
+        found = [step(0.5 * acceleration * (n * period) ** 2) for n in range(steps)]
+        closed = [_falling_force(mass, stiffness, acceleration, period, n) for n in range(steps)]
+        worst = max(worst, max(abs(one - other) for one, other in zip(found, closed, strict=True)))
+        largest.append(max(map(abs, found)))
+        expected.append(max(map(abs, closed)))
+    return CaseResult(
+        f"m from 1 to 1e-7 kg (T·ω to {period * math.sqrt(stiffness / masses[-1]):.1f}): largest force from "
+        f"{expected[0]:.4f} N (2·m·a) to {expected[-1]:.2e} N; each sample within {tolerance:.1e} N",
+        f"largest force from {largest[0]:.4f} N to {largest[-1]:.2e} N; error of a sample at most {worst:.1e} N",
+        worst <= tolerance and largest == sorted(largest, reverse=True) and largest[-1] < 1e-5,
+        "closed form F = −m·a·(h/2)·cot(h/2)·(1 − cos nh); tolerance 1e-12 of the spring force at the end, k·a·t²/2",
+        tolerance=f"{tolerance:.1e} N a sample",
+    )
+
+
+def zero_input_stays_zero(quick: bool) -> CaseResult:
+    """Nothing in, nothing out, not even a rounding error: every method, linear and by rates."""
+    steps = 2_000 if quick else 100_000
+    worst = 0.0
+    for stiffness, mass in ((STIFFNESS, MASS), (1e9, 1e-6)):
+        space = sprung_mass(stiffness, mass)
+        for method in METHODS:
+            step = bind(space, 1e-3, method)
+            worst = max(worst, *(abs(step(0.0)) for _ in range(steps)))
+        square = stiffness / mass
+        for method in EXPLICIT:
+            advance = bind_rates(lambda t, z, u, s=square: (z[1], s * (u - z[0])), (0.0, 0.0), 1e-3, method, (0,))
+            worst = max(worst, *(max(map(abs, advance(0.0))) for _ in range(steps)))
+    return CaseResult(
+        f"force and states exactly 0 for {steps} steps, also at T·ω = 31 623",
+        f"largest magnitude {worst:g} over {len(METHODS)} linear and {len(EXPLICIT)} explicit methods",
+        worst == 0.0,
+        "ż = A z from z = 0: the zero solution, exact in floating point (tolerance 0)",
+        tolerance="exact",
+    )

@@ -1,0 +1,202 @@
+"""Integrator cases on the oscillator, h = T·√(k/m): tiny and huge steps, limits of stability, ten million steps.
+
+The oracles are recursions written here by hand, in fifty decimal digits or in fractions, and closed forms.
+"""
+
+import math
+from decimal import Decimal, localcontext
+from fractions import Fraction
+
+import numpy as np
+
+from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise
+from haptic_fieldbus.numerics.integrators.trajectory import follow
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace
+from haptic_fieldbus.numerics.sampled import spectral_radius
+from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.cases.textbook import DIGITS, RADII, free_motion, puck_moved
+from haptic_fieldbus.study.measure import growth
+from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
+
+PERIOD = 1e-3
+
+
+def _oscillator(square: float, damping: float = 0.0) -> StateSpace:
+    """p̈ = −square·p − damping·ṗ, the force being p."""
+    return StateSpace(
+        np.array([[0.0, 1.0], [-square, -damping]]), np.zeros((2, 1)), np.array([[1.0, 0.0]]), np.zeros((1, 1))
+    )
+
+
+def _swing(space: StateSpace, period: float, method: str, start: tuple[float, float], steps: int) -> Matrix:
+    """True (position, velocity) at the samples of a free motion, shape (steps + 1, 2)."""
+    return follow(discretise(space, period, method), np.zeros((steps + 1, 1)), start).states
+
+
+def tiny_h(quick: bool) -> CaseResult:
+    """h = 1e-6: the puck jumps by one and is held; no digit is lost over a million steps."""
+    h, steps = 1e-6, 50_000 if quick else 1_000_000
+    worst, where = 0.0, ""
+    for method in METHODS:
+        step = bind(sprung_mass(h**2, 1.0), 1.0, method)
+        step(0.0)
+        for _ in range(steps - 1):
+            step(1.0)
+        error = abs(step(1.0) / h**2 - puck_moved(method, h**2, steps))
+        if error >= worst:
+            worst, where = error, method
+    return CaseResult(
+        f"force over stiffness after {steps} steps of h = 1e-6 within 1e-12 of each method's own recursion",
+        f"largest error {worst:.1e} ({where}), {len(METHODS)} methods",
+        worst <= 1e-12,
+        "the hand-written recursion, raised to its power in 50 decimal digits",
+        tolerance="1e-12 of the stiffness",
+    )
+
+
+def h_sweep(quick: bool) -> CaseResult:
+    """Spectral radius of every method over nine decades of h, on three masses."""
+    worst, count = 0.0, 13 if quick else 91
+    for h in np.geomspace(1e-6, 1e3, count).tolist():
+        for mass, period in ((0.5, 1e-3), (1e-5, 1e-4), (10.0, 1.0)):
+            space = sprung_mass((h / period) ** 2 * mass, mass)
+            for method, radius in RADII.items():
+                found, expected = spectral_radius(discrete(space, period, method).a), radius(h)
+                worst = max(worst, abs(found / expected - 1.0))
+    return CaseResult(
+        "spectral radius by formula, relative error ≤ 1e-9, h = 1e-6 … 1e3",
+        f"largest relative error {worst:.1e} at {count} values of h, 3 masses, {len(RADII)} methods",
+        worst <= 1e-9 and set(RADII) == set(METHODS),
+        "closed forms: √(1 + h²), its inverse, 1, the roots of λ² − (2 − h²)λ + 1, √(1 − h⁶/72 + h⁸/576)",
+        tolerance="1e-9 of the radius",
+    )
+
+
+def forward_euler_any_t(quick: bool) -> CaseResult:
+    """Forward Euler gains energy at every period; T only sets how fast."""
+    steps = 2_000 if quick else 10_000
+    worst, gains = 0.0, []
+    for period in np.geomspace(1e-6, 1e-2, 9).tolist():
+        square = STIFFNESS / MASS
+        states = _swing(_oscillator(square), period, "forward-euler", (0.01, 0.0), steps)
+        energy = square * states[:, 0] ** 2 + states[:, 1] ** 2
+        gain = math.log(energy[-1] / energy[0])
+        expected = steps * math.log1p(square * period**2)
+        worst = max(worst, abs(gain / expected - 1.0))
+        gains.append(gain)
+    return CaseResult(
+        f"ln(E/E₀) = {steps}·ln(1 + h²) > 0 for T = 1 µs … 10 ms (h = 2e-5 … 0.2), within 1e-5 of itself",
+        f"ln(E/E₀) from {gains[0]:.3e} to {gains[-1]:.4g}, relative error at most {worst:.1e}",
+        min(gains) > 0.0 and worst <= 1e-5,
+        "closed form: each step multiplies the energy by 1 + h² exactly",
+        tolerance="1e-5 of ln of growth",
+    )
+
+
+def rk4_at_its_limit(quick: bool) -> CaseResult:
+    """RK4 at h = 2·√2 keeps the energy, one part in ten thousand to either side it loses or gains it."""
+    steps = 1_000 if quick else 20_000
+    by_fractions = np.linalg.matrix_power(np.array([[-1, -1], [8, -1]], dtype=object) * Fraction(1, 3), 60)
+    swing = _swing(_oscillator(8.0), 1.0, "rk4", (1.0, 0.0), steps)
+    recursion = abs(swing[60, 0] - float(by_fractions[0, 0]))
+    drift = float(np.abs((8.0 * swing[:, 0] ** 2 + swing[:, 1] ** 2) / 8.0 - 1.0).max())
+    logs, formulas = [], []
+    for factor in (1.0 - 1e-4, 1.0 + 1e-4):
+        square = 8.0 * factor**2
+        states = _swing(_oscillator(square), 1.0, "rk4", (1.0, 0.0), steps)
+        logs.append(math.log((square * states[-1, 0] ** 2 + states[-1, 1] ** 2) / square))
+        formulas.append(steps * math.log1p(square**3 * (square - 8.0) / 576.0))
+    worst = max(abs(log / formula - 1.0) for log, formula in zip(logs, formulas, strict=True))
+    return CaseResult(
+        f"h = 2√2: energy constant to 1e-9; h·(1 ∓ 1e-4): ln(E/E₀) = {formulas[0]:.4f} and {formulas[1]:+.4f} after "
+        f"{steps} steps, within 1e-6 of itself",
+        f"energy varies by {drift:.1e}, sample 60 off by {recursion:.1e}; ln(E/E₀) = {logs[0]:.4f} and {logs[1]:+.4f}",
+        drift <= 1e-9 and recursion <= 1e-11 and worst <= 1e-6,
+        "|R(ih)|² = 1 + h⁶·(h² − 8)/576, and the step in exact fractions, [[−1, −1], [8, −1]]/3",
+        tolerance="1e-9 of the energy, 1e-11 of a sample, 1e-6 of ln of growth",
+    )
+
+
+def semi_implicit_at_its_limit(quick: bool) -> CaseResult:
+    """At h = 2 the double root −1 grows linearly, just below nothing grows, just above it grows exponentially."""
+    steps = 1_000 if quick else 50_000
+    linear = _swing(_oscillator(4.0), 1.0, "semi-implicit", (0.0, 1.0), steps)[-1, 0]
+    expected = -steps * (-1.0) ** steps
+    below_square, above_square = 4.0 * (1.0 - 1e-6) ** 2, 4.0 * (1.0 + 1e-6) ** 2
+    below = np.abs(_swing(_oscillator(below_square), 1.0, "semi-implicit", (0.0, 1.0), steps)[:, 0]).max()
+    bound = 1.0 / math.sqrt(below_square * (1.0 - below_square / 4.0))
+    above = discrete(_oscillator(above_square), 1.0, "semi-implicit")
+    radius, formula = spectral_radius(above.a), math.exp(2.0 * math.acosh(1.0 + 1e-6))
+    return CaseResult(
+        f"h = 2: |p| = n = {steps} from v₀ = 1; h = 2 − 2e-6: |p| up to {bound:.2f}; h = 2 + 2e-6: radius "
+        f"{formula:.9f}",
+        f"|p| = {abs(linear):.9g} after {steps} steps; up to {below:.2f}; radius {radius:.9f}",
+        abs(linear - expected) <= 1e-9 * steps and abs(below / bound - 1.0) <= 1e-4 and abs(radius - formula) <= 1e-9,
+        "Mⁿ = (−1)ⁿ(1 − n·(M + 1)) at h = 2, |sin nφ|/(h·√(1 − h²/4)) below, radius "
+        "e^{2·acosh(h/2)}; tolerances 1e-9, 1e-4, 1e-9",
+        tolerance="1e-9 of n and of the radius, 1e-4 of the bound",
+    )
+
+
+def damper_b_equals_kt(quick: bool) -> CaseResult:
+    """A virtual damper b = k·T takes from forward Euler exactly what it gains; 1 % more or less is seen at once."""
+    square, steps = 250.0 / 0.4 * PERIOD**2, 2_000 if quick else 50_000
+    found = _swing(_oscillator(square, square), 1.0, "forward-euler", (1.0, 0.0), steps)
+    one, s = Decimal(1), Decimal(square)
+    with localcontext(prec=DIGITS):
+        expected = free_motion(((one, one), (-s, 1 - s)), (one, 0 * one), steps)
+    error = abs(found[-1, 0] - expected)
+    shares = (0.99, 1.0, 1.01)
+    steppers = [discrete(_oscillator(square, share * square), 1.0, "forward-euler") for share in shares]
+    radii = [spectral_radius(stepper.a) for stepper in steppers]
+    worst = max(abs(r - math.sqrt(1.0 + (1.0 - f) * square)) for r, f in zip(radii, shares, strict=True))
+    return CaseResult(
+        f"k = 250 N/m, m = 0.4 kg, T = 1 ms: radius 1 at b = kT, {1 + 0.005 * square:.9f} at 0.99·kT; position after "
+        f"{steps} steps {expected:.12f}",
+        f"radius {radii[1]:.12f} at b = kT, {radii[0]:.9f} at 0.99·kT, {radii[2]:.9f} at 1.01·kT; position off by "
+        f"{error:.1e}",
+        worst <= 1e-12 and error <= 1e-9,
+        "determinant 1 − bT/m + kT²/m, and the recursion in 50 decimal digits; tolerances 1e-12 and 1e-9",
+        tolerance="1e-12 of the radii, 1e-9 of the position",
+    )
+
+
+def lecture_constants(quick: bool) -> CaseResult:
+    """The held puck moved by one unit: ω_n, f_n and T_n from zero crossings, Euler's eigenvalues 1 ± jT·√(k/m)."""
+    natural = math.sqrt(STIFFNESS / MASS)
+    turns = 5 if quick else 100
+    step = bind(sprung_mass(), PERIOD, "exact-foh")
+    forces = np.array([step(0.0), *(step(1.0) for _ in range(int((turns + 1) * 2.0 * math.pi / natural / PERIOD)))])
+    at = np.nonzero((forces[:-1] < 0.0) & (forces[1:] >= 0.0))[0]
+    crossings = PERIOD * (at + forces[at] / (forces[at] - forces[at + 1]))
+    measured = float((crossings[turns] - crossings[0]) / turns)
+    modes = np.linalg.eigvals(discrete(sprung_mass(), PERIOD, "forward-euler").a)
+    modes = modes[np.argsort(modes.imag)]
+    off = max(abs(modes[0] - (1.0 - 0.02j)), abs(modes[1] - (1.0 + 0.02j)))
+    peak = float(forces.max()) / STIFFNESS
+    return CaseResult(
+        "k = 200 N/m, m = 0.5 kg, T = 1 ms: ω_n = 20 rad/s, f_n = 3.183099 Hz, T_n = 314.1593 ms; Euler 1 ± 0.02j; "
+        "the mass overshoots to 2 units",
+        f"ω_n = {2.0 * math.pi / measured:.6f} rad/s, f_n = {1.0 / measured:.6f} Hz, T_n = {1e3 * measured:.4f} ms; "
+        f"Euler off by {off:.1e}; overshoot to {1.0 + peak:.4f} units",
+        abs(measured * natural / (2.0 * math.pi) - 1.0) <= 1e-6 and off <= 1e-12 and abs(peak - 1.0) <= 1e-3,
+        "closed form √(k/m), ω_n/2π, 2π/ω_n, 1 − cos ω_n·t; tolerances 1e-6 relative, 1e-12, 1e-3",
+        tolerance="1e-6 of ω_n, 1e-12 of the matrix, 1e-3 of the overshoot",
+    )
+
+
+def energy_drift(quick: bool) -> CaseResult:
+    """Ten million steps (quick: a hundred thousand) of a mass that swings freely: energy of exact-foh and of Verlet."""
+    steps = 100_000 if quick else 10_000_000
+    h2 = STIFFNESS / MASS * PERIOD**2
+    exact, verlet = growth.follow("exact-foh", steps).energy, growth.follow("verlet", steps).energy
+    tolerance = steps * 2.0**-52 + 1e-11
+    drift, low, high = max(map(abs, exact)), min(verlet), max(verlet)
+    return CaseResult(
+        f"{steps:.0e} steps at h = 0.02: exact-foh |E/E₀ − 1| ≤ {tolerance:.1e}; "
+        f"verlet from −h²/4 = {-h2 / 4:.1e} to 0",
+        f"exact-foh at most {drift:.1e}; verlet from {low:.3e} to {high:.1e}",
+        drift <= tolerance and -h2 / 4 - tolerance <= low <= -h2 / 8 and high <= tolerance,
+        "the invariants: p² + (v/ω)² of the exact motion, p² + (v/ω)²/(1 − h²/4) of Verlet; one rounding a step",
+        tolerance=f"{tolerance:.1e} of the energy",
+    )

@@ -1,0 +1,231 @@
+"""Cases of what is measured and when: velocity from counts, tachometers, jittered and missing samples."""
+
+import math
+from functools import reduce
+
+import numpy as np
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.margins.patterns import gaps, pattern_bound, pattern_limit
+from haptic_fieldbus.margins.plant import Plant, sample
+from haptic_fieldbus.numerics import estimators, integrators
+from haptic_fieldbus.numerics.estimators import tachometer
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
+from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
+from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.cases.closed_loop_oracles import moved
+
+PERIOD, STEP = 1e-3, 1e-5
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+def _counted(speed: float, samples: int) -> list[float]:
+    """A steady motion as the encoder tells it [m], sample by sample."""
+    return [STEP * math.floor(speed * PERIOD * number / STEP) for number in range(samples)]
+
+
+def velocity_quantisation(quick: bool) -> CaseResult:
+    """A difference of counts knows whole multiples of D/T only."""
+    samples, ratio = 20_000 if quick else 1_000_000, 3.0 + GOLDEN
+    step = estimators.bind("backward-difference", PERIOD, STEP)
+    found = np.array([step(x) for x in _counted(ratio * STEP / PERIOD, samples)])[1:]
+    unit = STEP / PERIOD
+    levels = sorted(set(np.round(found / unit, 6).tolist()))
+    error = float(np.sqrt(np.mean((found - ratio * unit) ** 2)))
+    expected = unit * math.sqrt(GOLDEN * (1.0 - GOLDEN))
+    return CaseResult(
+        f"3 or 4 times D/T = {unit * 1e3:g} mm/s, rms error D/T·√(f(1 − f)) = {expected * 1e3:.4f} mm/s (0.1 %)",
+        f"{' or '.join(f'{level:g}' for level in levels)} times, rms {error * 1e3:.4f} mm/s",
+        levels == [3.0, 4.0] and abs(error / expected - 1.0) <= 1e-3,
+        "closed form: two levels with shares f and 1 − f, f the fraction of v·T/D",
+        tolerance="0.1 % of the rms error; levels exact",
+    )
+
+
+def zero_transition_window(quick: bool) -> CaseResult:
+    """A window in which no count comes reads zero though the handle moves; the time between counts does not."""
+    samples, ratio, window = 20_000 if quick else 1_000_000, GOLDEN / 10.0, 8
+    speed = ratio * STEP / PERIOD
+    positions = _counted(speed, samples)
+    average = estimators.bind(f"moving-average:window={window}", PERIOD, STEP)
+    interval = estimators.bind("tick-interval", PERIOD, STEP)
+    share = sum(average(x) == 0.0 for x in positions) / samples
+    timed = [interval(x) for x in positions][1000:]
+    least, most = min(timed) / speed - 1.0, max(timed) / speed - 1.0
+    expected = 1.0 - window * ratio
+    counts_apart = (math.ceil(1.0 / ratio), math.floor(1.0 / ratio))
+    low, high = (1.0 / (apart * ratio) - 1.0 for apart in counts_apart)
+    stopped = [interval(positions[-1]) for _ in range(1000)][-1]
+    return CaseResult(
+        f"{expected:.4f} of the windows of {window} read 0 (±0.002); the time between counts, 16 or 17 periods, errs "
+        f"by {low:.4f} to {high:.4f} (1e-9), and falls to D/s = {STEP * 1e6:.1f} µm/s a second after a stop",
+        f"{share:.4f} read 0; errs by {least:.4f} to {most:.4f}, {stopped * 1e6:.1f} µm/s after the stop",
+        abs(share - expected) <= 2e-3
+        and max(abs(least - low), abs(most - high)) <= 1e-9
+        and 0.98 * STEP <= stopped <= 1.001 * STEP,
+        "closed form: a window of N periods sees no count in 1 − N·v·T/D of all phases",
+        tolerance="0.002 of the share, 1e-9 of the errors",
+    )
+
+
+def differentiator_tau_below_half_t(quick: bool) -> CaseResult:
+    """s/(τs + 1) by the forward mapping has its pole at 1 − T/τ: refused below τ = T/2, and rightly."""
+    steps = 100 if quick else 10_000
+    tau = 0.49 * PERIOD
+    try:
+        estimators.bind(f"filtered-derivative:tau={tau!r},mapping=forward", PERIOD)
+        refusal = ""
+    except UsageError as error:
+        refusal = str(error)
+    inside = estimators.bind(f"filtered-derivative:tau={0.51 * PERIOD!r},mapping=forward", PERIOD)
+    answers = [inside(x) for x in (0.0, *[1.0] * 50)]
+    ratio = answers[50] / answers[49]
+    lag = StateSpace(*(np.array([[value]]) for value in (-1.0 / tau, 1.0 / tau, -1.0 / tau, 1.0 / tau)))
+    pole = float(integrators.discrete(lag, PERIOD, "forward-euler").a[0, 0])
+    growth, expected = abs(pole) ** steps, (1.0 / 0.49 - 1.0) ** steps
+    return CaseResult(
+        f"τ = 0.49 T refused with the limit 0.0005 s, for it grows by {expected:.4g} in {steps} steps; 0.51 T rings "
+        f"with {1.0 - 1.0 / 0.51:.6f} a step (1e-9)",
+        f"{'refused' if refusal else 'taken'}, growth {growth:.4g}; 0.51 T rings with {ratio:.6f}",
+        "0.0005 s" in refusal and abs(growth / expected - 1.0) <= 1e-9 and abs(ratio - 1.0 + 1.0 / 0.51) <= 1e-9,
+        "closed form of the pole, 1 − T/τ",
+        tolerance="1e-9 of the growths; the words exact",
+    )
+
+
+def lecture_noise(quick: bool) -> CaseResult:
+    """y = sin t + 0.1·sin 10t differentiated: the tenth becomes as large as the signal; a filter gives some back."""
+    turns, samples = 3, 2000 if quick else 200_000
+    period, tau = 2.0 * math.pi / samples, 0.2
+    times = period * np.arange(turns * samples)
+    heard = (np.sin(times) + 0.1 * np.sin(10.0 * times)).tolist()
+
+    def amplitudes(spec: str) -> tuple[float, float]:
+        step = estimators.bind(spec, period)
+        last = np.array([step(y) for y in heard])[-samples:]
+        one, ten = (2.0 / samples * abs(np.sum(last * np.exp(-1j * w * times[-samples:]))) for w in (1.0, 10.0))
+        return float(one), float(ten)
+
+    plain = amplitudes("backward-difference")
+    smooth = amplitudes(f"filtered-derivative:tau={tau},mapping=trapezoidal")
+    mapped = [2.0 / period * math.tan(0.5 * w * period) for w in (1.0, 10.0)]
+    expected = (2.0 / period * math.sin(0.5 * period), 0.2 / period * math.sin(5.0 * period))
+    filtered = [part * w / math.hypot(1.0, tau * w) for part, w in zip((1.0, 0.1), mapped, strict=True)]
+    worst = max(abs(a - b) for a, b in zip((*plain, *smooth), (*expected, *filtered), strict=True))
+    return CaseResult(
+        f"noise over signal 0.1 before, {expected[1] / expected[0]:.4f} differentiated, "
+        f"{filtered[1] / filtered[0]:.4f} with τ = {tau} s; amplitudes to 1e-4",
+        f"{plain[1] / plain[0]:.4f}, {smooth[1] / smooth[0]:.4f} with the filter; worst amplitude off by {worst:.1e}",
+        worst <= 1e-4,
+        "closed form: (2/T)·sin(ωT/2), and Ω/√(1 + τ²Ω²) with Ω = (2/T)·tan(ωT/2)",
+        tolerance="1e-4 of the amplitudes",
+    )
+
+
+def tachometer_drift(quick: bool) -> CaseResult:
+    """A tachometer rounded down drifts by half a step of velocity; one rounded to nearest loses slow motions."""
+    samples, unit = 20_001 if quick else 1_000_001, 1e-3
+    down, near = tachometer.bind_position(PERIOD), tachometer.bind_position(PERIOD)
+    x = slow = 0.0
+    for number in range(samples):
+        velocity = 20.3 * unit * (abs(4.0 * ((0.5 * number * PERIOD + GOLDEN) % 1.0) - 2.0) - 1.0)
+        x = down(unit * math.floor(velocity / unit))
+        slow = near(unit * round(0.49))
+    seconds = (samples - 1) * PERIOD
+    expected = -0.5 * unit
+    return CaseResult(
+        f"{expected * 1e3:.3f} mm/s to and fro (1 %); a motion of 0.49 steps stays at 0 m exactly",
+        f"{x / seconds * 1e3:.4f} mm/s over {seconds:.0f} s; {slow:g} m of {0.49 * unit * seconds:.4g} m",
+        abs(x / seconds / expected - 1.0) <= 0.01 and slow == 0.0,
+        "closed form: rounding down takes half a step on average",
+        tolerance="1 % of the drift; 0 exact",
+    )
+
+
+def tachometer_alias(quick: bool) -> CaseResult:
+    """A motion to and fro at the sampling rate looks steady; below half of it the trapezoid takes amplitude."""
+    samples, phase, size = 2000 if quick else 200_000, 0.3, 1e-4
+    turn = 2.0 * math.pi / PERIOD
+    aliased, slower = tachometer.bind_position(PERIOD), tachometer.bind_position(PERIOD)
+    x, positions = 0.0, []
+    for number in range(samples):
+        x = aliased(size * turn * math.cos(turn * number * PERIOD + phase))
+        positions.append(slower(size * 2.0 / PERIOD * math.cos(2.0 * number)))
+    drift, expected = x / ((samples - 1) * PERIOD), size * turn * math.cos(phase)
+    share = 0.5 * float(np.ptp(positions)) / size
+    return CaseResult(
+        f"drift of {expected:.6f} m/s at the sampling rate (1e-9), {1.0 / math.tan(1.0):.4f} of the amplitude at "
+        "ωT = 2 (1e-3)",
+        f"{drift:.6f} m/s, {share:.4f} of the amplitude",
+        abs(drift / expected - 1.0) <= 1e-9 and abs(share * math.tan(1.0) - 1.0) <= 1e-3,
+        "closed form: A·ω·cos φ, and (ωT/2)/tan(ωT/2)",
+        tolerance="1e-9 of the drift, 1e-3 of the amplitude",
+    )
+
+
+def jittered_sampling(quick: bool) -> CaseResult:
+    """Jitter costs stiffness by its square, and looks like a speed to a difference that takes T for granted."""
+    number, plant = 300 if quick else 3000, Plant(5.0, 0.5)
+    times = PERIOD * (1.0 + np.random.default_rng(4).uniform(-0.5, 0.5, number))
+    devices = [sample(plant, float(time), 0.0) for time in times]
+
+    def grows(stiffness: float) -> bool:
+        maps: list[Matrix] = [loop_matrix(device, gain([[-stiffness]])) for device in devices]
+        return spectral_radius(reduce(lambda before, after: after @ before, maps)) > 1.0
+
+    expected = 2.0 * plant.damping * float(times.sum() / (times**2).sum())
+    low, high = 0.5 * expected, 2.0 * expected
+    for _ in range(12 if quick else 20):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if grows(middle) else (middle, high)
+    step, instants = estimators.bind("backward-difference", PERIOD), np.cumsum(times)
+    error = float(np.std([step(x) for x in instants.tolist()][1:]))
+    timed, elapsed = estimators.bind("tick-interval", PERIOD), instants.tolist()
+    worst = max(abs(v - 1.0) for v in [timed(x, x * 1e9) for x in elapsed][1:])
+    spread = float(np.std(times[1:])) / PERIOD
+    return CaseResult(
+        f"K up to 2b·ΣT_i/ΣT_i² = {expected:.1f} N/m (1 %), against {2.0 * plant.damping / PERIOD:.0f} N/m without "
+        f"jitter; a steady 1 m/s is read with an rms error of {spread:.4f} m/s (1e-6), "
+        "and of 0 with the samples' times (1e-9)",
+        f"{low:.1f} N/m; {error:.4f} m/s, and {worst:.1e} m/s at most with times",
+        abs(low / expected - 1.0) <= 0.01 and abs(error / spread - 1.0) <= 1e-6 and worst <= 1e-9,
+        "closed form for light damping; spread of the intervals over T",
+        tolerance="1 % of the limit, 1e-6 and 1e-9 of the velocity",
+    )
+
+
+def _grows_by_hand(plant: Plant, stiffness: float, lengths: tuple[int, ...]) -> bool:
+    """Whether (x, v) grows over a pattern: each force held for its whole gap, in plain floats, Jury for the map."""
+    columns = []
+    for x, v in ((1.0, 0.0), (0.0, 1.0)):
+        for length in lengths:
+            x, v = moved(plant, x, v, -stiffness * x, length * PERIOD)
+        columns.append((x, v))
+    (a, c), (b, d) = columns
+    return not (abs(a * d - b * c) < 1.0 and abs(a + d) < 1.0 + a * d - b * c)
+
+
+def dropped_frames(quick: bool) -> CaseResult:
+    """Lost frames with a held force cost stiffness by the squares of their gaps."""
+    plant = Plant(5.0, 0.5)
+    patterns: dict[str, tuple[int, ...]] = {
+        "none": (1,), "every second": (2,), "one of three": (1, 2), "two of five": (1, 1, 3),
+        "ten of a hundred": (*[1] * 90, 10),
+    }  # fmt: skip
+    texts, bounds, close, agree = [], [], True, True
+    for name, lengths in patterns.items():
+        limit = pattern_limit(plant, PERIOD, 0.0, lambda k: gain([[-k]]), gaps(lengths))
+        bound = 2.0 * plant.damping * sum(lengths) / (PERIOD * sum(length**2 for length in lengths))
+        sides = [_grows_by_hand(plant, limit * part, lengths) for part in (1.0 - 1e-4, 1.0 + 1e-4)]
+        agree &= sides == [False, True]
+        close &= abs(limit / bound - 1.0) <= 5e-3
+        close &= abs(pattern_bound(plant.damping, PERIOD, gaps(lengths)) / bound - 1.0) <= 1e-12
+        texts.append(f"{name} {limit:.1f}")
+        bounds.append(f"{name} {bound:.1f}")
+    return CaseResult(
+        f"2b·ΣT_i/ΣT_i²: {', '.join(bounds)} N/m (0.5 %)",
+        f"{', '.join(texts)} N/m; by hand decays at 1 − 1e-4 of it and grows at 1 + 1e-4: {'yes' if agree else 'no'}",
+        close and agree,
+        "closed form for light damping; the motion over a pattern by hand, event after event",
+        tolerance="0.5 % of the bound, 1e-4 of the limit by hand",
+    )

@@ -1,0 +1,147 @@
+"""Energy and passivity: what a wall gives at entry and exit, in a contact too short to see, and when a hand lets go."""
+
+import math
+
+import numpy as np
+
+from haptic_fieldbus.margins import Plant, sample, stiffness_limit
+from haptic_fieldbus.margins.bodies import HAND, limit_with, sample_with
+from haptic_fieldbus.numerics import batch, sampled
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.numerics.loops import Array, loops
+from haptic_fieldbus.study.case import CaseResult
+
+PERIOD = 1e-3
+SPEED = 0.2
+"""[m/s] towards the wall."""
+EXACT = 1e-9
+"""Relative, of sums that are equal but for rounding."""
+
+
+def _wall(stiffness: float) -> StateSpace:
+    return gain([[-stiffness]])
+
+
+def _bounced(mass: float, stiffness: float, phases: Array, steps: int, saturation: float = math.inf) -> Array:
+    """Exit speed [m/s] of masses that reach the wall with each phase of a period left to the next sample."""
+    many = loops(
+        mass=mass, damping=0.0, period=PERIOD, stiffness=stiffness, unilateral=True, saturation=saturation,
+        position=-SPEED * PERIOD * (1.0 - phases), velocity=SPEED,
+    )  # fmt: skip
+    return -batch.run(many, steps).velocity
+
+
+def bounce_energy(quick: bool) -> CaseResult:
+    """A bounce on an undamped wall gives e^{πh/2} − 1 of the energy it got on average, and its phase decides the rest.
+
+    With y_0 the first sample inside and y_N the first one outside again, the wall's work is exactly
+    K/2·(Σ(y_{k+1} − y_k)² + y_0² − y_N²): the hold's leak, and up to a sample at entry and at exit.
+    """
+    mass, stiffness, count = 0.5, 2000.0, 200 if quick else 5_000
+    h = PERIOD * math.sqrt(stiffness / mass)
+    phases = (np.arange(count) + 0.5) / count
+    steps = 2 * math.ceil(math.pi / h)
+    energy = 0.5 * mass * SPEED**2
+    gained = 0.5 * mass * _bounced(mass, stiffness, phases, steps) ** 2 / energy - 1.0
+    by_positions = np.array([_leak(mass, stiffness, phase, steps) for phase in phases.tolist()]) / energy
+    apart = float(np.abs(gained - by_positions).max())
+    expected, mean = math.expm1(0.5 * math.pi * h), float(gained.mean())
+    low, high = float(gained.min()), float(gained.max())
+    return CaseResult(
+        f"h = {h:.3g}: on average {100 * expected:.2f} % more out than in, each phase within ±h² = {100 * h * h:.2g} %",
+        f"{count} phases: mean {100 * mean:.2f} %, from {100 * low:.2f} to {100 * high:.2f} %; the positions alone say "
+        f"the same to {apart:.1g}",
+        apart <= EXACT and abs(mean - expected) <= 0.5 * h * h and expected - h * h <= low < high <= expected + h * h,
+        "work summed from positions by another loop (to 1e-9), and e^(πh/2) − 1 to h²/2",
+        tolerance=f"{EXACT:g} of a phase, h²/2 of the mean",
+    )
+
+
+def _leak(mass: float, stiffness: float, phase: float, steps: int) -> float:
+    """The wall's work by the identity of `bounce_energy`, the motion by x'' = F/m in plain sums [J]."""
+    x, v, squares, entered, left = -SPEED * PERIOD * (1.0 - phase), SPEED, 0.0, None, 0.0
+    for _ in range(steps):
+        force = -stiffness * x if x > 0.0 else 0.0
+        following = x + v * PERIOD + 0.5 * force / mass * PERIOD**2
+        v += force / mass * PERIOD
+        if x > 0.0:
+            entered = x if entered is None else entered
+            squares, left = squares + (following - x) ** 2, following
+        x = following
+    return 0.5 * stiffness * (squares + (entered or 0.0) ** 2 - left**2)
+
+
+def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
+    """Where π·√(m/K) < T one sample sees the wall and throws the handle out with (h²·φ − 1) times its speed.
+
+    φ is the part of the period that was left after the edge. It leaves within one period where φ ≥ 1/(h²/2 − 1); a
+    bound on the force bounds the speed to F·T/m − v.
+    """
+    mass, stiffness, count = 0.02, 5e5, 200 if quick else 20_000
+    square, most = PERIOD**2 * stiffness / mass, 20.0
+    shortest = 1.0 / (0.5 * square - 1.0)
+    phases = shortest + (1.0 - shortest) * (np.arange(count) + 0.5) / count
+    expected = square * phases - 1.0
+    found = _bounced(mass, stiffness, phases, 4) / SPEED
+    apart = float(np.abs(found / expected - 1.0).max())
+    bounded = float(_bounced(mass, stiffness, phases, 4, most).max())
+    speed = most * PERIOD / mass - SPEED
+    limit = stiffness_limit(Plant(mass, 0.5), PERIOD, 0.0, _wall)
+    return CaseResult(
+        f"contact of {1e3 * math.pi * math.sqrt(mass / stiffness):.2g} ms: speed times h²·φ − 1, to "
+        f"{expected.max():.4g}; bounded to {most:g} N, at most {speed:.3g} m/s",
+        f"times {found.max():.4g} (apart by {apart:.1g}), bounded {bounded:.3g} m/s; limit of stability {limit:.4g} of "
+        f"{stiffness:.4g} N/m",
+        apart <= EXACT and abs(bounded / speed - 1.0) <= EXACT and limit < stiffness,
+        "closed form of one held force (to 1e-9)",
+        tolerance=f"{EXACT:g} of the speeds",
+    )
+
+
+def hand_lets_go(quick: bool) -> CaseResult:
+    """A wall that is stable in the hand grows once the hand lets go: the limit to quote is that of the free handle."""
+    plant = Plant(mass=0.1, damping=2.0)
+    free = stiffness_limit(plant, PERIOD, 0.0, _wall)
+    stiffness = 1.5 * free
+    in_hand = limit_with(plant, (HAND,), PERIOD, 0.0, _wall)
+    rates = [
+        math.log(sampled.growth(device, _wall(stiffness))) / PERIOD
+        for device in (sample_with(plant, (HAND,), PERIOD, 0.0), sample(plant, PERIOD, 0.0))
+    ]
+    held, released = _let_go(plant, stiffness, 1_000 if quick else 3_000)
+    apart = [abs(one / other - 1.0) for one, other in zip((held, released), rates, strict=True)]
+    return CaseResult(
+        f"K = {stiffness:.4g} N/m, limits {free:.4g} free and {in_hand:.4g} N/m held: rates {rates[0]:+.4g} held, "
+        f"{rates[1]:+.4g} 1/s released",
+        f"held it {'fades' if held < 0.0 else 'grows'} ({held:+.4g} 1/s), released {released:+.4g} 1/s",
+        free < stiffness < in_hand and held < 0.0 < released and apart[1] <= 0.02 and apart[0] <= 0.05,
+        "brute force: Runge–Kutta at T/8 between samples, with and without the hand (rates to 5 and 2 %)",
+        tolerance="5 % and 2 % of the rates",
+    )
+
+
+def _let_go(plant: Plant, stiffness: float, steps: int) -> tuple[float, float]:
+    """Growth rates [1/s] of the handle's swing at the wall before and after the hand lets go, by brute force."""
+    state = np.array([1e-3, 0.0, 1e-3, 0.0])
+    found = []
+    for link in (1.0, 0.0):
+        peaks, period = np.empty(steps), _period(plant, link)
+        for step in range(steps):
+            peaks[step] = abs(state[0])
+            state = period[:4] @ np.append(state, -stiffness * state[0])
+        third = steps // 3
+        first, last = peaks[third : 2 * third].max(), peaks[2 * third :].max()
+        found.append(math.log(last / first) / (third * PERIOD))
+    return found[0], found[1]
+
+
+def _period(plant: Plant, link: float) -> Array:
+    """A period of handle and hand (x, v, x_hand, v_hand, held force) in eight Runge–Kutta steps, each Σ (A·T/8)ⁿ/n!."""
+    stiffness, damping = link * HAND.stiffness, link * HAND.damping
+    pull = np.array([-stiffness, -damping, stiffness, damping, 0.0])
+    rates = np.zeros((5, 5))
+    rates[0, 1] = rates[2, 3] = 1.0
+    rates[1] = (pull + np.array([0.0, -plant.damping, 0.0, 0.0, 1.0])) / plant.mass
+    rates[3] = -pull / HAND.mass
+    step = sum(np.linalg.matrix_power(rates * PERIOD / 8, n) / math.factorial(n) for n in range(5))
+    return np.linalg.matrix_power(step, 8)

@@ -1,0 +1,166 @@
+"""Energy and passivity: how stiff and how damped a wall may be, and what a filter in its damper costs or saves.
+
+With p = e^{−b·T/m}, N what the stiffness multiplies in a loop without damper (`closed_loop_oracles.polynomials`), and a
+damper through a low-pass of pole r, the loop's characteristic polynomial is
+
+    (z − 1)·(z − p)·(z − r)·zⁿ⁺¹ + N·(K·(z − r) + B·(1 − r)·(z − 1)/T).
+
+The oracle takes its roots; the package takes eigenvalues of matrices and runs loops.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from haptic_fieldbus.margins import Plant, passive_limit_of, sample, stiffness_limit
+from haptic_fieldbus.numerics import batch, sampled
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.loops import loops
+from haptic_fieldbus.numerics.passivity import damping_needed
+from haptic_fieldbus.study.case import CaseResult, listed
+from haptic_fieldbus.study.cases.closed_loop_oracles import largest, plain_terms, polynomials
+from haptic_fieldbus.study.measure import region
+
+Point = tuple[float, float, float]
+"""Virtual damping B, delay [s], pole of the low-pass."""
+PERIOD = 1e-3
+DEVICE = Plant(mass=0.1, damping=2.0)
+AGREEMENT = 1e-6
+"""Relative, of the package's limit with the oracle's."""
+APART = 0.03
+"""How far below and above a limit loops are run."""
+ROOTS = "roots of a characteristic polynomial derived by hand (bisected in K, to 1e-6); loops run 3 % either side"
+
+
+def wall(stiffness: float, damping: float, pole: float = 0.0) -> StateSpace:
+    """A spring and a damper on a low-passed backward difference, as the loop runs them."""
+    return region.wall(stiffness, damping, PERIOD, f"low-pass:pole={pole}")
+
+
+def oracle_limit(damping: float, delay: float, pole: float) -> float:
+    """The stiffness at which a root first leaves the unit circle [N/m]; 0: none is stable."""
+    free, force = (np.array(each, dtype=np.float64) for each in polynomials(DEVICE, PERIOD, delay / PERIOD))
+    damper = damping * (1.0 - pole) / PERIOD * np.array([1.0, -1.0])
+
+    def is_stable(stiffness: float) -> bool:
+        held = np.polymul(force, stiffness * np.array([1.0, -pole]) + damper)
+        return bool(np.abs(np.roots(np.polyadd(np.polymul(free, [1.0, -pole]), held))).max() <= 1.0)
+
+    return largest(is_stable, 1.0, 1.1, 1e-9)
+
+
+def _package_limit(damping: float, delay: float, pole: float) -> float:
+    return stiffness_limit(DEVICE, PERIOD, delay, lambda stiffness: wall(stiffness, damping, pole))
+
+
+def _right(limit: float, point: Point, quick: bool) -> int:
+    """How many of the two loops that are run below and above a limit decay and grow so."""
+    damping, delay, pole = point
+    many = loops(
+        mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, delay=delay, position=1e-3,
+        environments=[wall(factor * limit, damping, pole) for factor in (1.0 - APART, 1.0 + APART)],
+    )  # fmt: skip
+    below, above = map(float, batch.run(many, 4_000 if quick else 40_000).growth)
+    return (not below > 1.0) + (above > 1.0)
+
+
+def _judged(points: list[Point], law: str, holds: Callable[[list[float]], bool], quick: bool) -> CaseResult:
+    """Limits by package, oracle and loops that run; `holds` says whether the oracle's follow the law."""
+    expected = [oracle_limit(*point) for point in points]
+    found = [_package_limit(*point) for point in points]
+    apart = max(abs(one - other) / other if other else abs(one) for one, other in zip(found, expected, strict=True))
+    some = [(limit, point) for limit, point in zip(expected, points, strict=True) if limit]
+    right = sum(_right(limit, point, quick) for limit, point in some)
+    return CaseResult(
+        f"{law}; {listed(expected, '.4g')} N/m",
+        f"{listed(found, '.4g')} N/m, apart by {apart:.1g}; {right} of {2 * len(some)} loops "
+        "run 3 % off decay or grow so",
+        holds(expected) and apart <= AGREEMENT and right == 2 * len(some),
+        ROOTS,
+        tolerance=f"{AGREEMENT:g} of each limit; growth and decay 3 % off it",
+    )
+
+
+def z_width_damping(quick: bool) -> CaseResult:
+    """Without delay, virtual damping widens the range of stiffness up to a point and then closes it."""
+
+    def holds(limits: list[float]) -> bool:
+        low = limits[0] * PERIOD / (2.0 * DEVICE.damping)
+        return 0 < int(np.argmax(limits)) < 4 and abs(low - 1) < 0.02
+
+    points = [(damping, 0.0, 0.0) for damping in (0.0, 10.0, 40.0, 100.0, 160.0)]
+    return _judged(points, "K limit for B = 0, 10, 40, 100, 160 N·s/m rises and falls again", holds, quick)
+
+
+def z_width_delay(quick: bool) -> CaseResult:
+    """Delay narrows it: with the same damper each further part of a period costs stiffness."""
+    points = [(10.0, delay * PERIOD, 0.0) for delay in (0.0, 0.5, 1.0, 1.7, 3.0)]
+    law = "K limit with B = 10 N·s/m falls with delays of 0, ½, 1, 1.7, 3 T"
+    return _judged(points, law, lambda limits: limits == sorted(limits)[::-1], quick)
+
+
+def z_width_filter(quick: bool) -> CaseResult:
+    """A low-pass in the damper costs stiffness, with little virtual damping and with much."""
+    points = [(b, 0.0, pole) for b in (10.0, 160.0) for pole in (0.0, 0.5, 0.9)]
+    law = "K limit falls with low-passes of pole 0, 0.5, 0.9, with B = 10 and with B = 160 N·s/m"
+    return _judged(points, law, lambda k: k[0] > k[1] > k[2] > 0.0 and k[3] > k[4] > k[5] > 0.0, quick)
+
+
+def pure_damper_limit(quick: bool) -> CaseResult:
+    """A damper alone is stable up to B = T/(a·d − p·c), near 2·m/T, and passive up to the device's own b only."""
+    p, c1, c0 = plain_terms(DEVICE, PERIOD)
+    expected = min(PERIOD / c0, (1.0 + p) * PERIOD / (c1 - c0))
+    device = sample(DEVICE, PERIOD, 0.0)
+    low, high = 0.0, 4.0 * DEVICE.mass / PERIOD
+    while high - low > 1e-10 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if sampled.growth(device, wall(0.0, middle)) < 1.0 else (low, middle)
+    many = loops(
+        mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, velocity=0.1,
+        virtual_damping=[(1.0 - APART) * expected, (1.0 + APART) * expected],
+    )  # fmt: skip
+    speed = np.abs(batch.run(many, 1_000).velocity)
+    needed = damping_needed(wall(0.0, 5.0), PERIOD, 0.0)
+    return CaseResult(
+        f"stable to B = {expected:.6g} N·s/m (2·m/T = {2 * DEVICE.mass / PERIOD:.0f}); passive needs b = B = 5 N·s/m",
+        f"stable to {low:.6g} N·s/m; 0.1 m/s becomes {speed[0]:.1g} and {speed[1]:.1g} m/s in 1000 periods 3 % below "
+        f"and above; passive needs b = {needed:.6g}",
+        abs(low / expected - 1.0) <= AGREEMENT and speed[0] < 1e-3 < 1.0 < speed[1] and abs(needed / 5.0 - 1.0) < 1e-9,
+        "Jury's conditions of z² + (B·c/T − p)·z + B·(a·d − p·c)/T in closed form (to 1e-6); b > |B|",
+        tolerance=f"{AGREEMENT:g} of the limit, 1e-9 of the damping",
+    )
+
+
+def filtered_damper_passivity(quick: bool) -> CaseResult:
+    """Behind a low-pass of pole r a damper needs b = K·T/2 + B·(1 − r)/(1 + r): a filter makes passivity easier.
+
+    The Colgate–Schenkel condition's weight turns the damper into −B·Re{e^{−jθ}·(1 − r)/(1 − r·e^{−jθ})}, largest at π.
+    """
+    stiffness, virtual = 800.0, 3.0
+    poles = (0.0, 0.3, 0.8, 0.95)
+    expected = [0.5 * stiffness * PERIOD + virtual * (1.0 - r) / (1.0 + r) for r in poles]
+    found = [damping_needed(wall(stiffness, virtual, r), PERIOD, 0.0) for r in poles]
+    given = [_given_at_nyquist(stiffness, virtual, r) for r in poles]
+    apart = max(abs(each / one - 1.0) for one, *others in zip(expected, found, given, strict=True) for each in others)
+    limit = passive_limit_of(DEVICE, PERIOD, 0.0, lambda k: wall(k, virtual, 0.8), math.inf)
+    by_hand = 2.0 * (DEVICE.damping - virtual * 0.2 / 1.8) / PERIOD
+    return CaseResult(
+        f"b = {listed(expected, '.4g')} N·s/m for poles 0, 0.3, 0.8, 0.95; K to {by_hand:.6g} N/m with 0.8",
+        f"b = {listed(found, '.4g')} N·s/m by sweep, {listed(given, '.4g')} by energy; K to {limit:.6g} N/m",
+        apart <= AGREEMENT and abs(limit / by_hand - 1.0) <= AGREEMENT,
+        "closed form, and the work of the forces on a handle shaken to and fro each period (to 1e-6)",
+        tolerance=f"{AGREEMENT:g} of each damping and limit",
+    )
+
+
+def _given_at_nyquist(stiffness: float, virtual: float, pole: float) -> float:
+    """Work that a wall gives to a handle driven to ±1 mm in turn at constant speed, over ∫v² [N·s/m]."""
+    position, velocity, work, square = 1e-3, 0.0, 0.0, 0.0
+    for step in range(2_000):
+        velocity = pole * velocity + (1.0 - pole) * 2.0 * position / PERIOD
+        if step >= 1_000:
+            work += (-stiffness * position - virtual * velocity) * -2.0 * position
+            square += (2.0 * position) ** 2 / PERIOD
+        position = -position
+    return work / square

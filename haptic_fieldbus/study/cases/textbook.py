@@ -1,0 +1,126 @@
+"""A mass on a spring, q̈ = ω²·(x − q), by every method as textbooks write it, in floats or in fifty decimal digits."""
+
+import math
+from collections.abc import Callable, Sequence
+from decimal import Decimal, localcontext
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+Number = TypeVar("Number", float, Decimal)
+DIGITS = 50
+TERMS = 40
+"""Of the series of sine and cosine."""
+
+
+class Rule(Protocol):
+    """(q, q̇, x before, x now, ω, period) → (q, q̇) now."""
+
+    def __call__(
+        self, q: Number, v: Number, x: Number, y: Number, w: Number, t: Number, /
+    ) -> tuple[Number, Number]: ...
+
+
+def _forward_euler(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
+    return q + t * v, v + t * w * w * (x - q)
+
+
+def _backward_euler(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
+    v = (v + t * w * w * (y - q)) / (1 + (w * t) ** 2)
+    return q + t * v, v
+
+
+def _trapezoidal(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
+    quarter = (w * t) ** 2 / 4
+    new = (v * (1 - quarter) + t * w * w * ((x + y) / 2 - q)) / (1 + quarter)
+    return q + t / 2 * (v + new), new
+
+
+def _semi_implicit(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
+    v += t * w * w * (x - q)
+    return q + t * v, v
+
+
+def _drift_first(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
+    q += t * v
+    return q, v + t * w * w * (x - q)
+
+
+def _verlet(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
+    before = w * w * (x - q)
+    q += t * v + t / 2 * t * before
+    return q, v + t / 2 * (before + w * w * (y - q))
+
+
+def _rk4(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
+    middle, half = (x + y) / 2, t / 2
+    v1, a1 = v, w * w * (x - q)
+    v2, a2 = v + half * a1, w * w * (middle - q - half * v1)
+    v3, a3 = v + half * a2, w * w * (middle - q - half * v2)
+    v4, a4 = v + t * a3, w * w * (y - q - t * v3)
+    return q + t / 6 * (v1 + 2 * (v2 + v3) + v4), v + t / 6 * (a1 + 2 * (a2 + a3) + a4)
+
+
+def _exact(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
+    """The handle on a straight line from x to y: q = x + s·time + A·cos + B·sin."""
+    slope = (y - x) / t
+    c, s = _cos_sin(w * t)
+    a, b = q - x, (v - slope) / w
+    return y + a * c + b * s, slope + w * (b * c - a * s)
+
+
+def _exact_held(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
+    return _exact(q, v, x, x, w, t)
+
+
+def _cos_sin(angle: Number) -> tuple[Number, Number]:
+    if not isinstance(angle, Decimal):
+        return math.cos(angle), math.sin(angle)
+    terms = [angle**n / math.factorial(n) for n in range(2 * TERMS)]
+    c, minus_c, s, minus_s = (sum(terms[first::4], Decimal(0)) for first in (0, 2, 1, 3))
+    return c - minus_c, s - minus_s
+
+
+def _leapfrog_radius(h: float) -> float:
+    return 1.0 if h <= 2.0 else math.exp(2.0 * math.acosh(0.5 * h))
+
+
+RULES: dict[str, Rule] = {
+    "forward-euler": _forward_euler,
+    "backward-euler": _backward_euler,
+    "trapezoidal": _trapezoidal,
+    "semi-implicit": _semi_implicit,
+    "semi-implicit-drift-first": _drift_first,
+    "verlet": _verlet,
+    "rk4": _rk4,
+    "exact-zoh": _exact_held,
+    "exact-foh": _exact,
+}
+RADII: dict[str, Callable[[float], float]] = {
+    "forward-euler": lambda h: math.hypot(1.0, h),
+    "backward-euler": lambda h: 1.0 / math.hypot(1.0, h),
+    "trapezoidal": lambda h: 1.0,
+    "semi-implicit": _leapfrog_radius,
+    "semi-implicit-drift-first": _leapfrog_radius,
+    "verlet": _leapfrog_radius,
+    "rk4": lambda h: math.sqrt(1.0 + h**6 * (h * h - 8.0) / 576.0),
+    "exact-zoh": lambda h: 1.0,
+    "exact-foh": lambda h: 1.0,
+}
+"""h = T·ω → spectral radius of a free motion."""
+
+
+def puck_moved(method: str, square: float, sample: int) -> float:
+    """Force over stiffness at a sample from 2 on, h² = `square`; x is 0 at sample 0 and 1 from sample 1 on."""
+    with localcontext(prec=DIGITS):
+        rule, w, one, none = RULES[method], Decimal(square).sqrt(), Decimal(1), Decimal(0)
+        q, v = rule(none, none, none, one, w, one)
+        columns = [rule(*start, none, none, w, one) for start in ((one, none), (none, one))]
+    return free_motion(list(zip(*columns, strict=True)), (q - 1, v), sample - 1)
+
+
+def free_motion(matrix: Sequence[Sequence[Decimal]], start: Sequence[Decimal], steps: int) -> float:
+    """Position after so many steps of (position, velocity) ← matrix·(position, velocity), in fifty digits."""
+    with localcontext(prec=DIGITS):
+        power = np.linalg.matrix_power(np.array(matrix, dtype=object), steps)
+        return float((power @ np.array(start, dtype=object))[0])

@@ -1,0 +1,158 @@
+"""The report: sections are measured one after another and written as one page, figures and JSON.
+
+A section is one entry of SECTIONS. What it finds goes to three places: the page, `report.json` (rows under stable keys)
+and `details.json` (everything else).
+"""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+from time import perf_counter
+
+from haptic_fieldbus.documents import nearest
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.study.cases import CASES
+from haptic_fieldbus.study.measure.bench import Tools, bench_of
+from haptic_fieldbus.study.measure.contact_loop import contacts
+from haptic_fieldbus.study.measure.host import host
+from haptic_fieldbus.study.measure.problems import problems
+from haptic_fieldbus.study.page.context import Context, Progress
+from haptic_fieldbus.study.page.cost import cost_section
+from haptic_fieldbus.study.page.growth import growth_section
+from haptic_fieldbus.study.page.html import Section, page, paragraph, table
+from haptic_fieldbus.study.page.impedance import impedance_section
+from haptic_fieldbus.study.page.integrator import integrator_section
+from haptic_fieldbus.study.page.region import region_section
+from haptic_fieldbus.study.page.sources import sources_section
+from haptic_fieldbus.study.page.stability import stability_section
+from haptic_fieldbus.study.page.work_precision import work_precision_section
+
+SECTIONS: dict[str, Callable[[Context], Section]] = {
+    "work-precision": work_precision_section,
+    "growth": growth_section,
+    "sources": sources_section,
+    "integrator": integrator_section,
+    "impedance": impedance_section,
+    "region": region_section,
+    "stability": stability_section,
+    "cost": cost_section,
+}
+KEYS = ("work_precision", "stability_cases", "optional_parts")
+"""Of `report.json`, beside `host`."""
+TITLE = "Error against run time"
+LEAD = """How exact the virtual forces of haptic-fieldbus are, what they cost to compute, how their error grows along a
+run, and where the sampled loop is stable. SI units; lengths in metres, forces in newtons, unless a column says
+otherwise."""
+
+HOW = """Times are those of this machine; errors, limits and stability are the same on any. Every number on this page
+is also in <code>report.json</code> and <code>details.json</code> beside it, every figure in <code>figures/</code>."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Sections to make, and the problems or cases in them; None: all."""
+
+    sections: tuple[str, ...]
+    names: frozenset[str] | None = None
+
+
+def choose(only: str | None) -> Chosen:
+    """A section, a problem or a case by its name; raises UsageError for another."""
+    if only is None:
+        return Chosen(tuple(SECTIONS))
+    if only in SECTIONS:
+        return Chosen((only,))
+    inside = {"work-precision": [*problems(), *contacts()], "stability": list(CASES)}
+    for section, names in inside.items():
+        if only in names:
+            return Chosen((section,), frozenset((only,)))
+    every = [*SECTIONS, *inside["work-precision"], *inside["stability"]]
+    near = nearest(only, every)
+    hint = f"nearest: {near[0]}; " if near else ""
+    raise UsageError(
+        f"--only {only}: there is none of that name; {hint}sections are: {', '.join(SECTIONS)}; problems and cases go "
+        "by their names too"
+    )
+
+
+def make_report(
+    out: Path,
+    tools: Tools,
+    *,
+    quick: bool = False,
+    only: str | None = None,
+    progress: Progress | None = None,
+    command: str = "haptic-fieldbus report",
+) -> dict[str, object]:
+    """Measure, and write `index.html`, `report.json`, `details.json` and `figures/` into `out`; returns report.json.
+
+    Raises UsageError for a name that is not known and a folder that cannot be written.
+    """
+    begun = perf_counter()
+    chosen = choose(only)
+    _make_folder(out)
+    tell = progress or (lambda label, share: None)
+    context = Context(tools, bench_of(tools.plan("wall")), quick, chosen.names)
+    sections = []
+    for place, name in enumerate(chosen.sections):
+        part = _part_of(tell, place, len(chosen.sections))
+        part(name, 0.0)
+        sections.append(SECTIONS[name](replace(context, progress=part)))
+    machine = host()
+    found: dict[str, object] = {**{key: context.rows.get(key, []) for key in KEYS}, "host": machine}
+    tell("done", 1.0)
+    last = _made_on(machine, command, perf_counter() - begun)
+    _write(out, [*sections, last], found)
+    return found
+
+
+def _made_on(machine: dict[str, str], command: str, seconds: float) -> Section:
+    """Hardware, versions, command and duration."""
+    rows = [[key.replace("_", " "), value] for key, value in machine.items()]
+    rows.append(["report made in", f"{seconds:.1f} s"])
+    body = paragraph(HOW) + paragraph(f"Made by <code>{escape(command)}</code>.")
+    return Section("host", "Made on", body + table(("what", "which"), rows, text_columns=2))
+
+
+def _part_of(tell: Progress, place: int, total: int) -> Progress:
+    """Progress of one of `total` sections, as a part of the whole."""
+    return lambda label, share: tell(label, (place + share) / total)
+
+
+def _make_folder(out: Path) -> None:
+    """Before anything is measured, for a report takes minutes."""
+    try:
+        (out / "figures").mkdir(parents=True, exist_ok=True)
+        probe = out / "report.json"
+        existed = probe.exists()
+        probe.open("ab").close()
+        if not existed:
+            probe.unlink()
+    except OSError as error:
+        raise UsageError(f'--out "{out}": {error.strerror}') from error
+
+
+def _write(out: Path, sections: list[Section], found: Mapping[str, object]) -> None:
+    for section in sections:
+        for name, document in section.figures.items():
+            (out / "figures" / f"{name}.svg").write_text(document, encoding="utf-8")
+    details = {section.name: section.details for section in sections if section.details is not None}
+    _write_json(out / "report.json", found)
+    _write_json(out / "details.json", details)
+    (out / "index.html").write_text(page(TITLE, LEAD, sections), encoding="utf-8")
+
+
+def _write_json(path: Path, value: object) -> None:
+    path.write_text(json.dumps(finite(value), ensure_ascii=False, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def finite(value: object) -> object:
+    """The same with None where a number is infinite or not a number, and lists for tuples."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(member) for key, member in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(member) for member in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

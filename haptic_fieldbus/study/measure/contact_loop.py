@@ -1,0 +1,125 @@
+"""Closed loops with a hand: a wall and a sprung mass on the shipped device, pushed by a sine of 4 N.
+
+The device and the hand move in continuous time, exactly; the environment's force is held from sample to sample,
+without delay. The reference is the same loop with an environment in continuous time. The difference is what sampling,
+hold and velocity estimate (or integrator) cost, and it is first order in the period whatever the method: the hold is
+late by T/2.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptic_fieldbus.numerics import estimators, integrators
+from haptic_fieldbus.numerics.estimators import ESTIMATORS
+from haptic_fieldbus.numerics.exact import zoh
+from haptic_fieldbus.numerics.integrators import METHODS
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
+from haptic_fieldbus.numerics.loops import Array
+from haptic_fieldbus.study.measure.bench import Bench, held
+from haptic_fieldbus.study.measure.motions import Motion, sine
+from haptic_fieldbus.study.measure.problems import Problem, peak, sprung_mass
+from haptic_fieldbus.study.measure.timing import ns_per_call
+from haptic_fieldbus.study.measure.work_precision import Point, Set, errors, with_order
+
+Law = Callable[[float], float]
+HORIZON, STIFFNESS, DAMPING = 1.0, 600.0, 2.0
+"""[s]; the walls of the scene library [N/m], [N·s/m]."""
+HAND_FORCE = sine(4.0, 1.0)
+TIMED_STEPS = 200
+DIVERGED = 1e12
+FIXED_TIMES = ("filtered-derivative",)
+"""Estimators with a time constant that does not shrink with the period: they settle at an error of their own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """An environment in sustained contact, and for each of its methods the force law that a loop runs."""
+
+    name: str
+    title: str
+    space: StateSpace
+    methods: tuple[str, ...]
+    law: Callable[[str, float, float], Law]
+    """(method, period, encoder step) → position to force."""
+
+
+def _wall(method: str, period: float, resolution: float) -> Law:
+    if method == "none":
+        return lambda x: -STIFFNESS * x
+    estimate = estimators.bind(method, period, resolution)
+    return lambda x: -STIFFNESS * x - DAMPING * estimate(x)
+
+
+def _dragged(method: str, period: float, resolution: float) -> Law:
+    return integrators.bind(sprung_mass(), period, method)
+
+
+def contacts() -> dict[str, Contact]:
+    """By name."""
+    spring, damped = gain([[-STIFFNESS, 0.0]]), gain([[-STIFFNESS, -DAMPING]])
+    by_estimator = "wall of 600 N/m and 2 N·s/m, a hand leaning on it; methods are velocity estimators"
+    dragged = "sprung mass, dragged by a hand: device, hand and mass in one loop"
+    every = (
+        Contact("wall-in-hand", "wall of 600 N/m, a hand leaning on it", spring, ("none",), _wall),
+        Contact("damped-wall-in-hand", by_estimator, damped, tuple(ESTIMATORS), _wall),
+        Contact("sprung-mass-in-hand", dragged, sprung_mass(), tuple(METHODS), _dragged),
+    )
+    return {contact.name: contact for contact in every}
+
+
+def closed(contact: Contact, bench: Bench) -> Problem:
+    """Device, hand and environment in continuous time, moved by the hand's force."""
+    (a, motor, hand), space = held(bench.plant), contact.space
+    size, inner = len(a), space.order
+    feel = np.eye(2, size)  # (position, velocity) of the handle
+    system = np.block([[a + motor @ space.d @ feel, motor @ space.c], [space.b @ feel, space.a]])
+    drive = np.block([[hand, np.zeros((size, 1))], [np.zeros((inner, 2))]])
+    force = np.hstack([space.d @ feel, space.c])
+    return Problem(contact.name, contact.title, StateSpace(system, drive, force, np.zeros((1, 2))), HAND_FORCE)
+
+
+def follow(law: Law, bench: Bench, period: float, steps: int) -> Array:
+    """The sampled loop's force at its samples; shorter when it diverged."""
+    transition, drive = _moved(bench, HAND_FORCE, period)
+    state = np.concatenate([np.zeros(4), HAND_FORCE.start])
+    forces = np.empty(steps + 1)
+    for sample in range(steps + 1):
+        force = law(float(state[0]))
+        if not abs(force) < DIVERGED:
+            return forces[:sample]
+        forces[sample] = force
+        state = transition @ state + drive * force
+    return forces
+
+
+def _moved(bench: Bench, motion: Motion, period: float) -> tuple[Matrix, Array]:
+    """Device, hand and its force over one period with the motor's force held."""
+    a, motor, hand = held(bench.plant)
+    outer = len(motion.start)
+    system = np.block([[a, hand @ motion.output[:1]], [np.zeros((outer, len(a))), motion.system]])
+    transition, drive = zoh(system, np.vstack([motor, np.zeros((outer, 1))]), period)
+    return transition, drive[:, 0]
+
+
+def measure(contact: Contact, method: str, bench: Bench, steps: Sequence[int]) -> Set:
+    """One set of points; first order is the most there can be, for the force is held."""
+    largest = peak(closed(contact, bench))
+    points = [_point(contact, method, bench, count) for count in steps]
+    claimed = None if method in FIXED_TIMES else 1.0
+    return Set(contact.name, method, with_order(points, largest), claimed, largest)
+
+
+def _point(contact: Contact, method: str, bench: Bench, steps: int) -> Point:
+    period = HORIZON / steps
+    law = contact.law(method, period, bench.plant.resolution)
+    reference = closed(contact, bench).exact(period, steps)
+    found = follow(law, bench, period, steps)
+    figures = errors(found, reference)
+    largest = float(np.abs(reference).max())
+    grew = figures[2] is None or not math.isfinite(figures[2]) or figures[2] > 10.0 * largest
+    positions = (0.01 * np.sin(np.linspace(0.0, 6.0, TIMED_STEPS))).tolist()
+    cost = ns_per_call(contact.law(method, period, bench.plant.resolution), positions)
+    return Point(contact.name, method, period, *figures, ns_per_step=cost, order=None, stable=not grew)

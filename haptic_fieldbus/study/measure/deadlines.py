@@ -1,0 +1,46 @@
+"""How often a period would be missed at a rate: by computing alone, and with the bus that the plan uses."""
+
+from dataclasses import dataclass
+from itertools import cycle, islice
+
+import numpy as np
+
+from haptic_fieldbus.study.measure.bench import Tools
+from haptic_fieldbus.study.measure.optional_parts import images, running
+from haptic_fieldbus.study.measure.timing import ns_of_each
+
+RATES = (1000.0, 2000.0, 5000.0, 10_000.0)
+SCENE = "damped_wall"
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """At one rate [Hz]; shares of all periods."""
+
+    rate: float
+    missed_computing: float
+    """Computing alone takes longer than the period."""
+    missed: float
+    """Computing and the exchange on the bus, one after another, do."""
+
+
+@dataclass(frozen=True)
+class Deadlines:
+    """Times of one period [s], and what they mean at each rate."""
+
+    bus: float
+    compute_p50: float
+    compute_p999: float
+    compute_max: float
+    periods: int
+    rates: tuple[Deadline, ...]
+
+
+def deadlines(tools: Tools, periods: int) -> Deadlines:
+    """Compute so many periods of the damped wall, each timed by itself, garbage collection and all."""
+    plan = tools.plan(SCENE)
+    spent = 1e-9 * ns_of_each(running(plan), list(islice(cycle(images(plan)), periods)))
+    p50, p999, largest = np.percentile(spent, [50, 99.9, 100]).tolist()
+    bus = plan.delay.bus
+    late = (Deadline(f, float((spent > 1.0 / f).mean()), float((spent + bus > 1.0 / f).mean())) for f in RATES)
+    return Deadlines(bus, p50, p999, largest, periods, tuple(late))

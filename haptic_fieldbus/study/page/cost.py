@@ -1,0 +1,106 @@
+"""The section on what each optional part costs, and on deadlines."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, astuple
+
+from matplotlib.figure import Figure
+
+from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, SKY
+from haptic_fieldbus.scenes.catalogue import scene_names
+from haptic_fieldbus.study.measure.bench import FEW_SCENES
+from haptic_fieldbus.study.measure.deadlines import SCENE, Deadlines, deadlines
+from haptic_fieldbus.study.measure.optional_parts import Part, parts
+from haptic_fieldbus.study.page.context import Context
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, percent, picture, table
+from haptic_fieldbus.study.page.style import dress, figure, svg
+
+QUICK, FULL = 20_000, 1_000_000
+"""Periods that are timed one by one."""
+COLOURS = {"whole period": BLUE, "estimator": ORANGE, "integrator, two states": GREEN, "integrator, four states": GREEN}
+
+EXPLAINED = """The shortest mean time of many calls in this Python process, after a warm-up: what a part costs when
+nothing interrupts it. A scene pays only for what it asks for; the plan leaves out the rest. Single periods are timed
+too, with all that the machine does in between."""
+LATE = """How many periods would have been missed on this machine, as it was while the report was made: by computing
+alone, and with the exchange on the bus (worst case, CAN at 1 Mbit/s) and computing one after the other, as the loop
+does them. The bus, not the computer, sets the highest rate."""
+
+
+def cost_section(context: Context) -> Section:
+    """Parts, whole periods and deadlines."""
+    found: list[Part] = []
+    for each in parts(context.tools, context.bench, FEW_SCENES if context.quick else scene_names()):
+        found.append(each)
+        context.progress(each.part, min(len(found) / 30, 0.9))
+        context.add("optional_parts", {"part": each.part, "ns_per_step": each.ns_per_step})
+    context.progress("deadlines", 0.9)
+    late = deadlines(context.tools, QUICK if context.quick else FULL)
+    document = svg(draw(found))
+    body = [
+        paragraph(EXPLAINED),
+        picture("cost", document, "Nanoseconds per call, shortest of 25 repeats."),
+        _single_table(found),
+        "<h3>Periods missed</h3>",
+        paragraph(LATE),
+        _late_table(late),
+    ]
+    whole = next(each for each in found if each.spread is not None)
+    return Section(
+        "cost",
+        "What each optional part costs",
+        "".join(body),
+        (
+            f"A whole period of the wall takes {1e-3 * whole.ns_per_step:.2g} µs of computing; its exchange on the bus "
+            f"takes {1e6 * late.bus:.0f} µs.",
+        ),
+        {"cost": document},
+        asdict(late),
+    )
+
+
+def draw(found: Sequence[Part]) -> Figure:
+    """One bar a part."""
+    drawn = figure(1.2 + 0.24 * len(found))
+    panel = drawn.subplots()
+    for row, each in enumerate(found):
+        colour = COLOURS.get(each.part.partition(":")[0], SKY)
+        panel.barh(row, max(each.ns_per_step, 1.0), color=colour, height=0.68)
+        panel.text(max(each.ns_per_step, 1.0) * 1.06, row, f"{each.ns_per_step:,.0f}".replace(",", " "), va="center",
+                   size=8.5, color="#444444")  # fmt: skip
+    panel.set_yticks(range(len(found)), [each.part for each in found], fontsize=9)
+    panel.invert_yaxis()
+    panel.set_xscale("log")
+    panel.set_xlim(20.0, 2.2 * max(each.ns_per_step for each in found))
+    panel.margins(y=0.01)
+    dress(panel, "", "time per step [ns]", "")
+    panel.grid(visible=False, axis="y")
+    panel.tick_params(axis="y", color=GREY)
+    return drawn
+
+
+def _single_table(found: Sequence[Part]) -> str:
+    rows = [
+        [each.part, *(1e-3 * ns for ns in (each.ns_per_step, *astuple(each.spread)))]
+        for each in found
+        if each.spread is not None
+    ]
+    return table(("single periods [µs]", "shortest mean", "median", "99.9 %", "largest"), rows)
+
+
+def _late_table(late: Deadlines) -> str:
+    shown = [number(1e6 * value) for value in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)]
+    times = (
+        f"{number(float(late.periods))} periods of <code>{SCENE}</code>: computing {shown[0]} µs (median), "
+        f"{shown[1]} µs (99.9 %), {shown[2]} µs (largest); bus {shown[3]} µs."
+    )
+    rows: list[list[Entry]] = [
+        [f"{each.rate:,.0f} Hz".replace(",", " "), _share(each.missed_computing), _share(each.missed)]
+        for each in late.rates
+    ]
+    return paragraph(times) + table(("rate", "missed by computing alone", "missed with the bus"), rows)
+
+
+def _share(value: float) -> Cell:
+    if value in (0.0, 1.0):
+        return Cell("every period", "bad") if value else Cell("0", "good")
+    return Cell(percent(value, 4 if value < 1e-2 else 1), "bad")

@@ -1,0 +1,61 @@
+"""The part of the region section on friction and encoder: what became of motions of one size."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+
+from haptic_fieldbus.report.plot import INK
+from haptic_fieldbus.study.measure.friction_plane import LARGEST, Outcome, Plane, border, plane
+from haptic_fieldbus.study.page.html import paragraph, percent, picture
+from haptic_fieldbus.study.page.style import dress, side_by_side, svg
+
+STARTS = (5.0, 20.0, 100.0)
+"""Encoder counts."""
+QUICK, FULL = (20, 2000), (60, 6000)
+"""Points of each axis, and periods."""
+COLOURS = {
+    Outcome.RESTS: ("#d3ebe0", "comes to rest"),
+    Outcome.CYCLES: ("#e7e1ee", "moves over the edge of a count for ever"),
+    Outcome.GROWS: ("#f8dcc4", "grows"),
+}
+EXPLAINED = """<b>Friction and encoder.</b> Over β = b/(K·T) and σ = fc/(K·D), D one encoder count, the regions of
+Diolaiti et al. are the quadrants at ½: passive, locally stable (small motions stick, large ones grow), limit cycle and
+unstable. They are for motions of any size. Here handles are pressed against a wall and let go a given number of counts
+away, friction and rounding exact. A motion of size A grows only where sampling gives more in a swing than friction
+takes, K·T/2 − b &gt; 4·fc/(π·ω·A): the larger it is, the nearer its border is to β = ½."""
+
+
+def planes(quick: bool) -> list[Plane]:
+    """One for each start."""
+    points, periods = QUICK if quick else FULL
+    return [plane(start, points, periods) for start in STARTS]
+
+
+def part(found: Sequence[Plane]) -> tuple[str, str]:
+    """HTML, and the figure in it."""
+    document = svg(side_by_side(found, _panel, 4.2, ncols=5))
+    share = min(each.agreement for each in found)
+    told = "all handles" if share == 1.0 else f"{percent(share, 1)} of the handles"
+    caption = (
+        f"{len(found[0].beta)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: predicted by "
+        f"describing functions for motions of that size; {told} more than 5 % of the plane away from it end so."
+    )
+    return paragraph(EXPLAINED) + picture("friction-plane", document, caption), document
+
+
+def _panel(panel: Axes, each: Plane) -> None:
+    colours = ListedColormap([COLOURS[outcome][0] for outcome in Outcome])
+    panel.pcolormesh(each.beta, each.sigma, each.outcome, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest",
+                     rasterized=True)  # fmt: skip
+    for colour, label in COLOURS.values():
+        panel.fill_between([], [], color=colour, label=label)
+    beta = np.linspace(0.0, 0.5, 50)
+    panel.plot(beta, border(each.start, beta), color="#0072B2", linewidth=2.0, label="predicted: grows below")
+    panel.axvline(0.5, color=INK, linewidth=1.0, linestyle="--", label="quadrants")
+    panel.axhline(0.5, color=INK, linewidth=1.0, linestyle="--")
+    panel.set_xlim(0.0, LARGEST)
+    panel.set_ylim(0.0, LARGEST)
+    dress(panel, f"let go {each.start:g} counts away", "β = b/(K·T)", "σ = fc/(K·D)")
+    panel.grid(visible=False)

@@ -1,0 +1,96 @@
+"""The section on error along the run."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from haptic_fieldbus.numerics.integrators import METHODS
+from haptic_fieldbus.report.plot import FELT, GREY
+from haptic_fieldbus.study.measure import growth
+from haptic_fieldbus.study.measure.growth import Growth
+from haptic_fieldbus.study.page.context import Context
+from haptic_fieldbus.study.page.html import Cell, Section, number, paragraph, picture, table
+from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
+
+QUICK, FULL = 10**5, 10**7
+"""Steps."""
+
+EXPLAINED = """The puck is held and the virtual mass (200 N/m, 0.5 kg) swings freely behind it at 1 kHz, for as many
+steps as shown, each of them a call of the step that the loop runs. The force is known for ever, k·A·cos ωt. On the
+left its largest error within the last half turn; on the right how far the energy has drifted, which should never
+change. Forward Euler grows without end at <i>every</i> step size and backward Euler dies away. Symplectic methods
+keep the energy within a band and lose only phase, in proportion to the time; the exact steps lose nothing but
+digits."""
+
+
+def growth_section(context: Context) -> Section:
+    """All methods, for 1e5 or 1e7 steps."""
+    total = QUICK if context.quick else FULL
+    told = f"{total:.0e} steps of ".replace("e+0", "e")
+    found = [growth.follow(method, total) for method in context.each(METHODS, lambda method: f"{told}{method}")]
+    document = svg(draw(found))
+    caption = (
+        f"{number(float(total))} steps are {number(total * growth.PERIOD)} s of simulated time. What exceeds the frame "
+        "is drawn at its edge; × marks where numbers stopped being finite."
+    )
+    body = [paragraph(EXPLAINED), picture("growth", document, caption), growth_table(found)]
+    return Section(
+        "growth",
+        "Error along the run",
+        "".join(body),
+        (_finding(found, total),),
+        {"growth": document},
+        [asdict(each) for each in found],
+    )
+
+
+def draw(found: Sequence[Growth]) -> Figure:
+    """Error and energy drift over steps."""
+    drawn = figure(4.9)
+    left, right = drawn.subplots(1, 2)
+    for each in found:
+        _curve(left, each, each.error)
+        _curve(right, each, each.energy)
+    left.axhline(FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)))
+    left.annotate("a hand cannot tell", (0.01, FELT), xycoords=("axes fraction", "data"), va="bottom", size=8.5,
+                  color="#666666")  # fmt: skip
+    dress(left, "force", "steps", "largest error / amplitude")
+    dress(right, "energy", "steps", "|energy / energy at the start − 1|")
+    legend(drawn, {each.method: each.method for each in found}, ncols=5)
+    return drawn
+
+
+def _curve(panel: Axes, each: Growth, values: Sequence[float]) -> None:
+    low, high = 1e-16, 1e2
+    panel.loglog(each.steps, np.clip(np.abs(values), low, high), **line(each.method))
+    if each.diverged_at is not None:
+        panel.loglog([each.diverged_at], [high], linestyle="none", marker="x", markersize=9, markeredgewidth=2.0,
+                     color=look_of(each.method).colour, clip_on=False)  # fmt: skip
+    panel.set_ylim(low, high)
+
+
+def growth_table(found: Sequence[Growth]) -> str:
+    """What is left at the end."""
+    rows = [
+        [
+            each.method,
+            Cell(f"by step {each.diverged_at:,}".replace(",", " "), "bad") if each.diverged_at is not None else "no",
+            *(each.error[-1], each.energy[-1], max(map(abs, each.energy))),
+        ]
+        for each in found
+    ]
+    headings = ("method", "overflowed", "last error / amplitude", "last energy drift", "largest energy drift")
+    return table(headings, rows)
+
+
+def _finding(found: Sequence[Growth], total: int) -> str:
+    by_name = {each.method: each for each in found}
+    best, leapfrog = by_name["exact-foh"], by_name["semi-implicit"]
+    return (
+        f"After {number(float(total))} steps of a swinging mass the exact step is off by {number(best.error[-1])} of "
+        f"the amplitude and its energy by {number(abs(best.energy[-1]))}; the symplectic one keeps its energy within "
+        f"{number(max(map(abs, leapfrog.energy)))} and is off by {number(leapfrog.error[-1])}, all of it phase."
+    )

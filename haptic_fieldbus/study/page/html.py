@@ -1,0 +1,151 @@
+"""Pieces of a page: text, tables and figures as HTML that needs no other file."""
+
+import math
+from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from html import escape
+
+STYLE = """
+:root { color-scheme: light; }
+body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: #222; margin: 0;
+  background: #fff; }
+main { max-width: 1180px; margin: 0 auto; padding: 24px 32px 64px; }
+h1 { font-size: 30px; line-height: 1.2; margin: 12px 0 4px; }
+h2 { font-size: 23px; margin: 56px 0 8px; padding-top: 14px; border-top: 2px solid #0072B2; }
+h3 { font-size: 17.5px; margin: 30px 0 4px; }
+p, ul { max-width: 860px; }
+li { margin: 4px 0; }
+.lead { color: #555; margin-top: 0; }
+nav { display: flex; flex-wrap: wrap; gap: 6px 18px; margin: 18px 0; }
+a { color: #0060a0; }
+.findings { background: #f1f6fa; border-left: 5px solid #0072B2; padding: 12px 22px; margin: 18px 0; }
+.findings ul { margin: 6px 0; padding-left: 20px; max-width: none; }
+figure { margin: 18px 0 26px; }
+figure img { width: 100%; height: auto; display: block; }
+figcaption { color: #555; font-size: 14.5px; max-width: 940px; margin-top: 6px; }
+table { border-collapse: collapse; margin: 14px 0 20px; font-size: 14px; font-variant-numeric: tabular-nums; }
+th, td { padding: 4px 12px; text-align: right; border-bottom: 1px solid #e4e4e4; vertical-align: top; }
+td { white-space: nowrap; }
+th { background: #f4f4f4; font-weight: 600; vertical-align: bottom; }
+tbody tr:hover { background: #fafafa; }
+td.text, th.text { text-align: left; }
+td.text + td.text { white-space: normal; }
+td.good { color: #00694e; font-weight: 600; }
+td.bad { color: #b04a00; font-weight: 700; }
+code { background: #f4f4f4; padding: 1px 5px; border-radius: 3px; font-size: 0.92em; }
+details { margin: 8px 0 18px; } summary { cursor: pointer; color: #0060a0; }
+@media print { main { max-width: none; padding: 0; } h2 { break-after: avoid; } figure { break-inside: avoid; } }
+"""
+
+
+@dataclass(frozen=True)
+class Section:
+    """One part of the report; `figures` are SVG documents by the name of their file."""
+
+    name: str
+    title: str
+    body: str
+    findings: tuple[str, ...] = ()
+    """Sentences for the top of the page, as HTML."""
+    figures: dict[str, str] = field(default_factory=dict)
+    details: object = None
+    """What `details.json` keeps of it."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An entry of a table that is marked."""
+
+    text: str
+    kind: str
+    """`text`, `good` or `bad`."""
+
+
+def paragraph(text: str) -> str:
+    """`text` is HTML."""
+    return f"<p>{text}</p>\n"
+
+
+def picture(name: str, document: str, caption: str) -> str:
+    """A figure from an SVG document, inside the page; `caption` is HTML and says what is to be seen."""
+    data = b64encode(document.encode()).decode()
+    alternative = escape(_plain(caption), quote=True)
+    return (
+        f'<figure id="{escape(name)}"><img alt="{alternative}" src="data:image/svg+xml;base64,{data}">'
+        f"<figcaption>{caption}</figcaption></figure>\n"
+    )
+
+
+Entry = str | Cell | float | None
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[Entry]], text_columns: int = 1) -> str:
+    """The first columns are text, the others numbers; cells are plain text and escaped, or a `number`."""
+    head = "".join(
+        f'<th class="text">{escape(word)}</th>' if place < text_columns else f"<th>{escape(word)}</th>"
+        for place, word in enumerate(headings)
+    )
+    body = "".join(f"<tr>{''.join(_cell(cell, place < text_columns) for place, cell in enumerate(row))}</tr>\n"
+                   for row in rows)  # fmt: skip
+    return f"<table><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table>\n"
+
+
+def folded(summary: str, body: str) -> str:
+    """A part that opens when asked for."""
+    return f"<details><summary>{escape(summary)}</summary>{body}</details>\n"
+
+
+def _cell(entry: Entry, is_text: bool) -> str:
+    text = entry if isinstance(entry, str | Cell) else number(entry)
+    marked = text if isinstance(text, Cell) else Cell(text, "text" if is_text else "")
+    classes = " ".join(filter(None, [marked.kind, "text" if is_text and marked.kind != "text" else ""]))
+    return f'<td class="{classes}">{escape(marked.text)}</td>' if classes else f"<td>{escape(marked.text)}</td>"
+
+
+def _plain(text: str) -> str:
+    """Without tags."""
+    parts = text.split("<")
+    return parts[0] + "".join(part.partition(">")[2] for part in parts[1:])
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """For tables; – where there is none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0.0:
+        return "0"
+    if 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{digits}g}".replace("-", "−") if abs(value) < 1000 else f"{value:,.0f}".replace(",", " ")
+    mantissa, exponent = f"{value:.{max(0, digits - 2)}e}".split("e")
+    if float(mantissa) == 1.0:
+        return f"10{_raised(int(exponent))}"
+    return f"{mantissa}·10{_raised(int(exponent))}".replace("-", "−")
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """For text."""
+    return f"{100.0 * share:.{digits}f}\u202f%"
+
+
+def _raised(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def page(title: str, lead: str, sections: Sequence[Section]) -> str:
+    """The whole document."""
+    links = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
+    findings = "".join(f"<li>{finding}</li>" for section in sections for finding in section.findings)
+    found = f'<div class="findings"><strong>What was found</strong><ul>{findings}</ul></div>' if findings else ""
+    bodies = "".join(
+        f'<section id="{section.name}"><h2>{escape(section.title)}</h2>\n{section.body}</section>\n'
+        for section in sections
+    )
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>{STYLE}</style></head>\n'
+        f'<body><main><h1>{escape(title)}</h1>\n<p class="lead">{lead}</p>\n{found}\n<nav>{links}</nav>\n{bodies}'
+        "</main></body></html>\n"
+    )

@@ -1,0 +1,178 @@
+"""The section that answers the lecture's open question: does it matter in the loop that an integrator preserves
+stability?"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from haptic_fieldbus.numerics.integrators import METHODS
+from haptic_fieldbus.report.plot import GREY, INK
+from haptic_fieldbus.study.measure import in_the_loop
+from haptic_fieldbus.study.measure.bench import Bench
+from haptic_fieldbus.study.measure.in_the_loop import HANDLES, LoopGrowth, flicked_free
+from haptic_fieldbus.study.page.context import Context
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, percent, picture, table
+from haptic_fieldbus.study.page.style import dress, figure, legend, line, svg
+
+QUICK, FULL = 40, 160
+"""Stiffnesses looked at."""
+FLICKED = ("forward-euler", "semi-implicit-drift-first", "exact-zoh", "exact-foh", "backward-euler")
+SHARE, SECONDS = 0.87, 3.0
+"""Of the stiffest stable spring, for the handle that is flicked; [s]."""
+TITLES = {
+    "clamped": "handle clamped (the lecture's held puck)",
+    "in the hand": "handle in the hand that leans",
+    "free": "handle free: the device alone",
+}
+
+QUESTION = """The lecture notes end forward Euler with “other techniques preserve stability, but does it matter?”
+There are two stabilities, and they are told apart here: what a method does to its own undamped oscillator, and what
+the sampled loop of device, hold, delay and virtual mass does as a whole. The figure shows the growth rate of the
+whole, ln(ρ)/T, over the stiffness of a virtual 0.5 kg mass at 1 kHz on the shipped bench; above zero it grows."""
+
+
+def integrator_section(context: Context) -> Section:
+    """Rates, limits and the answer."""
+    points = QUICK if context.quick else FULL
+    methods = context.each(METHODS, lambda method: f"loop with {method}")
+    found = [in_the_loop.loop_growth(context.bench, method, points) for method in methods]
+    stiffness = SHARE * _limit(found, "exact-foh")
+    rates, swing = svg(draw(found)), svg(draw_flicked(context.bench, stiffness))
+    caption = (
+        "Growth rate over virtual stiffness. Clamped, the method alone decides: forward Euler grows at every "
+        "stiffness. In the loop, the methods sort by how <i>late</i> their force is. Where the axis is linear "
+        "near zero, between ±0.1 s⁻¹."
+    )
+    swinging = (
+        f"The free handle after a flick of 0.1 m/s at {percent(SHARE)} of the limit of <code>exact-foh</code>: same "
+        "spring, same mass, only the integrator differs. Curves that leave the frame go on growing."
+    )
+    body = [
+        paragraph(QUESTION),
+        picture("integrator", rates, caption),
+        limits_table(found),
+        "<h3>The answer</h3>",
+        paragraph(answer(found)),
+        picture("integrator-flick", swing, swinging),
+    ]
+    return Section(
+        "integrator",
+        "Does preserving stability matter in the loop?",
+        "".join(body),
+        (f"Does preserving stability in the integrator matter in the loop? {short_answer(found)}",),
+        {"integrator": rates, "integrator-flick": swing},
+        [{"method": each.method, "limit": each.limit, "rate_at_scene": each.at_scene} for each in found],
+    )
+
+
+def draw(found: Sequence[LoopGrowth]) -> Figure:
+    """One panel a handle."""
+    drawn = figure(4.6)
+    for panel, name in zip(drawn.subplots(1, 3, sharey=True), HANDLES, strict=True):
+        for each in found:
+            panel.plot(each.stiffness, each.rate[name], **line(each.method, marked=False))
+        _axis(panel)
+        dress(panel, TITLES[name], "virtual stiffness [N/m]", "growth rate [1/s]" if name == HANDLES[0] else "")
+    legend(drawn, {each.method: each.method for each in found}, marked=False, ncols=5)
+    return drawn
+
+
+def _axis(panel: Axes) -> None:
+    panel.set_xscale("log")
+    panel.set_yscale("symlog", linthresh=0.1, linscale=0.5)
+    panel.set_ylim(-1e3, 1e3)
+    panel.axhline(0.0, color=INK, linewidth=1.0)
+    panel.axhspan(0.0, 1e3, color="#fbeee6", zorder=0)
+    panel.text(0.03, 0.96, "grows", transform=panel.transAxes, color=GREY, va="top", size=9)
+    panel.text(0.03, 0.04, "fades", transform=panel.transAxes, color=GREY, va="bottom", size=9)
+
+
+def draw_flicked(bench: Bench, stiffness: float) -> Figure:
+    """The force on the free handle over time at a stiffness that only some methods stand."""
+    drawn = figure(3.4)
+    panel = drawn.subplots()
+    largest = 0.0
+    for method in FLICKED:
+        times, force = flicked_free(bench, method, SECONDS, stiffness)
+        if method == "exact-foh":
+            largest = float(np.abs(force).max())
+        panel.plot(times, force, **line(method, marked=False))
+    panel.set_ylim(-3.0 * largest, 3.0 * largest)
+    panel.margins(x=0)
+    dress(panel, f"virtual mass of 0.5 kg on {stiffness:.0f} N/m, handle free", "time [s]", "force on the handle [N]")
+    panel.legend(loc="upper left", ncols=5, frameon=False, fontsize=9)
+    return drawn
+
+
+def _limit(found: Sequence[LoopGrowth], method: str, name: str = "free") -> float:
+    return next(each.limit[name] for each in found if each.method == method)
+
+
+def limits_table(found: Sequence[LoopGrowth]) -> str:
+    """Stiffest stable spring with each handle, and the rate with the scene's."""
+
+    def row(each: LoopGrowth) -> list[Entry]:
+        preserved = math.isclose(METHODS[each.method].oscillator_growth(0.1), 1.0, abs_tol=1e-12)
+        return [
+            each.method,
+            Cell("yes", "good") if preserved else "no",
+            *(Cell("none", "bad") if each.limit[name] == 0.0 else _stiffness(each.limit[name]) for name in HANDLES),
+            *(0.0 if abs(each.at_scene[name]) < 1e-9 else each.at_scene[name] for name in HANDLES),  # or rounding
+        ]
+
+    headings = (
+        "method", "preserves amplitude at T·ω = 0.1",
+        *(f"stiffest stable spring, {name} [N/m]" for name in HANDLES),
+        *(f"rate at 200 N/m, {name} [1/s]" for name in HANDLES),
+    )  # fmt: skip
+    return table(headings, map(row, found))
+
+
+def _stiffness(value: float) -> str:
+    return "any" if math.isinf(value) else number(value, 4)
+
+
+def short_answer(found: Sequence[LoopGrowth]) -> str:
+    """One sentence, from the numbers."""
+    best = _limit(found, "exact-foh")
+    euler, drift, held = (_limit(found, name) for name in ("forward-euler", "semi-implicit-drift-first", "exact-zoh"))
+    return (
+        "With the puck clamped, yes. In the loop, hardly by itself: what counts is how late the force is. With a free "
+        f"handle forward Euler stands {percent(euler / best)} of the stiffness of the straight-line exact step "
+        f"({number(euler)} of {number(best)} N/m), but drift-first and <code>exact-zoh</code>, which both preserve "
+        f"stability, lose {percent(1.0 - drift / best)} and {percent(1.0 - held / best)} too, and <code>rk4</code>, "
+        "which does not preserve it, loses nothing."
+    )
+
+
+def _softest(found: Sequence[LoopGrowth]) -> str:
+    """What forward Euler does with a soft spring in a hand."""
+    softest = next(each.softest["in the hand"] for each in found if each.method == "forward-euler")
+    if not softest:
+        return ""
+    return (
+        f" In the hand forward Euler grows below {number(softest)} N/m too: so soft a spring moves the handle too "
+        "little for the hand to take out what the method puts in."
+    )
+
+
+def answer(found: Sequence[LoopGrowth]) -> str:
+    """The same at length."""
+    clamped = next(each.at_scene["clamped"] for each in found if each.method == "forward-euler")
+    doubling = f"{math.log(2.0) / clamped:.2g} s" if clamped > 0.0 else "no time"
+    return (
+        f"{short_answer(found)} Clamped, nothing takes energy out of the virtual mass, so forward Euler doubles its "
+        f"swing every {doubling} at 200 N/m, and no period is short enough to stop it (the rate is k·T/2m): there a "
+        "method must not add energy, and forward Euler is the only one that does. In the loop, the device's friction "
+        "and the hand take energy out, and the sampled loop puts energy in, because the force is late: by the delay, "
+        "by T/2 of hold, and by whatever the integrator adds. Forward Euler pulls its own spring a period late, "
+        "drift-first reads the handle a period late, and a held input is half a period old on average. A method that "
+        "preserves the energy of its own oscillator is silent on that, and cannot make the loop stable: with enough "
+        f"stiffness every one of them grows.{_softest(found)} Backward Euler is stable at any stiffness only because "
+        "it damps the mass that it should render. So: choose a method without delay of its own "
+        "(<code>exact-foh</code>, the default), and judge the loop, not the method; <code>haptic-fieldbus "
+        "stability</code> does."
+    )

@@ -1,0 +1,96 @@
+"""The section on the K–B region, measured and predicted."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+
+from haptic_fieldbus.report.plot import GREEN, VERMILION
+from haptic_fieldbus.study.measure.region import Region, region
+from haptic_fieldbus.study.page import friction_plane
+from haptic_fieldbus.study.page.context import Context
+from haptic_fieldbus.study.page.html import Entry, Section, number, paragraph, percent, picture, table
+from haptic_fieldbus.study.page.style import dress, side_by_side, svg
+
+QUICK, FULL = (32, 3000), (120, 20_000)
+"""Points of each axis, and periods."""
+
+EXPLAINED = """A bilateral wall of stiffness K and damping B (velocity by backward difference) on the shipped bench
+without a hand. Each pixel is a loop that was let run from a flick in the batch engine: blue where the motion fades,
+orange where it grows. Lines are predictions, from the eigenvalues of one exact period (stable) and from the condition
+of Colgate and Schenkel extended to delay and torque loop (passive). With delay, damping helps up to a point and then
+hurts; and passive is far stricter than stable, because it must hold for any hand."""
+
+
+def region_section(context: Context) -> Section:
+    """The bench as it is, a closer look near its own damping, and the same with one more period of delay."""
+    points, periods = QUICK if context.quick else FULL
+    bench = context.bench
+    late = replace(bench, delay=bench.delay + bench.period)
+    delays = f"{1e3 * bench.delay:.2g} ms of delay", f"{1e3 * late.delay:.2g} ms of delay"
+    wanted = (
+        (delays[0], bench, None),
+        (f"closer: small damping, {delays[0]}", bench, 3.0 * bench.plant.damping),
+        (f"one period more: {delays[1]}", late, None),
+    )
+    found = [region(title, of, points, periods, damping)
+             for title, of, damping in context.each(wanted, lambda item: f"region, {item[0]}")]  # fmt: skip
+    context.progress("region, friction and encoder", 0.9)
+    sticking, plane_document = friction_plane.part(friction_plane.planes(context.quick))
+    document = svg(side_by_side(found, _panel, 4.4, ncols=4))
+    caption = (
+        f"{points}² loops of {periods:,} periods in each panel.".replace(",", " ")
+        + " Measured: blue fades, orange grows. Lines: predicted."
+    )
+    return Section(
+        "region",
+        "Stiffness and damping: the region that is stable",
+        paragraph(EXPLAINED) + picture("region", document, caption) + _table(found) + sticking,
+        (
+            f"Measured and predicted K–B regions agree on {_share(min(each.agreement for each in found))}, a strip "
+            f"of 1 % around the boundary left out; without damping the wall is stable to "
+            f"{number(float(found[0].stable_limit[0]))} N/m and passive to "
+            f"{number(float(found[0].passive_limit[0]))} N/m.",
+        ),
+        {"region": document, "friction-plane": plane_document},
+        [
+            {"title": each.title, "damping": each.damping.tolist(), "stable_limit": each.stable_limit.tolist(),
+             "passive_limit": each.passive_limit.tolist(), "agreement": each.agreement}
+            for each in found
+        ],
+    )  # fmt: skip
+
+
+def _share(agreement: float) -> str:
+    return "every loop" if agreement == 1.0 else f"{percent(agreement, 2)} of the loops"
+
+
+def _panel(panel: Axes, each: Region) -> None:
+    scale = 1e-3
+    panel.pcolormesh(each.damping, scale * each.stiffness, each.grew.T, cmap=ListedColormap(["#cfe5f2", "#f8dcc4"]),
+                     vmin=0, vmax=1, shading="nearest", rasterized=True)  # fmt: skip
+    panel.plot(each.damping, scale * each.stable_limit, color="#0072B2", linewidth=2.0, label="predicted: stable below")
+    panel.plot(each.damping, scale * each.passive_limit, color=GREEN, linewidth=2.0, linestyle="--",
+               label="predicted: passive below")  # fmt: skip
+    panel.fill_between([], [], color="#cfe5f2", label="measured: fades")
+    panel.fill_between([], [], color="#f8dcc4", label="measured: grows", edgecolor=VERMILION)
+    panel.set_xlim(0.0, each.damping[-1])
+    panel.set_ylim(0.0, scale * each.stiffness[-1])
+    dress(panel, each.title, "virtual damping B [N·s/m]", "virtual stiffness K [N/mm]")
+    panel.grid(visible=False)
+
+
+def _table(found: Sequence[Region]) -> str:
+    rows: list[list[Entry]] = [
+        [
+            each.title,
+            *map(float, (each.stable_limit[0], each.stable_limit.max(), each.damping[each.stable_limit.argmax()])),
+            float(each.passive_limit.max()),
+            percent(each.agreement, 2),
+        ]
+        for each in found
+    ]
+    headings = ("bench", "stable without damping [N/m]", "stable at best [N/m]", "with damping [N·s/m]",
+                "passive at best [N/m]", "measured as predicted")  # fmt: skip
+    return table(headings, rows)

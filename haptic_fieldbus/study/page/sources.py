@@ -1,0 +1,110 @@
+"""The section on where the force error of a rendered scene comes from."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from matplotlib.figure import Figure
+
+from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from haptic_fieldbus.scenes.catalogue import scene_names
+from haptic_fieldbus.study.measure.bench import FEW_SCENES
+from haptic_fieldbus.study.measure.scene_errors import SceneError, scene_error
+from haptic_fieldbus.study.page.context import Context
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, picture, table
+from haptic_fieldbus.study.page.style import dress, figure, svg
+
+QUICK, FULL = 2.0, 10.0
+"""[s] of virtual time."""
+COLOURS = {
+    "sampling and delay": (BLUE, ""),
+    "encoder": (ORANGE, "//"),
+    "tachometer": (ORANGE, "//"),
+    "estimator": (GREEN, "\\\\"),
+    "integrator": (PURPLE, "xx"),
+    "torque step": (SKY, ".."),
+    "torque loop": (VERMILION, "--"),
+}
+
+EXPLAINED = """Scenes of the library (a quick report: one of each sort) run on the simulated bench (drive, bus, motor,
+encoder) at 1 kHz, each with the hand that it names. The ideal is the scene in continuous time on the true motion of the
+handle. Things are made real one after another: sampling and delay, encoder, velocity estimator, integrator, the drive's
+torque step, its torque loop. Each adds its part to the error, and the shares sum to one; a negative share takes away
+from what the others did."""
+
+
+def sources_section(context: Context) -> Section:
+    """All scenes of the library, or a few."""
+    names, duration = (FEW_SCENES, QUICK) if context.quick else (scene_names(), FULL)
+    scenes = context.each(names, lambda scene: f"scene {scene}")
+    found = [scene_error(context.tools, scene, duration) for scene in scenes]
+    known = [each for each in found if each.rms is not None]
+    document = svg(draw(known))
+    caption = "Shares of the mean square error by source. Below zero: the source undoes part of another's error."
+    body = [paragraph(EXPLAINED), picture("sources", document, caption) if known else "", sources_table(found)]
+    return Section(
+        "sources",
+        "Where the error comes from",
+        "".join(body),
+        tuple(_finding(each) for each in known if each.scene == "wall"),
+        {"sources": document} if known else {},
+        [asdict(each) for each in found],
+    )
+
+
+def draw(found: Sequence[SceneError]) -> Figure:
+    """One bar a scene."""
+    drawn = figure(1.6 + max(0.28 * len(found), min(0.5 * len(found), 2.0)))
+    panel = drawn.subplots()
+    for row, each in enumerate(found):
+        ends = {True: 0.0, False: 0.0}
+        for source, share in each.by_source.items():
+            colour, hatch = COLOURS.get(source, (GREY, ""))
+            panel.barh(row, share, left=ends[share >= 0.0], color=colour, hatch=hatch, edgecolor="white", height=0.62)
+            ends[share >= 0.0] += share
+    panel.set_yticks(range(len(found)), [each.scene for each in found])
+    panel.set_ylim(len(found) - 0.4, -0.6)
+    panel.axvline(0.0, color="#222222", linewidth=0.8)
+    dress(panel, "error split by source", "share of the mean square error [1]", "")
+    for source in _seen(found):
+        colour, hatch = COLOURS[source]
+        panel.barh(0, 0, color=colour, hatch=hatch, edgecolor="white", label=source)
+    drawn.legend(loc="outside lower center", ncols=len(COLOURS) + 1, frameon=False, fontsize=9)
+    return drawn
+
+
+def _seen(found: Sequence[SceneError]) -> list[str]:
+    """Sources that any of the scenes has."""
+    return [source for source in COLOURS if any(source in each.by_source for each in found)]
+
+
+def sources_table(found: Sequence[SceneError]) -> str:
+    """With every share."""
+    sources = _seen(found)
+
+    def row(each: SceneError) -> list[Entry]:
+        if each.rms is None:
+            return [each.scene, Cell(each.reason, "text"), *[""] * (3 + len(sources))]
+        shares = [100.0 * each.by_source[s] if s in each.by_source else None for s in sources]
+        contact = None if each.contact is None else 100.0 * each.contact
+        energy = None if each.energy is None else 1e3 * each.energy
+        return [
+            each.scene,
+            f"{number(each.rms)} {each.unit}",
+            f"{number(each.max)} {each.unit}",
+            contact,
+            energy,
+            *shares,
+        ]
+
+    headings = ("scene", "rms error", "largest error", "error in contact, % of force", "energy put in [mJ]",
+                *(f"{source} [%]" for source in sources))  # fmt: skip
+    return table(headings, map(row, found))
+
+
+def _finding(each: SceneError) -> str:
+    largest = max(each.by_source, key=lambda source: each.by_source[source])
+    felt = "" if each.contact is None else f", {100.0 * each.contact:.2g} % of the force (a hand feels from about 8 %)"
+    return (
+        f"The rendered wall is off by {number(each.rms)} {each.unit} rms in contact{felt}; "
+        f"{100.0 * each.by_source[largest]:.0f} % of it is {largest}."
+    )

@@ -1,0 +1,52 @@
+"""The section on stiff and extreme cases: each runs by itself, and one that breaks is a case that failed."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from time import perf_counter
+
+from haptic_fieldbus.study.case import Case, CaseResult
+from haptic_fieldbus.study.cases import CASES
+from haptic_fieldbus.study.page.context import Context
+from haptic_fieldbus.study.page.html import Cell, Section, paragraph, table
+
+EXPLAINED = """Cases that break naive code, each judged by something that is not this program: a closed form, extended
+precision, or brute force. <i>Expected</i> is what theory says, <i>measured</i> what the code does."""
+
+
+def run_case(case: Case, quick: bool) -> tuple[CaseResult, float]:
+    """The result and the seconds it took; whatever goes wrong inside is a failure of the case, and told."""
+    begun = perf_counter()
+    try:
+        result = case(quick)
+        result = replace(result, passed=bool(result.passed))  # a numpy truth is not JSON's
+    except Exception as error:  # a case may break in any way; the report goes on and shows it
+        result = CaseResult("a result", f"{type(error).__name__}: {error}", False, "none", "")
+    return result, perf_counter() - begun
+
+
+def stability_section(context: Context) -> Section:
+    """All cases that are wanted."""
+    chosen = {name: case for name, case in CASES.items() if context.wanted(name)}
+    found = {}
+    for name, case in context.each(chosen.items(), lambda item: f"case {item[0]}"):
+        found[name] = run_case(case, context.quick)
+        context.add("stability_cases", {"name": name, **asdict(found[name][0])})
+    failed = [f"<code>{name}</code>" for name, (result, _) in found.items() if not result.passed]
+    told = f"; failed: {', '.join(failed)}" if failed else ""
+    finding = f"{len(found) - len(failed)} of {len(found)} stiff and extreme cases behave as theory says{told}."
+    return Section("stability", "Stiff and extreme cases", paragraph(EXPLAINED) + _table(found), (finding,))
+
+
+def _table(found: Mapping[str, tuple[CaseResult, float]]) -> str:
+    rows: list[list[str | Cell]] = [
+        [
+            name,
+            Cell("✓ passed", "good") if result.passed else Cell("✗ failed", "bad"),
+            result.expected,
+            result.measured,
+            f"{result.oracle}; within: {result.tolerance}" if result.tolerance else result.oracle,
+            f"{seconds:.2f}",
+        ]
+        for name, (result, seconds) in found.items()
+    ]
+    return table(("case", "verdict", "expected", "measured", "judged by", "time [s]"), rows, text_columns=5)

@@ -1,0 +1,219 @@
+"""The section on error against time: work-precision sets."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, astuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from haptic_fieldbus.numerics.integrators import METHODS
+from haptic_fieldbus.report.plot import FELT, GREY
+from haptic_fieldbus.study.measure import contact_loop, work_precision
+from haptic_fieldbus.study.measure.contact_loop import Contact
+from haptic_fieldbus.study.measure.problems import Problem, periods, problems
+from haptic_fieldbus.study.measure.step_limits import step_limit
+from haptic_fieldbus.study.measure.work_precision import Point, Set
+from haptic_fieldbus.study.page.context import Context
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, folded, number, paragraph, picture, table
+from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
+
+FAILED = 10.0
+"""Times the largest force: an error beyond it is a failure, whatever number it has."""
+ZONE = 0.22
+"""Share of the height, more or less, that shows failures."""
+CLOSE = 0.05
+"""Of orders."""
+FIXED_PERIOD, FIXED_COST = 1e-3, 300.0
+"""[s]; [µs] of computing for each second that is rendered."""
+
+EXPLAINED = """Each marker is one run with one step size; its force is compared with the exact one at every sample. On
+the left the error stands over the step size: a method of order <i>p</i> falls by 10<sup><i>p</i></sup> a decade. On
+the right the same runs stand over what they cost, the computing time for one second of simulated time. <b>×</b> in
+the zone at the top marks a failure, a row for each method: the numbers left the finite ones, or the error exceeds ten
+times the largest force. Below the dashed line a hand cannot tell the error (8 % of the largest force). Every method
+reads the input at the samples only, as a loop does: a held input makes any method first order, a straight line
+between samples second order, so that <code>rk4</code> and <code>exact-foh</code> end up on one line; on a constant
+input the classic orders show."""
+
+
+def work_precision_section(context: Context) -> Section:
+    """Every problem, with its figure and its table."""
+    every: dict[str, Problem | Contact] = {**problems(), **contact_loop.contacts()}
+    chosen = [(name, item) for name, item in every.items() if context.wanted(name)]
+    body, figures, found = [paragraph(EXPLAINED)], {}, []
+    for place, (name, item) in enumerate(chosen):
+        sets = []
+        for each in _sets(context, item):
+            sets.append(each)
+            context.progress(f"{name}: {each.method}", place / len(chosen))
+            for point in each.points:
+                context.add("work_precision", asdict(point))
+        found.append(sets)
+        document = svg(draw(sets))
+        figures[f"work-precision-{name}"] = document
+        body += [f"<h3>{item.title[0].upper()}{item.title[1:]}</h3>", picture(name, document, _caption(sets))]
+        body.append(folded("Figures of each method", sets_table(sets)))
+    if context.names is None:
+        body += ["<h3>Largest stable step</h3>", paragraph(LIMITS), _limits_table()]
+    return Section("work-precision", "Error against the time it costs", "".join(body), tuple(_findings(found)), figures)
+
+
+LIMITS = """What each method claims, and what bisection on its own step finds: the largest <i>h</i> = T·√(k/m) at
+which an undamped oscillator does not grow, and the largest T/τ at which a decay with time constant τ does not. 0: it
+grows at every step size, T sets only how fast. This is the integrator by itself; what the sampled loop does is
+another matter, below."""
+
+
+def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
+    steps = periods(context.quick)
+    if isinstance(item, Problem):
+        return (work_precision.measure(item, method, steps) for method in METHODS)
+    return (contact_loop.measure(item, method, context.bench, steps) for method in item.methods)
+
+
+def has_failed(point: Point, peak: float) -> bool:
+    """Whether it is drawn at the top edge."""
+    return point.error_rms is None or point.error_rms > FAILED * peak
+
+
+def draw(sets: Sequence[Set]) -> Figure:
+    """Both panels of a problem."""
+    drawn = figure(5.1)
+    left, right = drawn.subplots(1, 2, sharey=True)
+    peak = sets[0].peak
+    errors = [p.error_rms for each in sets for p in each.points if p.error_rms and not has_failed(p, peak)]
+    low, edge = max(min(errors, default=1e-6) / 3.0, 1e-17), FAILED * peak
+    top = edge * (edge / low) ** ZONE
+    for row, each in enumerate(sets):
+        height = edge * (top / edge) ** ((row + 0.7) / len(sets))
+        _curve(left, each, [1e3 * point.period_s for point in each.points], height)
+        _curve(right, each, [computing(point) for point in each.points], height)
+    for panel, place, side in ((left, 0.006, "left"), (right, 0.994, "right")):  # where small steps are: few fail
+        panel.axhspan(edge, top, color="#fbeee6", linewidth=0, zorder=0)
+        panel.text(place, 0.985, "failed", transform=panel.transAxes, ha=side, va="top", size=8.5, color="#888888")
+        panel.axhline(FELT * peak, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)), zorder=1)
+        panel.set_ylim(low, top)
+    left.annotate("a hand cannot tell", (0.995, FELT * peak), xycoords=("axes fraction", "data"), ha="right", va="top",
+                  size=8.5, color="#666666", xytext=(0, -2), textcoords="offset points")  # fmt: skip
+    dress(left, "accuracy: error over step size", "period [ms]", "rms error of the force [N]")
+    dress(right, "work–precision: error over cost", "computing time for one second [µs]", "")
+    labels = {each.method: f"{each.method}  {order_words(each)}" for each in sets}
+    legend(drawn, labels, ncols=3, title="method, and order observed (claimed)", title_fontsize=9)
+    return drawn
+
+
+def computing(point: Point) -> float:
+    """[µs] for one second of simulated time."""
+    return 1e-3 * point.ns_per_step / point.period_s
+
+
+def _curve(panel: Axes, each: Set, places: Sequence[float], height: float) -> None:
+    """Runs that failed stand in the zone at the top, a row for each method."""
+    good = [(x, p.error_rms) for x, p in zip(places, each.points, strict=True) if not has_failed(p, each.peak)]
+    failed = [x for x, p in zip(places, each.points, strict=True) if has_failed(p, each.peak)]
+    panel.loglog([x for x, _ in good], [max(e or 0.0, 1e-17) for _, e in good], **line(each.method))
+    if failed:
+        panel.loglog(failed, [height] * len(failed), linestyle="none", marker="x", markersize=5, markeredgewidth=1.6,
+                     color=look_of(each.method).colour)  # fmt: skip
+
+
+def is_as_claimed(each: Set) -> bool:
+    """Whether the observed order is the claimed one; an exact method shows rounding only."""
+    if each.claimed is None:
+        return True
+    if each.order is None:
+        return math.isinf(each.claimed)
+    return abs(each.order - each.claimed) <= CLOSE
+
+
+def order_words(each: Set) -> str:
+    """Observed (claimed)."""
+    observed = "rounding only" if each.order is None else f"{each.order:.2f}"
+    if each.claimed is None:
+        return f"{observed} (no claim)"
+    return f"{observed} ({'exact' if math.isinf(each.claimed) else f'{each.claimed:g}'})"
+
+
+def _caption(sets: Sequence[Set]) -> str:
+    failed = sum(has_failed(point, each.peak) for each in sets for point in each.points)
+    total = sum(len(each.points) for each in sets)
+    unstable = sum(not point.stable for each in sets for point in each.points)
+    return (
+        f"{total} runs, {failed} of them failed; {unstable} with a step that makes some mode grow, which a short run "
+        f"can survive. Largest exact force {number(sets[0].peak)} N."
+    )
+
+
+def at_fixed_cost(each: Set, cost: float = FIXED_COST) -> float | None:
+    """rms error [N] that so much computing buys, between two runs on a straight line of logarithms."""
+    known = sorted((computing(p), p.error_rms) for p in each.points if p.error_rms)
+    if not known or not known[0][0] <= cost <= known[-1][0]:
+        return None
+    costs, errors = np.log(known).T
+    return math.exp(np.interp(math.log(cost), costs, errors))
+
+
+def nearest(each: Set) -> Point:
+    """The run whose period is nearest to 1 ms."""
+    return min(each.points, key=lambda point: abs(math.log(point.period_s / FIXED_PERIOD)))
+
+
+def sets_table(sets: Sequence[Set]) -> str:
+    """One row a method."""
+    period = 1e3 * nearest(sets[0]).period_s
+
+    def row(each: Set) -> list[Entry]:
+        point = nearest(each)
+        failed = Cell("failed", "bad") if has_failed(point, each.peak) else None
+        share = None if failed or point.error_rms is None else 100.0 * point.error_rms / each.peak
+        largest = max((p.period_s for p in each.points if p.stable), default=None)
+        return [
+            each.method,
+            Cell(order_words(each), "good" if is_as_claimed(each) else "bad"),
+            "none of them" if largest is None else f"{1e3 * largest:.3g} ms",
+            *(failed or error for error in (point.error_final, point.error_rms, point.error_max)),
+            share,
+            f"{point.ns_per_step:.0f}",
+            at_fixed_cost(each),
+        ]
+
+    headings = (
+        "method", "order: observed (claimed)", "largest stable step tried", f"final error at {period:.2g} ms [N]",
+        "rms [N]", "max [N]", "rms, % of largest force", "ns per step", f"rms [N] for {FIXED_COST:g} µs a second",
+    )  # fmt: skip
+    return table(headings, map(row, sets))
+
+
+def _limits_table() -> str:
+    rows = [
+        [name, *(number(each, 6) for each in limits), f"{radius:.9f}"]
+        for name, *limits, radius in map(astuple, map(step_limit, METHODS))
+    ]
+    headings = ("method", "oscillator: claimed h", "measured h", "decay: claimed T/τ", "measured T/τ",
+                "spectral radius at h = 0.1, undamped")  # fmt: skip
+    return table(headings, rows)
+
+
+def _findings(found: Sequence[Sequence[Set]]) -> Iterator[str]:
+    every = [each for sets in found for each in sets]
+    told = [each for each in every if each.claimed is not None]
+    if told:
+        failed = sum(has_failed(p, each.peak) for each in every for p in each.points)
+        yield (
+            f"Observed orders are the claimed ones, within {CLOSE:g}, in {sum(map(is_as_claimed, told))} of "
+            f"{len(told)} sets of runs; {failed} of {sum(len(each.points) for each in every)} runs failed, and are "
+            "drawn as failures."
+        )
+    smooth = next((sets for sets in found if sets[0].problem == "sprung-mass-minimum-jerk"), None)
+    if smooth:
+        by_name = {each.method: each for each in smooth}
+        held, line_ = by_name["exact-zoh"], by_name["exact-foh"]
+        share = (nearest(held).error_rms or 0.0) / (nearest(line_).error_rms or math.inf)
+        yield (
+            f"At {1e3 * nearest(held).period_s:.2g} ms the straight-line exact step (<code>exact-foh</code>) is "
+            f"{number(share, 2)} times as accurate as the held one (<code>exact-zoh</code>) on a hand's motion, and "
+            f"costs {nearest(line_).ns_per_step / nearest(held).ns_per_step:.2f} times as much: the input "
+            "hold, not the integrator, was the error."
+        )

@@ -1,0 +1,73 @@
+import json
+import math
+
+import numpy as np
+import pytest
+
+from haptic_fieldbus.api import plan
+from haptic_fieldbus.assessing.result import Percentiles, Result, Timing, TorqueError, Trip, finite, plan_json
+
+
+def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
+    times_ns = 1000 * np.arange(1001)
+    found = Percentiles.of(times_ns)
+    assert found is not None
+    assert (found.p50, found.p99, found.p999, found.max) == pytest.approx((500.0, 990.0, 999.0, 1000.0))
+
+
+def test_of_nothing_there_are_no_percentiles() -> None:
+    assert Percentiles.of([]) is None
+    assert Timing(None, None, None).to_json() == {"period_us": None, "age_us": None, "compute_us": None}
+
+
+def test_what_is_not_known_is_null() -> None:
+    known = {"scene": "wall", "drive": "maxon_epos4", "bus": "sim", "rate_hz": 1000.0, "trips": [], "changes": []}
+    shown = Result("wall", "maxon_epos4", "sim", 1000.0).to_json()
+    assert {key: value for key, value in shown.items() if value is not None} == known
+
+
+def test_everything_known_is_in_the_object() -> None:
+    times = Percentiles(1.0, 2.0, 3.0, 4.0)
+    compiled = plan("wall")
+    shown = Result(
+        scene="wall",
+        drive="maxon_epos4",
+        bus="sim",
+        rate=1000.0,
+        clock="virtual",
+        cycles=10,
+        missed_cycles=0,
+        duration=0.01,
+        bus_load=0.3,
+        plan=compiled,
+        timing=Timing(times, times, times),
+        torque_error=TorqueError(0.1, 0.2, "N", {"encoder": 1.0}, 0.02),
+        energy_generated=math.inf,
+        stability=compiled.stability,
+        trips=(Trip("speed limit", 0.5, "too fast"),),
+        verdict="good",
+    ).to_json()
+    assert shown["energy_generated_j"] is None
+    assert shown["trips"] == [{"name": "speed limit", "time_s": 0.5, "message": "too fast"}]
+    assert shown["torque_error"] == {"rms": 0.1, "max": 0.2, "unit": "N", "by_source": {"encoder": 1.0}}
+    assert shown["timing"] == {key: times.to_json() for key in ("period_us", "age_us", "compute_us")}
+    assert json.loads(json.dumps(shown, allow_nan=False)) == shown
+
+
+def test_no_number_is_written_that_json_does_not_have() -> None:
+    value = finite({"a": [math.nan, 1.0, {"b": -math.inf, "c": True}]})
+    assert value == {"a": [None, 1.0, {"b": None, "c": True}]}
+
+
+def test_the_object_of_a_plan_names_frames_as_they_are_on_the_wire() -> None:
+    pdos = plan_json(plan("wall", node=5))["pdos"]
+    assert isinstance(pdos, list)
+    assert {pdo["bus"] for pdo in pdos if isinstance(pdo, dict)} == {"sim"}
+    shown = [(pdo["cob_id"], pdo["octets"], pdo["node"]) for pdo in pdos if isinstance(pdo, dict)]
+    assert shown == [(0x185, 6, 5), (0x205, 4, 5)]
+
+
+@pytest.mark.parametrize("scene", ["wall", "damped_wall", "sprung_mass"])
+def test_the_object_of_a_plan_is_json(scene: str) -> None:
+    shown = plan_json(plan(scene))
+    assert json.loads(json.dumps(shown, allow_nan=False)) == shown

@@ -1,0 +1,342 @@
+"""The cycle from bytes to bytes: every fault of the link, every trip, every power state, without a bus or a clock."""
+
+import math
+import struct
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.rig import Limits, LinearMechanism
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.scenes.sprung_mass import SprungMass
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import LinkFlag, Signal
+from tests.builders import plan_of, rig_of, scene_of
+
+ENABLED, SWITCHED_ON, READY, DISABLED, FAULT, QUICK_STOP = 0x0637, 0x0633, 0x0631, 0x0650, 0x0618, 0x0617
+COUNT = 0.05 / 4096
+UNIT = 0.4 / 1000 / (0.05 / (2 * math.pi))
+FADED_IN = 501
+
+
+@dataclass(frozen=True)
+class Constant:
+    """An element that always asks for the same force."""
+
+    axis: str
+    value: float
+    name: str = "constant"
+    needs: tuple[Signal, ...] = (Signal.POSITION,)
+
+    def force(self, position: float) -> float:
+        return self.value
+
+    def linearised(self) -> StateSpace:
+        return gain([[0.0, 0.0]])
+
+
+def image(counts: int = 0, status: int = ENABLED, flags: int = 0, t_ns: int = 0, age: int = 0, code: int = 0) -> bytes:
+    return struct.pack("<qIHHHi", t_ns, age, flags, code, status, counts)
+
+
+def sent(output: bytearray) -> tuple[int, int]:
+    control, target = struct.unpack("<Hh", output)
+    return control, target
+
+
+def enabled_cycle(plan: Plan | None = None, counts: int = 0) -> Cycle:
+    """A cycle that has been in operation enabled until force has faded in."""
+    cycle = Cycle(plan or plan_of())
+    for _ in range(FADED_IN):
+        cycle(image(counts))
+    return cycle
+
+
+def plan_with(scene: Scene, **changes: Any) -> Plan:
+    return plan_of(scene, rig=rig_of(scene, **changes))
+
+
+@pytest.mark.parametrize(
+    ("status", "controlword"),
+    [(0x0600, 0x00), (DISABLED, 0x06), (READY, 0x07), (SWITCHED_ON, 0x0F), (QUICK_STOP, 0x00)],
+)
+def test_below_operation_enabled_torque_is_zero_and_the_next_transition_is_asked(status: int, controlword: int) -> None:
+    cycle = Cycle(plan_of(scene_of(Constant("handle", 3.0))))
+    assert sent(cycle(image(status=status))) == (controlword, 0)
+    assert not cycle.enabled
+    assert cycle.trip is None
+
+
+def test_a_wall_pushes_out_by_stiffness_times_penetration_in_the_drives_unit() -> None:
+    """600 N/m, 1000 counts beyond the wall at 20 mm; one step of target torque is UNIT newtons."""
+    cycle = enabled_cycle()
+    for counts in range(100, round(0.02 / COUNT) + 1100, 100):
+        control, target = sent(cycle(image(counts)))
+    penetration = counts * COUNT - 0.02
+    assert control == 0x0F
+    assert target == round(-600.0 * penetration / UNIT)
+    assert cycle.row[cycle.columns.index("handle.command")] == pytest.approx(target * UNIT)
+
+
+def test_free_space_writes_zero_after_contact() -> None:
+    scene = scene_of(Wall("handle", stiffness=600.0, position=0.0))
+    cycle = enabled_cycle(plan_of(scene))
+    assert sent(cycle(image(100)))[1] < 0
+    outputs = [sent(cycle(image(-1))) for _ in range(5)]
+    assert outputs[-1] == (0x0F, 0)
+
+
+def test_zero_is_where_the_handle_was_enabled() -> None:
+    cycle = enabled_cycle(counts=123_456)
+    assert cycle.row[cycle.columns.index("handle.position")] == 0.0
+
+
+def test_zero_can_be_an_encoder_count() -> None:
+    mechanism = LinearMechanism("linear", 0.05, zero=1000)
+    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 0.0)), mechanism=mechanism), counts=1500)
+    assert cycle.row[cycle.columns.index("handle.position")] == pytest.approx(500 * COUNT)
+
+
+def test_the_encoder_may_wrap() -> None:
+    cycle = Cycle(plan_of(scene_of(Constant("handle", 0.0))))
+    for counts in (0x7FFF_FFFE, 0x7FFF_FFFF, -0x8000_0000, -0x7FFF_FFFF):
+        cycle(image(counts))
+    assert cycle.trip is None
+    assert cycle.row[cycle.columns.index("handle.position")] == pytest.approx(3 * COUNT)
+
+
+def test_a_mirrored_mechanism_turns_both_position_and_torque() -> None:
+    mechanism = LinearMechanism("linear", 0.05, sign=-1)
+    scene = scene_of(Wall("handle", stiffness=600.0, position=0.0))
+    mirrored, plain = enabled_cycle(plan_with(scene, mechanism=mechanism)), enabled_cycle(plan_of(scene))
+    assert sent(mirrored(image(-100)))[1] == -sent(plain(image(100)))[1] > 0
+
+
+def test_force_fades_in_when_the_run_starts_inside_the_wall() -> None:
+    scene = scene_of(Wall("handle", stiffness=600.0, position=-0.01))
+    cycle = Cycle(plan_of(scene))
+    targets = [sent(cycle(image()))[1] for _ in range(FADED_IN)]
+    assert targets[0] == 0
+    assert targets[250] == pytest.approx(-3.0 / UNIT, abs=1)
+    assert targets[-1] == pytest.approx(-6.0 / UNIT, abs=1)
+    assert max(abs(b - a) for a, b in pairwise(targets)) <= 2
+
+
+def test_effort_is_limited_to_the_rigs_limit() -> None:
+    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 99.0)), limits=Limits(effort=8.0)))
+    assert sent(cycle(image()))[1] == round(8.0 / UNIT)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_force_that_is_not_finite_trips_and_writes_zero(value: float) -> None:
+    cycle = Cycle(plan_of(scene_of(Constant("handle", value))))
+    assert sent(cycle(image(t_ns=77))) == (0x00, 0)
+    assert cycle.trip is not None
+    assert (cycle.trip.kind, cycle.trip.axis, cycle.trip.t_ns) == (TripKind.NOT_FINITE, "handle", 77)
+
+
+def test_a_trip_is_final() -> None:
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 3.0))))
+    cycle(image(flags=LinkFlag.EMERGENCY, code=0x8130))
+    first = cycle.trip
+    for _ in range(5):
+        assert sent(cycle(image(flags=LinkFlag.BUS_OFF))) == (0x00, 0)
+    assert cycle.trip is first
+    assert not cycle.enabled
+
+
+@pytest.mark.parametrize(
+    ("flag", "kind"),
+    [
+        (LinkFlag.EMERGENCY, TripKind.EMERGENCY),
+        (LinkFlag.BOOT_UP, TripKind.NODE_RESET),
+        (LinkFlag.NO_SIGN_OF_LIFE, TripKind.NO_SIGN_OF_LIFE),
+        (LinkFlag.NOT_OPERATIONAL, TripKind.NODE_NOT_OPERATIONAL),
+        (LinkFlag.BUS_OFF, TripKind.BUS_OFF),
+        (LinkFlag.EXCEPTION, TripKind.BUS_EXCEPTION),
+    ],
+)
+def test_each_fault_of_the_link_trips_at_once(flag: LinkFlag, kind: TripKind) -> None:
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 3.0))))
+    assert sent(cycle(image()))[1] > 0
+    assert sent(cycle(image(flags=flag, code=0x2310))) == (0x00, 0)
+    assert cycle.trip is not None
+    assert cycle.trip.kind is kind
+    assert cycle.trip.value == 0x2310
+
+
+def test_stale_feedback_is_held_then_faded_then_trips() -> None:
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 10.0))))
+    full = sent(cycle(image()))[1]
+    targets = [sent(cycle(image(flags=LinkFlag.STALE, age=3_000_000)))[1] for _ in range(3)]
+    assert targets == [full, pytest.approx(full / 2, abs=1), 0]
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.FEEDBACK_LOST
+    assert cycle.trip.value == pytest.approx(0.003)
+
+
+def test_fresh_feedback_ends_the_hold() -> None:
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 10.0))))
+    full = sent(cycle(image()))[1]
+    for _ in range(4):
+        cycle(image(flags=LinkFlag.STALE))
+        cycle(image(flags=LinkFlag.STALE))
+        assert sent(cycle(image()))[1] == full
+    assert cycle.trip is None
+
+
+def test_before_enabling_stale_feedback_only_waits() -> None:
+    cycle = Cycle(plan_of())
+    for _ in range(10):
+        assert sent(cycle(image(status=0, flags=LinkFlag.STALE)))[1] == 0
+    assert cycle.trip is None
+
+
+@pytest.mark.parametrize(("status", "kind"), [(FAULT, TripKind.DRIVE_FAULT), (0x061F, TripKind.DRIVE_FAULT)])
+def test_a_fault_state_trips_whether_enabled_or_not(status: int, kind: TripKind) -> None:
+    for cycle in (Cycle(plan_of()), enabled_cycle()):
+        assert sent(cycle(image(status=status))) == (0x00, 0)
+        assert cycle.trip is not None
+        assert cycle.trip.kind is kind
+        assert "fault" in cycle.trip.detail
+
+
+@pytest.mark.parametrize("status", [DISABLED, SWITCHED_ON, QUICK_STOP])
+def test_a_drive_that_leaves_operation_enabled_is_not_enabled_again(status: int) -> None:
+    cycle = enabled_cycle()
+    assert sent(cycle(image(status=status))) == (0x00, 0)
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.DRIVE_DISABLED
+    assert sent(cycle(image())) == (0x00, 0)
+
+
+def test_a_position_jump_beyond_the_speed_limit_trips() -> None:
+    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 3.0)), limits=Limits(speed=1.0)))
+    allowed = int(0.001 / COUNT)
+    assert sent(cycle(image(allowed)))[0] == 0x0F
+    assert sent(cycle(image(2 * allowed + 3))) == (0x00, 0)
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.SPEED
+    assert cycle.trip.limit == 1.0
+    assert cycle.trip.value > 1.0
+
+
+def test_after_a_held_period_twice_the_way_is_allowed() -> None:
+    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 3.0)), limits=Limits(speed=1.0)))
+    cycle(image(0, flags=LinkFlag.STALE))
+    cycle(image(int(0.0019 / COUNT)))
+    assert cycle.trip is None
+
+
+@pytest.mark.parametrize(("counts", "limit"), [(20, 0.0001), (-20, -0.0001)])
+def test_leaving_the_position_limits_trips(counts: int, limit: float) -> None:
+    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 3.0)), limits=Limits(position=(-0.0001, 0.0001))))
+    assert sent(cycle(image(counts))) == (0x00, 0)
+    assert cycle.trip is not None
+    assert (cycle.trip.kind, cycle.trip.limit) == (TripKind.POSITION, limit)
+
+
+def test_a_damped_wall_takes_the_backward_difference_of_position() -> None:
+    scene = scene_of(Wall("handle", stiffness=1.0, position=0.0, damping=2.0))
+    cycle = enabled_cycle(plan_of(scene), counts=0)
+    cycle(image(10))
+    cycle(image(30))
+    force = cycle.row[cycle.columns.index("handle.force")]
+    assert force == pytest.approx(-1.0 * 30 * COUNT - 2.0 * 20 * COUNT / 0.001)
+
+
+def test_an_element_gets_every_signal_that_it_asks_for_and_in_its_order() -> None:
+    """Velocity by backward difference, torque actual in the workspace, and the time since the drive was enabled."""
+    seen: list[tuple[float, ...]] = []
+
+    @dataclass(frozen=True)
+    class Watching:
+        axis: str = "handle"
+        name: str = "watching"
+        needs: tuple[Signal, ...] = (Signal.ELAPSED_NS, Signal.TORQUE_ACTUAL, Signal.VELOCITY, Signal.POSITION)
+
+        def force(self, *feedback: float) -> float:
+            seen.append(feedback)
+            return 0.0
+
+        def linearised(self) -> StateSpace:
+            return gain([[0.0, 0.0]])
+
+    cycle = Cycle(plan_of(scene_of(Watching())))
+    for number, counts in enumerate((5, 5, 25)):
+        t_ns = 7_000_000 + 1_000_000 * number
+        cycle(struct.pack("<qIHHHih", t_ns, 0, 0, 0, ENABLED, counts, 3 * number))
+    assert seen == [
+        (0, 0.0, 0.0, 0.0),
+        (1_000_000, pytest.approx(3 * UNIT), 0.0, 0.0),
+        (2_000_000, pytest.approx(6 * UNIT), pytest.approx(20 * COUNT / 0.001), pytest.approx(20 * COUNT)),
+    ]
+
+
+def test_virtual_states_advance_only_in_operation_enabled() -> None:
+    """A held sprung mass starts at rest where the handle is when the drive is enabled: no force until it moves."""
+    scene = scene_of(SprungMass("handle", stiffness=100.0, mass=0.5))
+    cycle = Cycle(plan_of(scene))
+    for _ in range(20):
+        cycle(image(5000, status=SWITCHED_ON))
+    for _ in range(FADED_IN):
+        assert sent(cycle(image(5000))) == (0x0F, 0)
+    for counts in range(5000, 6000, 50):
+        output = sent(cycle(image(counts)))
+    assert output[1] < 0
+
+
+def test_elements_of_an_axis_add_up() -> None:
+    scene = scene_of(Constant("handle", 3.0), Constant("handle", -1.0, name="other"))
+    cycle = enabled_cycle(plan_of(scene))
+    assert sent(cycle(image()))[1] == round(2.0 / UNIT)
+
+
+def two_axes(status: tuple[int, int], flags: tuple[int, int] = (0, 0)) -> bytes:
+    return struct.pack("<qIHHIHHHiHi", 0, 0, flags[0], 0, 0, flags[1], 0, status[0], 0, status[1], 0)
+
+
+def test_two_axes_wait_for_each_other_and_fall_together() -> None:
+    scene = scene_of(Constant("left", 3.0), Constant("right", 3.0))
+    cycle = Cycle(plan_of(scene))
+    assert struct.unpack("<HhHh", cycle(two_axes((ENABLED, SWITCHED_ON)))) == (0x0F, 0, 0x0F, 0)
+    for _ in range(FADED_IN):
+        output = cycle(two_axes((ENABLED, ENABLED)))
+    assert struct.unpack("<HhHh", output) == (0x0F, round(3 / UNIT), 0x0F, round(3 / UNIT))
+    assert struct.unpack("<HhHh", cycle(two_axes((ENABLED, ENABLED), (0, LinkFlag.BOOT_UP)))) == (0, 0, 0, 0)
+    assert cycle.trip is not None
+    assert cycle.trip.axis == "right"
+
+
+def test_the_power_state_of_an_axis_can_be_asked() -> None:
+    cycle = Cycle(plan_of())
+    cycle(image(status=READY))
+    assert cycle.power_state("handle") is PowerState.READY
+
+
+def test_an_element_that_is_neither_static_nor_dynamic_is_refused() -> None:
+    @dataclass(frozen=True)
+    class Neither:
+        axis: str = "handle"
+        name: str = "neither"
+        needs: tuple[Signal, ...] = (Signal.POSITION,)
+
+        def linearised(self) -> StateSpace:
+            return gain([[0.0, 0.0]])
+
+    with pytest.raises(TypeError, match="neither"):
+        Cycle(plan_of(scene_of(Neither())))
+
+
+def test_the_target_stays_in_the_drives_type() -> None:
+    rig = rig_of(scene_of(Constant("handle", 1e9)))
+    axis = replace(rig.axis["handle"], limits=Limits(effort=1e9))
+    plan = plan_of(scene_of(Constant("handle", 1e9)), rig=replace(rig, axis={"handle": axis}))
+    assert sent(enabled_cycle(plan)(image()))[1] == 1000

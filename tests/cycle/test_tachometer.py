@@ -1,0 +1,163 @@
+"""An axis whose drive offers velocity only, from bytes to bytes: position, lost readings, limits, the drift trip."""
+
+import math
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+
+from haptic_fieldbus.cycle.cycle import Cycle, decoded_columns
+from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.drive.rig import Limits, LinearMechanism
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import LinkFlag, Signal
+from tests.builders import VELOCITY_ONLY, plan_of, rig_of, scene_of
+from tests.cycle.test_cycle import ENABLED, UNIT, Constant, sent
+
+STEP = 0.05 / 600
+"""0.1 r/min of the motor at the handle [m/s]."""
+PERIOD, PERIOD_NS = 1e-3, 1_000_000
+FREE = scene_of(Constant("handle", 0.0))
+HARD_LIMITS = Limits(speed=1.0, position=(-0.01, 0.02), drift=1.0)
+
+
+def plan_with(scene: Scene = FREE, limits: Limits | None = None, mechanism: LinearMechanism | None = None) -> Plan:
+    changes = {"limits": limits or Limits()} | ({"mechanism": mechanism} if mechanism else {})
+    return plan_of(scene, rig=rig_of(scene, **changes), profile=VELOCITY_ONLY)
+
+
+def image(reading: int, number: int, flags: int = 0) -> bytes:
+    return struct.pack("<qIHHHi", number * PERIOD_NS, 0, flags, 0, ENABLED, reading)
+
+
+def fed(cycle: Cycle, readings: list[int], start: int = 0) -> list[float]:
+    """The positions of the handle, period after period."""
+    at, found = cycle.columns.index("handle.position"), []
+    for number, reading in enumerate(readings, start=start):
+        cycle(image(reading, number))
+        found.append(cycle.row[at])
+    return found
+
+
+def test_the_position_is_the_trapezoid_of_what_was_read() -> None:
+    speed = 0.3 * np.sin(np.arange(1000) * 0.02)
+    readings = np.rint(speed / STEP).astype(int)
+    cycle = Cycle(plan_with())
+    found = fed(cycle, readings.tolist())
+    summed = scipy.integrate.cumulative_trapezoid(readings * STEP, dx=PERIOD, initial=0.0)
+    np.testing.assert_allclose(found, summed, atol=1e-15)
+    true = 0.3 * PERIOD / 0.02 * (1 - np.cos(np.arange(1000) * 0.02))
+    assert np.abs(found - true).max() < cycle.drift("handle") == pytest.approx(999 * PERIOD * STEP / 2)
+
+
+def test_zero_is_where_the_handle_was_enabled_also_when_it_moves_then() -> None:
+    assert fed(Cycle(plan_with()), [500, 500]) == pytest.approx([0.0, 500 * STEP * PERIOD])
+
+
+def test_a_mirrored_mechanism_turns_the_velocity_around() -> None:
+    mirrored = plan_with(mechanism=LinearMechanism("linear", 0.05, sign=-1))
+    assert fed(Cycle(mirrored), [0, 100, 100])[-1] == -fed(Cycle(plan_with()), [0, 100, 100])[-1] < 0
+
+
+def test_a_damper_gets_the_velocity_that_was_read() -> None:
+    scene = scene_of(Wall("handle", stiffness=600.0, damping=5.0, position=0.0))
+    cycle = Cycle(plan_with(scene))
+    position = fed(cycle, [0] * 502 + [240] * 10)[-1]
+    assert cycle.row[cycle.columns.index("handle.velocity")] == pytest.approx(240 * STEP)
+    assert cycle.row[cycle.columns.index("handle.force")] == pytest.approx(-600.0 * position - 5.0 * 240 * STEP)
+    assert sent(cycle(image(240, 512)))[1] < 0
+
+
+def test_what_is_read_and_what_it_makes_stand_in_the_row_under_names_of_their_own() -> None:
+    plan = plan_with()
+    cycle = Cycle(plan)
+    fed(cycle, [0, 7])
+    assert decoded_columns(plan)[-1] == "handle.velocity reading"
+    assert cycle.row[cycle.columns.index("handle.velocity reading")] == 7
+    assert len(set(cycle.columns)) == len(cycle.columns) == len(cycle.row)
+
+
+def test_other_feedback_that_is_mapped_is_still_found() -> None:
+    cycle = Cycle(plan_with(scene_of(Constant("handle", 0.0, needs=(Signal.TORQUE_ACTUAL,)))))
+    for number in range(2):
+        cycle(struct.pack("<qIHHHih", number * PERIOD_NS, 0, 0, 0, ENABLED, 100, 5))
+    assert cycle._axes["handle"].sensed.torque_actual == pytest.approx(5 * UNIT)
+
+
+def test_a_reading_that_stays_away_is_held_and_then_replaced() -> None:
+    cycle = Cycle(plan_with())
+    before = fed(cycle, [100] * 10)[-1]
+    drift = cycle.drift("handle")
+    at = cycle.columns.index("handle.position")
+    cycle(image(100, 10, LinkFlag.STALE))
+    assert cycle.row[at] - before == pytest.approx(100 * STEP * PERIOD)
+    cycle(image(300, 11))
+    assert cycle.row[at] - before == pytest.approx(2 * PERIOD * 200 * STEP)
+    assert cycle.drift("handle") - drift == pytest.approx(2 * PERIOD * (0.5 * STEP + 0.5 * 200 * STEP))
+    assert cycle.trip is None
+
+
+def test_periods_that_were_slept_through_are_integrated_over() -> None:
+    cycle = Cycle(plan_with())
+    before = fed(cycle, [100] * 10)[-1]
+    assert fed(cycle, [100], start=14)[0] - before == pytest.approx(5 * PERIOD * 100 * STEP)
+
+
+def test_feedback_that_stays_away_for_three_periods_stops() -> None:
+    cycle = Cycle(plan_with())
+    fed(cycle, [0] * 10)
+    for number in range(3):
+        cycle(image(0, 10 + number, LinkFlag.STALE))
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.FEEDBACK_LOST
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_speed_limit_looks_at_the_reading(sign: int) -> None:
+    cycle = Cycle(plan_with(limits=replace(HARD_LIMITS, position=None)))
+    for number, reading in enumerate([0, math.floor(1.0 / STEP), math.ceil(1.0 / STEP)]):
+        assert cycle.trip is None
+        fed(cycle, [sign * reading], start=number)
+    assert cycle.trip is not None
+    assert (cycle.trip.kind, cycle.trip.limit) == (TripKind.SPEED, 1.0)
+    assert cycle.trip.value == pytest.approx(1.0, abs=STEP)
+
+
+@pytest.mark.parametrize(("sign", "limit"), [(1, 0.02), (-1, -0.01)])
+def test_a_position_limit_stops_where_the_handle_may_be_outside(sign: int, limit: float) -> None:
+    """The trip comes at the first period in which position and drift together reach beyond the limit."""
+    cycle, number = Cycle(plan_with(limits=HARD_LIMITS)), 0
+    while cycle.trip is None:
+        fed(cycle, [sign * 1000], start=number)
+        number += 1
+    assert (cycle.trip.kind, cycle.trip.limit) == (TripKind.POSITION, limit)
+    reach = (number - 1) * PERIOD * (1000 * STEP + 0.5 * STEP)
+    assert cycle.trip.value == pytest.approx(sign * reach)
+    assert abs(limit) < reach < abs(limit) + PERIOD * 1001 * STEP
+
+
+def test_the_drift_trip_comes_when_half_steps_have_added_up_to_the_limit() -> None:
+    limit = 20.5 * PERIOD * STEP / 2
+    cycle = Cycle(plan_with(limits=Limits(drift=limit)))
+    outputs = [sent(cycle(image(0, number))) for number in range(22)]
+    assert cycle.trip is not None
+    assert (cycle.trip.kind, cycle.trip.limit, cycle.trip.t_ns) == (TripKind.DRIFT, limit, 21 * PERIOD_NS)
+    assert cycle.trip.value == pytest.approx(21 * PERIOD * STEP / 2)
+    assert outputs[-2][0] == 0x0F
+    assert outputs[-1] == (0, 0)
+
+
+def test_the_default_drift_is_a_tenth_of_a_turn_of_the_motor() -> None:
+    plan = plan_with()
+    assert plan.axes[0].limits.drift == pytest.approx(0.1 * 0.05)
+    assert plan_with(limits=Limits(drift=0.003)).axes[0].limits.drift == 0.003
+
+
+def test_a_drive_with_a_position_never_drifts() -> None:
+    cycle = Cycle(plan_of(FREE))
+    fed(cycle, [0, 1, 2])
+    assert cycle.drift("handle") == 0.0

@@ -1,0 +1,41 @@
+"""Every trip becomes one exception with a sentence."""
+
+import pytest
+
+from haptic_fieldbus.cycle.safety import Trip, TripKind
+from haptic_fieldbus.cycle.trips import CAUSES, SILENCES, TRIP_ERRORS, explained, trip_error
+from haptic_fieldbus.errors import BusError, DriveFaultError, SafetyTripError
+from tests.builders import PROFILE, VELOCITY_ONLY, plan_of
+
+
+@pytest.mark.parametrize("kind", TripKind)
+def test_every_kind_of_trip_has_an_exception_and_a_cause(kind: TripKind) -> None:
+    plan = plan_of(profile=VELOCITY_ONLY if kind is TripKind.DRIFT else PROFILE)
+    error = trip_error(Trip(kind, "handle", 2_500_000_000, 5.0, 2.0, "fault"), plan, 1_000_000_000)
+    assert isinstance(error, TRIP_ERRORS[kind])
+    assert str(error).startswith("axis handle: ")
+    assert str(error).endswith(", 1.500 s after operation enabled. Torque was taken away")
+
+
+@pytest.mark.parametrize("table", [CAUSES, TRIP_ERRORS])
+def test_the_tables_are_complete(table: dict[TripKind, object]) -> None:
+    assert set(table) == set(TripKind)
+
+
+def test_only_our_own_limits_are_safety_trips() -> None:
+    ours = {kind for kind, error in TRIP_ERRORS.items() if error is SafetyTripError}
+    assert ours == {TripKind.NOT_FINITE, TripKind.SPEED, TripKind.POSITION, TripKind.DRIFT}
+    assert all(issubclass(error, (BusError, DriveFaultError, SafetyTripError)) for error in TRIP_ERRORS.values())
+
+
+def test_limits_are_named_with_their_units_and_the_value_that_passed_them() -> None:
+    trip = Trip(TripKind.POSITION, "handle", 0, 0.1234, 0.1)
+    words = "axis handle: position 0.1234 m, the limit is 0.1 m, before operation enabled. Torque was taken away"
+    assert str(trip_error(trip, plan_of(), None)) == words
+
+
+@pytest.mark.parametrize("kind", TripKind)
+def test_a_silent_node_that_turns_out_to_have_restarted_is_a_node_reset(kind: TripKind) -> None:
+    trip = Trip(kind, "handle", 0, 0.0)
+    assert explained(trip, {"other"}) == trip
+    assert explained(trip, {"handle"}).kind is (TripKind.NODE_RESET if kind in SILENCES else kind)

@@ -1,0 +1,185 @@
+"""Plans: what is mapped, what is left out, what is refused."""
+
+from dataclasses import replace
+
+import pytest
+
+from haptic_fieldbus.drive.rig import BusSection, Limits, RotaryMechanism
+from haptic_fieldbus.errors import (
+    BusOverloadError,
+    PlanError,
+    SceneError,
+    SignalUnavailableError,
+)
+from haptic_fieldbus.numerics import estimators, integrators
+from haptic_fieldbus.planning import axis_plan
+from haptic_fieldbus.planning.explain import explain
+from haptic_fieldbus.scenes.sprung_mass import SprungMass
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Signal, Workspace
+from tests.builders import PROFILE, WALL, can_traffic, pdos_of, plan_of, rig_of, scene_of
+from tests.cycle.test_cycle import Constant
+
+DAMPED = scene_of(Wall("handle", stiffness=600.0, position=0.02, damping=2.0))
+SPRUNG = scene_of(SprungMass("handle", stiffness=100.0, mass=0.5))
+
+
+def test_a_wall_maps_four_objects_and_nothing_else() -> None:
+    assert plan_of().mapped == (
+        "6041h:00 statusword",
+        "6064h:00 position actual value",
+        "6040h:00 controlword",
+        "6071h:00 target torque",
+    )
+
+
+def test_the_fastest_transmission_types_are_chosen() -> None:
+    plan = plan_of()
+    assert [pdo.transmission_type for pdo in pdos_of(plan)] == [1, 255]
+    slow = replace(PROFILE, pdo=replace(PROFILE.pdo, rpdo_types=(1, 2)))
+    assert [pdo.transmission_type for pdo in pdos_of(plan_of(profile=slow))] == [1, 1]
+    assert plan_of(profile=slow).delay.transport == pytest.approx(0.001)
+
+
+def test_a_drive_without_synchronous_tpdos_is_refused() -> None:
+    with pytest.raises(PlanError, match="every SYNC"):
+        plan_of(profile=replace(PROFILE, pdo=replace(PROFILE.pdo, tpdo_types=(255,))))
+
+
+def left_out(scene_plan: object) -> set[str]:
+    return {left.what for left in scene_plan.left_out}  # type: ignore[attr-defined]
+
+
+def test_each_scene_leaves_out_what_it_does_not_need() -> None:
+    wall, damped, sprung = plan_of(), plan_of(DAMPED), plan_of(SPRUNG)
+    assert left_out(wall) == {"velocity", "estimator", "torque actual", "integrator", "virtual states"}
+    assert left_out(damped) == {"torque actual", "integrator", "virtual states"}
+    assert left_out(sprung) == {"velocity", "estimator", "torque actual"}
+    assert wall.modules == ("haptic_fieldbus.scenes.wall",)
+    assert damped.modules == ("haptic_fieldbus.numerics.estimators", "haptic_fieldbus.scenes.wall")
+    assert sprung.modules == ("haptic_fieldbus.numerics.integrators", "haptic_fieldbus.scenes.sprung_mass")
+    assert len({wall.steps, damped.steps, sprung.steps}) == 3
+
+
+def test_a_signal_that_an_element_asks_for_is_mapped() -> None:
+    scene = scene_of(Constant("handle", 0.0, needs=(Signal.POSITION, Signal.TORQUE_ACTUAL)))
+    plan = plan_of(scene)
+    assert "6077h:00 torque actual value" in plan.mapped
+    assert "torque actual" not in left_out(plan)
+
+
+def test_a_signal_that_the_drive_lacks_is_an_error_naming_element_signal_and_drive() -> None:
+    scene = scene_of(Constant("handle", 0.0, needs=(Signal.POSITION, Signal.TORQUE_ACTUAL)))
+    without = replace(PROFILE, torque=replace(PROFILE.torque, actual=None))
+    with pytest.raises(SignalUnavailableError, match=r"constant.*torque actual.*test drive"):
+        plan_of(scene, profile=without)
+
+
+def test_a_rate_beyond_the_bus_is_refused() -> None:
+    with pytest.raises(BusOverloadError, match="265 bits"):
+        plan_of(rate=5000.0)
+
+
+def test_a_linear_scene_on_a_rotary_mechanism_is_refused_with_key_and_units() -> None:
+    with pytest.raises(SceneError, match=r"axis\.handle\.workspace.*linear \(N, m\).*rotary"):
+        plan_of(rig=rig_of(WALL, mechanism=RotaryMechanism("rotary")))
+
+
+def test_an_axis_that_the_rig_lacks_is_named() -> None:
+    rig = rig_of(scene_of(Constant("elbow", 0.0)))
+    with pytest.raises(PlanError, match=r"'handle'.*elbow"):
+        plan_of(rig=rig)
+
+
+def test_a_profile_that_is_not_usable_is_refused() -> None:
+    with pytest.raises(PlanError, match="not usable"):
+        plan_of(profile=replace(PROFILE, drive=replace(PROFILE.drive, usable=False)))
+
+
+def test_an_unknown_torque_unit_is_refused() -> None:
+    target = replace(PROFILE.torque.target, unit="A")
+    with pytest.raises(PlanError, match="'A'"):
+        plan_of(profile=replace(PROFILE, torque=replace(PROFILE.torque, target=target)))
+
+
+def test_an_unknown_rated_torque_is_refused() -> None:
+    with pytest.raises(PlanError, match="rated_torque"):
+        plan_of(rig=rig_of(WALL, rated_torque=None))
+
+
+@pytest.mark.parametrize("unknown", ["inertia", "viscous_damping"])
+def test_an_unknown_bench_has_no_verdict_and_little_effort(unknown: str) -> None:
+    plan = plan_of(rig=rig_of(WALL, **{unknown: None}))
+    assert plan.stability is None
+    assert plan.axes[0].limits.effort == pytest.approx(0.05 * plan_of().axes[0].limits.effort)
+    assert "inertia" in explain(plan)
+
+
+def test_the_rigs_effort_limit_wins_when_it_is_smaller() -> None:
+    assert plan_of(rig=rig_of(WALL, limits=Limits(effort=8.0))).axes[0].limits.effort == 8.0
+    most = plan_of().axes[0].limits.effort
+    assert plan_of(rig=rig_of(WALL, limits=Limits(effort=1e6))).axes[0].limits.effort == most
+
+
+def test_two_axes_share_the_bus_and_are_told_apart() -> None:
+    scene = scene_of(Wall("left", 100.0), Wall("right", 200.0, name="second"))
+    plan = plan_of(scene)
+    assert [axis.node for axis in plan.axes] == [1, 2]
+    assert plan.bus_load == pytest.approx(((55 + 2 * 210) * 1000 + 65 * (100 + 2 * 10)) / 1e6)
+    assert plan.delay.bus > plan_of().delay.bus
+    assert plan.stability is plan.axes[1].stability
+    assert plan.steps[0].startswith("left: ")
+
+
+def test_the_plant_is_the_bench_seen_through_the_mechanism() -> None:
+    """r = 0.05/2π: 4e-5/r², 1e-4/r², 2e-3/r; one count is 0.05/4096 m."""
+    plant = plan_of().axes[0].plant
+    assert plant is not None
+    assert plant.mass == pytest.approx(0.63165, rel=1e-4)
+    assert plant.damping == pytest.approx(1.57914, rel=1e-4)
+    assert plant.coulomb == pytest.approx(0.25133, rel=1e-4)
+    assert plant.resolution == pytest.approx(0.05 / 4096)
+
+
+def test_a_rotary_scene_uses_the_rotary_bench() -> None:
+    scene = scene_of(Wall("handle", 1.0), workspace=Workspace.ROTARY)
+    plan = plan_of(scene)
+    assert plan.axes[0].plant is not None
+    assert plan.axes[0].plant.mass == pytest.approx(4e-5)
+    assert plan.axes[0].position_unit == pytest.approx(2 * 3.141592653589793 / 4096)
+
+
+def test_only_the_stiffest_element_is_varied_for_the_limit() -> None:
+    weak, strong = Wall("handle", 10.0, name="weak"), Wall("handle", 500.0)
+    plan, alone = plan_of(scene_of(weak, strong)), plan_of(scene_of(strong))
+    assert plan.stability is not None
+    assert alone.stability is not None
+    assert plan.stability.stiffness == 500.0
+    limits = (plan.stability.stiffness_limit.stable, alone.stability.stiffness_limit.stable)
+    assert limits[0] == pytest.approx((limits[1] or 0.0) - 10.0, rel=1e-6)
+
+
+def test_the_explanation_names_what_is_mapped_left_out_and_run() -> None:
+    text = explain(plan_of())
+    for part in ("6064h:00 position actual value", "TPDO1 181h", "left out", "element: wall", "stable to", "ms: bus"):
+        assert part in text
+
+
+def test_a_scene_without_stiffness_is_explained_by_its_verdict_alone() -> None:
+    assert explain(plan_of(scene_of(Constant("handle", 0.0)))).endswith("stability  passive")
+
+
+def test_our_own_node_id_is_one_that_no_drive_has() -> None:
+    assert can_traffic(plan_of()).master_node == 127
+    assert can_traffic(plan_of(rig=rig_of(WALL, node=127))).master_node == 126
+
+
+def test_the_defaults_are_those_of_numerics() -> None:
+    assert axis_plan.DEFAULT_METHOD == integrators.DEFAULT_METHOD
+    assert axis_plan.DEFAULT_ESTIMATOR == estimators.DEFAULT_ESTIMATOR
+
+
+def test_a_bus_of_no_protocol_is_refused_with_what_would_be_one() -> None:
+    rig = replace(rig_of(WALL), bus={"bus": BusSection("haptic_sim", "sim")})
+    with pytest.raises(PlanError, match="of no protocol; in Python a CAN bus is a CanSection"):
+        plan_of(rig=rig)

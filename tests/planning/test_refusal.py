@@ -1,0 +1,92 @@
+"""Refusals: what they propose is stable, whatever parameter the stiffness of an element follows from."""
+
+import re
+from dataclasses import replace
+from typing import Any, cast
+
+import pytest
+
+from haptic_fieldbus.errors import UnstableSceneError
+from haptic_fieldbus.margins import Verdict
+from haptic_fieldbus.margins.contact import stiffest_of
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.planning.refusal import check_stable
+from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
+from haptic_fieldbus.scenes.element import AnyElement, Graded
+from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.scenes.spring import Spring
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Signal
+from tests.builders import plan_of, scene_of
+
+GRADED = [
+    name
+    for name in scene_names()
+    if len(load_scene(name).axes) == 1
+    and isinstance(stiffest_of(load_scene(name).of_axis(load_scene(name).axes[0].name)), Graded)
+]
+
+
+def with_element(scene: Scene, old: AnyElement, new: AnyElement) -> Scene:
+    return replace(scene, elements=tuple(new if element is old else element for element in scene.elements))
+
+
+def proposed(element: AnyElement, text: str) -> AnyElement:
+    """The element with what is proposed first."""
+    first = text.partition("Would be stable: ")[2].partition(" · ")[0]
+    found = {key: float(value) for key, value in re.findall(rf"{element.name}\.(\w+)=([-+.e0-9]*[0-9])", first)}
+    share = re.search(rf"{element.name} with ([.0-9]+) times its stiffnesses", first)
+    if share is not None and isinstance(element, Graded):
+        return element.with_stiffness(float(share[1]) * element.stiffness)
+    assert found
+    changed: AnyElement = replace(element, **found)  # type: ignore[type-var]  # elements are dataclasses
+    return changed
+
+
+@pytest.mark.parametrize("name", GRADED)
+def test_an_element_that_is_too_steep_is_refused_with_parameters_that_it_has(name: str) -> None:
+    scene = load_scene(name)
+    stability = plan_of(scene).stability
+    element = cast(Any, stiffest_of(scene.of_axis(scene.axes[0].name)))
+    assert stability is not None
+    limit = stability.stiffness_limit.stable
+    assert limit is not None
+    steep = element.with_stiffness(3.0 * limit)
+    with pytest.raises(UnstableSceneError) as refused:
+        check_stable(plan_of(with_element(scene, element, steep)))
+    assert refused.value.limit == pytest.approx(limit, rel=1e-6)
+    mended = plan_of(with_element(scene, element, proposed(steep, str(refused.value)))).stability
+    assert mended is not None
+    assert mended.verdict is not Verdict.UNSTABLE
+
+
+def test_scenes_of_every_steepness_were_looked_at() -> None:
+    assert {"detents", "texture", "magnet", "hunt_crossley", "pendulum"} <= set(GRADED)
+
+
+class Pushing:
+    """Something that pushes the handle the way that it already goes, and has no stiffness."""
+
+    axis, name, needs = "handle", "pushing", (Signal.VELOCITY,)
+
+    def force(self, velocity: float) -> float:
+        return 500.0 * velocity
+
+    def linearised(self) -> StateSpace:
+        return gain([[0.0, 500.0]])
+
+
+def test_of_several_elements_the_stiffest_is_named() -> None:
+    for elements, asked in (
+        ((Wall("handle", 3000.0),), "3000 N/m is unstable"),
+        ((Wall("handle", 3000.0), Spring("handle", 10.0)), "3000 N/m of wall is unstable"),
+    ):
+        with pytest.raises(UnstableSceneError, match=f"^{asked}"):
+            check_stable(plan_of(scene_of(*elements)))
+
+
+def test_what_has_no_stiffness_is_refused_without_a_proposal() -> None:
+    with pytest.raises(UnstableSceneError) as refused:
+        check_stable(plan_of(scene_of(Pushing())))
+    assert "this scene is unstable" in str(refused.value)
+    assert "Would be stable" not in str(refused.value)

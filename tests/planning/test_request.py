@@ -1,0 +1,210 @@
+import math
+from contextlib import suppress
+from pathlib import Path
+
+import can
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptic_fieldbus.assessing.record import ROW_SUFFIXES
+from haptic_fieldbus.buses.canopen.frames import FRAME_SUFFIXES
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.planning.request import RECORD_SUFFIXES, Choice, check_request, parse_changes, parse_settings
+from haptic_fieldbus.protocols.canopen.bus import (
+    BITRATES,
+    DEFAULT_BITRATE,
+    SIMULATION_INTERFACE,
+    CanSection,
+    can_interfaces,
+    can_section,
+)
+from haptic_fieldbus.protocols.registry import parse_bus
+
+
+def test_every_kind_of_recording_can_be_asked_for() -> None:
+    assert RECORD_SUFFIXES == FRAME_SUFFIXES + ROW_SUFFIXES
+
+
+def test_every_interface_of_python_can_is_known() -> None:
+    assert set(can.VALID_INTERFACES) - {SIMULATION_INTERFACE} == set(can_interfaces())
+
+
+@pytest.mark.parametrize(
+    ("text", "interface", "channel", "bitrate", "known"),
+    [
+        ("socketcan:can0", "socketcan", "can0", DEFAULT_BITRATE, False),
+        ("socketcan:vcan0@500000", "socketcan", "vcan0", 500_000, True),
+        ("udp_multicast:239.74.163.2", "udp_multicast", "239.74.163.2", DEFAULT_BITRATE, False),
+        ("udp_multicast:ff15:7079::1", "udp_multicast", "ff15:7079::1", DEFAULT_BITRATE, False),
+        ("pcan:PCAN_USBBUS1@1000000", "pcan", "PCAN_USBBUS1", 1_000_000, True),
+        ("slcan:/dev/ttyUSB0@125000", "slcan", "/dev/ttyUSB0", 125_000, True),
+        ("virtual:a@b@10000", "virtual", "a@b", 10_000, True),
+    ],
+)
+def test_a_can_bus_is_interface_channel_and_bit_rate(
+    text: str, interface: str, channel: str, bitrate: int, known: bool
+) -> None:
+    bus = parse_bus(text)
+    assert bus.section == CanSection(interface, channel, bitrate)
+    assert (bus.assumed == "") is known
+    assert not bus.simulated
+    assert bus.text == text
+
+
+@pytest.mark.parametrize(("text", "bitrate"), [("sim", DEFAULT_BITRATE), ("sim@500000", 500_000)])
+def test_the_simulated_bus_has_a_bit_rate_that_is_known(text: str, bitrate: int) -> None:
+    bus = parse_bus(text)
+    assert bus.simulated
+    assert not bus.assumed
+    assert bus.section == CanSection(SIMULATION_INTERFACE, "sim", bitrate)
+
+
+@pytest.mark.parametrize(
+    ("text", "channel", "bitrate"),
+    [
+        ("haptic_sim:bench", "bench", DEFAULT_BITRATE),
+        ("haptic_sim:maxon_epos4@5", "maxon_epos4@5", DEFAULT_BITRATE),
+        ("haptic_sim:maxon_epos4@5,generic_cia402@6@250000", "maxon_epos4@5,generic_cia402@6", 250_000),
+    ],
+)
+def test_a_rig_may_name_the_simulation_by_its_interface(text: str, channel: str, bitrate: int) -> None:
+    bus = parse_bus(text)
+    assert bus.simulated
+    assert bus.section == CanSection(SIMULATION_INTERFACE, channel, bitrate)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("simm", "nearest: sim"),
+        ("socketcna:can0", "nearest: socketcan"),
+        ("can0", "nearest: socketcan:can0"),
+        ("vcan1@500000", "nearest: socketcan:vcan1@500000"),
+        ("socketcan", "lacks its channel"),
+        ("socketcan:", "lacks its channel"),
+        ("socketcan:@500000", "lacks its channel"),
+        ("sim:1", "written sim[@BITRATE]"),
+        ("sim@", "after @ stands the bit rate"),
+        ("sim@fast", "after @ stands the bit rate"),
+        ("sim@-500000", "after @ stands the bit rate"),
+        ("sim@9600", "outside of what CAN can do"),
+        ("pcan:PCAN_USBBUS1@5000000", "outside of what CAN can do"),
+        ("haptic_sim:bench@5000000", "outside of what CAN can do"),
+        ("", 'no bus ""'),
+        ("sim-modbus-tcp", "not available yet"),
+        ("sim-modbus-rtu@115200", "not available yet"),
+        ("modbus-tcp:192.168.0.2:502", "not available yet"),
+        ("modbus-rtu:/dev/ttyUSB0@115200", "not available yet"),
+    ],
+)
+def test_a_wrong_bus_is_answered_with_what_was_expected(text: str, sentence: str) -> None:
+    with pytest.raises(UsageError) as raised:
+        parse_bus(text)
+    assert sentence in str(raised.value)
+
+
+@given(st.text(max_size=30))
+def test_no_text_breaks_the_parser_of_bus_names(text: str) -> None:
+    with suppress(UsageError):
+        bus = can_section(parse_bus(text).section)
+        assert bus.interface
+        assert BITRATES[0] <= bus.bitrate <= BITRATES[1]
+
+
+def test_settings_are_taken_apart_at_the_first_equals_sign() -> None:
+    assert parse_settings(["wall.stiffness=400", " wall.side = negative", "a.b=c=d"]) == {
+        "wall.stiffness": "400",
+        "wall.side": "negative",
+        "a.b": "c=d",
+    }
+    assert parse_settings([]) == {}
+
+
+def test_all_malformed_settings_are_told_at_once() -> None:
+    wrong = ["stiffness=4", "wall.stiffness", "wall.=4", ".stiffness=4", "wall.stiffness="]
+    with pytest.raises(UsageError) as raised:
+        parse_settings([*wrong, "wall.damping=1", "wall.damping=2"])
+    sentences = str(raised.value).splitlines()
+    assert len(sentences) == len(wrong) + 1
+    assert all(f'"{text}"' in sentence for text, sentence in zip(wrong, sentences, strict=False))
+    assert "twice" in sentences[-1]
+
+
+def test_changes_are_taken_apart_at_the_first_colon_those_of_one_time_together() -> None:
+    assert parse_changes(["2:wall.stiffness=800", "0.5: wall.side = a:b", "2.0:wall.damping=3"]) == [
+        (0.5, {"wall.side": "a:b"}),
+        (2.0, {"wall.stiffness": "800", "wall.damping": "3"}),
+    ]
+    assert parse_changes([]) == []
+
+
+def test_all_malformed_changes_are_told_at_once() -> None:
+    wrong = ["wall.stiffness=4", "x:wall.stiffness=4", "2:stiffness=4", "2:wall.stiffness", "2"]
+    with pytest.raises(UsageError) as raised:
+        parse_changes([*wrong, "1:wall.damping=1", "1.0:wall.damping=2"])
+    sentences = str(raised.value).splitlines()
+    assert [f'--change "{text}"' in sentence for text, sentence in zip(wrong, sentences, strict=False)] == [True] * 5
+    assert sentences[5:] == ["--change 1:wall.damping: given twice, as 1 and 2"]
+
+
+@pytest.mark.parametrize("node", [1, 127])
+@pytest.mark.parametrize("rate", [0.5, 1000.0])
+def test_a_good_request_gives_the_bus_that_was_named(node: int, rate: float) -> None:
+    bus = check_request(bus="sim@250000", node=node, rate=rate, duration=2.0)
+    assert bus == parse_bus("sim@250000")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"node": 0}, "node 0"),
+        ({"node": 128}, "node 128"),
+        ({"rate": 0.0}, "rate 0"),
+        ({"rate": -1.0}, "rate -1"),
+        ({"rate": math.nan}, "rate nan"),
+        ({"rate": math.inf}, "rate inf"),
+        ({"rate": 1e9}, "rate 1e+09"),
+        ({"duration": 0.0}, "duration 0"),
+        ({"duration": math.nan}, "duration nan"),
+        ({"duration": math.inf}, "duration inf"),
+        ({"duration": 1e-4}, "less than one period"),
+        ({"seed": -1}, "seed -1"),
+        ({"bus": "simm"}, 'no bus "simm"'),
+        ({"choices": [Choice("hand", "pusk", ("push", "tap"))]}, 'no hand "pusk"; nearest: push'),
+        ({"record": Path("frames.txt")}, "suffix must be one of .log, .blf, .csv"),
+        ({"plot": Path("no such folder/demo.png")}, "there is no folder"),
+    ],
+)
+def test_each_wrong_value_is_named_alone(wrong: dict[str, object], sentence: str) -> None:
+    with pytest.raises(UsageError) as raised:
+        check_request(**wrong)  # type: ignore[arg-type]
+    assert sentence in str(raised.value)
+    assert len(str(raised.value).splitlines()) == 1
+
+
+def test_all_wrong_values_are_told_at_once() -> None:
+    with pytest.raises(UsageError) as raised:
+        check_request(bus="simm", node=0, rate=0.0, duration=-1.0, seed=-1)
+    assert len(str(raised.value).splitlines()) == 5
+
+
+def test_a_choice_that_is_left_open_or_known_is_no_fault() -> None:
+    names = ("push", "tap")
+    assert Choice("hand", None, names).faults() == []
+    assert Choice("hand", "tap", names).faults() == []
+
+
+def test_what_cannot_be_written_is_known_before(tmp_path: Path) -> None:
+    folder = tmp_path / "folder.png"
+    folder.mkdir()
+    with pytest.raises(UsageError, match="Is a directory"):
+        check_request(plot=folder)
+
+
+def test_asking_whether_a_file_can_be_written_leaves_no_trace(tmp_path: Path) -> None:
+    kept = tmp_path / "frames.log"
+    kept.write_text("frames of another run")
+    check_request(plot=tmp_path / "picture.png", record=kept)
+    assert [path.name for path in tmp_path.iterdir()] == ["frames.log"]
+    assert kept.read_text() == "frames of another run"

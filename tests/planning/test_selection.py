@@ -1,0 +1,87 @@
+"""Which buses a run is on: those of the rig, or the simulation in their place."""
+
+from dataclasses import replace
+
+import pytest
+from can.interfaces.virtual import channels
+
+from haptic_fieldbus.api import plan, run
+from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.errors import BusError, BusOverloadError, UsageError
+from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.scenes.wall import Wall
+from tests.builders import bit_rates, scene_of
+from tests.several_buses import rig_on
+
+SCENE = scene_of(Wall("left", stiffness=300.0, name="a"), Wall("right", stiffness=300.0, name="b"))
+BUSES = {"left": "can_left", "right": "can_right"}
+
+
+def rig(interface: str = "haptic_sim", right: int = 1_000_000) -> Rig:
+    return rig_on(SCENE, BUSES, {"can_right": right}, interface, profile="maxon_epos4")
+
+
+def test_the_buses_of_a_rig_are_simulated_each_by_itself_with_its_bit_rate() -> None:
+    bench = rig("socketcan", right=250_000)
+    assert bit_rates(plan(SCENE, bench, rate=500.0, bus="sim")) == [
+        1_000_000,
+        250_000,
+    ]
+    result = run(SCENE, bench, bus="sim", rate=500.0, duration=0.5)
+    assert (result.cycles, result.clock, result.bus) == (250, "virtual", "sim")
+    with pytest.raises(BusOverloadError, match=r"^bus can_right: 1000 Hz"):
+        run(SCENE, bench, bus="sim")
+
+
+def test_a_bit_rate_given_with_the_simulation_is_that_of_all_buses() -> None:
+    bench = rig("socketcan", right=250_000)
+    assert bit_rates(plan(SCENE, bench, bus="sim@500000")) == [
+        500_000,
+        500_000,
+    ]
+
+
+def test_the_only_bus_of_a_rig_is_simulated_with_its_bit_rate_too() -> None:
+    bench = rig_on(SCENE, dict.fromkeys(BUSES, "can0"), {"can0": 800_000}, "socketcan", profile="maxon_epos4")
+    assert bit_rates(plan(SCENE, bench, bus="sim")) == [800_000]
+    assert bit_rates(plan(SCENE, bench, bus="sim@1000000")) == [1_000_000]
+
+
+def test_a_bus_that_is_named_stands_for_the_only_bus_of_a_rig() -> None:
+    bench = rig_on(SCENE, dict.fromkeys(BUSES, "can0"), interface="socketcan", profile="maxon_epos4")
+    found = plan(SCENE, bench, rate=500.0, bus="pcan:PCAN_USBBUS1@500000")
+    assert found.rig.bus == {"can0": CanSection("pcan", "PCAN_USBBUS1", 500_000)}
+
+
+def test_real_and_simulated_buses_in_one_run_are_refused() -> None:
+    bench = rig()
+    mixed = replace(bench, bus={**bench.bus, "can_left": CanSection("socketcan", "can0")})
+    with pytest.raises(UsageError, match=r"mixes simulated and real buses: can_left is socketcan:can0.*haptic_sim:can"):
+        run(SCENE, mixed)
+    assert run(SCENE, mixed, bus="sim", duration=0.1).cycles == 100
+
+
+def test_one_bus_under_two_names_is_refused() -> None:
+    with pytest.raises(
+        UsageError, match=r"names one bus twice: can_left is socketcan:can0.*can_right is socketcan:can0"
+    ):
+        run(SCENE, replace(rig(), bus=dict.fromkeys(BUSES.values(), CanSection("socketcan", "can0"))))
+
+
+def test_a_real_bus_cannot_stand_for_several() -> None:
+    with pytest.raises(UsageError, match=r"is one bus, but the axes .* are on several: can_left, can_right"):
+        run(SCENE, rig(), bus="socketcan:can0")
+
+
+def test_the_real_buses_of_a_rig_are_all_opened() -> None:
+    """On python-can's own bus for one process, where nobody answers: the first drive that is missed is named."""
+    with pytest.raises(BusError, match=r"node 1 \(axis left\) does not answer on can_left"):
+        run(SCENE, rig("virtual"), confirm=lambda _: True)
+
+
+def test_of_real_buses_that_cannot_all_be_opened_none_stays_open() -> None:
+    bench = rig("virtual")
+    broken = replace(bench, bus={**bench.bus, "can_right": CanSection("socketcan", "no_such_bus")})
+    with pytest.raises(BusError, match="cannot open socketcan:no_such_bus"):
+        run(SCENE, broken, confirm=lambda _: True)
+    assert not channels.get("can_left")

@@ -1,0 +1,70 @@
+"""Settings of a scene, in two steps where one of them is a part of the stability limit."""
+
+import pytest
+
+from haptic_fieldbus.api import plan
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.planning.settings import Value, settled
+from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.scenes.wall import Wall
+from tests.builders import scene_of
+
+
+def test_numbers_are_read_from_texts_and_the_scene_is_final() -> None:
+    found = settled("wall", {"wall.stiffness": "800", "wall.position": "25 mm", "wall.sides": "bilateral"})
+    assert found.part is None
+    assert found.scene.elements == (Wall("handle", 800.0, position=0.025, sides="bilateral"),)
+    assert found.at(None) is found.scene
+
+
+def test_without_settings_a_scene_made_in_python_is_itself() -> None:
+    scene = scene_of(Wall("handle", 300.0))
+    assert settled(scene, None).scene is scene
+
+
+@pytest.mark.parametrize("made", [False, True], ids=["of a file", "made in Python"])
+@pytest.mark.parametrize(("text", "divisor"), [("max", 1.0), ("max/2", 2.0), ("max/2.5", 2.5)])
+def test_a_part_of_the_limit_waits_for_a_verdict(text: str, divisor: float, made: bool) -> None:
+    scene = load_scene("damped_wall") if made else "damped_wall"
+    found = settled(scene, {"wall.stiffness": text, "wall.damping": 3.0})
+    assert found.part == "wall.stiffness"
+    assert found.scene == load_scene("damped_wall", {"wall.damping": 3.0})
+    stability = plan(found.scene).stability
+    assert stability is not None
+    limit = stability.stiffness_limit.stable
+    assert limit is not None
+    assert found.at(stability) == load_scene("damped_wall", {"wall.stiffness": limit / divisor, "wall.damping": 3.0})
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"wall.damping": "max"}, "wall.damping=max: only a stiffness has a limit"),
+        (
+            {"wall.damping": "max/2", "wall.position": "max"},
+            "wall.damping=max/2: only a stiffness has a limit; wall.position=max: only a stiffness has a limit",
+        ),
+        (
+            {"wall.stiffness": "max", "other.stiffness": "max/2"},
+            "only one setting may be a part of the limit, not wall.stiffness, other.stiffness",
+        ),
+    ],
+)
+def test_a_part_that_cannot_be_is_refused_before_anything_is_loaded(settings: dict[str, Value], sentence: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        settled("no such scene", settings)
+    assert str(refused.value) == sentence
+
+
+def test_the_limit_of_coupled_axes_is_that_of_the_stiffest_coupling() -> None:
+    assert settled("virtual_shaft", {"shaft.stiffness": "max/2"}).part == "shaft.stiffness"
+    with pytest.raises(UsageError, match=r"^wall\.stiffness=max: the limit .* is told for shaft\.stiffness alone$"):
+        settled("virtual_shaft", {"wall.stiffness": "max"})
+
+
+def test_without_a_limit_there_is_no_part_of_it() -> None:
+    found = settled("wall", {"wall.stiffness": "max/2"})
+    with pytest.raises(UsageError, match=r"^wall\.stiffness=max/2: this bench has no stability limit to take a part"):
+        found.at(None)
+    with pytest.raises(UsageError, match=r"^wall\.stiffness=max/0: the limit cannot be divided by zero$"):
+        settled("wall", {"wall.stiffness": "max/0"}).at(plan("wall").stability)

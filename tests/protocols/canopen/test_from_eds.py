@@ -1,0 +1,275 @@
+"""Profiles out of EDS files: what is taken, what is assumed, and files that cannot be used."""
+
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCode, VelocitySection
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsType, eds_text
+from haptic_fieldbus.errors import EdsError
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, data_type, profile_from_eds
+from haptic_fieldbus.protocols.catalogue import load_profile
+from tests.builders import canopen
+from tests.eds.sheets import changed, generic, without, without_member
+from tests.eds.vendor_files import FILES, FOLDER, needs_files, vendor_eds
+
+PERMILLE = "permille_of_rated_torque"
+
+
+def refusals(eds: Eds, mode: int | None = None) -> list[str]:
+    with pytest.raises(EdsError) as caught:
+        profile_from_eds(eds, mode)
+    return [fault.message.removeprefix("not usable for force: ") for fault in caught.value.faults]
+
+
+def test_the_profile_says_what_the_file_says() -> None:
+    profile = profile_from_eds(generic())
+    assert (profile.name, profile.title, profile.drive.evidence) == ("own", "generic CiA 402", "vendor-data")
+    assert profile.torque.mode_of_operation == 10
+    assert profile.torque.target == MappedObject(0x6071, DataType.INT16, unit=PERMILLE)
+    assert profile.torque.actual == MappedObject(0x6077, DataType.INT16, unit=PERMILLE)
+    assert profile.torque.rated == MappedObject(0x6076, DataType.UINT32, unit="mN·m")
+    assert (profile.pdo.rpdos, profile.pdo.tpdos, profile.pdo.entries) == (4, 4, 8)
+    assert profile.link_loss.heartbeat_consumer == 0x1016
+    assert profile.link_loss.abort_connection_option == OptionCode(0x6007, 2)
+    assert profile.link_loss.fault_reaction_option == OptionCode(0x605E, 0)
+
+
+def test_every_section_of_it_has_its_source() -> None:
+    profile = profile_from_eds(without(generic(), 0x6007))
+    for section in ("identity", "pdo", "link_loss", "timing"):
+        assert profile.sources[section]
+    assert "ASSUMED" in profile.sources["torque.target"]
+    assert profile.sources["link_loss.abort_connection_option"] == "left out: not in own.eds"
+
+
+@pytest.mark.parametrize(
+    ("modes", "mode"), [(0x200, 10), (0x208, 10), (0x008, 4), (0x06D, 4), (0, 10), (909, 10), (0x0003_03EF, 10)]
+)
+def test_the_mode_is_cyclic_torque_or_profile_torque_as_6502h_offers(modes: int, mode: int) -> None:
+    assert profile_from_eds(changed(generic(), 0x6502, default=modes)).torque.mode_of_operation == mode
+
+
+def test_a_mode_may_be_named_against_6502h() -> None:
+    eds = changed(generic(), 0x6502, default=0x65)
+    assert refusals(eds) == ["6502h supported drive modes 65h names no torque mode"]
+    assert profile_from_eds(eds, -5).torque.mode_of_operation == -5
+
+
+@pytest.mark.parametrize(
+    ("index", "name"),
+    [
+        (0x6040, "controlword"),
+        (0x6041, "statusword"),
+        (0x6060, "modes of operation"),
+        (0x6061, "modes of operation display"),
+        (0x6071, "target torque"),
+    ],
+)
+def test_a_missing_object_is_named(index: int, name: str) -> None:
+    assert refusals(without(generic(), index)) == [f"there is no {index:04X}h {name}"]
+
+
+def test_all_that_is_missing_is_told_at_once() -> None:
+    eds = changed(without(generic(), 0x6040, 0x1400, 0x1A00), 0x6502, default=1)
+    assert refusals(eds) == [
+        "there is no 6040h controlword",
+        "there is no RPDO (1400h and 1600h)",
+        "there is no TPDO (1800h and 1A00h)",
+        "6502h supported drive modes 1h names no torque mode",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"type": EdsType.REAL32}, "6071h target torque is REAL32, expected INTEGER16 or INTEGER32"),
+        ({"type": None}, "6071h target torque is of an unknown type, expected INTEGER16 or INTEGER32"),
+        ({"mappable": False}, "6071h target torque cannot be received in a PDO"),
+        ({"access": "ro"}, "6071h target torque cannot be received in a PDO"),
+        ({"access": "rwr"}, "6071h target torque cannot be received in a PDO"),
+    ],
+)
+def test_a_target_torque_that_cannot_be_used_is_told(changes: dict[str, object], message: str) -> None:
+    assert refusals(changed(generic(), 0x6071, **changes)) == [message]
+
+
+def test_a_position_that_cannot_be_sent_is_told() -> None:
+    assert refusals(changed(generic(), 0x6064, mappable=False)) == [
+        "6064h position actual value cannot be sent in a PDO"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("code", "unit"),
+    [
+        (None, "counts/s"),
+        (0x00B4_4700, "rpm"),
+        (0xFFB4_4700, "0.1 rpm"),
+        (0xFEB4_4700, "0.01 rpm"),
+        (0xFDB4_4700, "0.001 rpm"),
+        (0x00B5_0300, "counts/s"),
+    ],
+)
+def test_without_a_position_the_velocity_stands_in_in_the_unit_of_60a9h(code: int | None, unit: str) -> None:
+    eds = without(generic(), 0x6064)
+    if code is not None:
+        eds = changed(eds, 0x60A9, type=EdsType.UNSIGNED32, default=code)
+    profile = profile_from_eds(eds)
+    assert profile.position is None
+    assert profile.velocity == VelocitySection(MappedObject(0x606C, DataType.INT32, unit=unit))
+    assert ("ASSUMED" in profile.sources["velocity.actual"]) is (code is None)
+    assert "position.actual" not in profile.sources
+
+
+def test_a_velocity_beside_a_position_is_not_read() -> None:
+    assert profile_from_eds(generic()).velocity is None
+
+
+def test_without_a_position_a_velocity_that_cannot_be_used_does_not_stand_in() -> None:
+    missing, unit = without(generic(), 0x6064), {"type": EdsType.UNSIGNED32, "default": 0x0001_0300}
+    useless = [
+        without(missing, 0x606C),
+        changed(missing, 0x606C, type=EdsType.REAL32),
+        changed(missing, 0x606C, mappable=False),
+        changed(missing, 0x606C, access="wo"),
+        changed(missing, 0x60A9, **unit),
+    ]
+    for eds in useless:
+        assert refusals(eds) == ["there is no 6064h position actual value"]
+
+
+@needs_files
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("maxon_epos4_70_15.eds", "rpm"), ("nanotec_pd4_c6018.eds", "rpm"), ("ingenia_everest_xcr.eds", "counts/s")],
+)
+def test_vendors_name_units_of_velocity_that_are_known(name: str, unit: str) -> None:
+    """The drive without its position object: 60A9h as the vendor's file has it."""
+    eds = without(vendor_eds(name), 0x6064)
+    velocity = profile_from_eds(eds, 10).velocity
+    assert velocity is not None
+    assert velocity.actual.unit == unit
+
+
+@pytest.mark.parametrize("changes", [{"mappable": False}, {"type": EdsType.REAL32}])
+def test_an_actual_torque_that_cannot_be_sent_is_left_out(changes: dict[str, object]) -> None:
+    assert profile_from_eds(changed(generic(), 0x6077, **changes)).torque.actual is None
+
+
+def test_what_the_file_lacks_the_profile_leaves_out() -> None:
+    profile = profile_from_eds(without(generic(), 0x1016, 0x6007, 0x605E, 0x6076, 0x6077, 0x1018))
+    assert profile.link_loss.heartbeat_consumer is None
+    assert profile.link_loss.abort_connection_option is None
+    assert profile.link_loss.fault_reaction_option is None
+    assert profile.torque.rated is None
+    assert profile.torque.actual is None
+    assert profile.identity == IdentitySection()
+
+
+def test_the_identity_is_that_of_1018h_or_of_the_device() -> None:
+    eds = changed(changed(generic(), 0x1018, 1, default=0xFB), 0x1018, 2, default=0)
+    eds = Eds(eds.objects, DeviceInfo(vendor_number=1, product_number=0x6150_0000))
+    profile = profile_from_eds(eds)
+    assert profile.identity == IdentitySection(0xFB, (0x6150_0000,))
+    assert (profile.drive.vendor, profile.drive.model) == ("unknown vendor", "unknown model")
+
+
+def test_the_pdos_are_those_with_both_records_and_the_room_of_the_smallest() -> None:
+    eds = without_member(without(generic(), 0x1A02), 0x1601, 8)
+    eds = changed(changed(eds, 0x1800, 3, default=1000), 0x1801, 3, default=300)
+    pdo = profile_from_eds(eds).pdo
+    assert (pdo.rpdos, pdo.tpdos, pdo.entries) == (4, 2, 7)
+    assert pdo.inhibit_time_default == pytest.approx(0.1)
+
+
+def test_types_without_a_name_in_profiles_have_none() -> None:
+    assert data_type(EdsEntry(0x2000, 0, "gain", EdsType.REAL32, "rw")) is None
+    assert data_type(EdsEntry(0x2000, 0, "gain", None, "rw")) is None
+
+
+@pytest.mark.parametrize("suffix", [".eds", ".EDS", ".dcf"])
+def test_a_profile_is_loaded_from_the_path_of_an_eds(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"Push 1{suffix}"
+    path.write_text(eds_text(generic()), encoding="utf-8")
+    profile = load_profile(path)
+    assert isinstance(profile, EdsProfile)
+    assert (profile.name, profile.source) == ("Push 1", str(path))
+    assert load_profile(str(path)) == profile
+
+
+# Vendors' files.
+
+USABLE = {
+    "delta_asda_a2.eds": 4,
+    "elmo_gold_drive.dcf": 10,
+    "eyou_yiyouservo_v1_4.eds": 10,
+    "ingenia_everest_xcr.eds": 10,
+    "maxon_epos4_70_15.eds": 10,
+    "maxon_epos4_compact_50_5_can.eds": 10,
+    "maxon_epos4_module_50_5_6150h.eds": 10,
+    "maxon_epos4_module_50_5_older.eds": 10,
+    "nanotec_c5_e_1_09.eds": 10,
+    "nanotec_pd4_c6018.eds": 10,
+    "nanotec_pd4_cb59.eds": 10,
+    "orientalmotor_blvd_kbrd_v300.eds": 4,
+    "orientalmotor_blvd_krd_v400.eds": 4,
+    "zeroerr_erob_v1_5.eds": 10,
+}
+"""Files with all that force needs, and their torque mode."""
+NO_TARGET = "there is no 6071h target torque"
+UNUSABLE = {
+    "faulhaber_605_3150_52_v.eds": NO_TARGET,
+    "faulhaber_605_3150_55_d.eds": NO_TARGET,
+    "faulhaber_605_3150_60_b.eds": NO_TARGET,
+    "faulhaber_605_3150_68_b.eds": NO_TARGET,
+    "faulhaber_mclm3002p_co.eds": NO_TARGET,
+    "igus_dryve_d1.eds": NO_TARGET,
+    "maxon_epos2_50_5_347717.eds": NO_TARGET,
+    "maxon_epos2_70_10.eds": NO_TARGET,
+    "pilz_prbt_0_1.dcf": NO_TARGET,
+    "roboteq_v60.eds": "there is no 6040h controlword",
+    "schunk_erb415_ros.eds": NO_TARGET,
+    "schunk_lwa4p_0_63.dcf": NO_TARGET,
+    "technosoft_ipos.eds": "6502h supported drive modes 1F0065h names no torque mode",
+    "trinamic_tmcm_1270.eds": NO_TARGET,
+    "xeryon_xla_5.eds": NO_TARGET,
+}
+
+
+@needs_files
+def test_every_vendor_file_is_either_usable_or_not() -> None:
+    assert sorted(FILES) == sorted(USABLE.keys() | UNUSABLE.keys())
+
+
+@needs_files
+@pytest.mark.parametrize("name", USABLE)
+def test_a_vendor_file_with_torque_makes_a_profile(name: str) -> None:
+    profile = canopen(FOLDER / name)
+    assert profile.torque.mode_of_operation == USABLE[name]
+    assert profile.drive.usable
+
+
+@needs_files
+@pytest.mark.parametrize("name", UNUSABLE)
+def test_a_vendor_file_without_torque_is_refused_with_what_is_missing(name: str) -> None:
+    assert UNUSABLE[name] in refusals(vendor_eds(name))
+
+
+@needs_files
+@pytest.mark.parametrize(
+    ("name", "inhibit_time", "consumer"),
+    [
+        ("ingenia_everest_xcr.eds", 0.1, None),
+        ("nanotec_c5_e_1_09.eds", 0.01, None),
+        ("nanotec_pd4_c6018.eds", 0.01, 0x1016),
+        ("maxon_epos4_70_15.eds", 0.001, 0x1016),
+    ],
+)
+def test_inhibit_times_and_heartbeat_consumers_are_those_of_the_files(
+    name: str, inhibit_time: float, consumer: int | None
+) -> None:
+    profile = profile_from_eds(vendor_eds(name))
+    assert profile.pdo.inhibit_time_default == pytest.approx(inhibit_time)
+    assert profile.link_loss.heartbeat_consumer == consumer

@@ -1,0 +1,149 @@
+"""The queue between those who ask for changes and the loop: what it refuses, in which order it hands on, and when."""
+
+from threading import Thread
+
+import pytest
+
+from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.errors import PlanError, SceneError, UnstableSceneError, UsageError
+from haptic_fieldbus.planning.settings import Value
+from haptic_fieldbus.running.changes import Changes
+from haptic_fieldbus.scenes.wall import Wall
+from tests.builders import plan_of, scene_of
+
+PERIOD_NS = 1_000_000
+PLAN = plan_of(scene_of(Wall("handle", 600.0)))
+
+
+def begun(changes: Changes, duration: float = 10.0) -> Changes:
+    """As a run has them from its first period on."""
+    changes.check(PLAN, duration, force=False)
+    changes.open(Cycle(PLAN))
+    return changes
+
+
+def run_to(changes: Changes, first: int, last: int) -> list[tuple[int, dict[str, Value]]]:
+    """(period, settings) of what the loop makes in these periods."""
+    made = []
+    for period in range(first, last):
+        before = len(changes.applied)
+        if changes.waiting:
+            changes.make(period * PERIOD_NS, (period - 1) * PERIOD_NS, PERIOD_NS)
+        made += [(period, dict(applied.change.settings)) for applied in changes.applied[before:]]
+    return made
+
+
+def test_what_is_scheduled_begins_in_the_period_of_its_time() -> None:
+    changes = begun(Changes([(0.5, {"wall.stiffness": 700.0}), (0.2, {"wall.stiffness": 800.0})]))
+    assert run_to(changes, 1, 1000) == [(200, {"wall.stiffness": 800.0}), (500, {"wall.stiffness": 700.0})]
+
+
+def test_a_change_waits_until_the_ramp_of_the_one_before_is_over() -> None:
+    changes = begun(Changes(ramp=0.03))
+    for stiffness in (700.0, 800.0, 900.0):
+        changes.request({"wall.stiffness": stiffness})
+    assert [period for period, _ in run_to(changes, 10, 100)] == [10, 40, 70]
+
+
+def test_what_is_in_force_and_since_when_can_be_read() -> None:
+    changes = begun(Changes())
+    assert (changes.scene, changes.since) == (PLAN.scene, 0.0)
+    asked = changes.request({"wall.stiffness": 800.0})
+    assert changes.scene is PLAN.scene
+    run_to(changes, 250, 251)
+    assert changes.scene is asked.plan.scene
+    assert changes.scene.elements == (Wall("handle", 800.0),)
+    assert changes.since == pytest.approx(0.25)
+
+
+def test_each_request_stands_on_those_before_though_they_wait() -> None:
+    changes = begun(Changes())
+    changes.request({"wall.stiffness": 800.0})
+    assert changes.request({"wall.position": 0.01}).plan.scene.elements == (Wall("handle", 800.0, position=0.01),)
+
+
+@pytest.mark.parametrize(
+    ("settings", "error"),
+    [
+        ({"wall.stiffness": 90_000.0}, UnstableSceneError),
+        ({"wall.stiffness": -1.0}, SceneError),
+        ({"wall.damping": 2.0}, PlanError),
+        ({"wall.colour": 2.0}, UsageError),
+    ],
+)
+def test_a_refused_request_leaves_everything_as_it_was(settings: dict[str, float], error: type[Exception]) -> None:
+    changes = begun(Changes())
+    changes.request({"wall.stiffness": 800.0})
+    with pytest.raises(error):
+        changes.request(settings)
+    assert run_to(changes, 1, 1000) == [(1, {"wall.stiffness": 800.0})]
+    assert changes.request({"wall.position": 0.01}).plan.scene.elements == (Wall("handle", 800.0, position=0.01),)
+
+
+def test_all_that_is_scheduled_is_checked_in_the_order_of_time_on_top_of_each_other() -> None:
+    changes = Changes([(2.0, {"wall.stiffness": 700.0}), (1.0, {"wall.position": 0.01})])
+    planned = changes.check(PLAN, 10.0, force=False)
+    assert [change.time for change in planned] == [1.0, 2.0]
+    assert planned[1].plan.scene.elements == (Wall("handle", 700.0, position=0.01),)
+
+
+def test_a_schedule_with_an_impossible_change_is_refused_and_says_which() -> None:
+    changes = Changes([(1.0, {"wall.stiffness": 700.0}), (2.0, {"wall.stiffness": 90_000.0})])
+    with pytest.raises(UnstableSceneError, match="90000 N/m is unstable") as refused:
+        changes.check(PLAN, 10.0, force=False)
+    assert refused.value.__notes__ == ["asked for by the change at 2 s"]
+
+
+def test_force_lets_both_schedule_and_requests_pass() -> None:
+    changes = Changes([(1.0, {"wall.stiffness": 90_000.0})])
+    changes.check(PLAN, 10.0, force=True)
+    changes.open(Cycle(PLAN))
+    run_to(changes, 1, 1101)
+    assert changes.request({"wall.stiffness": 95_000.0}).settings == {"wall.stiffness": 95_000.0}
+
+
+def test_times_that_no_run_has_are_refused_all_at_once() -> None:
+    changes = Changes([(0.0, {}), (float("nan"), {}), (10.0, {}), (1.0, {})], ramp=0.0)
+    with pytest.raises(UsageError) as refused:
+        changes.check(PLAN, 10.0, force=False)
+    assert str(refused.value).splitlines() == [
+        "ramp 0: expected a time above 0 s",
+        "change at 0 s: expected a time above 0 s and below the duration, 10 s",
+        "change at nan s: expected a time above 0 s and below the duration, 10 s",
+        "change at 10 s: expected a time above 0 s and below the duration, 10 s",
+    ]
+
+
+def test_requests_are_for_the_time_of_a_run() -> None:
+    changes = Changes()
+    with pytest.raises(UsageError, match="no run has these changes yet"):
+        _ = changes.scene
+    with pytest.raises(UsageError, match="nothing runs with these changes"):
+        changes.request({"wall.stiffness": 800.0})
+    begun(changes).close()
+    with pytest.raises(UsageError, match="nothing runs with these changes"):
+        changes.request({"wall.stiffness": 800.0})
+    with pytest.raises(UsageError, match="those of another run"):
+        begun(changes)
+
+
+def test_while_scheduled_changes_are_to_come_nobody_else_changes_what_they_were_judged_on() -> None:
+    changes = begun(Changes([(1.0, {"wall.stiffness": 700.0})]))
+    with pytest.raises(UsageError, match="scheduled changes are still to come, up to 1 s"):
+        changes.request({"wall.stiffness": 800.0})
+    run_to(changes, 1, 1001)
+    assert changes.request({"wall.stiffness": 800.0}).settings == {"wall.stiffness": 800.0}
+
+
+def test_requests_of_several_threads_are_all_made_each_on_top_of_the_last() -> None:
+    changes = begun(Changes(ramp=0.001))
+    settings = [{"wall.stiffness": 600.0 + k} for k in range(1, 9)]
+    threads = [Thread(target=changes.request, args=(each,)) for each in settings]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    made = run_to(changes, 1, 20)
+    values = [float(each["wall.stiffness"]) for _, each in made]
+    assert sorted(values) == [each["wall.stiffness"] for each in settings]
+    assert changes.scene.elements == (Wall("handle", values[-1]),)

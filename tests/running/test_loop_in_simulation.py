@@ -1,0 +1,194 @@
+"""Master, loop and simulated drive together: every fault of the simulation ends torque-free and with its exception."""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.buses.canopen.frames import CandumpWriter, FrameWriter
+from haptic_fieldbus.buses.canopen.master import CanopenBus
+from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DriveFaultError, SafetyTripError
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.running.loop import run_loop
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.hand import hand_named
+from tests.builders import PROFILE, can_traffic, plan_of, scene_of
+
+RPDO = 0x201
+TORQUE_FREE = bytes(4)
+PERIOD_NS = 1_000_000
+CONTACT = 0.6
+"""[s]; the pushing hand is in the wall by then."""
+
+
+class Frames:
+    """What was on the wire, by the end of each frame."""
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[int, int, bytes]] = []
+
+    def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+        self.frames.append((t_ns, can_id, bytes(data)))
+
+    def torques(self) -> list[tuple[int, int]]:
+        """(t_ns, target torque) of every RPDO."""
+        return [(t_ns, struct.unpack("<Hh", data)[1]) for t_ns, can_id, data in self.frames if can_id == RPDO]
+
+
+def _run(
+    these: Sequence[faults.Fault],
+    wire: Frames | None = None,
+    *,
+    log: FrameWriter | None = None,
+    cycles: int = 1000,
+    report: LoopReport | None = None,
+    plan: Plan | None = None,
+) -> LoopReport:
+    plan = plan or plan_of()
+    clock = VirtualClock()
+    world = World(clock, can_traffic(plan).bitrate)
+    for axis in plan.axes:
+        world.add_drive(axis.node, axis.profile, axis.rig, hand_named("push"), faults=these)
+    if wire is not None:
+        world.tap(wire)
+    bus = CanopenBus(SimulatedBus(world=world), clock, log, owned=True)
+    try:
+        bus.open(plan)
+        return run_loop(plan, Cycle(plan), bus, clock, cycles=cycles, report=report)
+    finally:
+        bus.close()
+
+
+def test_a_healthy_drive_runs_to_the_end_without_a_missed_period() -> None:
+    wire = Frames()
+    report = _run((), wire)
+    assert report.cycles == 1000
+    assert report.missed == 0
+    assert report.released
+    assert min(torque for _, torque in wire.torques()) < 0
+    assert report.sample("period_ns").max() == PERIOD_NS
+    emergencies = [frame for frame in wire.frames if frame[1] == 0x081 and frame[2][:2] != b"\0\0"]
+    assert emergencies == []
+
+
+TRIPS: dict[str, tuple[faults.Fault, type[Exception], str]] = {
+    "emergency": (faults.Emergency("emergency", CONTACT, 0x3210), DriveFaultError, "3210h.*over-voltage"),
+    "drive fault": (faults.DriveFault("drive_fault", CONTACT), DriveFaultError, "2310h|fault"),
+    "node reset": (faults.NodeReset("node_reset", CONTACT), DriveFaultError, "restarted"),
+    "missing TPDOs": (faults.MissingTpdos("missing_tpdos", CONTACT, 10), BusTimeoutError, "no feedback"),
+    "cable off": (faults.Silence("silence", CONTACT), BusTimeoutError, "no feedback"),
+    "heartbeat lost": (faults.HeartbeatLost("heartbeat_lost", CONTACT), BusTimeoutError, "heartbeat"),
+    "bus-off": (faults.BusOff("bus_off", CONTACT), BusError, "bus-off"),
+    "encoder jump": (faults.EncoderJump("encoder_jump", CONTACT, 2000), SafetyTripError, "speed"),
+}
+
+
+@pytest.mark.parametrize("name", TRIPS)
+def test_a_fault_ends_torque_free_on_the_wire_before_its_exception(name: str) -> None:
+    fault, error, words = TRIPS[name]
+    wire, report = Frames(), LoopReport()
+    with pytest.raises(error, match=words):
+        _run((fault,), wire, report=report)
+    torques = wire.torques()
+    tripped = next(at for at in range(len(torques) - 1, -1, -1) if torques[at][1] != 0)
+    assert torques[tripped][1] < 0, "the wall pushed back until then"
+    assert report.enabled_at_ns is not None
+    limit_ns = 320 * PERIOD_NS if name == "heartbeat lost" else 5 * PERIOD_NS
+    if name != "bus-off":
+        assert len(torques) - tripped > 2
+    assert torques[tripped][0] - report.enabled_at_ns < CONTACT * 1e9 + limit_ns
+    assert [data for _, can_id, data in wire.frames if can_id == RPDO][-1] == TORQUE_FREE or name == "bus-off"
+
+
+def test_two_missing_tpdos_are_held_and_faded_through() -> None:
+    report = _run((faults.MissingTpdos("missing_tpdos", CONTACT, 2),))
+    assert report.cycles == 1000
+
+
+def test_a_disturbed_frame_is_no_reason_to_stop() -> None:
+    assert _run((faults.ErrorFrame("error_frame", CONTACT),)).cycles == 1000
+
+
+LASTING: dict[str, tuple[faults.Fault, type[Exception], str]] = {
+    "missing node": (faults.MissingNode("missing_node"), BusTimeoutError, "node 1 .*does not answer"),
+    "wrong vendor": (faults.WrongIdentity("wrong_identity", vendor_id=0x9A), BusConfigurationError, "0000009Ah"),
+    "refused guard": (faults.SdoRefusal("sdo_abort", 0x1016, 1), BusConfigurationError, "1016h:01.*read only"),
+    "refused reaction": (faults.SdoRefusal("sdo_abort", 0x6007), BusConfigurationError, "6007h:00 abort connection"),
+    "refused mode": (faults.SdoRefusal("sdo_abort", 0x6060), BusConfigurationError, "6060h:00 modes of operation"),
+    "refused mapping": (faults.SdoRefusal("sdo_abort", 0x1A00, 1), BusConfigurationError, "1A00h:01 TPDO mapping"),
+}
+
+
+@pytest.mark.parametrize("name", LASTING)
+def test_a_drive_that_cannot_be_set_up_is_never_enabled(name: str) -> None:
+    fault, error, words = LASTING[name]
+    wire = Frames()
+    with pytest.raises(error, match=words):
+        _run((fault,), wire)
+    assert wire.torques() == []
+
+
+def test_two_runs_write_the_same_log_octet_by_octet(tmp_path: Path) -> None:
+    logs = []
+    for name in ("first.log", "second.log"):
+        with CandumpWriter(tmp_path / name) as writer:
+            _run((), log=writer, cycles=700)
+        logs.append((tmp_path / name).read_bytes())
+    assert logs[0] == logs[1]
+    assert logs[0].count(b"\n") > 2100
+
+
+def test_a_drive_can_be_used_again_after_a_run_without_being_reset() -> None:
+    plan, clock = plan_of(), VirtualClock()
+    world = World(clock, can_traffic(plan).bitrate)
+    world.add_drive(1, plan.axes[0].profile, plan.axes[0].rig, hand_named("none"))
+    for _ in range(2):
+        bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
+        bus.open(plan)
+        assert run_loop(plan, Cycle(plan), bus, clock, cycles=100).released
+        bus.close()
+        clock.sleep_until(clock.now_ns() + 500 * PERIOD_NS)
+
+
+def test_the_drive_releases_its_shaft_by_itself_when_the_master_falls_silent() -> None:
+    plan, clock = plan_of(), VirtualClock()
+    world = World(clock, can_traffic(plan).bitrate)
+    world.add_drive(1, plan.axes[0].profile, plan.axes[0].rig, hand_named("push"))
+    can_bus = SimulatedBus(world=world)
+    bus = CanopenBus(can_bus, clock)
+    bus.open(plan)
+    cycle = Cycle(plan)
+    deadline_ns = clock.now_ns()
+    enabled_periods = 0
+    while enabled_periods < CONTACT * 1000:
+        clock.sleep_until(deadline_ns)
+        bus.write(cycle(bus.read(deadline_ns + PERIOD_NS // 2)))
+        enabled_periods += cycle.enabled
+        deadline_ns += PERIOD_NS
+    silent_ns = clock.now_ns()
+    while can_bus.recv(0.01) is not None or clock.now_ns() < silent_ns + 100 * PERIOD_NS:
+        pass
+    times = np.array([silent_ns, silent_ns + 61 * PERIOD_NS])
+    _, _, torque = world.trajectory(1).sample(times)
+    can_bus.shutdown()
+    assert torque[0] < -0.01
+    assert torque[1] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("acts", ["reception", "next_sync"])
+@pytest.mark.parametrize("axes", [1, 2])
+def test_synchronous_and_event_driven_set_points_work_on_one_and_several_axes(acts: str, axes: int) -> None:
+    walls = [Wall(f"axis{k}", stiffness=300.0, position=0.005, name=f"wall{k}") for k in range(axes)]
+    pdo = replace(PROFILE.pdo, rpdo_types=(1,) if acts == "next_sync" else (255,), rpdo_acts=acts)  # type: ignore[arg-type]
+    plan = plan_of(scene_of(*walls), profile=replace(PROFILE, pdo=pdo))
+    report = _run((), plan=plan, cycles=500)
+    assert (report.cycles, report.missed, report.released) == (500, 0, True)

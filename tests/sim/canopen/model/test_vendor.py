@@ -1,0 +1,425 @@
+"""Simulated drives of vendors' EDS files: the dictionary is the file's, the behaviour the simulated drive's."""
+
+import re
+import struct
+from pathlib import Path
+
+import can
+import pytest
+
+import haptic_fieldbus
+from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.eds import Eds, EdsEntry, EdsType, NodeOffset, eds_text
+from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.protocols.canopen.from_eds import data_type, profile_from_eds
+from haptic_fieldbus.sim.canopen.model.vendor import BENCH_VALUES
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Entry, Refused
+from haptic_fieldbus.sim.drive.settings import DriveSettings
+from tests.eds.sheets import changed, generic, own, without, without_member
+from tests.eds.vendor_files import FOLDER, facts, needs_files, vendor_eds
+from tests.protocols.canopen.test_from_eds import USABLE
+from tests.sim.bench import NODE, DriveBench, Refusal
+
+INVALID = 1 << 31
+NO_RTR = 1 << 30
+READ_ONLY, WRITE_ONLY, NO_OBJECT = (
+    Refusal(code.value) for code in (AbortCode.READ_ONLY, AbortCode.WRITE_ONLY, AbortCode.NO_OBJECT)
+)
+
+
+def bench_of(eds: Eds, mode: int | None = None) -> DriveBench:
+    return DriveBench(profile_from_eds(eds, mode))
+
+
+def entry_of(bench: DriveBench, index: int, subindex: int = 0) -> Entry:
+    return bench.drive.dictionary.find(index, subindex)
+
+
+class TestStorage:
+    """Objects that the drive does not know are stored as the file describes them."""
+
+    def stored(self, **changes: object) -> DriveBench:
+        return bench_of(changed(generic(), 0x2100, 0, **changes))
+
+    def test_it_holds_what_is_written(self) -> None:
+        bench = self.stored(default=7)
+        assert bench.read(0x2100) == 7
+        assert bench.write(0x2100, 0, 8, "H") is None
+        assert bench.read(0x2100) == 8
+
+    def test_power_on_brings_the_default_back(self) -> None:
+        bench = self.stored(default=7)
+        assert bench.write(0x2100, 0, 8, "H") is None
+        bench.nmt(129)
+        bench.run(100_000_000)
+        assert bench.read(0x2100) == 7
+
+    def test_a_default_that_follows_the_node_id_does(self) -> None:
+        assert self.stored(default=NodeOffset(0x300)).read(0x2100) == 0x305
+
+    def test_values_follow_the_node_id_where_the_file_says_so_and_nowhere_else(self) -> None:
+        eds = changed(changed(generic(), 0x2100, default=NodeOffset(0x300)), 0x1800, 1, default=0x181)
+        dictionary = bench_of(eds).drive.dictionary
+        dictionary.renumber(3)
+        assert dictionary.find(0x2100).default == 0x305 + 3
+        assert dictionary.find(0x1800, 1).default == 0x181
+        assert dictionary.find(0x1801, 1).default & 0x7FF == 0x280 + NODE + 3
+
+    @pytest.mark.parametrize("access", ["ro", "const"])
+    def test_what_is_read_only_is_not_written(self, access: str) -> None:
+        bench = self.stored(access=access, default=7)
+        assert bench.write(0x2100, 0, 8, "H") == READ_ONLY
+        assert bench.read(0x2100) == 7
+
+    def test_what_is_write_only_is_not_read(self) -> None:
+        bench = self.stored(access="wo")
+        assert bench.write(0x2100, 0, 8, "H") is None
+        assert bench.read(0x2100) == WRITE_ONLY
+
+    def test_limits_are_kept(self) -> None:
+        bench = self.stored(low=2, high=9)
+        assert bench.read(0x2100) == 2, "the value next to 0 that the limits allow"
+        assert bench.write(0x2100, 0, 10, "H") == Refusal(AbortCode.VALUE_TOO_HIGH.value)
+        assert bench.write(0x2100, 0, 1, "H") == Refusal(AbortCode.VALUE_TOO_LOW.value)
+
+    @pytest.mark.parametrize("limits", [(9, 2), (0, 0), (8, 9)])
+    def test_limits_that_contradict_themselves_or_the_default_are_none(self, limits: tuple[int, int]) -> None:
+        bench = self.stored(low=limits[0], high=limits[1], default=7)
+        assert bench.write(0x2100, 0, 10, "H") is None
+
+    @pytest.mark.parametrize(
+        ("type", "default", "octets"),
+        [
+            (EdsType.REAL32, 10.0, struct.pack("<f", 10.0)),
+            (EdsType.REAL32, None, bytes(4)),
+            (EdsType.REAL64, 1.5, struct.pack("<d", 1.5)),
+            (EdsType.BOOLEAN, 1, b"\1"),
+            (EdsType.BOOLEAN, None, b"\0"),
+            (EdsType.INTEGER64, -2, struct.pack("<q", -2)),
+            (EdsType.UNSIGNED24, 0x010203, b"\3\2\1"),
+            (EdsType.VISIBLE_STRING, "servo", b"servo"),
+            (EdsType.VISIBLE_STRING, None, b""),
+            (EdsType.UNICODE_STRING, "né", "né".encode("utf-16-le")),
+            (EdsType.OCTET_STRING, b"\1\2", b"\1\2"),
+            (EdsType.DOMAIN, None, b""),
+            (None, None, bytes(4)),
+            (None, 5, b"\5\0\0\0"),
+            (EdsType.INTEGER8, -1, b"\xff"),
+        ],
+    )
+    def test_each_type_starts_with_its_default(self, type: EdsType | None, default: object, octets: bytes) -> None:
+        assert entry_of(self.stored(type=type, default=default), 0x2100).read() == octets
+
+    def test_octets_of_a_fixed_size_come_all_at_once(self) -> None:
+        entry = entry_of(self.stored(type=EdsType.INTEGER64, default=1), 0x2100)
+        with pytest.raises(Refused) as short:
+            entry.write(bytes(7))
+        with pytest.raises(Refused) as long:
+            entry.write(bytes(9))
+        assert (short.value.code, long.value.code) == (AbortCode.TOO_SHORT.value, AbortCode.TOO_LONG.value)
+        entry.write(bytes(8))
+        assert entry.read() == bytes(8)
+
+    def test_strings_and_domains_have_room(self) -> None:
+        for type, octets in ((EdsType.VISIBLE_STRING, 256), (EdsType.DOMAIN, 32 * 1024), (None, 8)):
+            entry = entry_of(self.stored(type=type), 0x2100)
+            entry.write(bytes(octets))
+            assert len(entry.read()) == octets
+
+    @pytest.mark.parametrize(
+        ("access", "received", "sent"),
+        [("rw", True, True), ("rww", True, False), ("rwr", False, True), ("ro", False, True), ("wo", True, False)],
+    )
+    def test_mappability_is_that_of_the_access_type(self, access: str, received: bool, sent: bool) -> None:
+        """CiA 306-1: rwr is mapped to be sent only, rww to be received only."""
+        bench = self.stored(access=access, mappable=True)
+        for number, (base, expected) in enumerate(((0x1600, received), (0x1A00, sent))):
+            communication = base - 0x200
+            cob_id = 0x200 + NODE if not number else 0x180 + NODE
+            assert bench.write(communication, 1, cob_id | INVALID, "I") is None
+            assert bench.write(base, 0, 0, "B") is None
+            answer = bench.write(base, 1, 0x2100_0010, "I")
+            assert answer == (None if expected else Refusal(AbortCode.NOT_MAPPABLE.value))
+
+    def test_what_is_not_mappable_stays_so(self) -> None:
+        bench = self.stored(access="rw")
+        assert bench.write(0x1601, 0, 0, "B") is None
+        assert bench.write(0x1601, 1, 0x2100_0010, "I") == Refusal(AbortCode.NOT_MAPPABLE.value)
+
+
+class TestTakenOver:
+    """What the drive works with keeps its behaviour and takes the rest from the file."""
+
+    def test_a_drive_of_its_own_sheet_is_the_same_drive(self) -> None:
+        assert own(profile_from_eds(generic())).objects == generic().objects
+
+    def test_what_the_file_does_not_have_is_not_there(self) -> None:
+        bench = bench_of(without_member(without(generic(), 0x1016, 0x6072, 0x5FF0), 0x1018, 4))
+        assert [bench.read(index, 1) for index in (0x1016, 0x6072, 0x5FF0)] == [NO_OBJECT] * 3
+        assert bench.read(0x1018, 4) == Refusal(AbortCode.NO_SUBINDEX.value)
+        bench.enable()
+
+    def test_a_drive_without_sync_objects_still_follows_sync(self) -> None:
+        bench = bench_of(without(generic(), 0x1005, 0x1006, 0x1007, 0x1014, 0x1019, 0x1029, 0x1200))
+        bench.operational()
+        bench.sent.clear()
+        bench.sync()
+        assert len(bench.take(0x180 + NODE)) == 1
+
+    def test_defaults_and_access_are_the_files(self) -> None:
+        eds = changed(changed(generic(), 0x605A, default=6), 0x1005, access="const")
+        bench = bench_of(eds)
+        assert bench.read(0x605A) == 6
+        assert bench.write(0x1005, 0, 0x80, "I") == READ_ONLY
+
+    def test_the_name_is_the_files(self) -> None:
+        entry = entry_of(bench_of(changed(generic(), 0x1008, default="Push 1")), 0x1008)
+        assert entry.read() == b"Push 1"
+
+    def test_measured_values_are_the_drives_own(self) -> None:
+        bench = bench_of(changed(changed(generic(), 0x6041, default=0xFFFF), 0x6061, default=3))
+        assert bench.status() & 0x6F == 0x40 | 0x20 & bench.status()
+        assert bench.read(0x6061) == 0
+
+    @pytest.mark.parametrize("index", sorted(BENCH_VALUES & {0x6075, 0x6076, 0x6084}))
+    def test_values_of_the_bench_are_the_rigs(self, index: int) -> None:
+        eds = generic()
+        own_value = bench_of(eds).read(index)
+        assert bench_of(changed(eds, index, default=1)).read(index) == own_value
+
+    def test_a_torque_limit_of_the_file_acts(self) -> None:
+        """6072h = 0, as Nanotec delivers the C5-E: enabled, but without torque (bit 11, internal limit active)."""
+        bench = bench_of(changed(generic(), 0x6072, default=0))
+        bench.enable()
+        bench.control(0x0F, 500)
+        bench.run(2_000_000)
+        assert bench.read(0x6074) == 0
+        assert bench.status() & 0x0800
+        assert bench.write(0x6072, 0, 1000, "H") is None
+        bench.control(0x0F, 500)
+        assert bench.read(0x6074) == 500
+
+    def test_a_wider_type_of_the_file_is_taken(self) -> None:
+        bench = bench_of(changed(generic(), 0x60B2, type=EdsType.INTEGER32, low=-32767, high=32767))
+        assert bench.write(0x60B2, 0, -100, "i") is None
+        assert bench.write(0x60B2, 0, 40000, "i") == Refusal(AbortCode.VALUE_TOO_HIGH.value)
+
+    def test_a_limit_that_the_file_turns_round_is_stored_and_not_followed(self) -> None:
+        """60E1h as INTEGER16 of −1000 (Ingenia Everest XCR); CiA 402-2 has an UNSIGNED16 there."""
+        bench = bench_of(changed(generic(), 0x60E1, type=EdsType.INTEGER16, default=-1000))
+        assert bench.read(0x60E1) == 0x10000 - 1000
+        bench.enable()
+        bench.control(0x0F, -500)
+        assert bench.read(0x6074) == 0x10000 - 500
+
+    def test_another_type_of_what_is_measured_is_stored_as_the_file_has_it(self) -> None:
+        bench = bench_of(changed(generic(), 0x6078, type=EdsType.INTEGER32, default=3))
+        assert bench.read(0x6078) == 3
+
+    def test_the_modes_are_those_of_6502h(self) -> None:
+        bench = bench_of(changed(generic(), 0x6502, default=0x208))
+        answers = {mode: bench.write(0x6060, 0, mode, "b") for mode in (1, 3, 4, 8, 9, 10)}
+        assert [mode for mode, answer in answers.items() if answer is None] == [4, 10]
+
+    def test_named_modes_go_before_6502h(self) -> None:
+        bench = DriveBench(profile_from_eds(generic()), settings=DriveSettings(modes=frozenset({10})))
+        assert bench.write(0x6060, 0, 4, "b") is not None
+
+
+class TestPdos:
+    """PDOs after power-on are those of the file."""
+
+    def test_mapping_type_and_identifier_are_the_files(self) -> None:
+        eds = changed(generic(), 0x1A00, 0, default=2)
+        eds = changed(changed(eds, 0x1A00, 2, default=0x6064_0020), 0x1800, 2, default=1)
+        bench = bench_of(changed(eds, 0x1800, 1, default=NodeOffset(0x280)))
+        bench.nmt(1)
+        bench.sync()
+        (data,) = bench.take(0x280 + NODE)
+        assert len(data) == 6
+
+    def test_what_the_file_maps_itself_can_be_mapped(self) -> None:
+        eds = changed(generic(), 0x2100, default=0x1234)
+        bench = bench_of(changed(changed(eds, 0x1A00, 1, default=0x2100_0010), 0x1800, 2, default=1))
+        assert bench.slave.not_taken_over == ()
+        bench.nmt(1)
+        bench.sync()
+        assert bench.take(0x180 + NODE) == [b"\x34\x12"]
+
+    def test_dummies_may_be_mapped_to_be_received(self) -> None:
+        bench = bench_of(changed(generic(), 0x1600, 1, default=0x0006_0010))
+        assert bench.slave.not_taken_over == ()
+
+    def test_a_missing_identifier_leaves_the_pdo_off(self) -> None:
+        """Elmo Gold: RPDO2 and TPDO2 have a COB-ID without a value."""
+        bench = bench_of(changed(changed(generic(), 0x1801, 1, default=None), 0x1801, 2, default=None))
+        assert bench.read(0x1801, 1) == INVALID
+        assert bench.read(0x1801, 2) == 255
+
+    @pytest.mark.parametrize(
+        ("changes", "reason"),
+        [
+            ({"default": 0x2FFF_0010}, "1A00h: 2FFF0010h names an object that does not exist"),
+            ({"default": 0x6041_0020}, "1A00h: 60410020h has another length than its object"),
+            ({"default": 0x1008_0020}, "1A00h: 10080020h has another length than its object"),
+            ({"default": 0x6041_0010, "subindex": 0}, "1A00h: there are fewer than 9 entries"),
+        ],
+    )
+    def test_a_mapping_that_cannot_work_is_told_and_left_empty(self, changes: dict[str, int], reason: str) -> None:
+        eds = changed(generic(), 0x1A00, 1, default=changes["default"])
+        if "subindex" in changes:
+            eds = changed(eds, 0x1A00, 0, default=9)
+            for subindex in range(2, 9):
+                eds = changed(eds, 0x1A00, subindex, default=0x1001_0008)
+        bench = bench_of(eds)
+        assert bench.slave.not_taken_over == (f"{reason}; this PDO is left without objects",)
+        assert bench.read(0x1A00) == 0
+        assert bench.read(0x1800, 1) == INVALID | NO_RTR | 0x180 + NODE
+
+    def test_more_than_eight_octets_are_told(self) -> None:
+        eds = changed(generic(), 0x1A00, 0, default=3)
+        for subindex in (1, 2, 3):
+            eds = changed(eds, 0x1A00, subindex, default=0x6064_0020)
+        assert "96 bits do not fit into a PDO" in bench_of(eds).slave.not_taken_over[0]
+
+    def test_entries_beyond_the_room_of_the_smallest_pdo_are_left_out(self) -> None:
+        bench = bench_of(without_member(generic(), 0x1600, 8))
+        assert bench.read(0x1A00, 8) == Refusal(AbortCode.NO_SUBINDEX.value)
+
+
+# Vendors' files.
+
+
+@pytest.fixture(scope="module", params=USABLE)
+def vendor(request: pytest.FixtureRequest) -> tuple[Eds, DriveBench]:
+    eds = vendor_eds(request.param)
+    return eds, bench_of(eds)
+
+
+@needs_files
+def test_a_vendors_drive_has_every_object_of_its_file_and_no_other(vendor: tuple[Eds, DriveBench]) -> None:
+    eds, bench = vendor
+    theirs = {(entry.index, entry.subindex): entry for entry in eds}
+    ours = {(entry.index, entry.subindex): entry for entry in bench.drive.dictionary}
+    assert ours.keys() == theirs.keys()
+    assert bench.slave.not_taken_over == ()
+    for key, entry in ours.items():
+        assert (entry.access.value, entry.access is Access.RW) == (
+            theirs[key].access[:2] if theirs[key].access.startswith("rw") else theirs[key].access,
+            theirs[key].access.startswith("rw"),
+        )
+
+
+@needs_files
+def test_a_vendors_drive_answers_with_the_values_and_lengths_of_its_file(vendor: tuple[Eds, DriveBench]) -> None:
+    eds, bench = vendor
+    for described in eds:
+        entry = entry_of(bench, described.index, described.subindex)
+        if described.access == "wo" or (described.index == 0x1003 and described.subindex):
+            continue  # the history is empty: SDO abort 0800 0024h
+        octets = entry.read()
+        if described.type is not None and described.type.size is not None:
+            assert len(octets) == described.type.size
+        if _is_the_files(described):
+            assert int.from_bytes(octets, "little") == _number(described), f"{described.index:04X}h"
+
+
+def _is_the_files(described: EdsEntry) -> bool:
+    """An integer with a value whose place is not measured and not the bench's."""
+    writable = described.access in ("rw", "rww", "rwr", "const")
+    standard = described.index < 0x2000 or described.index >= 0x6000
+    value = described.value(NODE)
+    known = isinstance(value, int) and data_type(described) is not None
+    return known and described.index not in BENCH_VALUES and (writable or not standard)
+
+
+def _number(described: EdsEntry) -> int:
+    value = described.value(NODE)
+    assert isinstance(value, int)
+    assert described.type is not None
+    return value % (1 << 8 * (described.type.size or 0))
+
+
+@needs_files
+def test_a_vendors_drive_is_enabled_in_its_torque_mode_and_makes_torque(vendor: tuple[Eds, DriveBench]) -> None:
+    _, bench = vendor
+    bench = DriveBench(profile_from_eds(vendor[0]))
+    mode = bench.drive.objects.torque_mode
+    bench.map(1, 1, [0x6041_0010, 0x6064_0020], tpdo=True)
+    bench.map(1, 255, [0x6040_0010, 0x6071_0010], tpdo=False)
+    assert bench.write(0x6060, 0, mode, "b") is None
+    bench.nmt(1)
+    for controlword in (0x06, 0x07, 0x0F):
+        bench.control(controlword)
+    assert bench.status() & 0x6F == 0x27
+    assert bench.read(0x6061) == mode
+    if isinstance(bench.read(0x6072), int):
+        assert bench.write(0x6072, 0, 1000, "H") is None
+    bench.control(0x0F, 100)
+    bench.run(20_000_000)
+    bench.drive.servo.advance(bench.t_ns)
+    assert bench.drive.plant.torque > 0.0
+
+
+PDO = re.compile(r"([RT])(\d+) ([0-9A-F]+) (\(off\) )?tt=(\d+) \[(.*?)\]")
+
+
+@needs_files
+@pytest.mark.parametrize("name", USABLE)
+def test_pdos_after_power_on_are_those_another_reader_found_in_the_file(name: str) -> None:
+    bench = bench_of(vendor_eds(name))
+    found = PDO.findall(facts()[name].line("Default"))
+    assert found
+    for way, number, cob_id, off, type, mapped in found:
+        communication = (0x1400 if way == "R" else 0x1800) + int(number) - 1
+        value = bench.read(communication, 1)
+        assert isinstance(value, int)
+        assert (value & 0x7FF, bool(value & INVALID)) == (int(cob_id, 16), bool(off))
+        assert bench.read(communication, 2) == int(type)
+        count = bench.read(communication + 0x200)
+        assert isinstance(count, int)
+        entries = [bench.read(communication + 0x200, position) for position in range(1, count + 1)]
+        names = [f"{entry >> 16:04X}:{entry >> 8 & 0xFF:X}" for entry in entries if isinstance(entry, int)]
+        assert names == mapped.split()
+
+
+def test_an_eds_is_put_on_the_simulated_bus_by_its_path(tmp_path: Path) -> None:
+    path = tmp_path / "push1.eds"
+    path.write_text(eds_text(changed(generic(), 0x2100, default=0x1234)), encoding="utf-8")
+    with can.Bus(interface="haptic_sim", channel=f"{path}@{NODE}", clock=VirtualClock()) as bus:
+        request = bytes((0x40, 0x00, 0x21, 0, 0, 0, 0, 0))
+        bus.send(can.Message(arbitration_id=0x600 + NODE, data=request, is_extended_id=False))
+        message = bus.recv(0.01)
+        assert message is not None
+        assert bytes(message.data) == bytes((0x4B, 0x00, 0x21, 0, 0x34, 0x12, 0, 0))
+
+
+def test_an_eds_that_is_not_usable_is_refused_on_the_simulated_bus(tmp_path: Path) -> None:
+    path = tmp_path / "push1.eds"
+    path.write_text(eds_text(without(generic(), 0x6071)), encoding="utf-8")
+    with pytest.raises(can.CanInitializationError, match="not usable for force: there is no 6071h target torque"):
+        can.Bus(interface="haptic_sim", channel=f"{path}@{NODE}", clock=VirtualClock())
+
+
+@needs_files
+@pytest.mark.parametrize("name", ["delta_asda_a2.eds", "maxon_epos4_70_15.eds", "elmo_gold_drive.dcf"])
+def test_a_wall_is_felt_on_a_vendors_drive(name: str) -> None:
+    result = haptic_fieldbus.run("wall", drive=str(FOLDER / name), duration=1.5, seed=1)
+    assert result.missed_cycles == 0
+    assert not result.trips
+    assert result.verdict is not None
+    assert result.verdict.startswith("Feels like the ideal wall")
+
+
+@needs_files
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("nanotec_c5_e_1_09.eds", "6072h:00 max torque is 0 ‰"),
+        ("nanotec_pd4_c6018.eds", "6072h:00 max torque is 100 ‰"),
+        ("ingenia_everest_xcr.eds", "has no heartbeat consumer"),
+    ],
+)
+def test_a_vendors_drive_that_cannot_be_trusted_is_refused_with_a_sentence(name: str, sentence: str) -> None:
+    with pytest.raises(BusConfigurationError, match=sentence):
+        haptic_fieldbus.run("wall", drive=str(FOLDER / name), duration=0.1)
