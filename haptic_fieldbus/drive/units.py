@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from haptic_fieldbus.drive.rig import RigAxis
 
-PERMILLE, MILLIAMPERE, MILLINEWTON_METRE = "permille_of_rated_torque", "mA", "mN·m"
-TORQUE_UNITS = (PERMILLE, MILLIAMPERE, MILLINEWTON_METRE)
+PERMILLE, MILLIAMPERE = "permille_of_rated_torque", "mA"
+TORQUE_UNITS = (PERMILLE, MILLIAMPERE)
 RATED_TORQUE_UNITS = {"µN·m": 1e-6, "mN·m": 1e-3, "N·m": 1.0}
 """Unit of the rated torque → N·m."""
 COUNTS, MILLIRADIAN = "counts", "mrad"
@@ -19,8 +19,6 @@ VELOCITY_UNITS = (*REVOLUTIONS_PER_SECOND, COUNTS_PER_SECOND)
 
 def torque_step(unit: str, axis: "RigAxis") -> float | None:
     """One step of torque [N·m]; None where the rig does not give what it follows from (`needed_for`)."""
-    if unit == MILLINEWTON_METRE:
-        return 1e-3
     if unit == MILLIAMPERE:
         return None if axis.torque_constant is None else 1e-3 * axis.torque_constant
     return None if axis.rated_torque is None else axis.rated_torque / 1000.0

@@ -154,12 +154,13 @@ limits = {{ speed = 10.0 }}
     assert "bus.line.bitrate: unknown key" in str(refused.value)
 
 
-def test_torque_in_milliampere_needs_the_motors_constant(tmp_path: Path) -> None:
+def test_torque_in_milliampere_needs_the_motors_constant_and_its_rated_torque() -> None:
     rig = haptic_fieldbus.plan("wall", drive=DRIVE, bus="toy").rig
-    for key in ("torque_constant", "rated_torque"):
-        axis = replace(rig.axis["handle"], **{key: None})  # type: ignore[arg-type]
-        with pytest.raises(PlanError, match=key):
-            haptic_fieldbus.plan("wall", replace(rig, axis={"handle": axis}))
+    axis = rig.axis["handle"]
+    with pytest.raises(PlanError, match="torque_constant of node 1 is unknown: torque cannot be scaled without it"):
+        haptic_fieldbus.plan("wall", replace(rig, axis={"handle": replace(axis, torque_constant=None)}))
+    with pytest.raises(PlanError, match="rated_torque of node 1 is unknown: torque cannot be limited without it"):
+        haptic_fieldbus.run("wall", replace(rig, axis={"handle": replace(axis, rated_torque=None)}), force=True)
 
 
 def test_its_rules_are_told_with_the_faults_of_its_files(tmp_path: Path) -> None:

@@ -1,0 +1,72 @@
+"""Protocols by name, and what is said where a part of another protocol is handed over."""
+
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.drive.rig import BusSection, default_axis
+from haptic_fieldbus.errors import ProfileError, UsageError
+from haptic_fieldbus.protocols.canopen.bus import CanSection, can_section
+from haptic_fieldbus.protocols.canopen.protocol import PROTOCOL
+from haptic_fieldbus.protocols.protocol import FieldbusProtocol
+from haptic_fieldbus.protocols.registry import BUILT_IN, TRAFFIC_KEYS, UNBUILT, parse_bus, protocol_named
+from haptic_fieldbus.signals import Workspace
+from tests.builders import PROFILE
+
+PLUGIN = Path(__file__).parent / "plugin"
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_a_protocol_of_ours_is_found_by_the_name_that_it_has(name: str) -> None:
+    assert protocol_named(name).name == protocol_named(name).section.protocol == name
+
+
+def test_every_protocol_that_is_ours_or_to_come_has_a_key_in_the_json_of_a_plan() -> None:
+    assert set(TRAFFIC_KEYS) == {*BUILT_IN, *UNBUILT}
+
+
+@pytest.mark.parametrize("name", UNBUILT)
+def test_one_that_is_to_come_is_named_as_such(name: str) -> None:
+    with pytest.raises(
+        UsageError, match=f"{name.capitalize()} is not available yet in this version; there is: canopen"
+    ):
+        protocol_named(name)
+    for word in UNBUILT[name]:
+        with pytest.raises(UsageError, match=rf'bus "{word}:x": {name.capitalize()} is not available yet'):
+            parse_bus(f"{word}:x")
+
+
+class TestMixedUp:
+    """A drive, a bus or a traffic of another protocol, as a program could hand them over."""
+
+    @pytest.fixture(autouse=True)
+    def _toy(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.syspath_prepend(str(PLUGIN))
+
+    def toy(self) -> FieldbusProtocol:
+        return protocol_named("toy")
+
+    def test_a_bus_of_another_protocol_is_no_can_bus(self) -> None:
+        with pytest.raises(TypeError, match="toy:toy is no CAN bus"):
+            can_section(parse_bus("toy").section)
+        with pytest.raises(UsageError, match='bus "toy" is no CAN bus, the rig\'s socketcan:can0 is one'):
+            PROTOCOL.in_place_of(CanSection("socketcan", "can0"), parse_bus("toy"), None)
+
+    def test_a_bus_that_is_named_takes_the_place_of_one_of_a_rig(self) -> None:
+        named = parse_bus("toy")
+        assert self.toy().in_place_of(BusSection("toy", "bench"), named, None) is named.section
+
+    def test_a_drive_of_another_protocol_is_no_canopen_drive(self) -> None:
+        from haptic_fieldbus.protocols.catalogue import load_profile
+
+        toy = load_profile(PLUGIN / "toy_drive.toml")
+        axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="toy")
+        with pytest.raises(UsageError, match="toy works Mover speaks toy; here a CANopen drive is needed"):
+            PROTOCOL.axis_traffic(axis, toy, (), ())
+        traffic = self.toy().axis_traffic(axis, toy, (), ())
+        with pytest.raises(TypeError, match="expected PDOs, not ToyAxis"):
+            PROTOCOL.bus_traffic(CanSection("haptic_sim", "sim"), {"handle": (PROFILE, traffic)}, 1000.0, 0.0)
+
+    def test_a_protocol_without_vendors_files_says_so(self) -> None:
+        with pytest.raises(ProfileError, match=r"drive\.eds: toy reads no vendors' files"):
+            self.toy().vendor_profile("drive.eds")
