@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 from rows import Row, cost, show
 
-from haptic_fieldbus.drive.mechanics import Cogging, Coupling, Gravity, Mechanics, Stribeck
+from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Mechanics, Stribeck, Weight
 from haptic_fieldbus.sim.hand import Grip, Piece
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.load import Load
@@ -20,16 +20,16 @@ from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 SHAFT = Shaft(inertia=4e-5, damping=1e-4, coulomb=2e-3, lag=1.6e-4)
 R = 0.05 / (2 * math.pi)
 GRIP = Grip(0.1 * R**2, 4 * R**2, 300 * R**2, pieces=(Piece(0.0, 0.0),))
-LOOSE = Coupling(stiffness=20.0, load_inertia=1e-5, damping=1e-3, backlash=0.01)
+LOOSE = CompliantCoupling(stiffness=20.0, load_inertia=1e-5, damping=1e-3, backlash=0.01)
 COGGING, STRIBECK = Cogging(2e-3, 14), Stribeck(1e-3, 0.5)
 PARTS = {
-    "coupling": Mechanics(coupling=Coupling(20.0, 1e-5, 1e-3)),
+    "coupling": Mechanics(coupling=CompliantCoupling(20.0, 1e-5, 1e-3)),
     "backlash": Mechanics(coupling=LOOSE),
-    "weight": Mechanics(gravity=Gravity(5e-3)),
-    "weight on a lever": Mechanics(gravity=Gravity(5e-3)),
+    "weight": Mechanics(gravity=Weight(5e-3)),
+    "weight on a lever": Mechanics(gravity=Weight(5e-3)),
     "cogging": Mechanics(cogging=COGGING),
     "Stribeck friction": Mechanics(stribeck=STRIBECK),
-    "all of them": Mechanics(LOOSE, Gravity(5e-3), COGGING, STRIBECK),
+    "all of them": Mechanics(LOOSE, Weight(5e-3), COGGING, STRIBECK),
 }
 PERIOD_NS = 1_000_000
 SAMPLES = 320_000

@@ -163,6 +163,21 @@ def test_all_of_the_simulation_is_pure_but_what_opens_a_bus_and_the_world_behind
     assert rooms | modules_in("sim/canopen") == pure | with_a_bus, "list the module in the import contract"
 
 
+ON_BOTH_SIDES = {"NmtState", "Node", "Pdo", "Plant", "Wire"}
+"""Of the wire: the master's and the simulation's (docs/explanation/decisions/0018)."""
+
+
+def test_a_class_name_occurs_once_but_for_what_stands_on_both_sides_of_the_wire() -> None:
+    places: dict[str, list[bool]] = {}
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(path.is_relative_to(PACKAGE / "sim"))
+    twice = {name for name, found in places.items() if len(found) > 1}
+    assert twice == ON_BOTH_SIDES
+    assert all(sorted(places[name]) == [False, True] for name in twice), "one of them in the simulation"
+
+
 def modules_in(folder: str) -> set[str]:
     """The modules and folders of a folder of the package, by their full names."""
     prefix = f"haptic_fieldbus.{folder.replace('/', '.')}"

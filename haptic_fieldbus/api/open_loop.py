@@ -77,7 +77,7 @@ class Response:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class PrescribedMotion:
     """A prescribed motion: where the puck rests before it, and a position for each time, in rows."""
 
     rest: float
@@ -234,18 +234,18 @@ def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
     return np.array(forces)
 
 
-def motion_of(name: str | Path, amplitude: float) -> Motion:
+def motion_of(name: str | Path, amplitude: float) -> PrescribedMotion:
     """The motion of a name (`INPUT_FORMS`); raises UsageError."""
     if not math.isfinite(amplitude):
         raise UsageError(f"amplitude {amplitude:g}: expected a number")
     text = str(name)
     if text == "step":
-        return Motion(0.0, lambda time: np.full_like(time, amplitude))
+        return PrescribedMotion(0.0, lambda time: np.full_like(time, amplitude))
     if text == "ramp":
-        return Motion(0.0, lambda time: amplitude * time)
+        return PrescribedMotion(0.0, lambda time: amplitude * time)
     if text.startswith("sine@"):
         turn = 2.0 * math.pi * _frequency(text)
-        return Motion(0.0, lambda time: amplitude * np.sin(turn * time))
+        return PrescribedMotion(0.0, lambda time: amplitude * np.sin(turn * time))
     if Path(text).suffix == ".csv":
         return _recorded(Path(text), amplitude)
     raise UsageError(f'no input "{text}"; there are: {INPUT_FORMS}')
@@ -261,7 +261,7 @@ def _frequency(text: str) -> float:
     return frequency
 
 
-def _recorded(path: Path, amplitude: float) -> Motion:
+def _recorded(path: Path, amplitude: float) -> PrescribedMotion:
     """Straight lines between the rows of a file, from its first time on."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -277,4 +277,4 @@ def _recorded(path: Path, amplitude: float) -> Motion:
     if len(times) < 2 or not rising or not all(map(math.isfinite, (*times, *places))):
         raise UsageError(f'input "{path}": expected two rows or more of finite numbers, their times rising')
     first = times[0]
-    return Motion(places[0], lambda time: np.interp(first + time, times, places), times[-1] - first)
+    return PrescribedMotion(places[0], lambda time: np.interp(first + time, times, places), times[-1] - first)

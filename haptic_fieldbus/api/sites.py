@@ -7,8 +7,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
 
-from haptic_fieldbus.assessing.recording import World
-from haptic_fieldbus.buses.access import Access
+from haptic_fieldbus.assessing.recording import Truth
+from haptic_fieldbus.buses.access import BusAccess
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from haptic_fieldbus.drive.rig import Rig
@@ -46,7 +46,7 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
         _check_faults(conditions.faults, plan)
     clock: Clock = VirtualClock() if plan.simulated else MonotonicClock()
     buses: dict[str, Bus] = {}
-    worlds: dict[str, World] = {}
+    worlds: dict[str, Truth] = {}
     with ExitStack() as opened:
         logs = _logs(plan, record, opened)
         with ExitStack() as failing:
@@ -81,7 +81,7 @@ def _logs(plan: Plan, record: Path | None, opened: ExitStack) -> dict[str, Any]:
     return logs
 
 
-def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, log: object) -> tuple[Bus, World | None]:
+def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, log: object) -> tuple[Bus, Truth | None]:
     """One simulated bus with its drives; the hand waits until force has faded in."""
     hand, slots = conditions.hand, []
     faults = faults_on(conditions.faults, bus.name)
@@ -112,8 +112,8 @@ def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
         raise UsageError("\n".join(unknown))
 
 
-def _access(protocol: str) -> Access:
-    return cast(Access, _found(ACCESS, BUS_GROUP, protocol, "real bus"))
+def _access(protocol: str) -> BusAccess:
+    return cast(BusAccess, _found(ACCESS, BUS_GROUP, protocol, "real bus"))
 
 
 def _simulation(protocol: str) -> Simulation:

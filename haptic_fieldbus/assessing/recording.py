@@ -16,7 +16,7 @@ WHOLE_PERIODS_OF_DELAY = 4
 """Commands that act later than so many periods after their sample are not recognised."""
 
 
-class Trajectory(Protocol):
+class TrueMotion(Protocol):
     """The true motion of a simulated motor shaft."""
 
     def sample(self, times_ns: Times) -> tuple[Array, Array, Array]:
@@ -26,10 +26,10 @@ class Trajectory(Protocol):
         """When the drive took over each target torque [ns], and its value [N·m]."""
 
 
-class World(Protocol):
+class Truth(Protocol):
     """The simulated drives of a bus, as far as a run is judged by them."""
 
-    def trajectory(self, node: int) -> Trajectory:
+    def trajectory(self, node: int) -> TrueMotion:
         """The true motion of a drive's shaft up to the present."""
 
 
@@ -61,7 +61,7 @@ class Conversion:
     """Shaft angle where the handle is at 0 [rad]."""
 
 
-def true_motion(times_ns: Times, trajectory: Trajectory, conversion: Conversion) -> tuple[dict[Signal, Array], Array]:
+def true_motion(times_ns: Times, trajectory: TrueMotion, conversion: Conversion) -> tuple[dict[Signal, Array], Array]:
     """(position and velocity of the handle, force of the motor) in the workspace."""
     angle, speed, torque = trajectory.sample(times_ns)
     handle = {
@@ -95,14 +95,14 @@ def columns_of(needs: Sequence[Signal], feedback: Mapping[Signal, Array]) -> lis
     ]
 
 
-def target_in_force(trajectory: Trajectory, times_ns: Times) -> Array:
+def target_in_force(trajectory: TrueMotion, times_ns: Times) -> Array:
     """The target torque that the drive follows at these times [N·m]; none before the first."""
     target_ns, target = trajectory.targets()
     values: Array = np.concatenate([[0.0], target])[np.searchsorted(target_ns, times_ns, side="right")]
     return values
 
 
-def acting(recording: Recording, trajectory: Trajectory, ratio: float) -> tuple[Times, NDArray[np.int64]]:
+def acting(recording: Recording, trajectory: TrueMotion, ratio: float) -> tuple[Times, NDArray[np.int64]]:
     """(instants, periods): from each instant on acts the command of that period, until the next.
 
     A period belongs to the target taken over next after its sample, or so many periods later as makes most values

@@ -81,7 +81,7 @@ class TorqueError:
 
 
 @dataclass(frozen=True)
-class Trip:
+class TripRecord:
     """Why and when [s since *operation enabled*] torque was taken away."""
 
     name: str
@@ -144,7 +144,7 @@ class Result:
     torque_error: TorqueError | None = None
     energy_generated: float | None = None
     stability: Stability | None = None
-    trips: tuple[Trip, ...] = ()
+    trips: tuple[TripRecord, ...] = ()
     changes: tuple[Changed, ...] = ()
     verdict: str | None = None
     traces: tuple[Trace, ...] = field(default=(), repr=False)
@@ -257,13 +257,13 @@ def known_before(
     )
 
 
-def _trips(report: "LoopReport", trip: safety.Trip | None, message: str) -> Iterator[Trip]:
+def _trips(report: "LoopReport", trip: safety.Trip | None, message: str) -> Iterator[TripRecord]:
     """A trip of ours, or a bus that died while torque was on."""
     begin_ns = report.enabled_at_ns
     if trip is not None:
-        yield Trip(trip.kind.value, None if begin_ns is None else (trip.t_ns - begin_ns) * 1e-9, message)
+        yield TripRecord(trip.kind.value, None if begin_ns is None else (trip.t_ns - begin_ns) * 1e-9, message)
     elif message and begin_ns is not None:
-        yield Trip("bus failed", report.duration, message)
+        yield TripRecord("bus failed", report.duration, message)
 
 
 def _timing(report: "LoopReport") -> Timing:

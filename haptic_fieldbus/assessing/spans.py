@@ -13,7 +13,7 @@ Kind = TypeVar("Kind", bound=AnyElement)
 
 
 @dataclass(frozen=True)
-class Exchange(Generic[Kind]):
+class Handover(Generic[Kind]):
     """The elements, or couplings, of an axis that came into force after an instant, along a ramp of so many periods."""
 
     after_ns: int
@@ -41,7 +41,7 @@ class Span(Generic[Kind]):
         return slice(self.first, self.last)
 
 
-def spans(elements: Sequence[Kind], exchanges: Sequence[Exchange[Kind]], times_ns: Times) -> list[Span[Kind]]:
+def spans(elements: Sequence[Kind], exchanges: Sequence[Handover[Kind]], times_ns: Times) -> list[Span[Kind]]:
     """Of all elements that acted, in the order in which they began; one that stays through an exchange goes on.
 
     What came into force before the first recorded period is taken to have been in force since ever.

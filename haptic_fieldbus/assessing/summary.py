@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.record import Record
-from haptic_fieldbus.assessing.recording import Conversion, Recording, Times, Trajectory, World
+from haptic_fieldbus.assessing.recording import Conversion, Recording, Times, TrueMotion, Truth
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
-from haptic_fieldbus.assessing.spans import Exchange, Kind, spans
+from haptic_fieldbus.assessing.spans import Handover, Kind, spans
 from haptic_fieldbus.assessing.torque_error import ErrorSplit, split
 from haptic_fieldbus.assessing.verdict import ripple, verdict_of
 from haptic_fieldbus.cycle.cycle import Cycle
@@ -35,7 +35,7 @@ class Run:
     cycle: Cycle
     record: Record
     report: LoopReport
-    worlds: Mapping[str, World]
+    worlds: Mapping[str, Truth]
     """By name of the bus; empty on real drives."""
     clock: str
     elapsed: float
@@ -98,7 +98,7 @@ def _split(run: Run, axis: AxisPlan, columns: dict[str, Array]) -> ErrorSplit | 
     )
 
 
-def _known_of(run: Run, axis: AxisPlan, columns: dict[str, Array]) -> tuple[Recording, Trajectory, Conversion]:
+def _known_of(run: Run, axis: AxisPlan, columns: dict[str, Array]) -> tuple[Recording, TrueMotion, Conversion]:
     """What the loop recorded of an axis, and how it truly moved."""
     times_ns = columns["t_ns"].astype(np.int64)
     recording = Recording(
@@ -127,16 +127,16 @@ def _ties(run: Run, axis: AxisPlan, columns: dict[str, Array]) -> "list[Tie]":
     return found
 
 
-def _exchanges(run: Run, axis: AxisPlan, of: Callable[[AxisPlan], tuple[Kind, ...]]) -> list[Exchange[Kind]]:
+def _exchanges(run: Run, axis: AxisPlan, of: Callable[[AxisPlan], tuple[Kind, ...]]) -> list[Handover[Kind]]:
     """When this axis went over to other elements, or to other couplings."""
     place = run.selection.plan.axes.index(axis)
     return [
-        Exchange(applied.after_ns, applied.periods, of(applied.change.plan.axes[place]))
+        Handover(applied.after_ns, applied.periods, of(applied.change.plan.axes[place]))
         for applied in run.report.changes
     ]
 
 
-def _zero(run: Run, axis: AxisPlan, trajectory: Trajectory, times_ns: Times) -> float:
+def _zero(run: Run, axis: AxisPlan, trajectory: TrueMotion, times_ns: Times) -> float:
     """Shaft angle where the handle is at 0 [rad]: at an encoder count, or where it was in the first enabled period."""
     if axis.integrates:
         return float(trajectory.sample(times_ns[:1])[0][0])

@@ -11,7 +11,7 @@ from haptic_fieldbus.assessing.recording import (
     Conversion,
     Recording,
     Times,
-    Trajectory,
+    TrueMotion,
     columns_of,
     made_real,
     true_motion,
@@ -30,7 +30,7 @@ class Tie:
     element: CouplingElement
     place: int
     recording: Recording
-    trajectory: Trajectory
+    trajectory: TrueMotion
     conversion: Conversion
     share: Array
     """Of its force in each recorded period, where couplings changed while the loop ran; between them straight."""

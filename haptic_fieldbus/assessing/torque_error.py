@@ -33,7 +33,7 @@ from haptic_fieldbus.assessing.recording import (
     Conversion,
     Recording,
     Times,
-    Trajectory,
+    TrueMotion,
     acting,
     columns_of,
     made_real,
@@ -41,7 +41,7 @@ from haptic_fieldbus.assessing.recording import (
     true_motion,
     with_time,
 )
-from haptic_fieldbus.assessing.spans import Exchange, Span, spans
+from haptic_fieldbus.assessing.spans import Handover, Span, spans
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.scenes.element import DynamicElement, Element
 from haptic_fieldbus.signals import Signal
@@ -90,14 +90,14 @@ class ErrorSplit:
 def split(
     elements: Sequence[Element],
     recording: Recording,
-    trajectory: Trajectory,
+    trajectory: TrueMotion,
     conversion: Conversion,
     *,
     period: float,
     begin_ns: int,
     method: str | None = None,
     unit: str = "N",
-    exchanges: Sequence[Exchange[Element]] = (),
+    exchanges: Sequence[Handover[Element]] = (),
     ties: Sequence["Tie"] = (),
 ) -> ErrorSplit:
     """The error from `begin_ns` (full fade-in) to the last recorded sample, at 16 points a period.

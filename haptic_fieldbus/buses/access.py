@@ -10,7 +10,7 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 
 
-class Access(Protocol):
+class BusAccess(Protocol):
     """The half of a protocol that does I/O; a log is its own kind of value, passed on unseen."""
 
     def logs(self, record: Path | None, buses: Sequence[str]) -> AbstractContextManager[Mapping[str, Any]]:

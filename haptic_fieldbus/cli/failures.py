@@ -15,26 +15,26 @@ from haptic_fieldbus.errors import (
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ExitStatus:
     """An exit status, and the key of the line that says why; None where the sentence stands alone."""
 
     status: int
     key: str | None
 
 
-OUTCOMES: dict[type[HapticFieldbusError], Outcome] = {
-    BusError: Outcome(1, "failed"),
-    DriveFaultError: Outcome(1, "failed"),
-    UsageError: Outcome(2, None),
-    DocumentError: Outcome(2, None),
-    SafetyTripError: Outcome(3, "tripped"),
-    PlanError: Outcome(4, "refused"),
+OUTCOMES: dict[type[HapticFieldbusError], ExitStatus] = {
+    BusError: ExitStatus(1, "failed"),
+    DriveFaultError: ExitStatus(1, "failed"),
+    UsageError: ExitStatus(2, None),
+    DocumentError: ExitStatus(2, None),
+    SafetyTripError: ExitStatus(3, "tripped"),
+    PlanError: ExitStatus(4, "refused"),
 }
 
 
-def outcome_of(error: type[HapticFieldbusError]) -> Outcome:
+def outcome_of(error: type[HapticFieldbusError]) -> ExitStatus:
     """That of the error's class or of its nearest base."""
-    return next((OUTCOMES[kind] for kind in error.__mro__ if kind in OUTCOMES), Outcome(1, "failed"))
+    return next((OUTCOMES[kind] for kind in error.__mro__ if kind in OUTCOMES), ExitStatus(1, "failed"))
 
 
 def tell(error: HapticFieldbusError) -> int:

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.state import AxisState, Sensed
-from haptic_fieldbus.numerics.estimators.tachometer import Integrator
+from haptic_fieldbus.numerics.estimators.tachometer import VelocityIntegrator
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 
 Follow = Callable[[int, int], None]
@@ -26,7 +26,7 @@ class TripOff(Protocol):
 def bind_follow(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float, trip: TripOff) -> Follow:
     """What follows the handle from now on: the first call, where it is enabled, is zero."""
     unit, limits = axis.velocity_unit, axis.limits
-    integrator = Integrator(period, abs(unit))
+    integrator = VelocityIntegrator(period, abs(unit))
     lowest, highest = limits.position or (-math.inf, math.inf)
     began_ns: int | None = None
 

@@ -12,7 +12,7 @@ from haptic_fieldbus.drive.fields import STRICT, NonNegativeFloat, PositiveFloat
 
 
 @dataclass(frozen=True)
-class Coupling:
+class CompliantCoupling:
     """A shaft, belt or gear that gives way: spring and damper between motor and load, the encoder on the motor."""
 
     stiffness: PositiveFloat
@@ -27,7 +27,7 @@ class Coupling:
 
 
 @dataclass(frozen=True)
-class Gravity:
+class Weight:
     """A weight on the handle."""
 
     torque: float
@@ -62,8 +62,8 @@ class Stribeck:
 class Mechanics:
     """The optional parts; `None` is not simulated and costs nothing."""
 
-    coupling: Coupling | None = None
-    gravity: Gravity | None = None
+    coupling: CompliantCoupling | None = None
+    gravity: Weight | None = None
     cogging: Cogging | None = None
     stribeck: Stribeck | None = None
     __pydantic_config__: ClassVar = STRICT

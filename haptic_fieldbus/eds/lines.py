@@ -26,7 +26,7 @@ class Item:
 
 
 @dataclass
-class Section:
+class FileSection:
     """One `[name]`; the items by their keys in lower case."""
 
     name: str
@@ -60,10 +60,10 @@ def text_of_octets(data: bytes, faults: list[Fault]) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-def sections_of(text: str, faults: list[Fault]) -> Mapping[str, Section]:
+def sections_of(text: str, faults: list[Fault]) -> Mapping[str, FileSection]:
     """All sections by their names in lower case; one that stands twice is taken together."""
-    sections: dict[str, Section] = {}
-    present: Section | None = None
+    sections: dict[str, FileSection] = {}
+    present: FileSection | None = None
     for number, raw in enumerate(_LINE_END.split(text), start=1):
         line = raw.strip()
         if not line or line.startswith((";", "#")):
@@ -78,15 +78,15 @@ def sections_of(text: str, faults: list[Fault]) -> Mapping[str, Section]:
     return sections
 
 
-def _opened(name: str, number: int, sections: dict[str, Section], faults: list[Fault]) -> Section:
+def _opened(name: str, number: int, sections: dict[str, FileSection], faults: list[Fault]) -> FileSection:
     found = sections.get(name.lower())
     if found is None:
-        return sections.setdefault(name.lower(), Section(name, number))
+        return sections.setdefault(name.lower(), FileSection(name, number))
     faults.append(Fault(f"[{name}]", f"stands in line {found.line} already: both are taken together", number))
     return found
 
 
-def _add(section: Section, line: str, number: int, faults: list[Fault]) -> None:
+def _add(section: FileSection, line: str, number: int, faults: list[Fault]) -> None:
     key, equals, value = (part.strip() for part in line.partition("="))
     if not equals or not key:
         faults.append(Fault(f"[{section.name}]", f'"{line}" is no key with a value', number))

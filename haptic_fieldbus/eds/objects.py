@@ -6,7 +6,7 @@ DefaultValue, PDOMapping, SubNumber, CompactSubObj) and, in a DCF, ParameterValu
 
 from collections.abc import Mapping
 
-from haptic_fieldbus.eds.lines import Section
+from haptic_fieldbus.eds.lines import FileSection
 from haptic_fieldbus.eds.model import ACCESS_TYPES, EdsEntry, EdsObject, ObjectCode, Value
 from haptic_fieldbus.eds.types import EdsType
 from haptic_fieldbus.eds.values import value_of, whole_number
@@ -20,12 +20,12 @@ _TYPES = {type.value: type for type in EdsType}
 class ObjectReader:
     """Reads one object; `sections` are all of the file, for names and values of compact arrays."""
 
-    def __init__(self, index: int, sections: Mapping[str, Section], faults: list[Fault]) -> None:
+    def __init__(self, index: int, sections: Mapping[str, FileSection], faults: list[Fault]) -> None:
         self._index = index
         self._sections = sections
         self._faults = faults
 
-    def read(self, head: Section | None, members: Mapping[int, Section]) -> EdsObject:
+    def read(self, head: FileSection | None, members: Mapping[int, FileSection]) -> EdsObject:
         """The object from its own section, if any, and those of its sub-indices."""
         if head is None:
             first = next(iter(members.values()))
@@ -43,7 +43,7 @@ class ObjectReader:
             self._check_members(head, found, len(members))
         return EdsObject(found.index, found.name, found.code, dict(sorted(entries.items())), found.line)
 
-    def entry(self, section: Section, subindex: int, code: ObjectCode = ObjectCode.VAR) -> EdsEntry:
+    def entry(self, section: FileSection, subindex: int, code: ObjectCode = ObjectCode.VAR) -> EdsEntry:
         """One sub-index as its section describes it."""
         type = self._type(section, code)
         return EdsEntry(
@@ -60,13 +60,13 @@ class ObjectReader:
             line=section.line,
         )
 
-    def _members(self, members: Mapping[int, Section]) -> dict[int, EdsEntry]:
+    def _members(self, members: Mapping[int, FileSection]) -> dict[int, EdsEntry]:
         return {
             subindex: self.entry(section, subindex, self._code(section))
             for subindex, section in sorted(members.items())
         }
 
-    def _check_members(self, head: Section, found: EdsObject, count: int) -> None:
+    def _check_members(self, head: FileSection, found: EdsObject, count: int) -> None:
         if found.is_simple:
             self._fault(head, "ObjectType", "a variable with sub-indices: they are read, it is taken as a record")
             return
@@ -74,7 +74,7 @@ class ObjectReader:
         if said != count:
             self._fault(head, "SubNumber", f"{head.text('SubNumber') or 'missing'}, but {count} sub-indices are there")
 
-    def _compact(self, head: Section, count: int) -> dict[int, EdsEntry]:
+    def _compact(self, head: FileSection, count: int) -> dict[int, EdsEntry]:
         """`CompactSubObj`: so many like elements, and sub-index 0 with their number."""
         names = self._sections.get(f"{self._index:04x}name")
         values = self._sections.get(f"{self._index:04x}value")
@@ -92,13 +92,13 @@ class ObjectReader:
             )  # fmt: skip
         return entries
 
-    def _name(self, section: Section) -> str:
+    def _name(self, section: FileSection) -> str:
         name = section.text("ParameterName")
         if not name:
             self._fault(section, "ParameterName", "missing")
         return name
 
-    def _code(self, section: Section) -> ObjectCode:
+    def _code(self, section: FileSection) -> ObjectCode:
         """A missing object type is that of a variable (CiA 306-1), an unknown one too."""
         number = self._number(section, "ObjectType")
         if number is None:
@@ -109,7 +109,7 @@ class ObjectReader:
             self._fault(section, "ObjectType", f"{number} is no object code: taken as a variable")
             return ObjectCode.VAR
 
-    def _type(self, section: Section, code: ObjectCode) -> EdsType | None:
+    def _type(self, section: FileSection, code: ObjectCode) -> EdsType | None:
         """The data type; that of a domain need not be given."""
         if not section.text("DataType"):
             if code is not ObjectCode.DOMAIN:
@@ -122,7 +122,7 @@ class ObjectReader:
         self._fault(section, "DataType", f"{number:04X}h is no basic data type: its length is not known")
         return None
 
-    def _access(self, section: Section, type: EdsType | None) -> str:
+    def _access(self, section: FileSection, type: EdsType | None) -> str:
         access = section.text("AccessType").lower()
         if access in ACCESS_TYPES:
             return access
@@ -131,11 +131,11 @@ class ObjectReader:
             self._fault(section, "AccessType", f"{found}, expected one of {', '.join(ACCESS_TYPES)}: taken as ro")
         return DEFAULT_ACCESS
 
-    def _limit(self, section: Section, key: str, type: EdsType | None) -> int | float | None:
+    def _limit(self, section: FileSection, key: str, type: EdsType | None) -> int | float | None:
         value = self._value(section, key, type) if type is None or type.is_integer or type.size else None
         return value if isinstance(value, int | float) else None
 
-    def _value(self, section: Section, key: str, type: EdsType | None) -> Value | None:
+    def _value(self, section: FileSection, key: str, type: EdsType | None) -> Value | None:
         """A value of the type; None when it is missing, empty or not understood."""
         text = section.text(key)
         if not text:
@@ -146,13 +146,13 @@ class ObjectReader:
             self._fault(section, key, str(error))
             return None
 
-    def _number(self, section: Section, key: str) -> int | None:
+    def _number(self, section: FileSection, key: str) -> int | None:
         try:
             return whole_number(section.text(key)) if section.text(key) else None
         except ValueError as error:
             self._fault(section, key, str(error))
             return None
 
-    def _fault(self, section: Section, key: str, message: str) -> None:
+    def _fault(self, section: FileSection, key: str, message: str) -> None:
         place = f"[{section.name}] {key}".rstrip()
         self._faults.append(Fault(place, message, section.line_of(key)))

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from haptic_fieldbus.eds.lines import Section, sections_of, text_of_octets
+from haptic_fieldbus.eds.lines import FileSection, sections_of, text_of_octets
 from haptic_fieldbus.eds.model import DeviceInfo, Eds, EdsObject
 from haptic_fieldbus.eds.objects import ObjectReader
 from haptic_fieldbus.eds.values import whole_number
@@ -55,10 +55,10 @@ def read_eds(data: bytes, source: str = "") -> Eds:
     )
 
 
-def _objects(sections: Mapping[str, Section], faults: list[Fault]) -> dict[int, EdsObject]:
+def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[int, EdsObject]:
     """All objects in the order of their indices, each with its sub-indices."""
-    heads: dict[int, Section] = {}
-    members: dict[int, dict[int, Section]] = {}
+    heads: dict[int, FileSection] = {}
+    members: dict[int, dict[int, FileSection]] = {}
     for name, section in sections.items():
         head, member = _OBJECT.match(name), _SUBINDEX.match(name)
         if head is not None:
@@ -71,7 +71,7 @@ def _objects(sections: Mapping[str, Section], faults: list[Fault]) -> dict[int, 
     }
 
 
-def _check_lists(sections: Mapping[str, Section], objects: Mapping[int, EdsObject], faults: list[Fault]) -> None:
+def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsObject], faults: list[Fault]) -> None:
     """Every listed object is described, every described one is listed."""
     listed: set[int] = set()
     for name in LISTS:
@@ -92,14 +92,14 @@ def _check_lists(sections: Mapping[str, Section], objects: Mapping[int, EdsObjec
             faults.append(Fault(f"[{index:04X}]", "is in none of the lists of objects", found.line))
 
 
-def _check_count(section: Section, faults: list[Fault]) -> None:
+def _check_count(section: FileSection, faults: list[Fault]) -> None:
     count, entries = _number(section, "SupportedObjects", faults), len(section.items) - ("supportedobjects" in section)
     if count is not None and count != entries:
         line = section.line_of("SupportedObjects")
         faults.append(Fault(f"[{section.name}] SupportedObjects", f"{count}, but {entries} are listed", line))
 
 
-def _device(section: Section | None, faults: list[Fault]) -> DeviceInfo:
+def _device(section: FileSection | None, faults: list[Fault]) -> DeviceInfo:
     if section is None:
         faults.append(Fault("[DeviceInfo]", "this section is missing"))
         return DeviceInfo()
@@ -126,34 +126,34 @@ def _device(section: Section | None, faults: list[Fault]) -> DeviceInfo:
     )
 
 
-def _node(sections: Mapping[str, Section], faults: list[Fault]) -> int | None:
+def _node(sections: Mapping[str, FileSection], faults: list[Fault]) -> int | None:
     for name in COMMISSIONING:
         if name in sections:
             return _number(sections[name], "NodeID", faults)
     return None
 
 
-def _dummies(section: Section | None, faults: list[Fault]) -> tuple[int, ...]:
+def _dummies(section: FileSection | None, faults: list[Fault]) -> tuple[int, ...]:
     if section is None:
         return ()
     return tuple(number for number in DUMMY_TYPES if _number(section, f"Dummy{number:04d}", faults))
 
 
-def _texts(section: Section | None) -> dict[str, str]:
+def _texts(section: FileSection | None) -> dict[str, str]:
     return {item.key: item.value for item in section.items.values()} if section is not None else {}
 
 
-def _comments(section: Section | None) -> tuple[str, ...]:
+def _comments(section: FileSection | None) -> tuple[str, ...]:
     items = section.items.values() if section is not None else ()
     return tuple(item.value for item in items if item.key.lower().startswith("line") and item.key.lower() != "lines")
 
 
-def _number(section: Section, key: str, faults: list[Fault]) -> int | None:
+def _number(section: FileSection, key: str, faults: list[Fault]) -> int | None:
     """The number of a key; None when it is missing, empty or none."""
     return _understood(whole_number, section, key, faults) if section.text(key) else None
 
 
-def _understood(parse: Callable[[str], int], section: Section, key: str, faults: list[Fault]) -> int | None:
+def _understood(parse: Callable[[str], int], section: FileSection, key: str, faults: list[Fault]) -> int | None:
     try:
         return parse(section.text(key))
     except ValueError as error:

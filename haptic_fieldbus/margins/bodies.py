@@ -26,7 +26,7 @@ from haptic_fieldbus.numerics.sampled import SampledPlant
 
 
 @dataclass(frozen=True)
-class Body:
+class HungBody:
     """A mass [kg] on a spring [N/m] and damper [N·s/m], or their rotary counterparts."""
 
     mass: float
@@ -45,11 +45,11 @@ class Body:
             raise UsageError("mass 0 of a body: expected a number above 0")
 
 
-HAND = Body(mass=0.1, stiffness=300.0, damping=4.0)
+HAND = HungBody(mass=0.1, stiffness=300.0, damping=4.0)
 """What the simulation's hand holds a linear handle with."""
 
 
-def dynamics(plant: Plant, bodies: Sequence[Body]) -> tuple[Matrix, Matrix]:
+def dynamics(plant: Plant, bodies: Sequence[HungBody]) -> tuple[Matrix, Matrix]:
     """(A, B) of ξ̇ = A ξ + B F, ξ = (position, velocity) of each, the plant's first."""
     if not plant.mass:
         raise UsageError("mass 0: bodies hang on a mass above 0")
@@ -68,14 +68,14 @@ def dynamics(plant: Plant, bodies: Sequence[Body]) -> tuple[Matrix, Matrix]:
     return a, b
 
 
-def _to_ground(plant: Plant, bodies: Sequence[Body], place: int) -> Matrix:
+def _to_ground(plant: Plant, bodies: Sequence[HungBody], place: int) -> Matrix:
     """Stiffness and damping to the ground."""
     if place == 0:
         return np.array([0.0, plant.damping])
     return np.array([bodies[place - 1].anchor, bodies[place - 1].drag])
 
 
-def sample_with(plant: Plant, bodies: Sequence[Body], period: float, delay: float) -> SampledPlant:
+def sample_with(plant: Plant, bodies: Sequence[HungBody], period: float, delay: float) -> SampledPlant:
     """Plant and bodies under the delayed hold, torque loop included; UsageError for a plant with a tachometer."""
     check_times(period, delay)
     if plant.tachometer:
@@ -84,7 +84,7 @@ def sample_with(plant: Plant, bodies: Sequence[Body], period: float, delay: floa
 
 
 def limit_with(
-    plant: Plant, bodies: Sequence[Body], period: float, delay: float, environment_of: EnvironmentOf
+    plant: Plant, bodies: Sequence[HungBody], period: float, delay: float, environment_of: EnvironmentOf
 ) -> float:
     """The stiffness [N/m or N·m/rad] up to which the loop with these bodies is stable; 0 or ∞ as ever."""
     device = sample_with(plant, bodies, period, delay)

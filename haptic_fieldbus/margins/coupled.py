@@ -19,7 +19,7 @@ from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
 from haptic_fieldbus.margins.loop import Loop
 from haptic_fieldbus.margins.passivity import searched
 from haptic_fieldbus.numerics import coupled
-from haptic_fieldbus.numerics.coupled_passivity import Port, damping_share
+from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, parallel
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
 
@@ -51,7 +51,7 @@ class CoupledAxes(Loop):
     def damping_share(self, environment: StateSpace) -> float:
         """A tachometer's readings say nothing of the motion between two: what damping there is counts for nothing."""
         ports = [
-            Port(0.0 if axis.plant.tachometer else axis.plant.damping, axis.delay, axis.plant.torque_lag)
+            PassivityPort(0.0 if axis.plant.tachometer else axis.plant.damping, axis.delay, axis.plant.torque_lag)
             for axis in self.axes
         ]
         return damping_share(self.together(environment), ports, self.period)

@@ -122,7 +122,7 @@ class Running:
 
     def _slide(self, before: Array, after: Array) -> None:
         loops = self._loops
-        device = friction.Device(loops.mass, loops.damping, loops.coulomb)
+        device = friction.SampledMass(loops.mass, loops.damping, loops.coulomb)
         x, v = self.state[0], self.state[1]
         if self._rest.any():
             x, v = friction.slide(device, x, v, before + loops.push, self._rest)

@@ -39,7 +39,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Port:
+class PassivityPort:
     """What stands between one force of the environment and the hand [N·s/m, s, s, or rotary]."""
 
     damping: float
@@ -57,7 +57,7 @@ def stores(environment: StateSpace) -> bool:
     return bent <= -least and float(np.linalg.eigvalsh(stiffness + stiffness.T).min(initial=0.0)) >= 2.0 * least
 
 
-def damping_share(environment: StateSpace, ports: Sequence[Port], period: float) -> float:
+def damping_share(environment: StateSpace, ports: Sequence[PassivityPort], period: float) -> float:
     """The share of the devices' dampings that any passive hands need: passive up to 1; ∞ where none is enough."""
     touched = [
         bool(

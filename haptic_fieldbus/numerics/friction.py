@@ -18,18 +18,18 @@ TERMS = 9
 
 
 @dataclass(frozen=True, eq=False)
-class Device:
+class SampledMass:
     """Mass [kg], damping [N·s/m] and Coulomb friction [N], or their rotary counterparts; shape (n,) each."""
 
     mass: Array
     damping: Array
     coulomb: Array
 
-    def part(self, rows: NDArray[np.bool_]) -> "Device":
-        return Device(self.mass[rows], self.damping[rows], self.coulomb[rows])
+    def part(self, rows: NDArray[np.bool_]) -> "SampledMass":
+        return SampledMass(self.mass[rows], self.damping[rows], self.coulomb[rows])
 
 
-def slide(device: Device, position: Array, velocity: Array, force: Array, span: Array) -> tuple[Array, Array]:
+def slide(device: SampledMass, position: Array, velocity: Array, force: Array, span: Array) -> tuple[Array, Array]:
     """Position and velocity after `span` [s] under a constant force; all shapes (n,)."""
     pushes = np.sign(force) * (np.abs(force) > device.coulomb)
     direction = np.where(velocity != 0.0, np.sign(velocity), pushes)
@@ -43,7 +43,7 @@ def slide(device: Device, position: Array, velocity: Array, force: Array, span: 
     return x, v
 
 
-def _through_rest(device: Device, x: Array, v: Array, force: Array, span: Array) -> tuple[Array, Array]:
+def _through_rest(device: SampledMass, x: Array, v: Array, force: Array, span: Array) -> tuple[Array, Array]:
     """To a standstill within the span, and on from there."""
     net = force - np.sign(v) * device.coulomb
     u = -device.damping * v / net
@@ -54,7 +54,7 @@ def _through_rest(device: Device, x: Array, v: Array, force: Array, span: Array)
     return _slip(device, stop, np.zeros_like(v), onwards, np.maximum(span - duration, 0.0))
 
 
-def _slip(device: Device, x: Array, v: Array, net: Array, span: Array) -> tuple[Array, Array]:
+def _slip(device: SampledMass, x: Array, v: Array, net: Array, span: Array) -> tuple[Array, Array]:
     w = device.damping * span / device.mass
     first, second = _mean_decay(w), _mean_decay_rest(w)
     rate = net * span / device.mass

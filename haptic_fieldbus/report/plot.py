@@ -37,7 +37,7 @@ DPI = 110
 
 
 @dataclass(frozen=True)
-class Units:
+class AxisUnits:
     """How the quantities of a workspace are written in a picture."""
 
     length: str
@@ -47,8 +47,8 @@ class Units:
 
 
 UNITS = {
-    Workspace.LINEAR: Units("mm", 1e3, "N", "force"),
-    Workspace.ROTARY: Units("°", 180 / np.pi, "N·m", "torque"),
+    Workspace.LINEAR: AxisUnits("mm", 1e3, "N", "force"),
+    Workspace.ROTARY: AxisUnits("°", 180 / np.pi, "N·m", "torque"),
 }
 
 
@@ -101,9 +101,9 @@ def draw_axis(
 
 
 def _column(
-    panels: Array, trace: Trace, walls: list[Wall], units: Units, title: str, time_label: str, per_second: float
+    panels: Array, trace: Trace, walls: list[Wall], units: AxisUnits, title: str, time_label: str, per_second: float
 ) -> None:
-    draws: tuple[Callable[[Axes, Trace, Units, float], None], ...] = (_draw_position, _draw_force, _draw_error)
+    draws: tuple[Callable[[Axes, Trace, AxisUnits, float], None], ...] = (_draw_position, _draw_force, _draw_error)
     for panel, draw in zip(panels, draws, strict=True):
         draw(panel, trace, units, per_second)
         panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
@@ -115,7 +115,7 @@ def _column(
     panels[2].set_xlabel(time_label)
 
 
-def _draw_position(panel: Axes, trace: Trace, units: Units, per_second: float) -> None:
+def _draw_position(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
     if trace.samples is not None and trace.sample_times is not None:
         times, samples = held(trace.sample_times, trace.samples, float(trace.times[-1]))
         _line(panel, times * per_second, samples * units.per_length, ORANGE, 1.6, f"{trace.sensor}, held for a period")
@@ -125,7 +125,7 @@ def _draw_position(panel: Axes, trace: Trace, units: Units, per_second: float) -
     panel.set_ylabel(f"position [{units.length}]")
 
 
-def _draw_force(panel: Axes, trace: Trace, units: Units, per_second: float) -> None:
+def _draw_force(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
     times = trace.times * per_second
     _line(panel, times, trace.force, SKY, 3.0, "rendered")
     if trace.ideal is not None:
@@ -133,7 +133,7 @@ def _draw_force(panel: Axes, trace: Trace, units: Units, per_second: float) -> N
     panel.set_ylabel(f"{units.effort_name} on the handle [{units.effort}]")
 
 
-def _draw_error(panel: Axes, trace: Trace, units: Units, per_second: float) -> None:
+def _draw_error(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
     if trace.ideal is None:
         panel.text(0.5, 0.5, "no ideal to compare with on real hardware", transform=panel.transAxes, ha="center")
         return
@@ -148,7 +148,7 @@ def _line(panel: Axes, times: Array, values: Array, colour: str, width: float, l
     panel.plot(*thin(times, values), color=colour, linewidth=width, label=label, solid_capstyle="butt")
 
 
-def _shade_walls(panel: Axes, walls: list[Wall], units: Units) -> None:
+def _shade_walls(panel: Axes, walls: list[Wall], units: AxisUnits) -> None:
     low, high = panel.get_ylim()
     for wall in walls:
         surface = wall.position * units.per_length
@@ -164,7 +164,7 @@ def _shade_walls(panel: Axes, walls: list[Wall], units: Units) -> None:
     panel.set_ylim(low, high)
 
 
-def _mark_fade_in(panels: Array, trace: Trace, units: Units) -> None:
+def _mark_fade_in(panels: Array, trace: Trace, units: AxisUnits) -> None:
     """The time before the traces begin, where only the encoder tells of the handle."""
     if trace.sample_times is None or not trace.sample_times[0] < trace.times[0]:
         return

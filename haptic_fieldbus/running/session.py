@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.record import ROW_SUFFIXES, Record, write_rows
-from haptic_fieldbus.assessing.recording import World
+from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Result, known_before
 from haptic_fieldbus.assessing.summary import Run, summarise
 from haptic_fieldbus.buses.bus import Bus
@@ -48,7 +48,7 @@ class Site:
 
     clock: Clock
     buses: Mapping[str, Bus]
-    worlds: Mapping[str, World]
+    worlds: Mapping[str, Truth]
 
 
 def render(request: Request, place: AbstractContextManager[Site]) -> Result:

@@ -7,8 +7,8 @@ from typing import Any
 from haptic_fieldbus.documents import file_names, file_of, schema_of
 from haptic_fieldbus.scenes.files import (
     LIBRARY,
-    Part,
     SceneFile,
+    ScenePart,
     apply_settings,
     check_together,
     elements_of,
@@ -51,7 +51,7 @@ def load_scene(name_or_path: str | Path, settings: Mapping[str, Setting] | None 
     )
 
 
-def _held(parts: list[Part], axis: str) -> bool | None:
+def _held(parts: list[ScenePart], axis: str) -> bool | None:
     """What the last file that says it says of the hand on an axis."""
     frames = [part.frame for part in parts if part.frame is not None and axis in part.frame.axis]
     told = [held for frame in frames if (held := frame.axis[axis].held) is not None]

@@ -46,7 +46,7 @@ class SceneFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ScenePart:
     """One file of a scene while it is read; `kinds` holds the known kinds by the place of the element."""
 
     document: Document
@@ -58,21 +58,21 @@ class Part:
         return {self.document.value("element", index, "name"): index for index in self.kinds}
 
 
-def read_parts(path: Path, above: tuple[Path, ...] = ()) -> list[Part]:
+def read_parts(path: Path, above: tuple[Path, ...] = ()) -> list[ScenePart]:
     """The file and all that it includes, itself last; raises SceneError when it cannot be read."""
     document = read_document(path, SceneError)
     frame = document.validate(SceneFile)
     if not document.value("element") and not document.value("include"):
         document.fault(("element",), "missing; expected a list that is not empty")
     included = document.value("include")
-    parts: list[Part] = []
+    parts: list[ScenePart] = []
     for place, name in enumerate(included if isinstance(included, list) else []):
         if isinstance(name, str):
             parts += _included(document, place, name, (*above, path.resolve()))
-    return [*parts, Part(document, frame, _name_elements(document))]
+    return [*parts, ScenePart(document, frame, _name_elements(document))]
 
 
-def _included(document: Document, place: int, name: str, above: tuple[Path, ...]) -> list[Part]:
+def _included(document: Document, place: int, name: str, above: tuple[Path, ...]) -> list[ScenePart]:
     try:
         path = above[-1].parent / name if is_path(name) else file_of("scene", name, LIBRARY)
         if path.resolve() in above:
@@ -85,7 +85,7 @@ def _included(document: Document, place: int, name: str, above: tuple[Path, ...]
         return []
 
 
-def apply_settings(parts: list[Part], settings: Mapping[str, object], scene: str) -> None:
+def apply_settings(parts: list[ScenePart], settings: Mapping[str, object], scene: str) -> None:
     """Put settings in the place of what the files give; a faulty file is told of before an unknown name."""
     places = {name: (part, index) for part in parts for name, index in part.names().items()}
     kinds = {str(name): element_type(part.kinds[index]) for name, (part, index) in places.items()}
@@ -116,7 +116,7 @@ def put(document: Document, index: int, parameter: str, value: object, setting: 
     document.labels["element", index, parameter] = f"--set {setting}"
 
 
-def check_together(parts: list[Part]) -> dict[str, Workspace]:
+def check_together(parts: list[ScenePart]) -> dict[str, Workspace]:
     """Faults between files: a name twice, an axis that no file has, or that two files see differently; all axes."""
     axes: dict[str, Workspace] = {}
     names: set[object] = set()
@@ -149,7 +149,7 @@ def _axis_paths(document: Document, index: int) -> Iterator[tuple[str | int, ...
         yield ("element", index, "axes", place)
 
 
-def elements_of(part: Part, axes: Mapping[str, Workspace]) -> list[AnyElement]:
+def elements_of(part: ScenePart, axes: Mapping[str, Workspace]) -> list[AnyElement]:
     """The elements of one file, as far as they hold; what does not is noted in its document."""
     for index, kind in part.kinds.items():
         _check_workspace(part.document, index, kind, axes)
@@ -158,7 +158,7 @@ def elements_of(part: Part, axes: Mapping[str, Workspace]) -> list[AnyElement]:
     return [element for element in found if element is not None]
 
 
-def raise_faults(parts: list[Part]) -> None:
+def raise_faults(parts: list[ScenePart]) -> None:
     """All faults of all files at once; the file that was asked for is named, others stand in their keys."""
     errors = []
     for part in parts:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-from haptic_fieldbus.assessing.recording import World as Judged
+from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection
@@ -15,5 +15,5 @@ class Simulation(Protocol):
 
     def simulate(
         self, section: BusSection, channel: str, slots: Sequence[Slot], clock: Clock, seed: int | str, log: Any
-    ) -> tuple[Bus, Judged | None]:
+    ) -> tuple[Bus, Truth | None]:
         """A bus with these drives, and their true motion where it is known; `channel` is what messages call it."""

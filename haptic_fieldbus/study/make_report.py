@@ -52,23 +52,23 @@ is also in <code>report.json</code> and <code>details.json</code> beside it, eve
 
 
 @dataclass(frozen=True)
-class Chosen:
+class ChosenSections:
     """Sections to make, and the problems or cases in them; None: all."""
 
     sections: tuple[str, ...]
     names: frozenset[str] | None = None
 
 
-def choose(only: str | None) -> Chosen:
+def choose(only: str | None) -> ChosenSections:
     """A section, a problem or a case by its name; raises UsageError for another."""
     if only is None:
-        return Chosen(tuple(SECTIONS))
+        return ChosenSections(tuple(SECTIONS))
     if only in SECTIONS:
-        return Chosen((only,))
+        return ChosenSections((only,))
     inside = {"work-precision": [*problems(), *contacts()], "stability": list(CASES)}
     for section, names in inside.items():
         if only in names:
-            return Chosen((section,), frozenset((only,)))
+            return ChosenSections((section,), frozenset((only,)))
     every = [*SECTIONS, *inside["work-precision"], *inside["stability"]]
     near = nearest(only, every)
     hint = f"nearest: {near[0]}; " if near else ""

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.assessing.result import Percentiles, Result, Timing, TorqueError, Trip, finite, plan_json
+from haptic_fieldbus.assessing.result import Percentiles, Result, Timing, TorqueError, TripRecord, finite, plan_json
 
 
 def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
@@ -44,7 +44,7 @@ def test_everything_known_is_in_the_object() -> None:
         torque_error=TorqueError(0.1, 0.2, "N", {"encoder": 1.0}, 0.02),
         energy_generated=math.inf,
         stability=compiled.stability,
-        trips=(Trip("speed limit", 0.5, "too fast"),),
+        trips=(TripRecord("speed limit", 0.5, "too fast"),),
         verdict="good",
     ).to_json()
     assert shown["energy_generated_j"] is None

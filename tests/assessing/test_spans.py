@@ -8,7 +8,7 @@ import scipy.integrate
 from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.recording import Conversion, Recording
-from haptic_fieldbus.assessing.spans import Exchange, spans
+from haptic_fieldbus.assessing.spans import Handover, spans
 from haptic_fieldbus.assessing.torque_error import ErrorSplit, split
 from haptic_fieldbus.cycle.laws import Field, blended, field_of
 from haptic_fieldbus.cycle.state import Sensed
@@ -82,7 +82,7 @@ def changed(before: Element, after: Element, *staying: Element) -> tuple[ErrorSp
         period=PERIOD,
         begin_ns=0,
         method="exact-foh",
-        exchanges=[Exchange(AT * PERIOD_NS, RAMP, (after, *staying))],
+        exchanges=[Handover(AT * PERIOD_NS, RAMP, (after, *staying))],
     )
     return found, recording
 
@@ -151,20 +151,20 @@ def _pull(element: SprungMass, begin: float, t: Array) -> Array:
 
 def test_what_came_before_the_first_recorded_period_has_always_been() -> None:
     times_ns = PERIOD_NS * np.arange(100, 200, dtype=np.int64)
-    (span,) = spans([SOFT], [Exchange(50 * PERIOD_NS, RAMP, (STIFF,))], times_ns)
+    (span,) = spans([SOFT], [Handover(50 * PERIOD_NS, RAMP, (STIFF,))], times_ns)
     assert (span.element, span.first, span.last) == (STIFF, 0, 100)
     assert np.all(span.share == 1.0)
 
 
 def test_what_comes_after_the_last_recorded_period_was_never_rendered() -> None:
     times_ns = PERIOD_NS * np.arange(100, dtype=np.int64)
-    (span,) = spans([SOFT], [Exchange(99 * PERIOD_NS, RAMP, (STIFF,))], times_ns)
+    (span,) = spans([SOFT], [Handover(99 * PERIOD_NS, RAMP, (STIFF,))], times_ns)
     assert span.element == SOFT
     assert np.all(span.share == 1.0)
 
 
 def test_a_change_of_the_last_period_has_one_period() -> None:
     times_ns = PERIOD_NS * np.arange(100, dtype=np.int64)
-    old, new = spans([SOFT], [Exchange(98 * PERIOD_NS, RAMP, (STIFF,))], times_ns)
+    old, new = spans([SOFT], [Handover(98 * PERIOD_NS, RAMP, (STIFF,))], times_ns)
     assert (old.last, new.first, new.last) == (100, 99, 100)
     assert new.share[-1] == pytest.approx(1 / RAMP)

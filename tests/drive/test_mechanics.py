@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.mechanics import Cogging, Coupling, Gravity, Mechanics, Stribeck
+from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Mechanics, Stribeck, Weight
 from haptic_fieldbus.errors import RigError
 from haptic_fieldbus.protocols.catalogue import load_rig
 
@@ -38,8 +38,8 @@ def test_a_rig_that_asks_for_nothing_is_simulated_rigid(tmp_path: Path) -> None:
 def test_every_part_is_read_as_it_stands(tmp_path: Path) -> None:
     asked = load(tmp_path, RIG + SIMULATION)
     assert asked == Mechanics(
-        Coupling(stiffness=20.0, load_inertia=1e-5, damping=1e-3, backlash=0.01),
-        Gravity(torque=0.01, hanging_at=0.3),
+        CompliantCoupling(stiffness=20.0, load_inertia=1e-5, damping=1e-3, backlash=0.01),
+        Weight(torque=0.01, hanging_at=0.3),
         Cogging(torque=2e-3, periods_per_revolution=14),
         Stribeck(torque=1e-3, velocity=0.5),
     )

@@ -8,12 +8,12 @@ import scipy.linalg
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, stiffness_limit
-from haptic_fieldbus.margins.bodies import HAND, Body, dynamics, limit_with, sample_with
+from haptic_fieldbus.margins.bodies import HAND, HungBody, dynamics, limit_with, sample_with
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.sim.hand import hand_named
 from tests.loops import BENCH, LAG, PERIOD, sprung_mass, wall
 
-LOAD = Body(mass=0.4, stiffness=2e4, damping=1.0, drag=0.5)
+LOAD = HungBody(mass=0.4, stiffness=2e4, damping=1.0, drag=0.5)
 PLANT = Plant(0.25, 1.1, torque_lag=LAG)
 
 
@@ -86,7 +86,7 @@ def test_only_what_nothing_holds_may_be_left_anywhere() -> None:
 @pytest.mark.parametrize("wrong", [{"mass": 0.0}, {"mass": -1.0}, {"stiffness": float("nan")}, {"drag": -0.1}])
 def test_a_body_that_cannot_be_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(UsageError, match="expected a number"):
-        Body(**{"mass": 0.1, "stiffness": 1.0, **wrong})
+        HungBody(**{"mass": 0.1, "stiffness": 1.0, **wrong})
 
 
 def test_bodies_hang_on_a_mass() -> None:

@@ -12,7 +12,7 @@ from haptic_fieldbus.margins import Plant, Verdict, alone, judge, passive_limit,
 from haptic_fieldbus.margins.coupled import CoupledAxes
 from haptic_fieldbus.margins.loop import Axis
 from haptic_fieldbus.numerics.coupled import environment
-from haptic_fieldbus.numerics.coupled_passivity import Port, damping_share
+from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, sprung_mass, wall, with_damping
 from tests.pairs import PairByHand, shaft
@@ -118,7 +118,7 @@ class TestPassiveLimit:
     @pytest.mark.parametrize("ratio", [1.0, -0.3, 5.0])
     def test_needs_all_the_damping_there_is(self, delays: tuple[float, float], ratio: float) -> None:
         axes = PairByHand((LAGGING, HEAVY), delays).axes()
-        ports = [Port(axis.plant.damping, axis.delay, axis.plant.torque_lag) for axis in axes]
+        ports = [PassivityPort(axis.plant.damping, axis.delay, axis.plant.torque_lag) for axis in axes]
         limit = CoupledAxes(axes, PERIOD).passive_limit(shaft(0.05, ratio), math.inf)
         shares = [damping_share(shaft(0.05, ratio)(part * limit), ports, PERIOD) for part in (0.3, 1.0, 1.001)]
         if not limit:

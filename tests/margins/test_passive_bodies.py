@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.margins import Plant, passive_limit
-from haptic_fieldbus.margins.bodies import Body, dynamics, limit_with, sample_with
+from haptic_fieldbus.margins.bodies import HungBody, dynamics, limit_with, sample_with
 from tests.loops import PERIOD, Array, wall
 
 MOTOR = Plant(0.25, 1.1)
 TRANSMISSIONS = {
-    "soft": Body(mass=0.4, stiffness=2e3),
-    "stiff": Body(mass=0.4, stiffness=2e5),
-    "lossy": Body(mass=0.4, stiffness=2e4, damping=2.0, drag=0.5),
+    "soft": HungBody(mass=0.4, stiffness=2e3),
+    "stiff": HungBody(mass=0.4, stiffness=2e5),
+    "lossy": HungBody(mass=0.4, stiffness=2e4, damping=2.0, drag=0.5),
 }
 DELAYS = (0.0, 0.4, 1.0)
 """In periods."""
 
 
-def mobility(load: Body, delay: float, stiffness: float, frequency: Array) -> Array:
+def mobility(load: HungBody, delay: float, stiffness: float, frequency: Array) -> Array:
     """Real part of velocity over force of a hand at the load, of the component at its own frequency.
 
     The samples see e^{jθk}·(what the hand does to the motor), and the held force acts back with the hold's share at ω.
@@ -68,7 +68,7 @@ def test_no_hand_of_masses_springs_and_dampers_makes_it_unstable(delay: float) -
     chance = np.random.default_rng(3)
     for _ in range(40):
         load, hand = (
-            Body(mass=10 ** chance.uniform(-3, 2), stiffness=10 ** chance.uniform(1, 6),
+            HungBody(mass=10 ** chance.uniform(-3, 2), stiffness=10 ** chance.uniform(1, 6),
                  damping=chance.choice([0.0, 10 ** chance.uniform(-3, 1)]), anchor=chance.choice([0.0, 1e3]))
             for _ in range(2)
         )  # fmt: skip
@@ -76,7 +76,7 @@ def test_no_hand_of_masses_springs_and_dampers_makes_it_unstable(delay: float) -
 
 
 def test_a_heavy_hand_without_loss_takes_all_of_it() -> None:
-    heavy = Body(mass=1e3, stiffness=5e4)
+    heavy = HungBody(mass=1e3, stiffness=5e4)
     found = limit_with(MOTOR, [heavy], PERIOD, 0.0, wall)
     assert found == pytest.approx(passive_limit(MOTOR, PERIOD, 0.0), rel=0.02)
 
@@ -84,7 +84,7 @@ def test_a_heavy_hand_without_loss_takes_all_of_it() -> None:
 def test_the_port_of_a_load_that_is_rigid_is_that_of_one_mass() -> None:
     """The mobility above, against the motor and load as a single plant."""
     frequency = np.geomspace(1.0, 2000.0, 50)
-    stiff = Body(mass=0.4, stiffness=1e9, damping=1e4)
+    stiff = HungBody(mass=0.4, stiffness=1e9, damping=1e4)
     found = mobility(stiff, 0.4, 500.0, frequency)
     s, mass, damping = 1j * frequency, MOTOR.mass + stiff.mass, MOTOR.damping
     z, rest = np.exp(s * PERIOD), 0.4 * PERIOD

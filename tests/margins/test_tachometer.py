@@ -13,7 +13,7 @@ from haptic_fieldbus.margins.bodies import HAND, sample_with
 from haptic_fieldbus.margins.cycles import edge_chatter
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.numerics import sampled
-from haptic_fieldbus.numerics.estimators.tachometer import Integrator
+from haptic_fieldbus.numerics.estimators.tachometer import VelocityIntegrator
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.sampled import TACHOMETER, environment
 from haptic_fieldbus.scenes.constant import Constant
@@ -111,7 +111,7 @@ def test_a_hand_that_is_fast_at_the_readings_gains_from_any_spring() -> None:
     The force −K·x̂ works on it at a steady speed at which the device takes half of that: the rest is gained.
     """
     stiffness, speed, width, periods = 1.0, 1.0, 1e-9, 10_000
-    spring = Integrator(PERIOD, 0.0)
+    spring = VelocityIntegrator(PERIOD, 0.0)
     spring.start(0.0)
     for number, reading in enumerate((speed, 0.0, *[0.0] * periods), start=1):
         spring.step(reading, number * PERIOD)

@@ -7,7 +7,7 @@ import pytest
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, sample
-from haptic_fieldbus.margins.bodies import Body, sample_with
+from haptic_fieldbus.margins.bodies import HungBody, sample_with
 from haptic_fieldbus.margins.coupled import CoupledAxes
 from haptic_fieldbus.numerics import coupled, sampled
 from haptic_fieldbus.numerics.coupled import embedded, environment, shift_modes, spring_damper
@@ -118,7 +118,7 @@ class TestShiftModes:
         ].shape == (2, 0)
 
     def test_a_device_on_a_spring_holds_what_it_is_tied_to(self) -> None:
-        anchored = sample_with(BENCH, [Body(mass=0.4, stiffness=2e4, anchor=500.0)], PERIOD, 0.0)
+        anchored = sample_with(BENCH, [HungBody(mass=0.4, stiffness=2e4, anchor=500.0)], PERIOD, 0.0)
         plants = [anchored, self.PLANTS[0]]
         assert shift_modes(plants, shaft()(50.0))[0].shape == (2, 0)
         directions, _ = shift_modes(plants, shaft()(0.0))

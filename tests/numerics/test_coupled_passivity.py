@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg
 
 from haptic_fieldbus.numerics.coupled import embedded
-from haptic_fieldbus.numerics.coupled_passivity import Port, damping_share, stores
+from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share, stores
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.passivity import damping_needed, hold
 from tests.loops import DELAYS, LAG, PERIOD, Array, sprung_mass, wall
@@ -24,8 +24,8 @@ PAIRS = [
 """(dampings, delays in periods, ratio)"""
 
 
-def ports(dampings: tuple[float, float], delays: tuple[float, float], lag: float = 0.0) -> list[Port]:
-    return [Port(damping, delay * PERIOD, lag) for damping, delay in zip(dampings, delays, strict=True)]
+def ports(dampings: tuple[float, float], delays: tuple[float, float], lag: float = 0.0) -> list[PassivityPort]:
+    return [PassivityPort(damping, delay * PERIOD, lag) for damping, delay in zip(dampings, delays, strict=True)]
 
 
 class TestAgainstTheEnergyOfEveryPeriodicMotion:

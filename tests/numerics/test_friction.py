@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from haptic_fieldbus.numerics.friction import Device, slide
+from haptic_fieldbus.numerics.friction import SampledMass, slide
 
 SPAN = 1e-3
 
@@ -51,7 +51,7 @@ def by_scipy(mass: float, damping: float, coulomb: float, x: float, v: float, fo
 )
 def test_a_step_is_what_scipy_finds(mass: float, damping: float, velocity: float, force: float) -> None:
     coulomb, x = 0.5, 0.02
-    device = Device(np.array([mass]), np.array([damping]), np.array([coulomb]))
+    device = SampledMass(np.array([mass]), np.array([damping]), np.array([coulomb]))
     found = slide(device, np.array([x]), np.array([velocity]), np.array([force]), np.array([SPAN]))
     expected = by_scipy(mass, damping, coulomb, x, velocity, force)
     assert float(found[0][0]) - x == pytest.approx(expected[0] - x, rel=1e-6, abs=1e-13)
@@ -62,7 +62,7 @@ def test_a_step_is_what_scipy_finds(mass: float, damping: float, velocity: float
 @pytest.mark.parametrize("damping", [0.0, 1e-9, 1e-3, 0.0119, 0.0121, 5.0])
 def test_two_halves_are_one_step_whatever_formula_is_taken(velocity: float, damping: float) -> None:
     """Series and closed form meet."""
-    device = Device(np.array([0.6]), np.array([damping]), np.array([0.4]))
+    device = SampledMass(np.array([0.6]), np.array([damping]), np.array([0.4]))
     force, x, v = np.array([-1.0]), np.array([0.0]), np.array([velocity])
     whole = slide(device, x, v, force, np.array([1.0]))
     half = slide(device, *slide(device, x, v, force, np.array([0.5])), force, np.array([0.5]))

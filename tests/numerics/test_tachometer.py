@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.estimators.tachometer import (
-    Integrator,
+    VelocityIntegrator,
     bind_position,
 )
 from haptic_fieldbus.numerics.linear import StateSpace
@@ -89,8 +89,8 @@ def test_a_period_that_is_none_is_refused(period: float) -> None:
         bind_position(period)
 
 
-def integrated(readings: list[float], times: list[float]) -> Integrator:
-    found = Integrator(PERIOD, STEP)
+def integrated(readings: list[float], times: list[float]) -> VelocityIntegrator:
+    found = VelocityIntegrator(PERIOD, STEP)
     found.start(readings[0])
     for reading, time in zip(readings[1:], times[1:], strict=True):
         found.step(reading, time)
@@ -124,7 +124,7 @@ spans = st.tuples(st.sampled_from([1, 1, 1, 2, 3]), st.floats(-1.0, 1.0), st.flo
 @given(st.lists(spans, min_size=1, max_size=200))
 def test_no_motion_is_further_off_than_the_drift_says(motion: list[tuple[int, float, float]]) -> None:
     """Straight within a period; over a gap it leaps at any time from one reading to the next."""
-    found, true, time, before = Integrator(PERIOD, STEP), 0.0, 0.0, 0.0
+    found, true, time, before = VelocityIntegrator(PERIOD, STEP), 0.0, 0.0, 0.0
     found.start(0.0)
     for periods, velocity, leap in motion:
         span = periods * PERIOD
@@ -137,7 +137,7 @@ def test_no_motion_is_further_off_than_the_drift_says(motion: list[tuple[int, fl
 
 def test_the_drift_says_no_more_than_the_worst_motion_is_off() -> None:
     """A velocity of all but half a step is lost period after period."""
-    found, speed = Integrator(PERIOD, STEP), 0.4999 * STEP
+    found, speed = VelocityIntegrator(PERIOD, STEP), 0.4999 * STEP
     found.start(0.0)
     for number in range(1, 1001):
         found.step(STEP * round(speed / STEP), number * PERIOD)
@@ -148,7 +148,7 @@ def test_the_drift_says_no_more_than_the_worst_motion_is_off() -> None:
 def test_what_a_period_misses_under_held_forces_does_not_add_up(share: float) -> None:
     """Each force acts from td on: the error after any time depends on the first and the last of them alone."""
     accelerations = np.random.default_rng(3).uniform(-80.0, 80.0, 2000)
-    delay, found = share * PERIOD, Integrator(PERIOD, 0.0)
+    delay, found = share * PERIOD, VelocityIntegrator(PERIOD, 0.0)
     found.start(0.0)
     true = velocity = before = 0.0
     for number, acceleration in enumerate(accelerations.tolist(), start=1):

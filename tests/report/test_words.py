@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.assessing.result import Result, TorqueError, Trip
+from haptic_fieldbus.assessing.result import Result, TorqueError, TripRecord
 from haptic_fieldbus.assessing.verdict import verdict_of
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.protocols.canopen.bus import CanSection
@@ -58,7 +58,7 @@ def test_of_a_run_that_never_began_nothing_is_told() -> None:
 
 def test_missed_periods_are_told_and_a_trip_is_left_to_its_error() -> None:
     tripped = replace(
-        RUN, missed_cycles=3, trips=(Trip("speed limit", 1.0, "too fast"),), clock="monotonic", verdict=None
+        RUN, missed_cycles=3, trips=(TripRecord("speed limit", 1.0, "too fast"),), clock="monotonic", verdict=None
     )
     assert [text for _, text in outcome(tripped)] == [
         "10 000 periods, 3 missed · bus load 27 %",

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from haptic_fieldbus.study.measure.friction_plane import Outcome, border, plane
+from haptic_fieldbus.study.measure.friction_plane import Ending, border, plane
 from haptic_fieldbus.study.page.friction_plane import part
 
 
@@ -13,13 +13,13 @@ from haptic_fieldbus.study.page.friction_plane import part
 def test_motions_of_one_size_end_as_describing_functions_say(start: float) -> None:
     found = plane(start, 14, 2000)
     assert found.agreement == 1.0
-    assert set(np.unique(found.outcome)) == set(Outcome)
+    assert set(np.unique(found.outcome)) == set(Ending)
 
 
 def test_large_motions_know_the_quadrants_alone() -> None:
     found = plane(1e5, 12, 3000)
     beta, sigma = np.meshgrid(found.beta, found.sigma)
-    expected = np.where(beta < 0.5, Outcome.GROWS, np.where(sigma < 0.5, Outcome.CYCLES, Outcome.RESTS))
+    expected = np.where(beta < 0.5, Ending.GROWS, np.where(sigma < 0.5, Ending.CYCLES, Ending.RESTS))
     apart = (np.abs(beta - 0.5) > 0.06) & (np.abs(sigma - 0.5) > 0.06)
     np.testing.assert_array_equal(found.outcome[apart], expected[apart])
 

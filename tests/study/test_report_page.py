@@ -134,7 +134,7 @@ def test_a_case_is_chosen_by_its_name_and_shown_with_its_verdict(monkeypatch: py
 
     for module in (run_report, stability):
         monkeypatch.setattr(module, "CASES", {"tiny-h": passing, "broken": breaking})
-    assert run_report.choose("tiny-h") == run_report.Chosen(("stability",), frozenset({"tiny-h"}))
+    assert run_report.choose("tiny-h") == run_report.ChosenSections(("stability",), frozenset({"tiny-h"}))
     context = Context(TOOLS, bench_of(api.plan("wall")), quick=True)
     section = stability.stability_section(context)
     rows = {row["name"]: row for row in context.rows["stability_cases"]}

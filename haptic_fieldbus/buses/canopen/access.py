@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from haptic_fieldbus.buses.access import Access
+from haptic_fieldbus.buses.access import BusAccess
 from haptic_fieldbus.buses.canopen.frames import FrameLog, frame_logs
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node
@@ -19,7 +19,7 @@ from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.catalogue import load_profile
 
 
-class CanopenAccess(Access):
+class CanopenAccess(BusAccess):
     """Opened by python-can."""
 
     def logs(self, record: Path | None, buses: Sequence[str]) -> AbstractContextManager[Mapping[str, FrameLog]]:

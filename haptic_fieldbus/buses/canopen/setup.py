@@ -21,7 +21,7 @@ from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, Direction, Pdo
-from haptic_fieldbus.protocols.canopen.traffic import CanTraffic, Member
+from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
 DEVICE_TYPE = ObjectEntry(0x1000, DataType.UINT32)
@@ -68,7 +68,7 @@ class Setup:
     node: Node
     axis: AxisPlan
     bus: CanTraffic
-    member: Member
+    member: BusMember
 
     def inspect(self) -> DriveFacts:
         """Is this the drive of the profile, healthy and rated as the rig says? Writes nothing.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib import import_module
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, Parameter, Setup, Value
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, Value
 from haptic_fieldbus.numerics.linear import StateSpace
 
 __all__ = [
@@ -50,13 +50,13 @@ ESTIMATORS = {
 
 
 @dataclass(frozen=True)
-class Chosen:
+class ChosenEstimator:
     """An estimator and the parameters that were given with its name."""
 
     estimator: Estimator
     given: dict[str, Value]
 
-    def setup(self, period: float, resolution: float = 0.0) -> Setup:
+    def setup(self, period: float, resolution: float = 0.0) -> EstimatorSetup:
         """All parameters, checked; raises UsageError when they do not go with the period."""
         if not 0.0 < period < math.inf:
             raise UsageError(f"period {period:g} s: expected a finite number above 0")
@@ -64,7 +64,7 @@ class Chosen:
             parameter.key: resolution if parameter.default is None else parameter.default
             for parameter in self.estimator.parameters
         }
-        setup = Setup(period, resolution, defaults | self.given)
+        setup = EstimatorSetup(period, resolution, defaults | self.given)
         self.estimator.check(setup)
         return setup
 
@@ -78,7 +78,7 @@ def estimator_named(name: str) -> Estimator:
     return found
 
 
-def chosen(spec: str) -> Chosen:
+def chosen(spec: str) -> ChosenEstimator:
     """NAME[:key=value,…]; raises UsageError that names what is wrong, and the limits."""
     name, _, written = spec.partition(":")
     estimator = estimator_named(name.strip())
@@ -91,7 +91,7 @@ def chosen(spec: str) -> Chosen:
         if key in given:
             raise UsageError(f"{name}: {key} stands twice")
         given[key] = _parsed(name, known[key], text)
-    return Chosen(estimator, given)
+    return ChosenEstimator(estimator, given)
 
 
 def _parsed(name: str, parameter: Parameter, text: str) -> Value:

@@ -28,7 +28,7 @@ from collections.abc import Callable
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, Parameter, Setup
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 POLES: dict[str, Callable[[float, float], float]] = {
@@ -53,7 +53,7 @@ def shift_register(weights: Matrix) -> StateSpace:
     )
 
 
-def _start_backward(setup: Setup) -> Estimate:
+def _start_backward(setup: EstimatorSetup) -> Estimate:
     period = setup.period
     previous: float | None = None
 
@@ -66,7 +66,7 @@ def _start_backward(setup: Setup) -> Estimate:
     return step
 
 
-def _start_average(setup: Setup) -> Estimate:
+def _start_average(setup: EstimatorSetup) -> Estimate:
     length, span = setup.whole("window"), setup.whole("window") * setup.period
     window: list[float] = []
     at = 0
@@ -122,11 +122,11 @@ def _smoothed_noise_gain(pole: float, period: float) -> float:
     return (1.0 - pole) / period * math.sqrt(2.0 / (1.0 + pole))
 
 
-def _pole(setup: Setup) -> float:
+def _pole(setup: EstimatorSetup) -> float:
     return POLES[setup.word("mapping")](setup.number("tau"), setup.period)
 
 
-def _check_mapping(setup: Setup) -> None:
+def _check_mapping(setup: EstimatorSetup) -> None:
     mapping = setup.word("mapping")
     if not abs(_pole(setup)) < 1.0:
         raise UsageError(

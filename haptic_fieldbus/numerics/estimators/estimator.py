@@ -53,7 +53,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Setup:
+class EstimatorSetup:
     """Where an estimator works: period [s], one encoder count [m or rad] (0: not known), and its parameters."""
 
     period: float
@@ -70,11 +70,11 @@ class Setup:
         return str(self.values[key])
 
 
-def _nothing(setup: Setup) -> None:
+def _nothing(setup: EstimatorSetup) -> None:
     """Any values within their limits go together."""
 
 
-def _backward_difference(setup: Setup) -> str:
+def _backward_difference(setup: EstimatorSetup) -> str:
     """The least delay that there is."""
     return "backward-difference"
 
@@ -85,18 +85,18 @@ class Estimator:
 
     name: str
     summary: str
-    start: Callable[[Setup], Estimate]
+    start: Callable[[EstimatorSetup], Estimate]
     """A fresh step; its first call returns 0, as if the handle had stood there for ever."""
-    system: Callable[[Setup], StateSpace] | None = None
+    system: Callable[[EstimatorSetup], StateSpace] | None = None
     """s⁺ = A s + B x, v = C s + D x; None where no linear system is the estimator."""
-    noise_gain: Callable[[Setup], float] | None = None
+    noise_gain: Callable[[EstimatorSetup], float] | None = None
     """Closed form of rms velocity over rms white position noise [1/s]; None where there is none."""
-    delay: Callable[[Setup], float] | None = None
+    delay: Callable[[EstimatorSetup], float] | None = None
     """Closed form of the delay of slow motions [s]."""
     parameters: tuple[Parameter, ...] = ()
-    check: Callable[[Setup], None] = _nothing
+    check: Callable[[EstimatorSetup], None] = _nothing
     """Raises UsageError for parameters that do not go together, or not with the period."""
-    stand_in: Callable[[Setup], str] = _backward_difference
+    stand_in: Callable[[EstimatorSetup], str] = _backward_difference
     """Where there is no system: the linear estimator, as it is written, whose stability is judged instead."""
     timed: bool = False
     """Whether the step takes the time of the sample [ns] beside the position."""

@@ -24,7 +24,7 @@ import numpy as np
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.estimators.differences import shift_register
-from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, Parameter, Setup
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 ROUNDING = 1e-12
@@ -39,11 +39,11 @@ def slope_weights(length: int, order: int, period: float) -> Matrix:
     return weights
 
 
-def _weights(setup: Setup) -> Matrix:
+def _weights(setup: EstimatorSetup) -> Matrix:
     return slope_weights(setup.whole("window"), setup.whole("order"), setup.period)
 
 
-def _start_least_squares(setup: Setup) -> Estimate:
+def _start_least_squares(setup: EstimatorSetup) -> Estimate:
     """Works with differences from the newest position: the weights sum to zero, and digits are kept far from zero."""
     weights: list[float] = _weights(setup).tolist()
     window: list[float] = []
@@ -56,11 +56,11 @@ def _start_least_squares(setup: Setup) -> Estimate:
     return step
 
 
-def _least_squares(setup: Setup) -> StateSpace:
+def _least_squares(setup: EstimatorSetup) -> StateSpace:
     return shift_register(_weights(setup))
 
 
-def _check_order(setup: Setup) -> None:
+def _check_order(setup: EstimatorSetup) -> None:
     if setup.whole("window") <= setup.whole("order"):
         raise UsageError(
             f"least-squares: window={setup.whole('window')} is too short for order={setup.whole('order')}; "
@@ -68,7 +68,7 @@ def _check_order(setup: Setup) -> None:
         )
 
 
-def _line_noise_gain(setup: Setup) -> float:
+def _line_noise_gain(setup: EstimatorSetup) -> float:
     """√Σ weights²; 12/(N·(N² − 1)·T²) under the root for a line."""
     length = setup.whole("window")
     if setup.whole("order") > 1:
@@ -76,7 +76,7 @@ def _line_noise_gain(setup: Setup) -> float:
     return math.sqrt(12.0 / (length * (length * length - 1.0))) / setup.period
 
 
-def _line_delay(setup: Setup) -> float:
+def _line_delay(setup: EstimatorSetup) -> float:
     return 0.0 if setup.whole("order") > 1 else 0.5 * (setup.whole("window") - 1) * setup.period
 
 
@@ -94,7 +94,7 @@ def _best(i: int) -> tuple[float, float, float]:
     return (0.0, -0.5 * i * share, share)
 
 
-def _start_adaptive(setup: Setup, slope_of: Slope) -> Estimate:
+def _start_adaptive(setup: EstimatorSetup, slope_of: Slope) -> Estimate:
     length, period, band = setup.whole("window"), setup.period, setup.number("band")
     table = [(float(i), *slope_of(i)) for i in range(1, length + 1)]
     window: list[float] = []

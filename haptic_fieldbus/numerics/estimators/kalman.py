@@ -19,7 +19,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, Parameter, Setup
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter
 from haptic_fieldbus.numerics.linear import StateSpace
 
 BISECTIONS = 200
@@ -47,7 +47,7 @@ def acceleration_gains(index: float) -> Gains:
 GainsOf = Callable[[float], Gains]
 
 
-def _start(setup: Setup, gains_of: GainsOf) -> Estimate:
+def _start(setup: EstimatorSetup, gains_of: GainsOf) -> Estimate:
     """Works with the deviation of the prediction from the position: v and a in ways per period."""
     alpha, beta, gamma = gains_of(setup.number("index"))
     period = setup.period
@@ -66,7 +66,7 @@ def _start(setup: Setup, gains_of: GainsOf) -> Estimate:
     return step
 
 
-def _system(setup: Setup, gains_of: GainsOf) -> StateSpace:
+def _system(setup: EstimatorSetup, gains_of: GainsOf) -> StateSpace:
     """States (x, v·T, a·T²) after the correction."""
     gains = np.array(gains_of(setup.number("index")))[:, None]
     predict = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
@@ -76,13 +76,13 @@ def _system(setup: Setup, gains_of: GainsOf) -> StateSpace:
     return StateSpace(a, b, a[1:2] / setup.period, b[1:2] / setup.period)
 
 
-def _noise_gain(setup: Setup) -> float:
+def _noise_gain(setup: EstimatorSetup) -> float:
     """Of the constant-velocity filter: √(2β²/(α·(4 − 2α − β)))/T, its variance reduction ratio."""
     alpha, beta, _ = velocity_gains(setup.number("index"))
     return math.sqrt(2.0 / (alpha * (4.0 - 2.0 * alpha - beta))) * beta / setup.period
 
 
-def _delay(setup: Setup) -> float:
+def _delay(setup: EstimatorSetup) -> float:
     """Of the constant-velocity filter: its error in velocity at unit acceleration, T·(α/β − ½)."""
     alpha, beta, _ = velocity_gains(setup.number("index"))
     return setup.period * (alpha / beta - 0.5)

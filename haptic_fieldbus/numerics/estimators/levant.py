@@ -17,13 +17,13 @@ handle's acceleration: too small and fast motions are missed, too large and it i
 
 import math
 
-from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, Parameter, Setup
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter
 
 ROOT_GAIN, SIGN_GAIN = 1.5, 1.1
 """λ1, λ0."""
 
 
-def _start(setup: Setup) -> Estimate:
+def _start(setup: EstimatorSetup) -> Estimate:
     period, lipschitz = setup.period, setup.number("lipschitz")
     change = SIGN_GAIN * lipschitz * period
     within, half_root = change * period, 0.5 * period * ROOT_GAIN * math.sqrt(lipschitz)

@@ -46,7 +46,7 @@ def bind_position(period: float, start: float = 0.0) -> Callable[[float], float]
 
 
 @dataclass(slots=True)
-class Integrator:
+class VelocityIntegrator:
     """Position [m or rad] from readings [m/s or rad/s] in steps of `velocity_step`; times are [s] since the first."""
 
     period: float

@@ -12,10 +12,10 @@ jittered sample does not look like a speed.
 
 import math
 
-from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, Parameter, Setup
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter
 
 
-def _start(setup: Setup) -> Estimate:
+def _start(setup: EstimatorSetup) -> Estimate:
     period_ns, count = setup.period * 1e9, setup.number("count")
     before: float | None = None
     changed_ns = clock_ns = velocity = last = 0.0

@@ -12,7 +12,7 @@ from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen import bus, checks
 from haptic_fieldbus.protocols.canopen.pdo import SYNCHRONOUS_TYPES, Direction, lay_out
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
-from haptic_fieldbus.protocols.canopen.traffic import CanTraffic, Member, PdoTraffic
+from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic, PdoTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
 from haptic_fieldbus.protocols.traffic import AxisTraffic
@@ -71,7 +71,7 @@ class Canopen(FieldbusProtocol):
 
     def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> CanTraffic:
         own = tuple(
-            Member(name, canopen_profile(profile), _pdos(traffic)) for name, (profile, traffic) in members.items()
+            BusMember(name, canopen_profile(profile), _pdos(traffic)) for name, (profile, traffic) in members.items()
         )
         return CanTraffic(own, bus.can_section(section).bitrate, rate, waiting)
 

@@ -103,7 +103,7 @@ def _mapped(pdos: tuple[Pdo, ...]) -> tuple[MappedSignal, ...]:
 
 
 @dataclass(frozen=True)
-class Member:
+class BusMember:
     """One axis on the bus."""
 
     axis: str
@@ -115,7 +115,7 @@ class Member:
 class CanTraffic:
     """One period's traffic of one bus, worst case; bit rate in bit/s, rate in Hz."""
 
-    members: tuple[Member, ...]
+    members: tuple[BusMember, ...]
     bitrate: int
     rate: float
     waiting: float = 0.0
@@ -214,7 +214,7 @@ class CanTraffic:
             acts_at = round(1e9 / self.rate) * 1e-9
         return Delay(bus, compute, acts_at - bus - compute, 1.0 / (2 * math.pi * timing.torque_bandwidth))
 
-    def member(self, axis: str) -> Member:
+    def member(self, axis: str) -> BusMember:
         """One of its axes by name."""
         return next(member for member in self.members if member.axis == axis)
 
@@ -237,7 +237,7 @@ class CanTraffic:
         return sum(worst_case_bits(pdo.size) for member in self.members for pdo in member.traffic.rpdos)
 
 
-def acts_on_reception(member: Member) -> bool:
+def acts_on_reception(member: BusMember) -> bool:
     """False also when the profile does not know: the longer delay is assumed."""
     synchronous = any(pdo.synchronous for pdo in member.traffic.rpdos)
     return member.profile.pdo.rpdo_acts == "reception" and not synchronous

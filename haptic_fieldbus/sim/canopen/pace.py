@@ -79,7 +79,7 @@ class Pace(Protocol):
 
 def pace_of(world: LazyWorld) -> Pace:
     """By the world's clock: the machine's is followed, every other one is moved."""
-    return Paced(world) if isinstance(world.clock, MonotonicClock) else Stepped(world)
+    return PacedByClock(world) if isinstance(world.clock, MonotonicClock) else Stepped(world)
 
 
 class Stepped:
@@ -120,7 +120,7 @@ class Stepped:
         return t_ns * 1e-9
 
 
-class Paced:
+class PacedByClock:
     """The wall clock, any number of threads."""
 
     def __init__(self, world: LazyWorld) -> None:

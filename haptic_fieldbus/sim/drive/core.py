@@ -53,7 +53,7 @@ LINK_LOST, FOLLOWING_ERROR = 0x8130, 0x8611
 _LINK_LOSS = {1: Cause.FAULT, 2: Cause.DISABLE_VOLTAGE, 3: Cause.QUICK_STOP}
 
 
-class Link(Protocol):
+class DriveLink(Protocol):
     """What a drive tells of itself to the link that it is reached by."""
 
     def error(self, code: int, t_ns: int) -> None:
@@ -70,7 +70,7 @@ class Drive:
         self,
         profile: Cia402Profile,
         axis: RigAxis,
-        link: Link,
+        link: DriveLink,
         hand: Hand | None,
         settings: DriveSettings,
         t_ns: int = 0,

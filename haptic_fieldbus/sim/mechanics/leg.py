@@ -40,7 +40,7 @@ _OUTPUT = (-1.0) ** np.arange(TERMS)
 
 
 @dataclass(frozen=True)
-class Watch:
+class LegWatch:
     """A form of the states that must not become negative: sign·row·z + offset; `row` counts those of the leg."""
 
     row: int
@@ -108,10 +108,10 @@ class Leg:
         off = float(np.abs(coefficients @ _CHECK.T - torques[:, TERMS:]).max())
         return np.concatenate([z, coefficients.ravel()]), off / (TOLERANCE * allowed)
 
-    def first(self, z: Matrix, watches: Sequence[Watch]) -> tuple[float, Watch] | None:
+    def first(self, z: Matrix, watches: Sequence[LegWatch]) -> tuple[float, LegWatch] | None:
         """When the first of the watched forms becomes negative, and which; None: none does on this leg."""
         values, rates = self._watched @ z
-        found: tuple[float, Watch] | None = None
+        found: tuple[float, LegWatch] | None = None
         for watch in watches:
             level = watch.sign * values[watch.row] + watch.offset
             rate = watch.sign * rates[watch.row]
@@ -121,8 +121,8 @@ class Leg:
         return found
 
     def _earlier(
-        self, z: Matrix, watch: Watch, nodes: NDArray[np.intp], found: tuple[float, Watch] | None
-    ) -> tuple[float, Watch] | None:
+        self, z: Matrix, watch: LegWatch, nodes: NDArray[np.intp], found: tuple[float, LegWatch] | None
+    ) -> tuple[float, LegWatch] | None:
         """When this form becomes negative after one of these nodes, if that is before what was found."""
         form = watch.sign * self._rows[watch.row]
         for node in nodes:

@@ -15,7 +15,7 @@ import numpy as np
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.sim.hand import Grip
 from haptic_fieldbus.sim.mechanics.body import Body
-from haptic_fieldbus.sim.mechanics.leg import TERMS, Leg, Watch
+from haptic_fieldbus.sim.mechanics.leg import TERMS, Leg, LegWatch
 from haptic_fieldbus.sim.mechanics.load import ORDER, TWIST, Load, Torques
 from haptic_fieldbus.sim.mechanics.motion import ANGLE, FRICTION, SPEED, TORQUE, State
 
@@ -49,7 +49,7 @@ class LoadedPlant(Body):
         """The flank, of an open coupling, that overlaps still while it parts faster than its spring."""
         self._direction = 1
         self._halvings = 0
-        self._event: Watch | None = None
+        self._event: LegWatch | None = None
         self._events: list[float] = []
         self._hold(grip)
 
@@ -140,25 +140,25 @@ class LoadedPlant(Body):
 
     # Events.
 
-    def _watches(self) -> list[Watch]:
+    def _watches(self) -> list[LegWatch]:
         """What ends a leg."""
         watches = []
         if self._load.breakaway:
             if self._direction:
-                watches.append(Watch(_SPEED, self._direction, 0.0))
+                watches.append(LegWatch(_SPEED, self._direction, 0.0))
             else:
                 threshold = self._load.breakaway * _BREAKAWAY
-                watches += [Watch(_PULL, -1.0, threshold), Watch(_PULL, 1.0, threshold)]
+                watches += [LegWatch(_PULL, -1.0, threshold), LegWatch(_PULL, 1.0, threshold)]
         coupling, half = self._load.mechanics.coupling, self._load.half_play
         if coupling is not None and half:
             preload = coupling.stiffness * half
             if self._flank:
-                return [*watches, Watch(_SPRING, self._flank, -preload)]
+                return [*watches, LegWatch(_SPRING, self._flank, -preload)]
             for flank in (1, -1):
                 if self._parting == flank:
-                    watches += [Watch(_SPRING, -flank, preload), Watch(_TWIST, flank, -half)]
+                    watches += [LegWatch(_SPRING, -flank, preload), LegWatch(_TWIST, flank, -half)]
                 else:
-                    watches.append(Watch(_TWIST, -flank, half))
+                    watches.append(LegWatch(_TWIST, -flank, half))
         return watches
 
     def _may_change(self, now_ns: float) -> bool:
@@ -167,7 +167,7 @@ class LoadedPlant(Body):
             self._events.pop(0)
         return len(self._events) < _MAX_EVENTS
 
-    def _change(self, event: Watch) -> None:
+    def _change(self, event: LegWatch) -> None:
         """Another law: friction or coupling."""
         if event.row in (_SPEED, _PULL):
             self._from_rest()

@@ -90,7 +90,7 @@ def running(plan: Plan, counts: int = 0, t_ns: int = 0) -> Feeder:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class BusOffOutcome:
     """How a simulated run ended: times in s, torque in N·m."""
 
     error: str
@@ -116,7 +116,7 @@ def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: Sequence[Fault]) 
     return world, report, error
 
 
-def bus_off_in_contact() -> Outcome:
+def bus_off_in_contact() -> BusOffOutcome:
     """Our controller goes bus-off while the wall pushes back; the drive is watched for 0.5 s more."""
     plan, clock = plan_of(Wall("handle", stiffness=600.0, position=0.02)), VirtualClock()
     world, report, error = _run(plan, clock, 700, [BusOff("bus_off", CONTACT)])
@@ -126,7 +126,7 @@ def bus_off_in_contact() -> Outcome:
     held = [float(torque) for at, torque in zip(times, torques, strict=True) if at <= lost_ns]
     ended = [int(at) for at, torque in zip(times, torques, strict=True) if at > lost_ns and torque == 0.0]
     free = (ended[0] - lost_ns) * 1e-9 if ended and torques[-1] == 0.0 else math.inf
-    return Outcome(error, canopen_profile(plan.axes[0].profile).link_loss.deadline, held[-1], free)
+    return BusOffOutcome(error, canopen_profile(plan.axes[0].profile).link_loss.deadline, held[-1], free)
 
 
 def odd_periods(start_ns: int, cycles: int) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
 from haptic_fieldbus.numerics.loops import Array
 from haptic_fieldbus.study.measure.bench import Bench, held
-from haptic_fieldbus.study.measure.motions import Motion, sine
+from haptic_fieldbus.study.measure.motions import KnownMotion, sine
 from haptic_fieldbus.study.measure.problems import Problem, peak, sprung_mass
 from haptic_fieldbus.study.measure.timing import ns_per_call
 from haptic_fieldbus.study.measure.work_precision import Point, Set, errors, with_order
@@ -95,7 +95,7 @@ def follow(law: Law, bench: Bench, period: float, steps: int) -> Array:
     return forces
 
 
-def _moved(bench: Bench, motion: Motion, period: float) -> tuple[Matrix, Array]:
+def _moved(bench: Bench, motion: KnownMotion, period: float) -> tuple[Matrix, Array]:
     """Device, hand and its force over one period with the motor's force held."""
     a, motor, hand = held(bench.plant)
     outer = len(motion.start)

@@ -14,7 +14,7 @@ SCENE = "damped_wall"
 
 
 @dataclass(frozen=True)
-class Deadline:
+class RateDeadline:
     """At one rate [Hz]; shares of all periods."""
 
     rate: float
@@ -25,7 +25,7 @@ class Deadline:
 
 
 @dataclass(frozen=True)
-class Deadlines:
+class RateDeadlines:
     """Times of one period [s], and what they mean at each rate."""
 
     bus: float
@@ -33,14 +33,14 @@ class Deadlines:
     compute_p999: float
     compute_max: float
     periods: int
-    rates: tuple[Deadline, ...]
+    rates: tuple[RateDeadline, ...]
 
 
-def deadlines(tools: Tools, periods: int) -> Deadlines:
+def deadlines(tools: Tools, periods: int) -> RateDeadlines:
     """Compute so many periods of the damped wall, each timed by itself, garbage collection and all."""
     plan = tools.plan(SCENE)
     spent = 1e-9 * ns_of_each(running(plan), list(islice(cycle(images(plan)), periods)))
     p50, p999, largest = np.percentile(spent, [50, 99.9, 100]).tolist()
     bus = plan.delay.bus
-    late = (Deadline(f, float((spent > 1.0 / f).mean()), float((spent + bus > 1.0 / f).mean())) for f in RATES)
-    return Deadlines(bus, p50, p999, largest, periods, tuple(late))
+    late = (RateDeadline(f, float((spent > 1.0 / f).mean()), float((spent + bus > 1.0 / f).mean())) for f in RATES)
+    return RateDeadlines(bus, p50, p999, largest, periods, tuple(late))

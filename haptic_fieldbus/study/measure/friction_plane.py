@@ -29,7 +29,7 @@ GROWN = 1.2
 """Times its start, at the end of a run: grows."""
 
 
-class Outcome(IntEnum):
+class Ending(IntEnum):
     """What became of a handle that was pressed against the wall and pulled away."""
 
     RESTS = 0
@@ -59,7 +59,7 @@ class Plane:
         """Share of the points, further than 5 % of the plane from a predicted border, that are as predicted."""
         sigma, steepness = self.sigma[:, None], -_slope(self.start)
         above = (sigma - self.border[None, :]) / math.hypot(1.0, steepness)
-        predicted = np.where(above < 0.0, Outcome.GROWS, np.where(sigma < 0.5, Outcome.CYCLES, Outcome.RESTS))
+        predicted = np.where(above < 0.0, Ending.GROWS, np.where(sigma < 0.5, Ending.CYCLES, Ending.RESTS))
         strip = 0.05 * LARGEST
         apart = (np.abs(above) > strip) & ((np.abs(sigma - 0.5) > strip) | (above < 0.0))
         return float((predicted == self.outcome)[apart].mean())
@@ -90,5 +90,5 @@ def plane(start: float, points: int, periods: int) -> Plane:
     )
     ended = run(pressed, periods, parts=8)
     grown = ended.diverged | (ended.peaks[-1] / COUNT - 1.5 > GROWN * start)
-    outcome = np.where(grown, Outcome.GROWS, np.where(ended.velocity == 0.0, Outcome.RESTS, Outcome.CYCLES))
+    outcome = np.where(grown, Ending.GROWS, np.where(ended.velocity == 0.0, Ending.RESTS, Ending.CYCLES))
     return Plane(start, axis, axis, outcome.reshape(points, points).astype(np.int64))

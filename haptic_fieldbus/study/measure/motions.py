@@ -15,7 +15,7 @@ from haptic_fieldbus.numerics.response import recursion
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class KnownMotion:
     """An input (position [m], velocity [m/s]) of time; or (force [N], nothing) where a problem says so."""
 
     system: Matrix
@@ -31,26 +31,26 @@ class Motion:
         return recursion(expm(self.system * period), drive, self.start) @ self.output.T
 
 
-def step_by(height: float) -> Motion:
+def step_by(height: float) -> KnownMotion:
     """`height` from time 0 on."""
-    return Motion(np.zeros((1, 1)), np.array([[height], [0.0]]), np.ones(1), constant=True)
+    return KnownMotion(np.zeros((1, 1)), np.array([[height], [0.0]]), np.ones(1), constant=True)
 
 
-def sine(amplitude: float, frequency: float) -> Motion:
+def sine(amplitude: float, frequency: float) -> KnownMotion:
     """amplitude·sin(2π·frequency·t), frequency in Hz."""
     turn = 2.0 * math.pi * frequency
-    return Motion(
+    return KnownMotion(
         np.array([[0.0, turn], [-turn, 0.0]]),
         np.array([[amplitude, 0.0], [0.0, amplitude * turn]]),
         np.array([0.0, 1.0]),
     )
 
 
-def minimum_jerk(way: float, duration: float) -> Motion:
+def minimum_jerk(way: float, duration: float) -> KnownMotion:
     """way·(10 τ³ − 15 τ⁴ + 6 τ⁵), τ = t/duration, for 0 ≤ τ ≤ 1: how hands reach (Flash & Hogan 1985,
     doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
     chain = np.diag(np.ones(5), 1) / duration
     derivatives = way * np.array([0.0, 0.0, 0.0, 60.0, -360.0, 720.0])
     output = np.zeros((2, 6))
     output[0, 0], output[1, 1] = 1.0, 1.0 / duration
-    return Motion(chain, output, derivatives)
+    return KnownMotion(chain, output, derivatives)

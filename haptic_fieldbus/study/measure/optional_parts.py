@@ -29,7 +29,7 @@ POSITION, SWING = PLACES[Workspace.LINEAR]
 
 
 @dataclass(frozen=True)
-class Part:
+class OptionalPart:
     """A part and what it adds to a period [ns]; whole periods say how single ones are distributed."""
 
     part: str
@@ -64,17 +64,17 @@ def running(plan: Plan) -> Cycle:
     return cycle
 
 
-def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[Part]:
+def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[OptionalPart]:
     """Whole periods of these scenes, the wall's first; then each kind of element that the library has, and the rest."""
     plans = {name: tools.plan(name) for name in dict.fromkeys(("wall", "damped_wall", *scenes))}
     whole: dict[str, float] = {}
     for scene, plan in plans.items():
         whole[scene], single = _period(plan)
-        yield Part(f"whole period: {scene}", whole[scene], single)
-    yield Part("velocity and damping (damped_wall over wall)", whole["damped_wall"] - whole["wall"])
+        yield OptionalPart(f"whole period: {scene}", whole[scene], single)
+    yield OptionalPart("velocity and damping (damped_wall over wall)", whole["damped_wall"] - whole["wall"])
     yield from _elements([load_scene(name) for name in scene_names()], plans["wall"].period)
     for part, step, inputs in _steps(plans["wall"], bench):
-        yield Part(part, ns_per_call(step, inputs))
+        yield OptionalPart(part, ns_per_call(step, inputs))
 
 
 def _period(plan: Plan) -> tuple[float, Spread]:
@@ -84,7 +84,7 @@ def _period(plan: Plan) -> tuple[float, Spread]:
     return cost, spread(cycle, given * 10)
 
 
-def _elements(scenes: Sequence[Scene], period: float) -> Iterator[Part]:
+def _elements(scenes: Sequence[Scene], period: float) -> Iterator[OptionalPart]:
     """The law of each kind of element, by itself; where it acts on two axes, both move alike."""
     kinds: dict[str, tuple[AnyElement, Scene]] = {}
     for scene in scenes:
@@ -95,7 +95,7 @@ def _elements(scenes: Sequence[Scene], period: float) -> Iterator[Part]:
         given = [_signals(period, spaces[name])[signal] for name in axes_of(element) for signal in element.needs]
         law, sort = _law(element, period)
         cost = ns_per_call(law, *given) if given else ns_per_call(lambda _, law=law: law(), range(IMAGES))
-        yield Part(f"{sort}: {kind}", cost)
+        yield OptionalPart(f"{sort}: {kind}", cost)
 
 
 def _law(element: AnyElement, period: float) -> tuple[Callable[..., object], str]:

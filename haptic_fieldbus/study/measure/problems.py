@@ -15,7 +15,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import Array
 from haptic_fieldbus.numerics.response import recursion
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
-from haptic_fieldbus.study.measure.motions import Motion, minimum_jerk, sine, step_by
+from haptic_fieldbus.study.measure.motions import KnownMotion, minimum_jerk, sine, step_by
 
 STIFFNESS, MASS, WAY = 200.0, 0.5, 0.01
 """[N/m], [kg], [m]: the sprung mass of the scene library, ω = 20 rad/s, moved by 10 mm."""
@@ -32,7 +32,7 @@ class Problem:
     name: str
     title: str
     space: StateSpace
-    motion: Motion
+    motion: KnownMotion
     horizon: float = 1.0
     """[s]"""
 
@@ -101,7 +101,7 @@ def tissue() -> StateSpace:
     return StateSpace(np.diag(-1.0 / tau), b, stiff[None], np.array([[-SOFT - stiff.sum(), 0.0]]))
 
 
-def _table() -> tuple[tuple[str, str, Callable[[], StateSpace], Motion], ...]:
+def _table() -> tuple[tuple[str, str, Callable[[], StateSpace], KnownMotion], ...]:
     return (
         ("sprung-mass-step", "sprung mass, puck moved at once by 10 mm", sprung_mass, step_by(WAY)),
         ("sprung-mass-sine", "sprung mass, puck moved by a sine of 1.5 Hz", sprung_mass, sine(WAY, 1.5)),

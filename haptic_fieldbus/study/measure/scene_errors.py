@@ -8,7 +8,7 @@ from haptic_fieldbus.study.measure.bench import Tools
 
 
 @dataclass(frozen=True)
-class SceneError:
+class Misfit:
     """One scene with its own hand; errors in N or N·m, None with the reason where it could not run."""
 
     scene: str
@@ -24,13 +24,13 @@ class SceneError:
     reason: str = ""
 
 
-def scene_error(tools: Tools, scene: str, duration: float) -> SceneError:
+def scene_error(tools: Tools, scene: str, duration: float) -> Misfit:
     """Run it for `duration` [s] of virtual time."""
     try:
         result = tools.run(scene, duration=duration)
     except HapticFieldbusError as error:
-        return SceneError(scene, reason=str(error).splitlines()[0])
+        return Misfit(scene, reason=str(error).splitlines()[0])
     found = result.torque_error
     if found is None:
-        return SceneError(scene, reason="too short to be judged")
-    return SceneError(scene, found.rms, found.max, found.unit, found.by_source, found.contact, result.energy_generated)
+        return Misfit(scene, reason="too short to be judged")
+    return Misfit(scene, found.rms, found.max, found.unit, found.by_source, found.contact, result.energy_generated)

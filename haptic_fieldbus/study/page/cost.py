@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, SKY
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
-from haptic_fieldbus.study.measure.deadlines import SCENE, Deadlines, deadlines
-from haptic_fieldbus.study.measure.optional_parts import Part, parts
+from haptic_fieldbus.study.measure.deadlines import SCENE, RateDeadlines, deadlines
+from haptic_fieldbus.study.measure.optional_parts import OptionalPart, parts
 from haptic_fieldbus.study.page.context import Context
 from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, percent, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, svg
@@ -28,7 +28,7 @@ does them. The bus, not the computer, sets the highest rate."""
 
 def cost_section(context: Context) -> Section:
     """Parts, whole periods and deadlines."""
-    found: list[Part] = []
+    found: list[OptionalPart] = []
     for each in parts(context.tools, context.bench, FEW_SCENES if context.quick else scene_names()):
         found.append(each)
         context.progress(each.part, min(len(found) / 30, 0.9))
@@ -58,7 +58,7 @@ def cost_section(context: Context) -> Section:
     )
 
 
-def draw(found: Sequence[Part]) -> Figure:
+def draw(found: Sequence[OptionalPart]) -> Figure:
     """One bar a part."""
     drawn = figure(1.2 + 0.24 * len(found))
     panel = drawn.subplots()
@@ -78,7 +78,7 @@ def draw(found: Sequence[Part]) -> Figure:
     return drawn
 
 
-def _single_table(found: Sequence[Part]) -> str:
+def _single_table(found: Sequence[OptionalPart]) -> str:
     rows = [
         [each.part, *(1e-3 * ns for ns in (each.ns_per_step, *astuple(each.spread)))]
         for each in found
@@ -87,7 +87,7 @@ def _single_table(found: Sequence[Part]) -> str:
     return table(("single periods [µs]", "shortest mean", "median", "99.9 %", "largest"), rows)
 
 
-def _late_table(late: Deadlines) -> str:
+def _late_table(late: RateDeadlines) -> str:
     shown = [number(1e6 * value) for value in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)]
     times = (
         f"{number(float(late.periods))} periods of <code>{SCENE}</code>: computing {shown[0]} µs (median), "

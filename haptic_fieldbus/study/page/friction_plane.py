@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
 from haptic_fieldbus.report.plot import INK
-from haptic_fieldbus.study.measure.friction_plane import LARGEST, Outcome, Plane, border, plane
+from haptic_fieldbus.study.measure.friction_plane import LARGEST, Ending, Plane, border, plane
 from haptic_fieldbus.study.page.html import paragraph, percent, picture
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg
 
@@ -16,9 +16,9 @@ STARTS = (5.0, 20.0, 100.0)
 QUICK, FULL = (20, 2000), (60, 6000)
 """Points of each axis, and periods."""
 COLOURS = {
-    Outcome.RESTS: ("#d3ebe0", "comes to rest"),
-    Outcome.CYCLES: ("#e7e1ee", "moves over the edge of a count for ever"),
-    Outcome.GROWS: ("#f8dcc4", "grows"),
+    Ending.RESTS: ("#d3ebe0", "comes to rest"),
+    Ending.CYCLES: ("#e7e1ee", "moves over the edge of a count for ever"),
+    Ending.GROWS: ("#f8dcc4", "grows"),
 }
 EXPLAINED = """<b>Friction and encoder.</b> Over β = b/(K·T) and σ = fc/(K·D), D one encoder count, the regions of
 Diolaiti et al. are the quadrants at ½: passive, locally stable (small motions stick, large ones grow), limit cycle and
@@ -46,7 +46,7 @@ def part(found: Sequence[Plane]) -> tuple[str, str]:
 
 
 def _panel(panel: Axes, each: Plane) -> None:
-    colours = ListedColormap([COLOURS[outcome][0] for outcome in Outcome])
+    colours = ListedColormap([COLOURS[outcome][0] for outcome in Ending])
     panel.pcolormesh(each.beta, each.sigma, each.outcome, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest",
                      rasterized=True)  # fmt: skip
     for colour, label in COLOURS.values():

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
-from haptic_fieldbus.study.measure.scene_errors import SceneError, scene_error
+from haptic_fieldbus.study.measure.scene_errors import Misfit, scene_error
 from haptic_fieldbus.study.page.context import Context
 from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, svg
@@ -51,7 +51,7 @@ def sources_section(context: Context) -> Section:
     )
 
 
-def draw(found: Sequence[SceneError]) -> Figure:
+def draw(found: Sequence[Misfit]) -> Figure:
     """One bar a scene."""
     drawn = figure(1.6 + max(0.28 * len(found), min(0.5 * len(found), 2.0)))
     panel = drawn.subplots()
@@ -72,16 +72,16 @@ def draw(found: Sequence[SceneError]) -> Figure:
     return drawn
 
 
-def _seen(found: Sequence[SceneError]) -> list[str]:
+def _seen(found: Sequence[Misfit]) -> list[str]:
     """Sources that any of the scenes has."""
     return [source for source in COLOURS if any(source in each.by_source for each in found)]
 
 
-def sources_table(found: Sequence[SceneError]) -> str:
+def sources_table(found: Sequence[Misfit]) -> str:
     """With every share."""
     sources = _seen(found)
 
-    def row(each: SceneError) -> list[Entry]:
+    def row(each: Misfit) -> list[Entry]:
         if each.rms is None:
             return [each.scene, Cell(each.reason, "text"), *[""] * (3 + len(sources))]
         shares = [100.0 * each.by_source[s] if s in each.by_source else None for s in sources]
@@ -101,7 +101,7 @@ def sources_table(found: Sequence[SceneError]) -> str:
     return table(headings, map(row, found))
 
 
-def _finding(each: SceneError) -> str:
+def _finding(each: Misfit) -> str:
     largest = max(each.by_source, key=lambda source: each.by_source[source])
     felt = "" if each.contact is None else f", {100.0 * each.contact:.2g} % of the force (a hand feels from about 8 %)"
     return (

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from struct import Struct
 from typing import Any, ClassVar
 
-from haptic_fieldbus.buses.access import Access
+from haptic_fieldbus.buses.access import BusAccess
 from haptic_fieldbus.buses.bus import Bus, DriveFacts, InSteps
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.documents import Document
@@ -271,7 +271,7 @@ class ToyBus(InSteps):
         self.clock.sleep_until(self.clock.now_ns() + round(1e9 * line_time(octets)))
 
 
-class ToyAccess(Access):
+class ToyAccess(BusAccess):
     def open_bus(self, section: BusSection, clock: Clock, log: Any) -> Bus:
         raise UsageError("there are no real toys")
 

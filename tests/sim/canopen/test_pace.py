@@ -16,7 +16,7 @@ from haptic_fieldbus.clock import MonotonicClock, VirtualClock
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.link.frame import Frame
-from haptic_fieldbus.sim.canopen.pace import RECEIVE_ROOM, TRANSMIT_ROOM, Paced, Stepped
+from haptic_fieldbus.sim.canopen.pace import RECEIVE_ROOM, TRANSMIT_ROOM, PacedByClock, Stepped
 from haptic_fieldbus.sim.canopen.world import World
 from tests.sim.bench import NODE, axis, profile
 
@@ -58,7 +58,7 @@ class TestWhoMovesTheTime:
 
     def test_without_a_clock_it_is_the_machine_s(self, bus: SimulatedBus) -> None:
         assert isinstance(bus.clock, MonotonicClock)
-        assert isinstance(bus.world.pace, Paced)
+        assert isinstance(bus.world.pace, PacedByClock)
 
     def test_with_a_virtual_clock_the_program_that_receives(self) -> None:
         with SimulatedBus(CHANNEL, clock=VirtualClock()) as stepped:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.drive.mechanics import Cogging, Coupling, Gravity, Mechanics, Stribeck
+from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Mechanics, Stribeck, Weight
 from haptic_fieldbus.sim.hand import Grip, Piece
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.load import Load
@@ -18,18 +18,18 @@ SHAFT = Shaft(inertia=4e-5, damping=1e-4, coulomb=2e-3, lag=1 / (2 * math.pi * 1
 R = 0.05 / (2 * math.pi)
 SINE = 2 * math.pi
 GRIP = Grip(0.1 * R**2, 4 * R**2, 300 * R**2, angular_frequency=SINE, pieces=(Piece(0.0, 0.0, 0.02 * SINE),))
-LOOSE = Coupling(stiffness=20.0, load_inertia=1e-5, damping=5e-3, backlash=0.01)
+LOOSE = CompliantCoupling(stiffness=20.0, load_inertia=1e-5, damping=5e-3, backlash=0.01)
 COGGING = Cogging(torque=2e-3, periods_per_revolution=6)
 STRIBECK = Stribeck(torque=2e-3, velocity=2.0)
 PARTS = {
     "nothing": (Mechanics(), None, GRIP),
-    "coupling": (Mechanics(coupling=Coupling(20.0, 1e-5, 1e-3)), None, GRIP),
+    "coupling": (Mechanics(coupling=CompliantCoupling(20.0, 1e-5, 1e-3)), None, GRIP),
     "backlash": (Mechanics(coupling=LOOSE), None, GRIP),
-    "weight": (Mechanics(gravity=Gravity(5e-3)), None, None),
-    "weight on a lever": (Mechanics(gravity=Gravity(0.01, 0.3)), -0.7, None),
+    "weight": (Mechanics(gravity=Weight(5e-3)), None, None),
+    "weight on a lever": (Mechanics(gravity=Weight(0.01, 0.3)), -0.7, None),
     "cogging": (Mechanics(cogging=COGGING), None, None),
     "Stribeck friction": (Mechanics(stribeck=STRIBECK), None, GRIP),
-    "all of them": (Mechanics(LOOSE, Gravity(0.01, 0.3), COGGING, STRIBECK), -0.7, GRIP),
+    "all of them": (Mechanics(LOOSE, Weight(0.01, 0.3), COGGING, STRIBECK), -0.7, GRIP),
 }
 TARGETS = 250
 """In 60 s."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
-from haptic_fieldbus.drive.mechanics import Cogging, Coupling, Gravity, Mechanics, Stribeck
+from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Mechanics, Stribeck, Weight
 from haptic_fieldbus.drive.rig import RotaryMechanism
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.signals import Workspace
@@ -29,8 +29,8 @@ R = 0.05 / (2 * math.pi)
 GRIP = Grip(inertia=0.1 * R**2, damping=4 * R**2, stiffness=300 * R**2, pieces=(Piece(0.0, 6 * R),))
 HEAVY = Grip(inertia=0.1, damping=1e-6, stiffness=0.05, pieces=(Piece(0.0, 0.0),))
 """Moves on as if nothing could stop it."""
-COUPLING = Coupling(stiffness=20.0, load_inertia=1e-5, damping=1e-3)
-LOOSE = Coupling(stiffness=20.0, load_inertia=1e-5, damping=1e-3, backlash=0.01)
+COUPLING = CompliantCoupling(stiffness=20.0, load_inertia=1e-5, damping=1e-3)
+LOOSE = CompliantCoupling(stiffness=20.0, load_inertia=1e-5, damping=1e-3, backlash=0.01)
 COGGING = Cogging(torque=4e-3, periods_per_revolution=14)
 STRIBECK = Stribeck(torque=2e-3, velocity=0.5)
 MS = 1_000_000
@@ -63,7 +63,7 @@ def test_with_nothing_asked_for_the_motion_is_that_of_the_rigid_plant(shaft: Sha
 
 
 def test_two_masses_and_a_spring_answer_a_torque_step_as_the_closed_form_says() -> None:
-    coupling = Coupling(stiffness=20.0, load_inertia=1e-5)
+    coupling = CompliantCoupling(stiffness=20.0, load_inertia=1e-5)
     plant, u = LoadedPlant(Load(SMOOTH, Mechanics(coupling=coupling)), None), 0.02
     plant.set_target(u)
     t, z = _followed(plant, 0.2, 1.3e-4)
@@ -81,7 +81,7 @@ def test_two_masses_and_a_spring_answer_a_torque_step_as_the_closed_form_says() 
 @pytest.mark.parametrize("lever", [0.5, -2.0])
 @pytest.mark.parametrize("amplitude", [0.01, 2.0, 3.1])
 def test_a_weight_on_a_lever_swings_as_the_elliptic_functions_say(amplitude: float, lever: float) -> None:
-    gravity = Gravity(torque=0.03, hanging_at=0.3)
+    gravity = Weight(torque=0.03, hanging_at=0.3)
     start = (amplitude + gravity.hanging_at) / lever
     plant = LoadedPlant(Load(SMOOTH, Mechanics(gravity=gravity), lever), None, position=start)
     t, z = _followed(plant, 2.0)
@@ -120,14 +120,14 @@ def test_a_small_oscillation_in_a_cog_has_the_frequency_of_its_stiffness() -> No
 
 @pytest.mark.parametrize("torque", [5e-3, -5e-3])
 def test_a_weight_on_a_linear_mechanism_falls_as_the_closed_form_says(torque: float) -> None:
-    plant = LoadedPlant(Load(ROUGH, Mechanics(gravity=Gravity(torque))), None)
+    plant = LoadedPlant(Load(ROUGH, Mechanics(gravity=Weight(torque))), None)
     t, z = _followed(plant, 0.5)
     pole, final = ROUGH.damping / ROUGH.inertia, (abs(torque) - ROUGH.coulomb) / ROUGH.damping
     assert z[SPEED] == pytest.approx(math.copysign(final, torque) * (1 - np.exp(-pole * t)), rel=1e-10, abs=1e-12)
 
 
 def test_a_weight_that_friction_holds_stays_where_it_is() -> None:
-    plant = LoadedPlant(Load(ROUGH, Mechanics(gravity=Gravity(1.99e-3))), None)
+    plant = LoadedPlant(Load(ROUGH, Mechanics(gravity=Weight(1.99e-3))), None)
     plant.advance(100 * MS)
     assert plant.position == plant.velocity == 0.0
 
@@ -136,8 +136,8 @@ def test_a_weight_that_friction_holds_stays_where_it_is() -> None:
 def test_a_load_that_falls_through_its_play_bounces_as_the_closed_form_says(torque: float) -> None:
     """The motor sticks. The load falls half the play, presses the spring for part of a sine, and comes back."""
     shaft = Shaft(4e-5, 0.0, coulomb=1.0, lag=LAG)
-    coupling = Coupling(stiffness=20.0, load_inertia=1e-5, backlash=0.02)
-    plant = LoadedPlant(Load(shaft, Mechanics(coupling=coupling, gravity=Gravity(torque))), None)
+    coupling = CompliantCoupling(stiffness=20.0, load_inertia=1e-5, backlash=0.02)
+    plant = LoadedPlant(Load(shaft, Mechanics(coupling=coupling, gravity=Weight(torque))), None)
     t, z = _followed(plant, 0.5, 1.7e-4)
     fall, height = abs(torque) / coupling.load_inertia, coupling.backlash / 2
     speed, ripple = math.sqrt(2 * fall * height), math.sqrt(coupling.stiffness / coupling.load_inertia)
@@ -155,7 +155,7 @@ def test_a_load_that_falls_through_its_play_bounces_as_the_closed_form_says(torq
 
 def test_without_friction_the_play_alone_lets_both_bounce_for_ever() -> None:
     """Two free masses: the relative speed only changes its sign at each flank."""
-    coupling = Coupling(stiffness=500.0, load_inertia=1e-5, backlash=0.02)
+    coupling = CompliantCoupling(stiffness=500.0, load_inertia=1e-5, backlash=0.02)
     plant = LoadedPlant(Load(SMOOTH, Mechanics(coupling=coupling)), None)
     plant.set_target(0.02)
     plant.advance(2 * MS)
@@ -181,12 +181,12 @@ SYSTEMS = {
     "coupling": (Mechanics(coupling=COUPLING), None, GRIP, 2.0, -0.02),
     "backlash": (Mechanics(coupling=LOOSE), None, GRIP, 2.0, -0.02),
     "backlash, free": (Mechanics(coupling=LOOSE), None, None, 2.0, 0.003),
-    "weight on a spring": (Mechanics(coupling=LOOSE, gravity=Gravity(0.01)), None, GRIP, 0.0, -0.02),
-    "lever on a spring": (Mechanics(coupling=COUPLING, gravity=Gravity(0.01, 0.3)), -0.7, None, 1.0, -0.015),
+    "weight on a spring": (Mechanics(coupling=LOOSE, gravity=Weight(0.01)), None, GRIP, 0.0, -0.02),
+    "lever on a spring": (Mechanics(coupling=COUPLING, gravity=Weight(0.01, 0.3)), -0.7, None, 1.0, -0.015),
     "cogging": (Mechanics(cogging=COGGING), None, GRIP, 0.0, 0.003),
     "stick-slip": (Mechanics(stribeck=STRIBECK), None, HEAVY, 0.4, 0.0),
-    "all": (Mechanics(LOOSE, Gravity(0.01, 0.3), COGGING, STRIBECK), -0.7, GRIP, 3.0, -0.03),
-    "all, free": (Mechanics(LOOSE, Gravity(0.005), COGGING, STRIBECK), None, None, -3.0, 0.004),
+    "all": (Mechanics(LOOSE, Weight(0.01, 0.3), COGGING, STRIBECK), -0.7, GRIP, 3.0, -0.03),
+    "all, free": (Mechanics(LOOSE, Weight(0.005), COGGING, STRIBECK), None, None, -3.0, 0.004),
 }
 
 
@@ -263,7 +263,7 @@ def test_a_sample_at_any_time_is_what_the_plant_was_at(name: str) -> None:
 
 def test_a_hand_that_lets_go_of_the_load_leaves_it_and_the_motor_as_they_were() -> None:
     grip = Grip(GRIP.inertia, GRIP.damping, GRIP.stiffness, pieces=GRIP.pieces, release=0.02)
-    mechanics = Mechanics(LOOSE, Gravity(0.01), COGGING, STRIBECK)
+    mechanics = Mechanics(LOOSE, Weight(0.01), COGGING, STRIBECK)
     plant, held = LoadedPlant(Load(ROUGH, mechanics), grip), LoadedPlant(Load(ROUGH, mechanics), GRIP)
     for subject in (plant, held):
         subject.start_hand()
@@ -305,7 +305,7 @@ def test_a_rig_that_asks_for_nothing_gets_the_rigid_plant_and_any_other_a_loaded
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_lever_of_a_rig_hangs_where_the_handle_not_the_motor_is_at_its_angle(sign: Literal[1, -1]) -> None:
     mechanism = RotaryMechanism("rotary", gear_ratio=4.0, sign=sign)
-    gravity = Gravity(torque=0.01, hanging_at=0.5)
+    gravity = Weight(torque=0.01, hanging_at=0.5)
     simulated = axis(
         Workspace.ROTARY, mechanism=mechanism, simulation=Mechanics(gravity=gravity), viscous_damping=6e-4,
         coulomb_friction=0.0,
@@ -316,13 +316,13 @@ def test_the_lever_of_a_rig_hangs_where_the_handle_not_the_motor_is_at_its_angle
 
 
 def test_a_weight_of_a_linear_rig_pulls_with_its_sign() -> None:
-    plant = build_plant(profile(), axis(simulation=Mechanics(gravity=Gravity(-0.01))), None, DriveSettings(), 0)
+    plant = build_plant(profile(), axis(simulation=Mechanics(gravity=Weight(-0.01))), None, DriveSettings(), 0)
     plant.advance(10 * MS)
     assert plant.velocity < 0.0
 
 
 def test_a_drive_on_a_loaded_shaft_counts_the_turns_of_its_motor() -> None:
-    bench = DriveBench(drive_axis=axis(simulation=Mechanics(LOOSE, Gravity(0.01), COGGING, STRIBECK)))
+    bench = DriveBench(drive_axis=axis(simulation=Mechanics(LOOSE, Weight(0.01), COGGING, STRIBECK)))
     bench.run(100 * MS)
     bench.drive.servo.advance(bench.t_ns)
     assert bench.drive.plant.position != 0.0

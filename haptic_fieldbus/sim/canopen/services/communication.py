@@ -20,7 +20,13 @@ class NodeObjects:
     def __init__(self, dictionary: Dictionary, number: int) -> None:
         self._dictionary = dictionary
         self._emergency = Entry(
-            0x1014, 0, DataType.UINT32, _EMERGENCY_ID + number, Access.RW, accept=self._accept_emergency, numbered=True
+            0x1014,
+            0,
+            DataType.UINT32,
+            _EMERGENCY_ID + number,
+            Access.RW,
+            accept=self._accept_emergency,
+            numbered=True,
         )
         dictionary.add(self._emergency)
         self._behaviour = Entry(0x1029, 1, DataType.UINT8, 0, Access.RW, accept=one_of(_BEHAVIOURS))

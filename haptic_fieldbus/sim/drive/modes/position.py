@@ -23,7 +23,7 @@ from haptic_fieldbus.sim.drive.modes.mode import (
     Lasting,
     Mode,
 )
-from haptic_fieldbus.sim.drive.modes.ramps import Motion, to_distance, to_velocity
+from haptic_fieldbus.sim.drive.modes.ramps import RampMotion, to_distance, to_velocity
 from haptic_fieldbus.sim.drive.object_table import NO_LIMIT
 from haptic_fieldbus.sim.drive.objects import Objects
 from haptic_fieldbus.sim.drive.stage import Stage
@@ -120,7 +120,7 @@ class ProfilePosition(Mode):
         self._limited = speed != point.speed
         self._active, self._target = point, goal
 
-    def _begin(self, motion: Motion, origin: float, t_ns: int) -> None:
+    def _begin(self, motion: RampMotion, origin: float, t_ns: int) -> None:
         self._motion, self._origin, self._begin_ns = motion, origin, t_ns
         self._limited = False
         self._reached.restart()

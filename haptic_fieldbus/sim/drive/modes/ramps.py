@@ -16,7 +16,7 @@ Leg = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Piece:
+class RampPiece:
     """From `start` [s] on, with constant acceleration."""
 
     start: float
@@ -25,10 +25,10 @@ class Piece:
     acceleration: float
 
 
-class Motion:
+class RampMotion:
     """Pieces one after another from time 0, position 0; the last one does not accelerate and goes on for ever."""
 
-    def __init__(self, pieces: Sequence[Piece]) -> None:
+    def __init__(self, pieces: Sequence[RampPiece]) -> None:
         self._pieces = tuple(pieces)
         self.end = self._pieces[-1].start
         """When the last change of speed is over [s]."""
@@ -45,12 +45,12 @@ class Motion:
         return piece.position + (piece.velocity + 0.5 * piece.acceleration * h) * h, velocity, piece.acceleration
 
 
-def to_velocity(velocity: float, target: float, acceleration: float, deceleration: float) -> Motion:
+def to_velocity(velocity: float, target: float, acceleration: float, deceleration: float) -> RampMotion:
     """From one speed to another."""
     return _motion(velocity, _speed_legs(velocity, target, acceleration, deceleration), None, target)
 
 
-def to_distance(velocity: float, distance: float, speed: float, acceleration: float, deceleration: float) -> Motion:
+def to_distance(velocity: float, distance: float, speed: float, acceleration: float, deceleration: float) -> RampMotion:
     """To rest at a distance, not faster than `speed`; with a speed of 0 only to rest."""
     if speed <= 0.0:
         return to_velocity(velocity, 0.0, acceleration, deceleration)
@@ -85,14 +85,14 @@ def _speed_legs(velocity: float, target: float, acceleration: float, deceleratio
     return [(abs(change) / rate, math.copysign(rate, change))]
 
 
-def _motion(velocity: float, legs: Iterable[Leg], position: float | None, target: float) -> Motion:
+def _motion(velocity: float, legs: Iterable[Leg], position: float | None, target: float) -> RampMotion:
     """The legs one after another; the end is put exactly where it belongs."""
     time = at = 0.0
     pieces = []
     for duration, acceleration in legs:
         if duration > 0.0:
-            pieces.append(Piece(time, at, velocity, acceleration))
+            pieces.append(RampPiece(time, at, velocity, acceleration))
             at += (velocity + 0.5 * acceleration * duration) * duration
             velocity += acceleration * duration
             time += duration
-    return Motion((*pieces, Piece(time, at if position is None else position, target, 0.0)))
+    return RampMotion((*pieces, RampPiece(time, at if position is None else position, target, 0.0)))

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.sim.drive.modes.ramps import Motion, to_distance, to_velocity
+from haptic_fieldbus.sim.drive.modes.ramps import RampMotion, to_distance, to_velocity
 
 SPEEDS = st.floats(-100.0, 100.0)
 RATES = st.floats(0.5, 500.0)
 POSITIVE = st.floats(0.1, 100.0)
 
 
-def _sampled(motion: Motion, count: int = 2001) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _sampled(motion: RampMotion, count: int = 2001) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     times = np.linspace(0.0, motion.end * 1.1 + 1e-3, count)
     rows = np.array([motion.at(float(time)) for time in times])
     return times, rows[:, 0], rows[:, 1], rows[:, 2]
