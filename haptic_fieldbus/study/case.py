@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from haptic_fieldbus.errors import SceneError, UsageError
+
 
 @dataclass(frozen=True)
 class CaseResult:
@@ -18,6 +20,17 @@ class CaseResult:
 
 
 Case = Callable[[bool], CaseResult]
+
+
+def refused(ask: Callable[[], object]) -> str:
+    """The sentence with which something is refused; empty where it was not."""
+    try:
+        ask()
+    except SceneError as error:
+        return " ".join(map(str, error.faults))
+    except UsageError as error:
+        return str(error)
+    return ""
 
 
 def listed(values: Iterable[float], form: str) -> str:

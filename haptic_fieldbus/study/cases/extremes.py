@@ -1,21 +1,19 @@
 """Integrator cases of extreme masses and numbers: refusals, overflow, vanishing mass, silence."""
 
 import math
-from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
 
 from haptic_fieldbus.api.open_loop import response
 from haptic_fieldbus.cycle.safety import TripKind
-from haptic_fieldbus.errors import SceneError, UsageError
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise
 from haptic_fieldbus.numerics.integrators.explicit import EXPLICIT, bind_rates
 from haptic_fieldbus.numerics.integrators.trajectory import follow
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.case import CaseResult, refused
 from haptic_fieldbus.study.cases.drive_bench import COUNT, PERIOD_NS, Feeder, torque
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
 
@@ -64,26 +62,15 @@ def float_overflow(quick: bool) -> CaseResult:
     )
 
 
-def _refused(ask: Callable[[], object]) -> str:
-    """The sentence with which something is refused; empty where it was not."""
-    try:
-        ask()
-    except SceneError as error:
-        return " ".join(map(str, error.faults))
-    except UsageError as error:
-        return str(error)
-    return ""
-
-
 def _asked(mass: float) -> str:
     """What `response` says to a mass."""
-    return _refused(lambda: response("sprung_mass", settings={"sprung_mass.mass": mass}, duration=0.01))
+    return refused(lambda: response("sprung_mass", settings={"sprung_mass.mass": mass}, duration=0.01))
 
 
 def mass_zero_refused(quick: bool) -> CaseResult:
     """No mass has no equation of motion; the smallest double has none either, as k/m is infinite."""
     said = [_asked(mass) for mass in (0.0, -0.0)]
-    tiny = _refused(lambda: discretise(sprung_mass(STIFFNESS, 5e-324), 1e-3))
+    tiny = refused(lambda: discretise(sprung_mass(STIFFNESS, 5e-324), 1e-3))
     return CaseResult(
         f'm = 0 and −0 kg refused with "{SENTENCE}"; m = 5e-324 kg (k/m = ∞) with "a mass must be above 0"',
         f'"{said[0]}"; "{tiny}"',

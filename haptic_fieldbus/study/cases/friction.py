@@ -20,17 +20,20 @@ KNOCK = 6e-4
 """Speed at the start [m/s], so that a handle at rest has come to rest."""
 
 
+def _settled(many: Loops, settle: int, samples: int) -> Array:
+    """Positions and velocities of handles that had time to settle, shape (samples, 2, n)."""
+    running, states = Running(many), np.empty((samples, 2, len(many)))
+    running.advance(settle)
+    for sample in range(samples):  # one after the other: a cycle of two samples comes back
+        states[sample] = running.state[0], running.state[1]
+        running.advance(1)
+    return states
+
+
 def _moves(many: Loops, settle: int) -> list[bool]:
     """Whether each handle still moves after it has had time to settle."""
-    running = Running(many)
-    running.advance(settle)
-    moved = np.zeros(len(many), dtype=np.bool_)
-    for _ in range(20):  # one after the other: a cycle of two samples comes back
-        before = running.state[0].copy()
-        running.advance(1)
-        moved |= running.state[0] != before
-    found: list[bool] = moved.tolist()
-    return found
+    steps = np.diff(_settled(many, settle, 21)[:, 0], axis=0)
+    return [bool(each.any()) for each in steps.T]
 
 
 def _slide(x: float, v: float, force: float, coulomb: float, span: float) -> tuple[float, float]:
@@ -107,19 +110,12 @@ def one_count_wall(quick: bool) -> CaseResult:
         mass=MASS, damping=DAMPING, period=PERIOD, stiffness=stiffness, resolution=STEP, unilateral=True,
         push=0.5 * stiffness * STEP, position=0.6 * STEP,
     )  # fmt: skip
-    running = Running(many)
-    running.advance(settle)
-    motion = []
-    for _ in range(1000):
-        running.advance(1)
-        motion.append((float(running.state[0][0]), float(running.state[1][0])))
-    inside = [x >= 0.5 * STEP for x, _ in motion]
-    switches = [at for at in range(1, 1000) if inside[at] != inside[at - 1]]
-    half = (switches[-1] - switches[0]) / (len(switches) - 1)
-    highest = max(abs(v) for _, v in motion)
+    x, v = _settled(many, settle, 1001)[1:, :, 0].T
+    switches = np.flatnonzero(np.diff(x >= 0.5 * STEP))
+    half, highest = float(switches[-1] - switches[0]) / (len(switches) - 1), float(np.abs(v).max())
     expected = 0.5 * stiffness * STEP / DAMPING * math.tanh(0.5 * DAMPING * half * PERIOD / MASS)
     longest = math.sqrt(12.0 * MASS / (DAMPING * PERIOD)) + 1.0
-    deepest, least = max(x for x, _ in motion) / STEP, min(x for x, _ in motion) / STEP
+    deepest, least = float(x.max()) / STEP, float(x.min()) / STEP
     return CaseResult(
         f"chatter for ever between 0 and 1 counts, n ≤ {longest:.0f} samples a half cycle, "
         f"{expected * 1e6:.4f} µm/s at n = {half:g} (1e-6)",

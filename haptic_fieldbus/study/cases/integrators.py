@@ -17,15 +17,9 @@ from haptic_fieldbus.study.case import CaseResult
 from haptic_fieldbus.study.cases.textbook import DIGITS, RADII, free_motion, puck_moved
 from haptic_fieldbus.study.measure import growth
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
+from haptic_fieldbus.study.measure.step_limits import oscillator
 
 PERIOD = 1e-3
-
-
-def _oscillator(square: float, damping: float = 0.0) -> StateSpace:
-    """p̈ = −square·p − damping·ṗ, the force being p."""
-    return StateSpace(
-        np.array([[0.0, 1.0], [-square, -damping]]), np.zeros((2, 1)), np.array([[1.0, 0.0]]), np.zeros((1, 1))
-    )
 
 
 def _swing(space: StateSpace, period: float, method: str, start: tuple[float, float], steps: int) -> Matrix:
@@ -78,7 +72,7 @@ def forward_euler_any_t(quick: bool) -> CaseResult:
     worst, gains = 0.0, []
     for period in np.geomspace(1e-6, 1e-2, 9).tolist():
         square = STIFFNESS / MASS
-        states = _swing(_oscillator(square), period, "forward-euler", (0.01, 0.0), steps)
+        states = _swing(oscillator(square), period, "forward-euler", (0.01, 0.0), steps)
         energy = square * states[:, 0] ** 2 + states[:, 1] ** 2
         gain = math.log(energy[-1] / energy[0])
         expected = steps * math.log1p(square * period**2)
@@ -97,13 +91,13 @@ def rk4_at_its_limit(quick: bool) -> CaseResult:
     """RK4 at h = 2·√2 keeps the energy, one part in ten thousand to either side it loses or gains it."""
     steps = 1_000 if quick else 20_000
     by_fractions = np.linalg.matrix_power(np.array([[-1, -1], [8, -1]], dtype=object) * Fraction(1, 3), 60)
-    swing = _swing(_oscillator(8.0), 1.0, "rk4", (1.0, 0.0), steps)
+    swing = _swing(oscillator(8.0), 1.0, "rk4", (1.0, 0.0), steps)
     recursion = abs(swing[60, 0] - float(by_fractions[0, 0]))
     drift = float(np.abs((8.0 * swing[:, 0] ** 2 + swing[:, 1] ** 2) / 8.0 - 1.0).max())
     logs, formulas = [], []
     for factor in (1.0 - 1e-4, 1.0 + 1e-4):
         square = 8.0 * factor**2
-        states = _swing(_oscillator(square), 1.0, "rk4", (1.0, 0.0), steps)
+        states = _swing(oscillator(square), 1.0, "rk4", (1.0, 0.0), steps)
         logs.append(math.log((square * states[-1, 0] ** 2 + states[-1, 1] ** 2) / square))
         formulas.append(steps * math.log1p(square**3 * (square - 8.0) / 576.0))
     worst = max(abs(log / formula - 1.0) for log, formula in zip(logs, formulas, strict=True))
@@ -120,12 +114,12 @@ def rk4_at_its_limit(quick: bool) -> CaseResult:
 def semi_implicit_at_its_limit(quick: bool) -> CaseResult:
     """At h = 2 the double root −1 grows linearly, just below nothing grows, just above it grows exponentially."""
     steps = 1_000 if quick else 50_000
-    linear = _swing(_oscillator(4.0), 1.0, "semi-implicit", (0.0, 1.0), steps)[-1, 0]
+    linear = _swing(oscillator(4.0), 1.0, "semi-implicit", (0.0, 1.0), steps)[-1, 0]
     expected = -steps * (-1.0) ** steps
     below_square, above_square = 4.0 * (1.0 - 1e-6) ** 2, 4.0 * (1.0 + 1e-6) ** 2
-    below = np.abs(_swing(_oscillator(below_square), 1.0, "semi-implicit", (0.0, 1.0), steps)[:, 0]).max()
+    below = np.abs(_swing(oscillator(below_square), 1.0, "semi-implicit", (0.0, 1.0), steps)[:, 0]).max()
     bound = 1.0 / math.sqrt(below_square * (1.0 - below_square / 4.0))
-    above = discrete(_oscillator(above_square), 1.0, "semi-implicit")
+    above = discrete(oscillator(above_square), 1.0, "semi-implicit")
     radius, formula = spectral_radius(above.a), math.exp(2.0 * math.acosh(1.0 + 1e-6))
     return CaseResult(
         f"h = 2: |p| = n = {steps} from v₀ = 1; h = 2 − 2e-6: |p| up to {bound:.2f}; h = 2 + 2e-6: radius "
@@ -141,13 +135,13 @@ def semi_implicit_at_its_limit(quick: bool) -> CaseResult:
 def damper_b_equals_kt(quick: bool) -> CaseResult:
     """A virtual damper b = k·T takes from forward Euler exactly what it gains; 1 % more or less is seen at once."""
     square, steps = 250.0 / 0.4 * PERIOD**2, 2_000 if quick else 50_000
-    found = _swing(_oscillator(square, square), 1.0, "forward-euler", (1.0, 0.0), steps)
+    found = _swing(oscillator(square, square), 1.0, "forward-euler", (1.0, 0.0), steps)
     one, s = Decimal(1), Decimal(square)
     with localcontext(prec=DIGITS):
         expected = free_motion(((one, one), (-s, 1 - s)), (one, 0 * one), steps)
     error = abs(found[-1, 0] - expected)
     shares = (0.99, 1.0, 1.01)
-    steppers = [discrete(_oscillator(square, share * square), 1.0, "forward-euler") for share in shares]
+    steppers = [discrete(oscillator(square, share * square), 1.0, "forward-euler") for share in shares]
     radii = [spectral_radius(stepper.a) for stepper in steppers]
     worst = max(abs(r - math.sqrt(1.0 + (1.0 - f) * square)) for r, f in zip(radii, shares, strict=True))
     return CaseResult(

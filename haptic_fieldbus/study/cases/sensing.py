@@ -1,18 +1,18 @@
 """Cases of what is measured and when: velocity from counts, tachometers, jittered and missing samples."""
 
 import math
+from collections.abc import Iterable
 from functools import reduce
 
 import numpy as np
 
-from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins.patterns import gaps, pattern_bound, pattern_limit
 from haptic_fieldbus.margins.plant import Plant, sample
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
-from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.case import CaseResult, refused
 from haptic_fieldbus.study.cases.closed_loop_oracles import moved
 
 PERIOD, STEP = 1e-3, 1e-5
@@ -24,11 +24,15 @@ def _counted(speed: float, samples: int) -> list[float]:
     return [STEP * math.floor(speed * PERIOD * number / STEP) for number in range(samples)]
 
 
+def _estimated(spec: str, positions: Iterable[float], period: float = PERIOD) -> list[float]:
+    """Velocities [m/s] by an estimator that knows the step of the encoder."""
+    return list(map(estimators.bind(spec, period, STEP), positions))
+
+
 def velocity_quantisation(quick: bool) -> CaseResult:
     """A difference of counts knows whole multiples of D/T only."""
     samples, ratio = 20_000 if quick else 1_000_000, 3.0 + GOLDEN
-    step = estimators.bind("backward-difference", PERIOD, STEP)
-    found = np.array([step(x) for x in _counted(ratio * STEP / PERIOD, samples)])[1:]
+    found = np.array(_estimated("backward-difference", _counted(ratio * STEP / PERIOD, samples))[1:])
     unit = STEP / PERIOD
     levels = sorted(set(np.round(found / unit, 6).tolist()))
     error = float(np.sqrt(np.mean((found - ratio * unit) ** 2)))
@@ -47,15 +51,13 @@ def zero_transition_window(quick: bool) -> CaseResult:
     samples, ratio, window = 20_000 if quick else 1_000_000, GOLDEN / 10.0, 8
     speed = ratio * STEP / PERIOD
     positions = _counted(speed, samples)
-    average = estimators.bind(f"moving-average:window={window}", PERIOD, STEP)
-    interval = estimators.bind("tick-interval", PERIOD, STEP)
-    share = sum(average(x) == 0.0 for x in positions) / samples
-    timed = [interval(x) for x in positions][1000:]
+    share = _estimated(f"moving-average:window={window}", positions).count(0.0) / samples
+    *timed, stopped = _estimated("tick-interval", positions + 1000 * positions[-1:])
+    timed = timed[1000:samples]
     least, most = min(timed) / speed - 1.0, max(timed) / speed - 1.0
     expected = 1.0 - window * ratio
     counts_apart = (math.ceil(1.0 / ratio), math.floor(1.0 / ratio))
     low, high = (1.0 / (apart * ratio) - 1.0 for apart in counts_apart)
-    stopped = [interval(positions[-1]) for _ in range(1000)][-1]
     return CaseResult(
         f"{expected:.4f} of the windows of {window} read 0 (±0.002); the time between counts, 16 or 17 periods, errs "
         f"by {low:.4f} to {high:.4f} (1e-9), and falls to D/s = {STEP * 1e6:.1f} µm/s a second after a stop",
@@ -72,13 +74,8 @@ def differentiator_tau_below_half_t(quick: bool) -> CaseResult:
     """s/(τs + 1) by the forward mapping has its pole at 1 − T/τ: refused below τ = T/2, and rightly."""
     steps = 100 if quick else 10_000
     tau = 0.49 * PERIOD
-    try:
-        estimators.bind(f"filtered-derivative:tau={tau!r},mapping=forward", PERIOD)
-        refusal = ""
-    except UsageError as error:
-        refusal = str(error)
-    inside = estimators.bind(f"filtered-derivative:tau={0.51 * PERIOD!r},mapping=forward", PERIOD)
-    answers = [inside(x) for x in (0.0, *[1.0] * 50)]
+    refusal = refused(lambda: estimators.bind(f"filtered-derivative:tau={tau!r},mapping=forward", PERIOD))
+    answers = _estimated(f"filtered-derivative:tau={0.51 * PERIOD!r},mapping=forward", (0.0, *[1.0] * 50))
     ratio = answers[50] / answers[49]
     lag = StateSpace(*(np.array([[value]]) for value in (-1.0 / tau, 1.0 / tau, -1.0 / tau, 1.0 / tau)))
     pole = float(integrators.discrete(lag, PERIOD, "forward-euler").a[0, 0])
@@ -101,8 +98,7 @@ def lecture_noise(quick: bool) -> CaseResult:
     heard = (np.sin(times) + 0.1 * np.sin(10.0 * times)).tolist()
 
     def amplitudes(spec: str) -> tuple[float, float]:
-        step = estimators.bind(spec, period)
-        last = np.array([step(y) for y in heard])[-samples:]
+        last = np.array(_estimated(spec, heard, period)[-samples:])
         one, ten = (2.0 / samples * abs(np.sum(last * np.exp(-1j * w * times[-samples:]))) for w in (1.0, 10.0))
         return float(one), float(ten)
 
@@ -178,10 +174,9 @@ def jittered_sampling(quick: bool) -> CaseResult:
     for _ in range(12 if quick else 20):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if grows(middle) else (middle, high)
-    step, instants = estimators.bind("backward-difference", PERIOD), np.cumsum(times)
-    error = float(np.std([step(x) for x in instants.tolist()][1:]))
-    timed, elapsed = estimators.bind("tick-interval", PERIOD), instants.tolist()
-    worst = max(abs(v - 1.0) for v in [timed(x, x * 1e9) for x in elapsed][1:])
+    timed, instants = estimators.bind("tick-interval", PERIOD), np.cumsum(times).tolist()
+    error = float(np.std(_estimated("backward-difference", instants)[1:]))
+    worst = max(abs(v - 1.0) for v in [timed(x, x * 1e9) for x in instants][1:])
     spread = float(np.std(times[1:])) / PERIOD
     return CaseResult(
         f"K up to 2b·ΣT_i/ΣT_i² = {expected:.1f} N/m (1 %), against {2.0 * plant.damping / PERIOD:.0f} N/m without "

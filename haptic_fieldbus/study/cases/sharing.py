@@ -35,13 +35,10 @@ def passivity_observer_timing(quick: bool) -> CaseResult:
     """Only the pairing of a force with the displacement while it was held sees the leak; the others see −leak and 0."""
     cycles = 10 if quick else 1_000
     x = _handle(np.arange(cycles * TURN + 1, dtype=np.float64))
-    force, moved = -STIFFNESS * x, np.diff(x)
+    force, way = -STIFFNESS * x, np.diff(x)
     leak = cycles * TURN * STIFFNESS * AMPLITUDE**2 * math.sin(math.pi / TURN) ** 2
-    ledgers = [
-        float(force[:-1] @ moved),
-        float(force[1:] @ moved),
-        float(0.5 * (force[:-1] + force[1:]) @ moved),
-    ]
+    paired = (force[:-1], force[1:], 0.5 * (force[:-1] + force[1:]))
+    ledgers = [float(each @ way) for each in paired]
     fine = _worked(force, cycles, 0.0)
     ratios = [each / leak for each in ledgers]
     apart = max(abs(one - other) for one, other in zip([*ratios, fine / leak], [1.0, -1.0, 0.0, 1.0], strict=True))

@@ -21,10 +21,6 @@ class Rule(Protocol):
     ) -> tuple[Number, Number]: ...
 
 
-def _forward_euler(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
-    return q + t * v, v + t * w * w * (x - q)
-
-
 def _backward_euler(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
     v = (v + t * w * w * (y - q)) / (1 + (w * t) ** 2)
     return q + t * v, v
@@ -69,10 +65,6 @@ def _exact(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> 
     return y + a * c + b * s, slope + w * (b * c - a * s)
 
 
-def _exact_held(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
-    return _exact(q, v, x, x, w, t)
-
-
 def _cos_sin(angle: Number) -> tuple[Number, Number]:
     if not isinstance(angle, Decimal):
         return math.cos(angle), math.sin(angle)
@@ -86,14 +78,14 @@ def _leapfrog_radius(h: float) -> float:
 
 
 RULES: dict[str, Rule] = {
-    "forward-euler": _forward_euler,
+    "forward-euler": lambda q, v, x, y, w, t: (q + t * v, v + t * w * w * (x - q)),
     "backward-euler": _backward_euler,
     "trapezoidal": _trapezoidal,
     "semi-implicit": _semi_implicit,
     "semi-implicit-drift-first": _drift_first,
     "verlet": _verlet,
     "rk4": _rk4,
-    "exact-zoh": _exact_held,
+    "exact-zoh": lambda q, v, x, y, w, t: _exact(q, v, x, x, w, t),
     "exact-foh": _exact,
 }
 RADII: dict[str, Callable[[float], float]] = {

@@ -3,7 +3,6 @@
 Every reference is the exponential of the system (z, w) of environment and input together: exact but for rounding.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,21 +100,18 @@ def tissue() -> StateSpace:
     return StateSpace(np.diag(-1.0 / tau), b, stiff[None], np.array([[-SOFT - stiff.sum(), 0.0]]))
 
 
-def _table() -> tuple[tuple[str, str, Callable[[], StateSpace], KnownMotion], ...]:
-    return (
-        ("sprung-mass-step", "sprung mass, puck moved at once by 10 mm", sprung_mass, step_by(WAY)),
-        ("sprung-mass-sine", "sprung mass, puck moved by a sine of 1.5 Hz", sprung_mass, sine(WAY, 1.5)),
-        ("sprung-mass-minimum-jerk", "sprung mass, puck moved as a hand reaches", sprung_mass, minimum_jerk(WAY, 1.0)),
-        ("damped-mass", "mass on spring and damper, puck moved as a hand reaches", damped_mass, minimum_jerk(WAY, 1.0)),
-        ("free-puck", "free puck (four states), pushed with 1 N", free_puck, step_by(1.0)),
-        ("tissue", "tissue (Maxwell branches of 2 and 100 ms), pressed as a hand reaches", tissue,
-         minimum_jerk(WAY, 1.0)),
-    )  # fmt: skip
-
-
 def problems() -> dict[str, Problem]:
     """All of them by name."""
-    return {name: Problem(name, title, space(), motion) for name, title, space, motion in _table()}
+    reach = minimum_jerk(WAY, 1.0)
+    every = (
+        Problem("sprung-mass-step", "sprung mass, puck moved at once by 10 mm", sprung_mass(), step_by(WAY)),
+        Problem("sprung-mass-sine", "sprung mass, puck moved by a sine of 1.5 Hz", sprung_mass(), sine(WAY, 1.5)),
+        Problem("sprung-mass-minimum-jerk", "sprung mass, puck moved as a hand reaches", sprung_mass(), reach),
+        Problem("damped-mass", "mass on spring and damper, puck moved as a hand reaches", damped_mass(), reach),
+        Problem("free-puck", "free puck (four states), pushed with 1 N", free_puck(), step_by(1.0)),
+        Problem("tissue", "tissue (Maxwell branches of 2 and 100 ms), pressed as a hand reaches", tissue(), reach),
+    )
+    return {problem.name: problem for problem in every}
 
 
 def periods(quick: bool) -> tuple[int, ...]:

@@ -72,15 +72,9 @@ def grew(bench: Bench, stiffness: Array, damping: Array, periods: int) -> NDArra
     """Let loops run side by side from a flick of 1 m/s; stiffness and damping of the same shape."""
     plant = bench.plant
     flicked = loops(
-        mass=plant.mass,
-        damping=plant.damping,
-        period=bench.period,
-        delay=bench.delay,
-        lag=plant.torque_lag,
-        stiffness=stiffness.ravel(),
-        virtual_damping=damping.ravel(),
-        velocity=1.0,
-    )
+        mass=plant.mass, damping=plant.damping, period=bench.period, delay=bench.delay, lag=plant.torque_lag,
+        stiffness=stiffness.ravel(), virtual_damping=damping.ravel(), velocity=1.0,
+    )  # fmt: skip
     finished = batch.run(flicked, periods, parts=4)
     found: NDArray[np.bool_] = finished.diverged | (finished.peaks[3] > finished.peaks[1])
     return found.reshape(stiffness.shape)

@@ -30,9 +30,10 @@ class StepLimit:
     """Of the step at T·ω = 0.1 on the undamped oscillator."""
 
 
-def _oscillator(h: float) -> StateSpace:
+def oscillator(square: float, damping: float = 0.0) -> StateSpace:
+    """p̈ = −square·p − damping·ṗ, the force being p."""
     return StateSpace(
-        np.array([[0.0, 1.0], [-h * h, 0.0]]), np.array([[0.0], [h * h]]), np.array([[1.0, 0.0]]), np.zeros((1, 1))
+        np.array([[0.0, 1.0], [-square, -damping]]), np.zeros((2, 1)), np.array([[1.0, 0.0]]), np.zeros((1, 1))
     )
 
 
@@ -60,5 +61,5 @@ def step_limit(name: str) -> StepLimit:
     def radius(space: StateSpace) -> float:
         return spectral_radius(integrators.discrete(space, 1.0, name).a)
 
-    oscillator, lag = _largest(lambda h: radius(_oscillator(h))), _largest(lambda h: radius(_lag(h)))
-    return StepLimit(name, method.oscillator_limit, oscillator, method.lag_limit, lag, radius(_oscillator(0.1)))
+    swing, lag = _largest(lambda h: radius(oscillator(h * h))), _largest(lambda h: radius(_lag(h)))
+    return StepLimit(name, method.oscillator_limit, swing, method.lag_limit, lag, radius(oscillator(0.1 * 0.1)))

@@ -96,15 +96,8 @@ def _point(problem: Problem, method: str, steps: int) -> Point:
     one = integrators.discretise(problem.space, period, method)
     run = follow(one, inputs, [0.0] * problem.space.order)
     figures = errors(run.outputs[:, 0], problem.exact(period, steps))
-    return Point(
-        problem.name,
-        method,
-        period,
-        *figures,
-        ns_per_step=_cost(problem, method, period),
-        order=None,
-        stable=figures[0] is not None and spectral_radius(one.system.a) <= 1.0 + GROWS,
-    )
+    stable = figures[0] is not None and spectral_radius(one.system.a) <= 1.0 + GROWS
+    return Point(problem.name, method, period, *figures, _cost(problem, method, period), None, stable)
 
 
 def _cost(problem: Problem, method: str, period: float) -> float:

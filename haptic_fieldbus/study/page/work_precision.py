@@ -121,11 +121,8 @@ def _curve(panel: Axes, each: Set, places: Sequence[float], height: float) -> No
 
 def is_as_claimed(each: Set) -> bool:
     """Whether the observed order is the claimed one; an exact method shows rounding only."""
-    if each.claimed is None:
-        return True
-    if each.order is None:
-        return math.isinf(each.claimed)
-    return abs(each.order - each.claimed) <= CLOSE
+    order = math.inf if each.order is None else each.order
+    return each.claimed is None or order == each.claimed or abs(order - each.claimed) <= CLOSE
 
 
 def order_words(each: Set) -> str:
