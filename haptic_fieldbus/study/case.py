@@ -34,5 +34,4 @@ def refused(ask: Callable[[], object]) -> str:
 
 
 def listed(values: Iterable[float], form: str) -> str:
-    """Numbers in a sentence."""
     return ", ".join(f"{value:{form}}" for value in values)

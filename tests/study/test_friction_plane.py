@@ -18,7 +18,7 @@ def test_motions_of_one_size_end_as_describing_functions_say(start: float) -> No
 
 def test_large_motions_know_the_quadrants_alone() -> None:
     found = plane(1e5, 12, 3000)
-    beta, sigma = np.meshgrid(found.beta, found.sigma)
+    beta, sigma = np.meshgrid(found.axis, found.axis)
     expected = np.where(beta < 0.5, Ending.GROWS, np.where(sigma < 0.5, Ending.CYCLES, Ending.RESTS))
     apart = (np.abs(beta - 0.5) > 0.06) & (np.abs(sigma - 0.5) > 0.06)
     np.testing.assert_array_equal(found.outcome[apart], expected[apart])

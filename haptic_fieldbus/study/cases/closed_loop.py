@@ -8,15 +8,14 @@ from haptic_fieldbus.margins import Plant, stiffness_limit
 from haptic_fieldbus.margins.plant import sample
 from haptic_fieldbus.numerics import integrators, sampled
 from haptic_fieldbus.numerics.integrators import METHODS, trajectory
-from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.closed_loop_oracles import jury_limit, moved
 from haptic_fieldbus.study.cases.drive_bench import PERIOD_NS, Feeder, feed
+from haptic_fieldbus.study.cases.oracles import jury_limit, moved
 from haptic_fieldbus.study.cases.textbook import RULES
 from haptic_fieldbus.study.measure.in_the_loop import flicked
-from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass, two_masses
+from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
 
 PERIOD = 1e-3
 
@@ -80,12 +79,9 @@ def light_puck(quick: bool) -> CaseResult:
     error = _two_masses(1e-6, steps * PERIOD, steps, "exact-foh")
     euler = _two_masses(1e-6, steps * PERIOD, steps, "forward-euler")
     damping, masses = 0.5, (1e-4, 1e-5, 1e-6, 1e-9)
-
-    def limit(mass: float) -> float:
-        return stiffness_limit(Plant(mass, damping), PERIOD, 0.0, lambda k: gain([[-k]]))
-
-    worst = max(abs(limit(mass) / jury_limit(Plant(mass, damping), PERIOD) - 1.0) for mass in masses)
-    massless = limit(0.0)
+    *limits, massless = (stiffness_limit(Plant(mass, damping), PERIOD, 0.0, spring) for mass in (*masses, 0.0))
+    exact = [jury_limit(Plant(mass, damping), PERIOD) for mass in masses]
+    worst = max(abs(limit / by_hand - 1.0) for limit, by_hand in zip(limits, exact, strict=True))
     return CaseResult(
         f"exact step on the closed form, forward Euler diverges; massless handle: limit {2 * damping / PERIOD:g} N/m",
         f"off by {error:.1e} (1e-8 allowed), Euler {euler:.0e}; limit {massless:.6f} N/m, masses from 1e-4 to 1e-9 kg "
@@ -110,19 +106,14 @@ def _textbook_forces(device: Plant, method: str, steps: int) -> list[float]:
     return forces
 
 
-def _package_forces(device: Plant, method: str, steps: int) -> tuple[list[float], float]:
-    """The same by the one-period map of `sampled`, and the spectral radius without the shift."""
-    virtual = sampled.environment(sprung_mass(), period=PERIOD, method=method, estimator=None)
-    plant = sample(device, PERIOD, 0.0)
-    return flicked(plant, virtual, steps).tolist(), sampled.growth(plant, virtual)
-
-
 def sampled_free_puck(quick: bool) -> CaseResult:
     """The virtual mass in the loop with a free handle, by every method: forces, and who grows."""
     device, steps = Plant(0.3, 0.2), (8000 if quick else 40_000)
+    plant = sample(device, PERIOD, 0.0)
     worst, growing, wrong = 0.0, [], []
     for method in METHODS:
-        forces, radius = _package_forces(device, method, steps)
+        virtual = sampled.environment(sprung_mass(), period=PERIOD, method=method, estimator=None)
+        forces, radius = flicked(plant, virtual, steps).tolist(), sampled.growth(plant, virtual)
         brute = _textbook_forces(device, method, steps)
         tenth, peak = steps // 10, max(map(abs, brute))
         worst = max(worst, max(abs(x - y) for x, y in zip(forces, brute, strict=True)) / peak)

@@ -7,29 +7,19 @@ import numpy as np
 
 from haptic_fieldbus.margins import Plant, Verdict, alone, judge, passive_limit, stiffness_limit
 from haptic_fieldbus.numerics import batch
-from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.closed_loop_oracles import (
-    growth_of,
-    jury_limit,
-    plain_terms,
-    schur_cohn_limit,
-    simulate,
-)
+from haptic_fieldbus.study.cases.oracles import growth_of, jury_limit, plain_terms, schur_cohn_limit, simulate
+from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3
 BENCH = Plant(0.1, 50.0)
 """Friction that is strong for its mass: growth near the limit shows within 1e5 steps."""
 
 
-def _spring(stiffness: float) -> StateSpace:
-    return gain([[-stiffness]])
-
-
 def _limit(device: Plant, period: float = PERIOD, delay: float = 0.0) -> float:
     """What the package says; `delay` in periods."""
-    return stiffness_limit(device, period, delay * period, _spring)
+    return stiffness_limit(device, period, delay * period, spring)
 
 
 def _law(stiffness: float) -> Callable[[float], float]:
@@ -116,7 +106,7 @@ def slow_loop(quick: bool) -> CaseResult:
     worst = max(abs(_limit(device, period) / jury_limit(device, period) - 1.0) for period in periods)
     slowest = _limit(device, periods[-1])
     expected = 2.0 * device.damping / (periods[-1] - 2.0 * device.mass / device.damping)
-    verdict = judge(alone(device, periods[0], 0.0), _spring, stiffness)[0].verdict
+    verdict = judge(alone(device, periods[0], 0.0), spring, stiffness)[0].verdict
     grown = growth_of(simulate(device, periods[0], _law(stiffness), 50))
     return CaseResult(
         f"limit {expected:.8f} N/m at 0.1 Hz; 600 N/m at 20 Hz grows",

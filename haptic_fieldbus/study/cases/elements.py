@@ -16,7 +16,7 @@ from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.sim.mechanics import plant as sim_plant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.study.case import CaseResult, listed
-from haptic_fieldbus.study.cases.closed_loop_oracles import jury_limit, simulate
+from haptic_fieldbus.study.cases.oracles import jury_limit, simulate
 
 LOSS, IMPACT_MASS = 0.6, 0.2
 """Of the impact: p [s/m], and the mass that hits [kg]."""

@@ -12,7 +12,7 @@ from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerics.batch import Running
 from haptic_fieldbus.numerics.loops import Array, Loops, loops
 from haptic_fieldbus.study.case import CaseResult, listed
-from haptic_fieldbus.study.cases.closed_loop_oracles import moved
+from haptic_fieldbus.study.cases.oracles import moved
 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)
@@ -20,8 +20,8 @@ KNOCK = 6e-4
 """Speed at the start [m/s], so that a handle at rest has come to rest."""
 
 
-def _settled(many: Loops, settle: int, samples: int) -> Array:
-    """Positions and velocities of handles that had time to settle, shape (samples, 2, n)."""
+def recorded(many: Loops, settle: int, samples: int) -> Array:
+    """Positions and velocities of handles after they had time to settle, shape (samples, 2, n)."""
     running, states = Running(many), np.empty((samples, 2, len(many)))
     running.advance(settle)
     for sample in range(samples):  # one after the other: a cycle of two samples comes back
@@ -32,7 +32,7 @@ def _settled(many: Loops, settle: int, samples: int) -> Array:
 
 def _moves(many: Loops, settle: int) -> list[bool]:
     """Whether each handle still moves after it has had time to settle."""
-    steps = np.diff(_settled(many, settle, 21)[:, 0], axis=0)
+    steps = np.diff(recorded(many, settle, 21)[:, 0], axis=0)
     return [bool(each.any()) for each in steps.T]
 
 
@@ -110,7 +110,7 @@ def one_count_wall(quick: bool) -> CaseResult:
         mass=MASS, damping=DAMPING, period=PERIOD, stiffness=stiffness, resolution=STEP, unilateral=True,
         push=0.5 * stiffness * STEP, position=0.6 * STEP,
     )  # fmt: skip
-    x, v = _settled(many, settle, 1001)[1:, :, 0].T
+    x, v = recorded(many, settle, 1001)[1:, :, 0].T
     switches = np.flatnonzero(np.diff(x >= 0.5 * STEP))
     half, highest = float(switches[-1] - switches[0]) / (len(switches) - 1), float(np.abs(v).max())
     expected = 0.5 * stiffness * STEP / DAMPING * math.tanh(0.5 * DAMPING * half * PERIOD / MASS)

@@ -10,10 +10,11 @@ from haptic_fieldbus.margins.patterns import gaps, pattern_bound, pattern_limit
 from haptic_fieldbus.margins.plant import Plant, sample
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
 from haptic_fieldbus.study.case import CaseResult, refused
-from haptic_fieldbus.study.cases.closed_loop_oracles import moved
+from haptic_fieldbus.study.cases.oracles import moved
+from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD, STEP = 1e-3, 1e-5
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -56,8 +57,7 @@ def zero_transition_window(quick: bool) -> CaseResult:
     timed = timed[1000:samples]
     least, most = min(timed) / speed - 1.0, max(timed) / speed - 1.0
     expected = 1.0 - window * ratio
-    counts_apart = (math.ceil(1.0 / ratio), math.floor(1.0 / ratio))
-    low, high = (1.0 / (apart * ratio) - 1.0 for apart in counts_apart)
+    low, high = (1.0 / (apart * ratio) - 1.0 for apart in (math.ceil(1.0 / ratio), math.floor(1.0 / ratio)))
     return CaseResult(
         f"{expected:.4f} of the windows of {window} read 0 (±0.002); the time between counts, 16 or 17 periods, errs "
         f"by {low:.4f} to {high:.4f} (1e-9), and falls to D/s = {STEP * 1e6:.1f} µm/s a second after a stop",
@@ -166,7 +166,7 @@ def jittered_sampling(quick: bool) -> CaseResult:
     devices = [sample(plant, float(time), 0.0) for time in times]
 
     def grows(stiffness: float) -> bool:
-        maps: list[Matrix] = [loop_matrix(device, gain([[-stiffness]])) for device in devices]
+        maps: list[Matrix] = [loop_matrix(device, spring(stiffness)) for device in devices]
         return spectral_radius(reduce(lambda before, after: after @ before, maps)) > 1.0
 
     expected = 2.0 * plant.damping * float(times.sum() / (times**2).sum())
@@ -209,7 +209,7 @@ def dropped_frames(quick: bool) -> CaseResult:
     }  # fmt: skip
     texts, bounds, close, agree = [], [], True, True
     for name, lengths in patterns.items():
-        limit = pattern_limit(plant, PERIOD, 0.0, lambda k: gain([[-k]]), gaps(lengths))
+        limit = pattern_limit(plant, PERIOD, 0.0, spring, gaps(lengths))
         bound = 2.0 * plant.damping * sum(lengths) / (PERIOD * sum(length**2 for length in lengths))
         sides = [_grows_by_hand(plant, limit * part, lengths) for part in (1.0 - 1e-4, 1.0 + 1e-4)]
         agree &= sides == [False, True]

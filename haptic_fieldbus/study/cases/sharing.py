@@ -10,13 +10,14 @@ from collections.abc import Callable
 import numpy as np
 
 from haptic_fieldbus.margins import Plant, sample
-from haptic_fieldbus.numerics import batch, sampled
+from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.loops import Array, loops
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
 from haptic_fieldbus.study.case import CaseResult, listed
-from haptic_fieldbus.study.cases.closed_loop_oracles import moved
+from haptic_fieldbus.study.cases.friction import recorded
+from haptic_fieldbus.study.cases.oracles import moved
 
 PERIOD = 1e-3
 STIFFNESS, AMPLITUDE, TURN = 600.0, 0.01, 40
@@ -27,8 +28,7 @@ EXACT = 1e-9
 
 def _handle(times: Array) -> Array:
     """Position of a handle that is moved by a sine, times in periods [m]."""
-    moved: Array = AMPLITUDE * np.sin(2.0 * math.pi / TURN * times)
-    return moved
+    return np.asarray(AMPLITUDE * np.sin(2.0 * math.pi / TURN * times))
 
 
 def passivity_observer_timing(quick: bool) -> CaseResult:
@@ -105,17 +105,11 @@ def saturation_ledger(quick: bool) -> CaseResult:
     many = loops(
         mass=mass, damping=0.0, period=PERIOD, stiffness=STIFFNESS, saturation=most, position=-0.002, velocity=0.6
     )
-    running = batch.Running(many)
-    x, energy = -0.002, 0.5 * mass * 0.6**2
-    before, asked, applied, saturated = energy, 0.0, 0.0, 0
-    for _ in range(steps):
-        wanted = -STIFFNESS * x
-        force = max(-most, min(most, wanted))
-        running.advance(1)
-        moved, x = float(running.state[0][0]) - x, float(running.state[0][0])
-        asked, applied = asked + wanted * moved, applied + force * moved
-        saturated += abs(wanted) > most
-    energy = 0.5 * mass * float(running.state[1][0]) ** 2
+    x, v = recorded(many, 0, steps + 1)[:, :, 0].T
+    wanted, way = -STIFFNESS * x[:-1], np.diff(x)
+    asked, applied = float(wanted @ way), float(np.clip(wanted, -most, most) @ way)
+    saturated = int((np.abs(wanted) > most).sum())
+    before, energy = 0.5 * mass * float(v[0]) ** 2, 0.5 * mass * float(v[-1]) ** 2
     change, scale = energy - before, max(energy, before)
     off, wrong = abs(applied - change) / scale, abs(asked - change) / scale
     return CaseResult(

@@ -7,19 +7,16 @@ import numpy as np
 from haptic_fieldbus.margins import Plant, sample, stiffness_limit
 from haptic_fieldbus.margins.bodies import HAND, limit_with, sample_with
 from haptic_fieldbus.numerics import batch, sampled
-from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.loops import Array, loops
 from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.cases.oracles import simulate
+from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3
 SPEED = 0.2
 """[m/s] towards the wall."""
 EXACT = 1e-9
 """Relative, of sums that are equal but for rounding."""
-
-
-def _wall(stiffness: float) -> StateSpace:
-    return gain([[-stiffness]])
 
 
 def _bounced(mass: float, stiffness: float, phases: Array, steps: int, saturation: float = math.inf) -> Array:
@@ -59,16 +56,12 @@ def bounce_energy(quick: bool) -> CaseResult:
 
 def _leak(mass: float, stiffness: float, phase: float, steps: int) -> float:
     """The wall's work by the identity of `bounce_energy`, the motion by x'' = F/m in plain sums [J]."""
-    x, v, squares, entered, left = -SPEED * PERIOD * (1.0 - phase), SPEED, 0.0, None, 0.0
-    for _ in range(steps):
-        force = -stiffness * x if x > 0.0 else 0.0
-        following = x + v * PERIOD + 0.5 * force / mass * PERIOD**2
-        v += force / mass * PERIOD
-        if x > 0.0:
-            entered = x if entered is None else entered
-            squares, left = squares + (following - x) ** 2, following
-        x = following
-    return 0.5 * stiffness * (squares + (entered or 0.0) ** 2 - left**2)
+    start = -SPEED * PERIOD * (1.0 - phase), SPEED
+    x = np.array(simulate(Plant(mass, 0.0), PERIOD, lambda x: -stiffness * max(x, 0.0), steps + 1, start=start))
+    inside = x[:-1] > 0.0
+    squares = float((np.diff(x)[inside] ** 2).sum())
+    entered, left = float(x[:-1][inside][0]), float(x[1:][inside][-1])
+    return 0.5 * stiffness * (squares + entered**2 - left**2)
 
 
 def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
@@ -86,7 +79,7 @@ def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
     apart = float(np.abs(found / expected - 1.0).max())
     bounded = float(_bounced(mass, stiffness, phases, 4, most).max())
     speed = most * PERIOD / mass - SPEED
-    limit = stiffness_limit(Plant(mass, 0.5), PERIOD, 0.0, _wall)
+    limit = stiffness_limit(Plant(mass, 0.5), PERIOD, 0.0, spring)
     return CaseResult(
         f"contact of {1e3 * math.pi * math.sqrt(mass / stiffness):.2g} ms: speed times h²·φ − 1, to "
         f"{expected.max():.4g}; bounded to {most:g} N, at most {speed:.3g} m/s",
@@ -101,11 +94,11 @@ def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
 def hand_lets_go(quick: bool) -> CaseResult:
     """A wall that is stable in the hand grows once the hand lets go: the limit to quote is that of the free handle."""
     plant = Plant(mass=0.1, damping=2.0)
-    free = stiffness_limit(plant, PERIOD, 0.0, _wall)
+    free = stiffness_limit(plant, PERIOD, 0.0, spring)
     stiffness = 1.5 * free
-    in_hand = limit_with(plant, (HAND,), PERIOD, 0.0, _wall)
+    in_hand = limit_with(plant, (HAND,), PERIOD, 0.0, spring)
     rates = [
-        math.log(sampled.growth(device, _wall(stiffness))) / PERIOD
+        math.log(sampled.growth(device, spring(stiffness))) / PERIOD
         for device in (sample_with(plant, (HAND,), PERIOD, 0.0), sample(plant, PERIOD, 0.0))
     ]
     held, released = _let_go(plant, stiffness, 1_000 if quick else 3_000)

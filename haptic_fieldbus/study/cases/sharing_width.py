@@ -1,6 +1,6 @@
 """Energy and passivity: how stiff and how damped a wall may be, and what a filter in its damper costs or saves.
 
-With p = e^{−b·T/m}, N what the stiffness multiplies in a loop without damper (`closed_loop_oracles.polynomials`), and a
+With p = e^{−b·T/m}, N what the stiffness multiplies in a loop without damper (`oracles.polynomials`), and a
 damper through a low-pass of pole r, the loop's characteristic polynomial is
 
     (z − 1)·(z − p)·(z − r)·zⁿ⁺¹ + N·(K·(z − r) + B·(1 − r)·(z − 1)/T).
@@ -19,7 +19,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.study.case import CaseResult, listed
-from haptic_fieldbus.study.cases.closed_loop_oracles import largest, plain_terms, polynomials
+from haptic_fieldbus.study.cases.oracles import largest, plain_terms, polynomials
 from haptic_fieldbus.study.measure import region
 
 Point = tuple[float, float, float]

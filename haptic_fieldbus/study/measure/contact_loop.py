@@ -58,7 +58,6 @@ def _dragged(method: str, period: float, resolution: float) -> Law:
 
 
 def contacts() -> dict[str, Contact]:
-    """By name."""
     spring, damped = gain([[-STIFFNESS, 0.0]]), gain([[-STIFFNESS, -DAMPING]])
     by_estimator = "wall of 600 N/m and 2 N·s/m, a hand leaning on it; methods are velocity estimators"
     dragged = "sprung mass, dragged by a hand: device, hand and mass in one loop"

@@ -42,22 +42,20 @@ class Plane:
     """For motions that begin with `start` counts."""
 
     start: float
-    beta: Array
-    """(n,)"""
-    sigma: Array
-    """(n,)"""
+    axis: Array
+    """Of β and of σ, (n,)."""
     outcome: NDArray[np.int64]
     """Measured `Outcome`, (n, n): rows of one σ."""
 
     @property
     def border(self) -> Array:
         """Predicted: the σ below which it grows, (n,)."""
-        return border(self.start, self.beta)
+        return border(self.start, self.axis)
 
     @property
     def agreement(self) -> float:
         """Share of the points, further than 5 % of the plane from a predicted border, that are as predicted."""
-        sigma, steepness = self.sigma[:, None], -_slope(self.start)
+        sigma, steepness = self.axis[:, None], -_slope(self.start)
         above = (sigma - self.border[None, :]) / math.hypot(1.0, steepness)
         predicted = np.where(above < 0.0, Ending.GROWS, np.where(sigma < 0.5, Ending.CYCLES, Ending.RESTS))
         strip = 0.05 * LARGEST
@@ -91,4 +89,4 @@ def plane(start: float, points: int, periods: int) -> Plane:
     ended = run(pressed, periods, parts=8)
     grown = ended.diverged | (ended.peaks[-1] / COUNT - 1.5 > GROWN * start)
     outcome = np.where(grown, Ending.GROWS, np.where(ended.velocity == 0.0, Ending.RESTS, Ending.CYCLES))
-    return Plane(start, axis, axis, outcome.reshape(points, points).astype(np.int64))
+    return Plane(start, axis, outcome.reshape(points, points).astype(np.int64))

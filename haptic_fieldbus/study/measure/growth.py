@@ -17,7 +17,6 @@ import numpy as np
 
 from haptic_fieldbus.numerics import integrators
 from haptic_fieldbus.numerics.integrators import OneStep
-from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, sprung_mass
 
 PERIOD = 1e-3
@@ -54,8 +53,7 @@ def places(total: int) -> list[int]:
 
 def exact_force(step: int, period: float = PERIOD) -> float:
     """k·A·cos(ω·step·T) [N], the phase in 50 digits."""
-    with localcontext() as context:
-        context.prec = DIGITS
+    with localcontext(prec=DIGITS):
         phase = (Decimal(STIFFNESS) / Decimal(MASS)).sqrt() * Decimal(period) * step % (2 * PI)
     return STIFFNESS * WAY * math.cos(float(phase))
 
@@ -70,26 +68,19 @@ def start(one: OneStep, step: Callable[[float], float]) -> None:
         step(position)
 
 
-def states(one: OneStep, forces: tuple[float, float]) -> Matrix:
-    """True (position, velocity) of the mass at the sample of the second force, the puck at 0."""
+def energy(one: OneStep, forces: tuple[float, float]) -> float:
+    """Of the mass [J] at the sample of the second force, the puck at 0."""
     system, (by_state, _) = one.system, one.state
     observed = np.vstack([system.c, system.c @ system.a])
-    stored = system.a @ np.linalg.solve(observed, np.array(forces))
-    return np.asarray(by_state @ stored, dtype=np.float64)
-
-
-def energy(one: OneStep, forces: tuple[float, float]) -> float:
-    """[J]"""
-    position, velocity = states(one, forces)
+    position, velocity = by_state @ (system.a @ np.linalg.solve(observed, np.array(forces)))
     with np.errstate(over="ignore"):
         return float(0.5 * STIFFNESS * position**2 + 0.5 * MASS * velocity**2)
 
 
 def follow(method: str, total: int) -> Growth:
     """Run the loop's step `total` times and look at it on the way."""
-    space = sprung_mass()
-    one = integrators.discretise(space, PERIOD, method)
-    step = integrators.bind(space, PERIOD, method)
+    one = integrators.discretise(sprung_mass(), PERIOD, method)
+    step = integrators.bind(sprung_mass(), PERIOD, method)
     start(one, step)
     begin, amplitude = 0.5 * STIFFNESS * WAY**2, STIFFNESS * WAY
     rows: list[tuple[int, float, float]] = []

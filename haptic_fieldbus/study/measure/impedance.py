@@ -57,8 +57,7 @@ def pulse_response(plant: SampledPlant, angle: Array) -> Complex:
     order = len(plant.transition)
     force = plant.after[None] * (z**-plant.whole)[:, None, None]
     force = force + plant.before[None] * (z ** -(plant.whole + 1))[:, None, None]
-    found: Complex = np.linalg.solve(z[:, None, None] * np.eye(order) - plant.transition, force)[:, 0, 0]
-    return found
+    return np.asarray(np.linalg.solve(z[:, None, None] * np.eye(order) - plant.transition, force)[:, 0, 0])
 
 
 def ideal_impedance(plant: Plant, space: StateSpace, frequency: Array) -> Complex:
@@ -71,7 +70,6 @@ def ideal_impedance(plant: Plant, space: StateSpace, frequency: Array) -> Comple
 
 
 def device_impedance(plant: Plant, frequency: Array) -> Complex:
-    """Mass and damping."""
     return plant.mass * _laplace(frequency) + plant.damping
 
 

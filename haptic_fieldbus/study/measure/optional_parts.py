@@ -93,15 +93,13 @@ def _elements(scenes: Sequence[Scene], period: float) -> Iterator[OptionalPart]:
     for kind, (element, scene) in sorted(kinds.items()):
         spaces = {axis.name: axis.workspace for axis in scene.axes}
         given = [_signals(period, spaces[name])[signal] for name in axes_of(element) for signal in element.needs]
-        law, sort = _law(element, period)
+        law: Callable[..., object]
+        if isinstance(element, CouplingElement):
+            law, sort = element.begin(period), "coupling"
+        else:
+            law, sort = law_of(element, period), "element"
         cost = ns_per_call(law, *given) if given else ns_per_call(lambda _, law=law: law(), range(IMAGES))
         yield OptionalPart(f"{sort}: {kind}", cost)
-
-
-def _law(element: AnyElement, period: float) -> tuple[Callable[..., object], str]:
-    if isinstance(element, CouplingElement):
-        return element.begin(period), "coupling"
-    return law_of(element, period), "element"
 
 
 def _signals(period: float, workspace: Workspace) -> dict[Signal, list[float]]:

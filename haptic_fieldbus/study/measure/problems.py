@@ -10,7 +10,7 @@ import numpy as np
 from haptic_fieldbus.numerics.exact import expm
 from haptic_fieldbus.numerics.integrators.method import Integrator
 from haptic_fieldbus.numerics.integrators.staggered import positions
-from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.loops import Array
 from haptic_fieldbus.numerics.response import recursion
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
@@ -61,6 +61,11 @@ def feels_velocity(space: StateSpace) -> bool:
     return bool(space.a[np.ix_(velocities, velocities)].any() or space.c[:, velocities].any())
 
 
+def spring(stiffness: float) -> StateSpace:
+    """A wall without damping, pressed or pulled."""
+    return gain([[-stiffness]])
+
+
 def sprung_mass(stiffness: float = STIFFNESS, mass: float = MASS) -> StateSpace:
     """The lecture's held puck: a mass behind a spring."""
     return SprungMass("handle", stiffness, mass).dynamics
@@ -101,7 +106,6 @@ def tissue() -> StateSpace:
 
 
 def problems() -> dict[str, Problem]:
-    """All of them by name."""
     reach = minimum_jerk(WAY, 1.0)
     every = (
         Problem("sprung-mass-step", "sprung mass, puck moved at once by 10 mm", sprung_mass(), step_by(WAY)),

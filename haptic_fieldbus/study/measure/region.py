@@ -6,6 +6,7 @@ unstable; close to a boundary, motions neither grow nor fade within a run, and i
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,13 +50,9 @@ def wall(stiffness: float, damping: float, period: float, estimator: str = "back
 
 def predicted(bench: Bench, damping: float) -> tuple[float, float]:
     """(stable, passive) stiffness with that damping [N/m]."""
-
-    def environment_of(stiffness: float) -> StateSpace:
-        return wall(stiffness, damping, bench.period)
-
-    stable = stiffness_limit(bench.plant, bench.period, bench.delay, environment_of)
-    passive = passive_limit_of(bench.plant, bench.period, bench.delay, environment_of, stable) if stable else 0.0
-    return stable, min(passive, stable)
+    loop = bench.plant, bench.period, bench.delay, partial(wall, damping=damping, period=bench.period)
+    stable = stiffness_limit(*loop)
+    return stable, min(passive_limit_of(*loop, stable), stable) if stable else 0.0
 
 
 def largest_damping(bench: Bench) -> float:
@@ -63,7 +60,8 @@ def largest_damping(bench: Bench) -> float:
     low, high = 0.0, 2.0 * bench.plant.mass / bench.period
     while high - low > 0.01 * high:
         middle = 0.5 * (low + high)
-        limit = stiffness_limit(bench.plant, bench.period, bench.delay, lambda k: wall(k, middle, bench.period))  # noqa: B023
+        environment_of = partial(wall, damping=middle, period=bench.period)
+        limit = stiffness_limit(bench.plant, bench.period, bench.delay, environment_of)
         low, high = (middle, high) if limit > 0.0 else (low, middle)
     return high
 

@@ -37,10 +37,6 @@ def oscillator(square: float, damping: float = 0.0) -> StateSpace:
     )
 
 
-def _lag(h: float) -> StateSpace:
-    return StateSpace(np.array([[-h]]), np.array([[h]]), np.ones((1, 1)), np.zeros((1, 1)))
-
-
 def _largest(radius: Callable[[float], float]) -> float:
     """Bisection between 1e-3 and 1e3; 0 when the smallest already grows."""
     low, high = 1e-3, LARGEST
@@ -55,11 +51,11 @@ def _largest(radius: Callable[[float], float]) -> float:
 
 
 def step_limit(name: str) -> StepLimit:
-    """Of one method."""
     method = METHODS[name]
 
     def radius(space: StateSpace) -> float:
         return spectral_radius(integrators.discrete(space, 1.0, name).a)
 
-    swing, lag = _largest(lambda h: radius(oscillator(h * h))), _largest(lambda h: radius(_lag(h)))
+    swing = _largest(lambda h: radius(oscillator(h * h)))
+    lag = _largest(lambda h: radius(StateSpace(np.array([[-h]]), np.array([[h]]), np.ones((1, 1)), np.zeros((1, 1)))))
     return StepLimit(name, method.oscillator_limit, swing, method.lag_limit, lag, radius(oscillator(0.1 * 0.1)))

@@ -84,7 +84,6 @@ def with_order(points: list[Point], peak: float) -> tuple[Point, ...]:
 
 
 def measure(problem: Problem, method: str, steps: Sequence[int]) -> Set:
-    """One set."""
     largest = peak(problem)
     points = [_point(problem, method, count) for count in steps]
     return Set(problem.name, method, with_order(points, largest), problem.claimed_order(METHODS[method]), largest)

@@ -27,7 +27,6 @@ does them. The bus, not the computer, sets the highest rate."""
 
 
 def cost_section(context: Context) -> Section:
-    """Parts, whole periods and deadlines."""
     found: list[OptionalPart] = []
     for each in parts(context.tools, context.bench, FEW_SCENES if context.quick else scene_names()):
         found.append(each)
@@ -36,10 +35,12 @@ def cost_section(context: Context) -> Section:
     context.progress("deadlines", 0.9)
     late = deadlines(context.tools, QUICK if context.quick else FULL)
     document = svg(draw(found))
+    single = [[part.part, *(1e-3 * ns for ns in (part.ns_per_step, *astuple(part.spread)))]
+              for part in found if part.spread is not None]  # fmt: skip
     body = [
         paragraph(EXPLAINED),
         picture("cost", document, "Nanoseconds per call, shortest of 25 repeats."),
-        _single_table(found),
+        table(("single periods [µs]", "shortest mean", "median", "99.9 %", "largest"), single),
         "<h3>Periods missed</h3>",
         paragraph(LATE),
         _late_table(late),
@@ -59,7 +60,6 @@ def cost_section(context: Context) -> Section:
 
 
 def draw(found: Sequence[OptionalPart]) -> Figure:
-    """One bar a part."""
     drawn = figure(1.2 + 0.24 * len(found))
     panel = drawn.subplots()
     for row, each in enumerate(found):
@@ -76,15 +76,6 @@ def draw(found: Sequence[OptionalPart]) -> Figure:
     panel.grid(visible=False, axis="y")
     panel.tick_params(axis="y", color=GREY)
     return drawn
-
-
-def _single_table(found: Sequence[OptionalPart]) -> str:
-    rows = [
-        [each.part, *(1e-3 * ns for ns in (each.ns_per_step, *astuple(each.spread)))]
-        for each in found
-        if each.spread is not None
-    ]
-    return table(("single periods [µs]", "shortest mean", "median", "99.9 %", "largest"), rows)
 
 
 def _late_table(late: RateDeadlines) -> str:

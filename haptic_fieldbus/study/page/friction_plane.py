@@ -7,14 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
 from haptic_fieldbus.report.plot import INK
-from haptic_fieldbus.study.measure.friction_plane import LARGEST, Ending, Plane, border, plane
+from haptic_fieldbus.study.measure.friction_plane import LARGEST, Ending, Plane, border
 from haptic_fieldbus.study.page.html import paragraph, percent, picture
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg
 
 STARTS = (5.0, 20.0, 100.0)
 """Encoder counts."""
-QUICK, FULL = (20, 2000), (60, 6000)
-"""Points of each axis, and periods."""
 COLOURS = {
     Ending.RESTS: ("#d3ebe0", "comes to rest"),
     Ending.CYCLES: ("#e7e1ee", "moves over the edge of a count for ever"),
@@ -27,19 +25,13 @@ away, friction and rounding exact. A motion of size A grows only where sampling 
 takes, K·T/2 − b &gt; 4·fc/(π·ω·A): the larger it is, the nearer its border is to β = ½."""
 
 
-def planes(quick: bool) -> list[Plane]:
-    """One for each start."""
-    points, periods = QUICK if quick else FULL
-    return [plane(start, points, periods) for start in STARTS]
-
-
 def part(found: Sequence[Plane]) -> tuple[str, str]:
     """HTML, and the figure in it."""
     document = svg(side_by_side(found, _panel, 4.2, ncols=5))
     share = min(each.agreement for each in found)
     told = "all handles" if share == 1.0 else f"{percent(share, 1)} of the handles"
     caption = (
-        f"{len(found[0].beta)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: predicted by "
+        f"{len(found[0].axis)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: predicted by "
         f"describing functions for motions of that size; {told} more than 5 % of the plane away from it end so."
     )
     return paragraph(EXPLAINED) + picture("friction-plane", document, caption), document
@@ -47,7 +39,7 @@ def part(found: Sequence[Plane]) -> tuple[str, str]:
 
 def _panel(panel: Axes, each: Plane) -> None:
     colours = ListedColormap([COLOURS[outcome][0] for outcome in Ending])
-    panel.pcolormesh(each.beta, each.sigma, each.outcome, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest",
+    panel.pcolormesh(each.axis, each.axis, each.outcome, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest",
                      rasterized=True)  # fmt: skip
     for colour, label in COLOURS.values():
         panel.fill_between([], [], color=colour, label=label)

@@ -27,7 +27,6 @@ digits."""
 
 
 def growth_section(context: Context) -> Section:
-    """All methods, for 1e5 or 1e7 steps."""
     total = QUICK if context.quick else FULL
     told = f"{total:.0e} steps of ".replace("e+0", "e")
     found = [growth.follow(method, total) for method in context.each(METHODS, lambda method: f"{told}{method}")]
@@ -48,7 +47,6 @@ def growth_section(context: Context) -> Section:
 
 
 def draw(found: Sequence[Growth]) -> Figure:
-    """Error and energy drift over steps."""
     drawn = figure(4.9)
     left, right = drawn.subplots(1, 2)
     for each in found:
@@ -73,7 +71,6 @@ def _curve(panel: Axes, each: Growth, values: Sequence[float]) -> None:
 
 
 def growth_table(found: Sequence[Growth]) -> str:
-    """What is left at the end."""
     rows = [
         [
             each.method,

@@ -126,7 +126,6 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def percent(share: float, digits: int = 0) -> str:
-    """For text."""
     return f"{100.0 * share:.{digits}f}\u202f%"
 
 
@@ -135,7 +134,6 @@ def _raised(exponent: int) -> str:
 
 
 def page(title: str, lead: str, sections: Sequence[Section]) -> str:
-    """The whole document."""
     links = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
     findings = "".join(f"<li>{finding}</li>" for section in sections for finding in section.findings)
     found = f'<div class="findings"><strong>What was found</strong><ul>{findings}</ul></div>' if findings else ""

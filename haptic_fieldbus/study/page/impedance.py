@@ -25,7 +25,6 @@ zero, the handle can give a hand more energy than it got."""
 
 
 def impedance_section(context: Context) -> Section:
-    """Three scenes side by side."""
     scenes = context.each(SCENES, lambda scene: f"impedance of {scene}")
     found = [of_plan(context.tools.plan(scene)) for scene in scenes]
     document = svg(draw(found))
@@ -60,7 +59,6 @@ def error(each: Impedance) -> np.ndarray:
 
 
 def draw(found: Sequence[Impedance]) -> Figure:
-    """Three rows: magnitude, error, real part."""
     drawn = figure(7.6)
     panels = drawn.subplots(3, len(found), sharex=True, squeeze=False, height_ratios=[1.3, 1.0, 1.0])
     for (top, middle, bottom), each in zip(panels.T, found, strict=True):
@@ -85,7 +83,6 @@ def draw(found: Sequence[Impedance]) -> Figure:
 
 
 def impedance_table(found: Sequence[Impedance]) -> str:
-    """At a few frequencies."""
     places = (1.0, 10.0, 100.0)
 
     def row(each: Impedance) -> list[Entry]:

@@ -35,7 +35,6 @@ whole, ln(ρ)/T, over the stiffness of a virtual 0.5 kg mass at 1 kHz on the shi
 
 
 def integrator_section(context: Context) -> Section:
-    """Rates, limits and the answer."""
     points = QUICK if context.quick else FULL
     methods = context.each(METHODS, lambda method: f"loop with {method}")
     found = [in_the_loop.loop_growth(context.bench, method, points) for method in methods]
@@ -69,7 +68,6 @@ def integrator_section(context: Context) -> Section:
 
 
 def draw(found: Sequence[LoopGrowth]) -> Figure:
-    """One panel a handle."""
     drawn = figure(4.6)
     for panel, name in zip(drawn.subplots(1, 3, sharey=True), HANDLES, strict=True):
         for each in found:
@@ -115,11 +113,12 @@ def limits_table(found: Sequence[LoopGrowth]) -> str:
     """Stiffest stable spring with each handle, and the rate with the scene's."""
 
     def row(each: LoopGrowth) -> list[Entry]:
+        limits = [each.limit[name] for name in HANDLES]
         preserved = math.isclose(METHODS[each.method].oscillator_growth(0.1), 1.0, abs_tol=1e-12)
         return [
             each.method,
             Cell("yes", "good") if preserved else "no",
-            *(Cell("none", "bad") if each.limit[name] == 0.0 else _stiffness(each.limit[name]) for name in HANDLES),
+            *(("any" if math.isinf(k) else number(k, 4)) if k else Cell("none", "bad") for k in limits),
             *(0.0 if abs(each.at_scene[name]) < 1e-9 else each.at_scene[name] for name in HANDLES),  # or rounding
         ]
 
@@ -131,12 +130,7 @@ def limits_table(found: Sequence[LoopGrowth]) -> str:
     return table(headings, map(row, found))
 
 
-def _stiffness(value: float) -> str:
-    return "any" if math.isinf(value) else number(value, 4)
-
-
 def short_answer(found: Sequence[LoopGrowth]) -> str:
-    """One sentence, from the numbers."""
     best = _limit(found, "exact-foh")
     euler, drift, held = (_limit(found, name) for name in ("forward-euler", "semi-implicit-drift-first", "exact-zoh"))
     return (

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
 from haptic_fieldbus.report.plot import GREEN, VERMILION
+from haptic_fieldbus.study.measure.friction_plane import plane
 from haptic_fieldbus.study.measure.region import Region, region
 from haptic_fieldbus.study.page import friction_plane
 from haptic_fieldbus.study.page.context import Context
@@ -14,6 +15,7 @@ from haptic_fieldbus.study.page.html import Entry, Section, number, paragraph, p
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg
 
 QUICK, FULL = (32, 3000), (120, 20_000)
+QUICK_PLANE, FULL_PLANE = (20, 2000), (60, 6000)
 """Points of each axis, and periods."""
 
 EXPLAINED = """A bilateral wall of stiffness K and damping B (velocity by backward difference) on the shipped bench
@@ -37,7 +39,10 @@ def region_section(context: Context) -> Section:
     found = [region(title, of, points, periods, damping)
              for title, of, damping in context.each(wanted, lambda item: f"region, {item[0]}")]  # fmt: skip
     context.progress("region, friction and encoder", 0.9)
-    sticking, plane_document = friction_plane.part(friction_plane.planes(context.quick))
+    size = QUICK_PLANE if context.quick else FULL_PLANE
+    sticking, plane_document = friction_plane.part([plane(start, *size) for start in friction_plane.STARTS])
+    agreed = min(each.agreement for each in found)
+    told = "every loop" if agreed == 1.0 else f"{percent(agreed, 2)} of the loops"
     document = svg(side_by_side(found, _panel, 4.4, ncols=4))
     caption = (
         f"{points}² loops of {periods:,} periods in each panel.".replace(",", " ")
@@ -48,9 +53,8 @@ def region_section(context: Context) -> Section:
         "Stiffness and damping: the region that is stable",
         paragraph(EXPLAINED) + picture("region", document, caption) + _table(found) + sticking,
         (
-            f"Measured and predicted K–B regions agree on {_share(min(each.agreement for each in found))}, a strip "
-            f"of 1 % around the boundary left out; without damping the wall is stable to "
-            f"{number(float(found[0].stable_limit[0]))} N/m and passive to "
+            f"Measured and predicted K–B regions agree on {told}, a strip of 1 % around the boundary left out; without "
+            f"damping the wall is stable to {number(float(found[0].stable_limit[0]))} N/m and passive to "
             f"{number(float(found[0].passive_limit[0]))} N/m.",
         ),
         {"region": document, "friction-plane": plane_document},
@@ -60,10 +64,6 @@ def region_section(context: Context) -> Section:
             for each in found
         ],
     )  # fmt: skip
-
-
-def _share(agreement: float) -> str:
-    return "every loop" if agreement == 1.0 else f"{percent(agreement, 2)} of the loops"
 
 
 def _panel(panel: Axes, each: Region) -> None:

@@ -52,7 +52,6 @@ def sources_section(context: Context) -> Section:
 
 
 def draw(found: Sequence[Misfit]) -> Figure:
-    """One bar a scene."""
     drawn = figure(1.6 + max(0.28 * len(found), min(0.5 * len(found), 2.0)))
     panel = drawn.subplots()
     for row, each in enumerate(found):
@@ -78,7 +77,6 @@ def _seen(found: Sequence[Misfit]) -> list[str]:
 
 
 def sources_table(found: Sequence[Misfit]) -> str:
-    """With every share."""
     sources = _seen(found)
 
     def row(each: Misfit) -> list[Entry]:

@@ -25,7 +25,6 @@ def run_case(case: Case, quick: bool) -> tuple[CaseResult, float]:
 
 
 def stability_section(context: Context) -> Section:
-    """All cases that are wanted."""
     chosen = {name: case for name, case in CASES.items() if context.wanted(name)}
     found = {}
     for name, case in context.each(chosen.items(), lambda item: f"case {item[0]}"):

@@ -85,7 +85,6 @@ def side_by_side(items: Sequence[Item], draw: Callable[[Axes, Item], None], heig
 
 
 def figure(height: float, width: float = WIDTH) -> Figure:
-    """An empty one."""
     return Figure(figsize=(width, height), facecolor="white", layout="constrained")
 
 

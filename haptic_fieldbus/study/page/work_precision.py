@@ -39,7 +39,6 @@ input the classic orders show."""
 
 
 def work_precision_section(context: Context) -> Section:
-    """Every problem, with its figure and its table."""
     every: dict[str, Problem | Contact] = {**problems(), **contact_loop.contacts()}
     chosen = [(name, item) for name, item in every.items() if context.wanted(name)]
     body, figures, found = [paragraph(EXPLAINED)], {}, []
@@ -79,7 +78,6 @@ def has_failed(point: Point, peak: float) -> bool:
 
 
 def draw(sets: Sequence[Set]) -> Figure:
-    """Both panels of a problem."""
     drawn = figure(5.1)
     left, right = drawn.subplots(1, 2, sharey=True)
     peak = sets[0].peak
@@ -158,7 +156,6 @@ def nearest(each: Set) -> Point:
 
 
 def sets_table(sets: Sequence[Set]) -> str:
-    """One row a method."""
     period = 1e3 * nearest(sets[0]).period_s
 
     def row(each: Set) -> list[Entry]:
