@@ -69,8 +69,7 @@ def choose(only: str | None) -> ChosenSections:
     for section, names in inside.items():
         if only in names:
             return ChosenSections((section,), frozenset((only,)))
-    every = [*SECTIONS, *inside["work-precision"], *inside["stability"]]
-    near = nearest(only, every)
+    near = nearest(only, [*SECTIONS, *inside["work-precision"], *inside["stability"]])
     hint = f"nearest: {near[0]}; " if near else ""
     raise UsageError(
         f"--only {only}: there is none of that name; {hint}sections are: {', '.join(SECTIONS)}; problems and cases go "

@@ -24,14 +24,14 @@ def recorded(many: Loops, settle: int, samples: int) -> Array:
     """Positions and velocities of handles after they had time to settle, shape (samples, 2, n)."""
     running, states = Running(many), np.empty((samples, 2, len(many)))
     running.advance(settle)
-    for sample in range(samples):  # one after the other: a cycle of two samples comes back
+    for sample in range(samples):
         states[sample] = running.state[0], running.state[1]
         running.advance(1)
     return states
 
 
 def _moves(many: Loops, settle: int) -> list[bool]:
-    """Whether each handle still moves after it has had time to settle."""
+    """Whether each handle still moves between two samples; a cycle of two samples comes back every second time."""
     steps = np.diff(recorded(many, settle, 21)[:, 0], axis=0)
     return [bool(each.any()) for each in steps.T]
 
