@@ -1,6 +1,6 @@
 """A plan in words: what is mapped, what runs each period, what was left out, what it costs.
 
-The text is the golden file of each scene on each profile.
+Golden files keep this text of each scene, and of each profile.
 """
 
 import math

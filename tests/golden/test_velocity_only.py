@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from tests.golden.plans import FOLDER, velocity_only_text
+from tests.golden.plans import VELOCITY_ONLY, velocity_only_text
 
 
 def test_the_plan_reads_as_before(tmp_path: Path) -> None:
-    expected = (FOLDER / "velocity_only_damped_wall.txt").read_text(encoding="utf-8")
-    assert velocity_only_text(tmp_path) == expected
+    assert velocity_only_text(tmp_path) == VELOCITY_ONLY.read_text(encoding="utf-8")
