@@ -23,6 +23,6 @@ def write(texts: Mapping[Path, str]) -> None:
 
 
 write({path: plans.text_of(*case) for path, case in plans.cases().items()})
-write({left_out.FOLDER / f"{scene}.txt": left_out.text_of(scene) for scene in ["wall", *scene_names()]})
+write({left_out.FOLDER / f"{scene}.txt": left_out.text_of(scene) for scene in scene_names()})
 with TemporaryDirectory() as folder:
     plans.VELOCITY_ONLY.write_text(plans.velocity_only_text(Path(folder)), encoding="utf-8")
