@@ -47,10 +47,17 @@ def shown_commands() -> Iterator[tuple[Path, str]]:
                     yield document, command
 
 
+def is_quick(command: str) -> bool:
+    """Whether it neither measures, nor draws, nor renders for seconds."""
+    return not {"report", "--plot"} & set(words := command.split()) and (words[1] != "run" or "--duration 1" in command)
+
+
 OWN_COMMANDS = sorted({command for _, command in shown_commands() if command.startswith("haptic-fieldbus ")})
+QUICK_COMMANDS = tuple(filter(is_quick, OWN_COMMANDS))
 
 
-@pytest.mark.parametrize("command", OWN_COMMANDS)
+@pytest.mark.thorough("some measure, draw or render for seconds", quick=QUICK_COMMANDS)
+@pytest.mark.parametrize("command", OWN_COMMANDS, ids=str)
 def test_every_command_in_the_documents_does_what_they_say(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -95,6 +95,7 @@ def planned(unit: str, scene: Scene | None = None, rate: float = 1000.0, drift: 
     return plan_of(free, rate, rig=rig_of(free, limits=Limits(speed=10.0, drift=drift)), profile=in_unit(unit))
 
 
+@pytest.mark.thorough("three runs", quick=1)
 @pytest.mark.parametrize("name", SCENES)
 def test_a_scene_feels_like_the_ideal_one(name: str, tmp_path: Path) -> None:
     result = run(name, drive=str(velocity_only(tmp_path)), duration=3.0)
@@ -114,6 +115,7 @@ def test_the_report_of_a_drive_with_an_encoder_is_as_before() -> None:
     assert result.traces[0].sensor == "encoder"
 
 
+@pytest.mark.thorough("ten runs", quick=2)
 @pytest.mark.parametrize(
     ("unit", "hand"),
     [("rpm", "push"), ("rpm", "guide"), ("0.1 rpm", "sine"), ("counts/s", "tap"), ("counts/s", "push")],

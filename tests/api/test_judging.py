@@ -16,6 +16,7 @@ from haptic_fieldbus.signals import Workspace
 from tests.loops import wall
 
 
+@pytest.mark.thorough("every scene of the library", quick=("wall", "sprung_mass", "virtual_shaft"))
 @pytest.mark.parametrize("scene", scene_names())
 def test_a_bench_is_judged_as_its_plan_judges_it(scene: str) -> None:
     assert haptic_fieldbus.stability(scene, rate=1000.0) == plan(scene).stability

@@ -42,6 +42,7 @@ def test_an_exact_step_is_the_closed_form(method: str) -> None:
     assert found.spectral_radius == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.thorough("18 integrations by an adaptive solver", quick=3)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("motion", ["ramp", "sine@2"])
 def test_every_method_converges_to_scipys_answer(method: str, motion: str) -> None:

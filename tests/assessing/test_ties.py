@@ -31,6 +31,7 @@ def splits(monkeypatch: pytest.MonkeyPatch, *elements: AnyElement) -> list[Error
     return found
 
 
+@pytest.mark.thorough("renders six scenes for seconds", quick=("shaft",))
 @pytest.mark.parametrize(
     "elements",
     [
@@ -54,6 +55,7 @@ def test_what_was_recorded_gives_the_recorded_forces(
         assert each.rms < 0.2, "the ideal follows what was rendered"
 
 
+@pytest.mark.thorough("renders a coupled scene")
 def test_an_axis_names_the_sources_that_it_has(monkeypatch: pytest.MonkeyPatch) -> None:
     left, right = splits(monkeypatch, SHAFT, Damper("left", 1.0))
     assert "estimator" in left.by_source

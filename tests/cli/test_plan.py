@@ -10,6 +10,7 @@ from tests.cli.command import Command
 KEYS = ["mapped", "left_out", "pdos", "registers", "bus_load", "delay_s", "couplings", "modules"]
 
 
+@pytest.mark.thorough("every scene of the library", quick=("wall", "sprung_mass", "virtual_shaft"))
 @pytest.mark.parametrize("scene", scene_names())
 def test_a_plan_is_explained_as_the_api_explains_it(scene: str, command: Command) -> None:
     finished = command("plan", scene)
@@ -17,6 +18,7 @@ def test_a_plan_is_explained_as_the_api_explains_it(scene: str, command: Command
     assert finished.out.rstrip("\n") == explain(plan(scene))
 
 
+@pytest.mark.thorough("every scene of the library", quick=("wall", "sprung_mass", "virtual_shaft"))
 @pytest.mark.parametrize("scene", scene_names())
 def test_the_json_object_of_a_plan_has_the_keys_of_the_contract(scene: str, command: Command) -> None:
     shown = json.loads(command("plan", scene, "--json").out)
@@ -32,6 +34,7 @@ def test_the_json_object_of_a_plan_has_the_keys_of_the_contract(scene: str, comm
     assert delay["total"] == pytest.approx(delay["bus"] + delay["compute"] + delay["drive"] + delay["torque_loop"])
 
 
+@pytest.mark.thorough("starts several processes")
 def test_the_plans_of_different_scenes_differ_in_what_is_imported(command: Command) -> None:
     modules = {scene: set(json.loads(command("plan", scene, "--json").out)["modules"]) for scene in scene_names()}
     assert modules["wall"] == {"haptic_fieldbus.scenes.wall"}

@@ -21,6 +21,7 @@ def make(command: Command, out: Path, only: str) -> dict[str, list[dict[str, obj
     return found
 
 
+@pytest.mark.thorough("measures for seconds")
 def test_a_problem_is_measured_with_every_method_and_step(command: Command, tmp_path: Path) -> None:
     rows = make(command, tmp_path, "tissue")["work_precision"]
     assert {row["method"] for row in rows} == set(METHODS)
@@ -33,6 +34,7 @@ def test_a_problem_is_measured_with_every_method_and_step(command: Command, tmp_
     assert "failed" in (tmp_path / "index.html").read_text()
 
 
+@pytest.mark.thorough("measures for seconds", quick=1)
 @pytest.mark.parametrize(
     ("section", "heading", "figures"),
     [

@@ -47,6 +47,7 @@ def test_a_bus_that_does_not_open_is_a_failure(command: Command) -> None:
     assert "failed" in finished.err
 
 
+@pytest.mark.thorough("waits for another process", quick=("Ctrl-C",))
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "SIGTERM"])
 def test_it_says_a_line_a_drive_and_ends_cleanly_when_asked_to(number: signal.Signals) -> None:
     port = free_port()

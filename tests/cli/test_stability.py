@@ -15,6 +15,7 @@ KEYS = [
 ]  # fmt: skip
 
 
+@pytest.mark.thorough("every scene of the library", quick=("wall", "sprung_mass", "virtual_shaft"))
 @pytest.mark.parametrize("scene", scene_names())
 def test_the_json_object_has_the_keys_of_the_contract(scene: str, command: Command) -> None:
     finished = command("stability", scene, "--json")
@@ -92,6 +93,7 @@ def test_what_cannot_be_is_refused_with_status_2(options: tuple[str, ...], sente
     assert sentence in finished.err
 
 
+@pytest.mark.thorough("judges a grid of walls, twice")
 @pytest.mark.parametrize("options", [(), ("--mass", "0.5", "--damping", "1.2")])
 def test_the_region_is_drawn(options: tuple[str, ...], tmp_path: Path, command: Command) -> None:
     picture = tmp_path / "region.png"

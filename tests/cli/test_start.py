@@ -23,6 +23,7 @@ def loaded_by(*words: str) -> set[str]:
     return set(finished.stdout.splitlines()[-1].split()[1:])
 
 
+@pytest.mark.thorough("starts a process for each command", quick=1)
 @pytest.mark.parametrize(
     "words",
     [("--help",), ("run", "--help"), ("profiles", "--help"), ("profiles", "list"), ("profiles", "show", "maxon_epos4")],
@@ -32,6 +33,7 @@ def test_help_and_profiles_load_nothing_heavy(words: tuple[str, ...]) -> None:
     assert loaded_by(*words) == set()
 
 
+@pytest.mark.thorough("starts a process for each command", quick=("plan wall",))
 @pytest.mark.parametrize("words", [("scenes", "list"), ("plan", "wall")], ids=" ".join)
 def test_scenes_and_plans_load_no_bus_and_no_plots(words: tuple[str, ...]) -> None:
     assert loaded_by(*words) <= {"numpy"}

@@ -4,6 +4,8 @@ import json
 import re
 from pathlib import Path
 
+import pytest
+
 from tests.cli.command import Command
 from tests.velocity_only import velocity_only
 
@@ -22,6 +24,7 @@ def test_stability_as_json_tells_the_device_with_its_tachometer(command: Command
     assert found["stiffness_limit"]["passive"] == 0.0
 
 
+@pytest.mark.thorough("judges a grid of walls")
 def test_the_region_of_a_tachometer_is_drawn(command: Command, tmp_path: Path) -> None:
     picture = tmp_path / "region.png"
     command("stability", "damped_wall", "--drive", str(velocity_only(tmp_path)), "--plot", str(picture))

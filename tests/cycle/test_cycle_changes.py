@@ -20,6 +20,7 @@ from haptic_fieldbus.scenes.friction import Friction
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import plan_of, scene_of
+from tests.lanes import examples
 
 ENABLED = 0x0637
 COUNT = 0.05 / 4096
@@ -62,7 +63,7 @@ PLACES = st.lists(st.floats(-0.05, 0.05), min_size=2 * RAMP, max_size=2 * RAMP)
 
 
 @pytest.mark.parametrize("pair", PAIRS.values(), ids=list(PAIRS))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(before=PLACES, after=PLACES)
 def test_no_step_of_the_force_exceeds_those_of_old_and_new_and_an_nth_of_what_lies_between(
     pair: tuple[Element, Element], before: list[float], after: list[float]

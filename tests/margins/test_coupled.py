@@ -28,6 +28,7 @@ def equal(plant: Plant, delay: float) -> list[Axis]:
 
 
 class TestLimit:
+    @pytest.mark.thorough("100 searches for a limit", quick=10)
     @pytest.mark.parametrize("plants", PLANTS, ids=range(len(PLANTS)))
     @pytest.mark.parametrize("delays", PAIR_DELAYS)
     @pytest.mark.parametrize(("damping", "ratio"), [(0.0, 1.0), (0.2, 1.0), (0.0, -2.5), (0.2, 0.1), (0.0, 30.0)])
@@ -50,6 +51,7 @@ class TestLimit:
         assert pair.growth(limit * (1 - 1e-4)) < 1.0 < pair.growth(limit * (1 + 1e-4))
         assert limit == pytest.approx(pair.limit_near(limit), rel=1e-6)
 
+    @pytest.mark.thorough("60 searches for a limit", quick=6)
     @pytest.mark.parametrize("delay", DELAYS)
     @pytest.mark.parametrize("plant", [BENCH, LAGGING, HEAVY, LIGHT, Plant(0.0, 1.5)])
     @pytest.mark.parametrize("damping", [0.0, 0.3])
@@ -102,6 +104,7 @@ class TestLimit:
 
 
 class TestPassiveLimit:
+    @pytest.mark.thorough("18 searches for a limit", quick=3)
     @pytest.mark.parametrize("delay", DELAYS)
     @pytest.mark.parametrize("plant", [BENCH, LAGGING, HEAVY])
     def test_of_equal_axes_is_half_that_of_one(self, delay: float, plant: Plant) -> None:
@@ -114,6 +117,7 @@ class TestPassiveLimit:
             found = CoupledAxes(equal(BENCH, 0.0), PERIOD).passive_limit(shaft(damping), math.inf)
             assert found == pytest.approx((BENCH.damping - 2 * abs(damping)) / PERIOD, rel=1e-7)
 
+    @pytest.mark.thorough("15 searches for a limit", quick=3)
     @pytest.mark.parametrize("delays", PAIR_DELAYS)
     @pytest.mark.parametrize("ratio", [1.0, -0.3, 5.0])
     def test_needs_all_the_damping_there_is(self, delays: tuple[float, float], ratio: float) -> None:
@@ -127,6 +131,7 @@ class TestPassiveLimit:
         assert shares[0] < 1.0 < shares[2]
         assert shares[1] == pytest.approx(1.0, rel=1e-7)
 
+    @pytest.mark.thorough("40 searches for a limit", quick=4)
     @pytest.mark.parametrize("plants", PLANTS, ids=range(len(PLANTS)))
     @pytest.mark.parametrize("delays", PAIR_DELAYS)
     @pytest.mark.parametrize("ratio", [1.0, -2.5])
@@ -137,6 +142,7 @@ class TestPassiveLimit:
         passive = CoupledAxes(axes, PERIOD).passive_limit(shaft(0.0, ratio), math.inf)
         assert 0.0 < passive <= CoupledAxes(axes, PERIOD).limit(shaft(0.0, ratio)) * (1 + 1e-9)
 
+    @pytest.mark.thorough("12 searches for a limit", quick=3)
     @pytest.mark.parametrize("delays", [(0.0, 0.0), (0.0, 2.0), (1.0, 0.0), (3.0, 1.0)])
     @pytest.mark.parametrize("ratio", [1.0, 0.4, -2.0])
     def test_heavy_hands_in_the_worst_proportion_leave_no_stability_above_it(
@@ -157,6 +163,7 @@ class TestPassiveLimit:
         assert CoupledAxes(axes, PERIOD).passive_limit(shaft(0.0, ratio), math.inf) == pytest.approx(passive, rel=1e-6)
         assert CoupledAxes(axes, PERIOD).limit(shaft(0.0, ratio)) == pytest.approx(passive, rel=1e-3)
 
+    @pytest.mark.thorough("judges many hands")
     def test_hands_of_one_body_cannot_make_a_passive_shaft_unstable(self) -> None:
         """Masses, springs and dampers on and between the handles, at random, without delay."""
         random = np.random.default_rng(7)

@@ -48,6 +48,7 @@ def pressed(plant: Plant, delay: float, stiffness: float, damping: float = 0.0) 
 
 
 class TestChatterOverTheEdgeOfACount:
+    @pytest.mark.thorough("simulates until the cycle has settled", quick=2)
     @pytest.mark.parametrize(
         ("plant", "delay", "damping"),
         [
@@ -72,6 +73,7 @@ class TestChatterOverTheEdgeOfACount:
         amplitude, _ = measured(motion(pressed(plant, 0.3e-3, 600.0, 1.0), 5000, 500))
         assert 0.4 < found.amplitude / amplitude < 1.2
 
+    @pytest.mark.thorough("simulates until the cycle has died")
     @pytest.mark.parametrize("stiffness", [200.0, 600.0])
     def test_ends_where_friction_bridges_a_count(self, stiffness: float) -> None:
         """K ≤ 2·fc/D: rest; below, a cycle, in prediction and simulation alike."""

@@ -94,6 +94,7 @@ def test_less_friction_lowers_the_limit() -> None:
     assert after < 0.9 * before
 
 
+@pytest.mark.thorough("judges many groups")
 def test_what_is_suggested_is_stable() -> None:
     wrong = tied(shaft(3000.0, 0.1))
     assert wrong.told.verdict is Verdict.UNSTABLE

@@ -27,6 +27,7 @@ def split(delay: float) -> tuple[int, float]:
     return int(delay), (delay - int(delay)) * PERIOD
 
 
+@pytest.mark.thorough("60 digits for each of 10 limits", quick=2)
 @pytest.mark.parametrize("delay", DELAYS)
 @pytest.mark.parametrize("virtual", [0.0, 0.4])
 def test_the_limit_is_right_to_a_millionth_in_sixty_digits(delay: float, virtual: float) -> None:
@@ -81,6 +82,7 @@ def limit_of(mass: float, damping: float, delay: float, virtual: float) -> tuple
     return plant, stiffness_limit(plant, PERIOD, delay * PERIOD, with_damping(virtual))
 
 
+@pytest.mark.thorough("50 simulated periods", quick=8)
 @pytest.mark.parametrize("delay", DELAYS)
 @pytest.mark.parametrize("virtual", [0.0, 0.4])
 @pytest.mark.parametrize("mass", [*MASSES, 0.63])
@@ -94,7 +96,7 @@ def test_the_simulations_own_period_turns_unstable_at_the_limit(delay: float, vi
             assert Simulated(plant, delay, 1e-6 * mass / PERIOD**2, virtual).radius() > 1.0, damping
 
 
-@pytest.mark.slow
+@pytest.mark.thorough("30 000 periods of every wall")
 def test_let_run_freely_a_wall_fades_below_its_limit_and_grows_above() -> None:
     """Flicked, 1e-4 on both sides; all those in which a motion changes by a factor of three within 30 000 periods."""
     steps, visible = 30_000, []

@@ -62,6 +62,7 @@ def test_what_a_transmission_loses_may_allow_more_and_is_not_counted() -> None:
     assert mobility(lossy, 0.0, 1.2 * limit, FREQUENCIES).min() > 0.0
 
 
+@pytest.mark.thorough("judges many hands", quick=1)
 @pytest.mark.parametrize("delay", DELAYS)
 def test_no_hand_of_masses_springs_and_dampers_makes_it_unstable(delay: float) -> None:
     limit = passive_limit(MOTOR, PERIOD, delay * PERIOD)

@@ -67,6 +67,7 @@ class TestAgainstTheEnergyOfEveryPeriodicMotion:
         basis = scipy.linalg.null_space(means)
         return float(scipy.linalg.eigh(basis.T @ work @ basis, basis.T @ dissipated @ basis, eigvals_only=True)[-1])
 
+    @pytest.mark.thorough("searches for the worst motion of 15 shafts", quick=2)
     @pytest.mark.parametrize(("dampings", "delays", "ratio"), PAIRS)
     @pytest.mark.parametrize("damping", [0.0, 0.3, -0.3])
     def test_a_shaft_needs_what_its_worst_motion_needs(
@@ -81,6 +82,7 @@ class TestAgainstTheEnergyOfEveryPeriodicMotion:
         found = damping_share(shaft(damping, ratio)(250.0), ports(dampings, delays), PERIOD)
         assert found == pytest.approx(expected, rel=8e-3)
 
+    @pytest.mark.thorough("searches for the worst motion of 5 shafts", quick=1)
     @pytest.mark.parametrize(("dampings", "delays", "ratio"), PAIRS)
     def test_so_does_a_shaft_between_handles_with_walls_of_their_own(
         self, dampings: tuple[float, float], delays: tuple[float, float], ratio: float
@@ -97,6 +99,7 @@ class TestAgainstTheEnergyOfEveryPeriodicMotion:
 class TestAgainstTheFormula:
     ANGLE = np.linspace(1e-4, math.pi, 20_001)
 
+    @pytest.mark.thorough("sweeps the frequencies of 30 shafts", quick=6)
     @pytest.mark.parametrize(("dampings", "delays", "ratio"), PAIRS)
     @pytest.mark.parametrize("lag", [0.0, LAG, 2 * PERIOD])
     @pytest.mark.parametrize("damping", [0.0, 0.3])

@@ -18,6 +18,7 @@ from haptic_fieldbus.numerics.estimators.levant import ROOT_GAIN, SIGN_GAIN
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.numerics.sampled import environment
 from haptic_fieldbus.numerics.transfer import transfer_function
+from tests.lanes import examples
 from tests.loops import BENCH
 from tests.numerics.estimator_figures import measured_delay, measured_noise_gain
 
@@ -99,7 +100,7 @@ class TestFoaw:
             slope = tried
         return slope
 
-    @settings(derandomize=True, max_examples=60, deadline=None)
+    @settings(derandomize=True, max_examples=examples(60), deadline=None)
     @given(ways=WALK, best=st.booleans())
     def test_is_the_longest_window_that_is_straight_within_the_band(self, ways: list[float], best: bool) -> None:
         band, longest = 1.234567e-5, 12
@@ -180,7 +181,7 @@ class TestKalman:
 
 
 class TestLevant:
-    @settings(derandomize=True, max_examples=60, deadline=None)
+    @settings(derandomize=True, max_examples=examples(60), deadline=None)
     @given(ways=WALK)
     def test_each_step_solves_the_implicit_inclusion(self, ways: list[float]) -> None:
         """e = b − T·λ1·√L·√|e|·ξ − T²·λ0·L·ξ with ξ in Sgn(e), and v′ = v − T·λ0·L·ξ."""

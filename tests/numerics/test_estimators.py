@@ -22,6 +22,7 @@ from haptic_fieldbus.numerics.estimators import (
     judged_as,
 )
 from haptic_fieldbus.numerics.linear import StateSpace
+from tests.lanes import examples
 from tests.numerics.estimator_figures import delay, measured_delay, measured_noise_gain, noise_gain
 
 PERIOD = 1e-3
@@ -101,7 +102,7 @@ class TestEveryEstimator:
 
 @pytest.mark.parametrize("spec", LINEAR)
 class TestEveryLinearEstimator:
-    @settings(derandomize=True, max_examples=25, deadline=None)
+    @settings(derandomize=True, max_examples=examples(25), deadline=None)
     @given(positions=st.lists(st.floats(-1, 1), min_size=1, max_size=40))
     def test_runs_as_the_linear_system_that_stability_is_judged_by(self, spec: str, positions: list[float]) -> None:
         step, system = bind(spec, PERIOD), self.system(spec)

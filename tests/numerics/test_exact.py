@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.numerics.exact import expm, expm1, foh, polynomial_step, polynomial_system, zoh
 from haptic_fieldbus.numerics.linear import Matrix
+from tests.lanes import examples
 
 SQUARES = [-1e12, -1e6, -4.0, -1e-3, 0.0, 25.0]
 """Of the natural frequency, with the sign that makes it an oscillator; 0 is a free mass, positive an unstable pole."""
@@ -40,7 +41,7 @@ def test_an_oscillator_keeps_its_digits_for_every_step_and_stiffness(natural: fl
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * max(1.0, phase / 100))
 
 
-@settings(derandomize=True, deadline=None, max_examples=60)
+@settings(derandomize=True, deadline=None, max_examples=examples(60))
 @given(
     st.integers(1, 4).flatmap(
         lambda n: st.lists(st.lists(st.floats(-20, 20), min_size=n, max_size=n), min_size=n, max_size=n)

@@ -75,6 +75,7 @@ class TestOrder:
         found = np.array(run(space, method, end / steps, position))
         return float(np.abs(found - stiffness * (mass - position)).max())
 
+    @pytest.mark.thorough("up to a million steps for each of 18 cases", quick=5)
     @pytest.mark.parametrize("name", ["sprung mass", "damped"])
     def test_of_a_free_motion_is_the_one_claimed(self, method: str, name: str) -> None:
         """From a state with an acceleration, so that a wrong start would be seen."""
@@ -200,6 +201,7 @@ def test_forward_euler_with_a_damper_of_stiffness_times_period_neither_grows_nor
     np.testing.assert_allclose(np.abs(np.linalg.eigvals(discrete(damped, period, "forward-euler").a)), 1.0, rtol=1e-12)
 
 
+@pytest.mark.thorough("a million steps for each method", quick=3)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("h", "steps", "tolerance"), [(1e-6, 1_000_000, 1e-12), (1e-3, 20_000, 1e-12)])
 def test_tiny_steps_lose_no_digits(method: str, h: float, steps: int, tolerance: float) -> None:
@@ -215,6 +217,7 @@ def test_tiny_steps_lose_no_digits(method: str, h: float, steps: int, tolerance:
     assert found == pytest.approx(float(left), rel=0, abs=tolerance)
 
 
+@pytest.mark.thorough("a million steps for each method")
 @pytest.mark.parametrize("method", ["exact-foh", "verlet"])
 def test_tiny_steps_of_more_states_and_of_velocity_lose_no_digits_either(method: str) -> None:
     """A million steps of h = 1e-6, a puck moved by one at once: two masses beside one, and one with a faint damper."""

@@ -25,6 +25,7 @@ def by_aliases(force: complex, angle: float, delay: float, lag: float, count: in
     return float(0.5 * (along.real + math.sqrt(max(0.0, abs(force) ** 2 * product - along.imag**2))))
 
 
+@pytest.mark.thorough("60 searches for the worst motion", quick=8)
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 1.7])
 @pytest.mark.parametrize("lag", LAGS)
@@ -84,6 +85,7 @@ def test_the_response_of_an_environment_is_its_transfer_function() -> None:
     np.testing.assert_allclose(found, 1.0 - 0.6 / (z - 0.8), rtol=1e-12)
 
 
+@pytest.mark.thorough("sums many aliases", quick=1)
 @pytest.mark.parametrize(
     ("mass", "stiffness", "damping"),
     [(0.5, 200.0, 0.02), (0.5, 200.0, 2.0), (0.5, 2000.0, 0.002), (1e-3, 2000.0, 0.002), (1e-3, 2000.0, 2e-5)],

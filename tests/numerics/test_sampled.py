@@ -58,6 +58,7 @@ class TestDampingNeeded:
         basis = scipy.linalg.null_space(np.ones((1, size)))
         return float(scipy.linalg.eigh(basis.T @ work @ basis, basis.T @ dissipated @ basis, eigvals_only=True)[-1])
 
+    @pytest.mark.thorough("18 searches for the worst motion", quick=("0.0-0.0",))
     @pytest.mark.parametrize("delay", DELAYS)
     @pytest.mark.parametrize("damping", [0.0, 0.9, -0.9])
     def test_the_damping_needed_is_that_of_the_worst_periodic_motion(self, delay: float, damping: float) -> None:

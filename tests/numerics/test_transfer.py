@@ -21,6 +21,7 @@ from haptic_fieldbus.numerics.transfer import (
     substituted,
     transfer_function,
 )
+from tests.lanes import examples
 from tests.numerics.systems import DAMPED, GROUNDED, SPACES, sprung_mass
 
 AGREE = 1e-12
@@ -84,7 +85,7 @@ def test_an_integrator_becomes_what_the_rules_say() -> None:
     assert {rule: substituted(integrator, period, rule) for rule in RULES} == expected
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, deadline=None, max_examples=examples(50))
 @given(
     den=st.lists(st.floats(-5, 5), min_size=1, max_size=4),
     num=st.lists(st.floats(-5, 5), min_size=1, max_size=4),
@@ -103,7 +104,7 @@ def test_a_substituted_function_is_the_function_at_the_substituted_s(
             assert substituted(continuous, period, rule)(z) == pytest.approx(continuous(s), rel=1e-8, abs=1e-12)
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, deadline=None, max_examples=examples(50))
 @given(rows=st.lists(st.lists(st.floats(-2, 2), min_size=5, max_size=5), min_size=5, max_size=5))
 def test_matrices_of_any_kind_have_the_coefficients_that_scipy_finds(rows: list[list[float]]) -> None:
     table = np.array(rows)

@@ -97,6 +97,7 @@ class TestLss:
         time.sleep(0.2)  # it is silent for twice the delay
         assert lss.inquire_node_id() == NODE
 
+    @pytest.mark.thorough("waits for 130 answers that do not come")
     def test_fastscan_finds_a_slave_without_node_id_and_gives_it_one(
         self, lss: LssMaster, identity: tuple[int, ...], network: canopen.Network
     ) -> None:
@@ -116,6 +117,7 @@ class TestLss:
         lss.send_switch_state_global(lss.WAITING_STATE)
         _await(booted)
 
+    @pytest.mark.thorough("waits for answers that do not come")
     def test_identify_asks_for_ranges(self, lss: LssMaster, identity: tuple[int, ...]) -> None:
         """canopen sends the six frames and does not wait for the answer; it is in its queue then."""
         vendor, product, revision, serial = identity

@@ -14,6 +14,7 @@ PROGRAMS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 COMMANDS = re.findall(r"^```console\n(.*?)\n```", TEXT, re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.thorough("runs in real time", quick=("virtual time",))
 @pytest.mark.parametrize("program", PROGRAMS, ids=["real time", "virtual time"])
 def test_the_programs_run(program: str) -> None:
     exec(compile(program, "how-to", "exec"), {})

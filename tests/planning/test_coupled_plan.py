@@ -209,6 +209,7 @@ def test_a_coupling_without_stiffness_beside_others_is_none_to_vary() -> None:
     assert plan.stability.stiffness == 300.0
 
 
+@pytest.mark.thorough("judges a grid of couplings")
 def test_the_picture_of_the_region_is_drawn_of_a_pair_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from haptic_fieldbus.report import plot_region
 

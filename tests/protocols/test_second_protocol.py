@@ -107,6 +107,7 @@ def test_a_part_of_its_limit_can_be_asked_for() -> None:
     assert half.stiffness == pytest.approx((whole.stiffness_limit.stable or 0.0) / 2)
 
 
+@pytest.mark.thorough("renders two axes for a second")
 def test_several_axes_share_its_line() -> None:
     plan = haptic_fieldbus.plan("virtual_shaft", drive=DRIVE, bus="toy")
     assert plan.buses[0].traffic.load == pytest.approx(2 * (OCTETS_IN + OCTETS_OUT) * SECONDS_AN_OCTET * 1000.0)

@@ -47,6 +47,7 @@ def result_of(*traces: Trace, walls: tuple[Wall, ...] = ()) -> Result:
     )
 
 
+@pytest.mark.thorough("draws a run in each format", quick=(".png",))
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
 def test_a_run_is_drawn_in_every_format(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"demo{suffix}"

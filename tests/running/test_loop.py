@@ -97,6 +97,7 @@ class Sluggish(VirtualClock):
         return super().sleep_until(deadline_ns)
 
 
+@pytest.mark.thorough("a run for each delay", quick=1)
 @pytest.mark.parametrize(("late_ns", "missed"), [(999_999, 0), (1_000_000, 1), (3_400_000, 3)])
 def test_periods_that_were_slept_through_are_counted_and_never_made_up_for(late_ns: int, missed: int) -> None:
     clock = Sluggish(200 * MILLISECOND_NS, late_ns)
@@ -168,6 +169,7 @@ TRIPS: dict[str, tuple[Callable[[Bench], None], type[HapticFieldbusError], str]]
 }
 
 
+@pytest.mark.thorough("a run for each of 10 faults", quick=3)
 @pytest.mark.parametrize("name", TRIPS)
 def test_torque_is_off_on_the_wire_before_the_exception(name: str) -> None:
     change, error, words = TRIPS[name]
@@ -273,6 +275,7 @@ def test_the_garbage_collector_rests_during_the_loop_and_works_again_afterwards(
     assert gc.isenabled()
 
 
+@pytest.mark.thorough("renders the same twice")
 def test_two_runs_put_the_same_frames_on_the_wire() -> None:
     logs = []
     for _ in range(2):

@@ -92,6 +92,7 @@ TRIPS: dict[str, tuple[faults.Fault, type[Exception], str]] = {
 }
 
 
+@pytest.mark.thorough("a run for each of 8 faults", quick=2)
 @pytest.mark.parametrize("name", TRIPS)
 def test_a_fault_ends_torque_free_on_the_wire_before_its_exception(name: str) -> None:
     fault, error, words = TRIPS[name]
@@ -137,6 +138,7 @@ def test_a_drive_that_cannot_be_set_up_is_never_enabled(name: str) -> None:
     assert wire.torques() == []
 
 
+@pytest.mark.thorough("renders the same twice")
 def test_two_runs_write_the_same_log_octet_by_octet(tmp_path: Path) -> None:
     logs = []
     for name in ("first.log", "second.log"):
@@ -184,6 +186,7 @@ def test_the_drive_releases_its_shaft_by_itself_when_the_master_falls_silent() -
     assert torque[1] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.thorough("four runs", quick=("2-next_sync",))
 @pytest.mark.parametrize("acts", ["reception", "next_sync"])
 @pytest.mark.parametrize("axes", [1, 2])
 def test_synchronous_and_event_driven_set_points_work_on_one_and_several_axes(acts: str, axes: int) -> None:

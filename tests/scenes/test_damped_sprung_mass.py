@@ -13,6 +13,7 @@ from haptic_fieldbus.numerics.integrators import bind
 from haptic_fieldbus.scenes.damped_sprung_mass import DampedSprungMass
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.signals import Signal
+from tests.lanes import examples
 
 BOTH = DampedSprungMass("handle", stiffness=200.0, mass=0.5, damping=3.0, drag=1.0)
 
@@ -54,7 +55,7 @@ def test_it_follows_the_ordinary_differential_equation(damping: float, drag: flo
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, deadline=None, max_examples=examples(50))
 @given(
     k=st.floats(1.0, 1e4),
     m=st.floats(1e-3, 10.0),

@@ -24,6 +24,7 @@ from haptic_fieldbus.scenes.element import (
 )
 from haptic_fieldbus.scenes.registry import ELEMENTS
 from haptic_fieldbus.signals import Signal
+from tests.lanes import examples
 from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand
 
 NOT_ELEMENTS = {"__init__", "catalogue", "changed", "checked", "element", "files", "quantities", "registry", "scene"}
@@ -178,7 +179,7 @@ class TestEveryElement:
         for motion, sign in SHEETS[kind].signs(element):
             assert np.sign(forces(element, motion)[-1]) == sign
 
-    @settings(max_examples=15, deadline=None)
+    @settings(max_examples=examples(15), deadline=None)
     @given(data=st.data())
     def test_jumps_by_no_more_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
         sheet = SHEETS[kind]
@@ -191,7 +192,7 @@ class TestEveryElement:
         allowed = smooth + sheet.jump(element, float(np.abs(motion.velocity).max()))
         assert (changes.reshape(len(changes), -1).max(axis=1) <= allowed * (1.0 + 1e-9) + 1e-9).all()
 
-    @settings(max_examples=15, deadline=None)
+    @settings(max_examples=examples(15), deadline=None)
     @given(data=st.data())
     def test_gives_no_more_energy_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
         sheet = SHEETS[kind]
@@ -201,7 +202,7 @@ class TestEveryElement:
         given_away = given_to_the_hand(motion, force, held=False)
         assert given_away <= sheet.continuous(element, motion) + 1e-3 * exchanged + 1e-12
 
-    @settings(max_examples=15, deadline=None)
+    @settings(max_examples=examples(15), deadline=None)
     @given(data=st.data())
     def test_gives_no_more_energy_than_it_says_when_sampled(
         self, kind: str, element: AnyElement, data: st.DataObject

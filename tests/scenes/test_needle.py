@@ -12,6 +12,7 @@ from scipy.integrate import quad
 
 from haptic_fieldbus.scenes.needle import Needle
 from haptic_fieldbus.signals import Signal
+from tests.lanes import examples
 from tests.scenes.sheet import Motion, forces, given_to_the_hand
 from tests.scenes.sheets.needle import stored
 
@@ -99,7 +100,7 @@ def test_a_whole_insertion_costs_what_the_closed_form_says() -> None:
     assert quad(lambda d: -NEEDLE.begin(PERIOD)(d), 0.0, 0.006 * (1 - 1e-12))[0] == pytest.approx(capsule)
 
 
-@settings(derandomize=True, deadline=None, max_examples=300)
+@settings(derandomize=True, deadline=None, max_examples=examples(300))
 @given(
     places=st.lists(st.floats(-0.01, 0.04), min_size=2, max_size=40),
     friction=st.floats(0.0, 3.0),

@@ -15,6 +15,7 @@ from haptic_fieldbus.scenes.predicted_wall import PredictedWall
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
 from tests.builders import plan_of, scene_of
+from tests.lanes import examples
 from tests.scenes.sheet import Motion, forces, given_to_the_hand
 
 PERIOD = 1e-3
@@ -39,7 +40,7 @@ def test_inside_it_looks_half_a_sample_ahead(position: float, speed: float) -> N
     assert WALL.force(position, speed) == pytest.approx(-600.0 * (position + speed * PERIOD / 2.0), rel=1e-12)
 
 
-@settings(derandomize=True, deadline=None, max_examples=40)
+@settings(derandomize=True, deadline=None, max_examples=examples(40))
 @given(phase=st.floats(0.0, 1.0), speed=st.floats(0.01, 2.0), side=st.sampled_from([-1.0, 1.0]))
 def test_a_visit_at_constant_speed_gives_no_energy_and_takes_none(phase: float, speed: float, side: float) -> None:
     """In and out, crossing at any phase of the sample; a plain wall leaks K·(v·T)²/2 and more."""

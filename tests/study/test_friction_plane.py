@@ -9,6 +9,7 @@ from haptic_fieldbus.study.measure.friction_plane import Ending, border, plane
 from haptic_fieldbus.study.page.friction_plane import part
 
 
+@pytest.mark.thorough("simulates until the motion has settled", quick=1)
 @pytest.mark.parametrize("start", [5.0, 20.0, 100.0])
 def test_motions_of_one_size_end_as_describing_functions_say(start: float) -> None:
     found = plane(start, 14, 2000)

@@ -67,6 +67,7 @@ def test_the_held_puck_and_the_free_puck_have_their_closed_forms() -> None:
     np.testing.assert_allclose(free_puck, -0.5 * (1.0 - np.cos(OMEGA * times)), atol=1e-12)
 
 
+@pytest.mark.thorough("every method on every problem", quick=12)
 @pytest.mark.parametrize("name", problems())
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_has_the_order_that_it_claims_on_every_problem(name: str, method: str) -> None:
@@ -203,6 +204,7 @@ def test_the_error_of_the_trapezoid_is_the_phase_that_it_lacks() -> None:
     assert max(map(abs, found.energy)) < 1e-12
 
 
+@pytest.mark.thorough("steps down to where floats end")
 def test_the_exact_step_loses_only_digits_and_euler_ends_where_floats_do() -> None:
     assert growth.follow("exact-foh", 10**5).error[-1] < 1e-11
     ended = growth.follow("forward-euler", 5 * 10**6)

@@ -145,6 +145,7 @@ def test_a_flicked_handle_swings_as_the_growth_rate_says() -> None:
     assert late / early == pytest.approx(radius ** (2.0 / PERIOD), rel=0.02)
 
 
+@pytest.mark.thorough("times every optional part")
 def test_the_periods_that_are_timed_render_a_force() -> None:
     for scene in scene_names():
         plan = api.plan(scene)
@@ -156,6 +157,7 @@ def test_the_periods_that_are_timed_render_a_force() -> None:
             assert abs(cycle.row[cycle.columns.index("handle.force")]) > 0.1
 
 
+@pytest.mark.thorough("times every optional part")
 def test_every_part_has_a_cost_and_a_name_of_its_own() -> None:
     found = list(optional_parts.parts(TOOLS, SHIPPED, ["sprung_mass"]))
     assert len({part.part for part in found}) == len(found)

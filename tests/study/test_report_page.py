@@ -91,6 +91,7 @@ def a_set(errors: list[float | None]) -> Set:
     return Set("p", "rk4", points, 2.0, 1.0)
 
 
+@pytest.mark.thorough("makes a report")
 def test_failures_are_drawn_and_told_and_never_dropped() -> None:
     failed = a_set([None, 1e6, 0.04, 0.01])
     assert [has_failed(point, failed.peak) for point in failed.points] == [True, True, False, False]
@@ -181,6 +182,7 @@ class Sources(HTMLParser):
         self.found += [value or "" for name, value in attrs if name in ("src", "href")]
 
 
+@pytest.mark.thorough("makes a report")
 def test_the_page_fetches_nothing(report: Path) -> None:
     text = (report / "index.html").read_text()
     sources = Sources()
@@ -196,6 +198,7 @@ def test_every_link_of_the_page_leads_to_a_heading() -> None:
     assert '<section id="one">' in text
 
 
+@pytest.mark.thorough("makes a report")
 def test_figures_and_details_are_files_too(report: Path) -> None:
     assert [path.name for path in (report / "figures").iterdir()] == ["impedance.svg"]
     details = json.loads((report / "details.json").read_text())

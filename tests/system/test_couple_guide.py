@@ -18,6 +18,7 @@ def test_the_guide_has_its_files_and_commands() -> None:
     assert (len(COMMANDS), len(SHOWN)) == (5, 1)
 
 
+@pytest.mark.thorough("runs of seconds", quick=1)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_its_commands_do_what_they_say(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -60,6 +60,7 @@ def ends(result: Result) -> tuple[float, float]:
 class TestAtRest:
     """The hand pushes the left with 6 N; each handle rests anywhere within its friction."""
 
+    @pytest.mark.thorough("runs until all is at rest")
     def test_the_follower_leans_on_its_wall_with_the_force_of_the_hand(self) -> None:
         left, right = ends(run(SCENE, duration=4.0))
         assert right - 0.02 == pytest.approx(PUSH / 300.0, abs=(2 * COULOMB + EFFORT_STEP) / 300.0)
@@ -74,10 +75,12 @@ class TestAtRest:
         assert right - 0.02 == pytest.approx(ratio * PUSH / 300.0, abs=slack / 300.0)
         assert left - ratio * right == pytest.approx(PUSH / 100.0, abs=(COULOMB + EFFORT_STEP) / 100.0)
 
+    @pytest.mark.thorough("runs until all is at rest")
     def test_play_is_added_to_the_way(self) -> None:
         left, right = ends(run(scene_of(replace(SHAFT, dead_band=0.01), SCENE.elements[1]), duration=4.0))
         assert left - right - 0.01 == pytest.approx(PUSH / 300.0, abs=(COULOMB + EFFORT_STEP) / 300.0)
 
+    @pytest.mark.thorough("runs until all is at rest")
     def test_a_pinion_turns_as_its_rack_is_pushed(self) -> None:
         """Radius 20 mm and 100 N/m: the pinion's wall of 1 N·m/rad holds r·F = 0.12 N·m."""
         axes = (SceneAxis("rack", Workspace.LINEAR), SceneAxis("pinion", Workspace.ROTARY))
@@ -88,6 +91,7 @@ class TestAtRest:
         assert rack - 0.02 * pinion == pytest.approx(PUSH / 100.0, abs=(COULOMB + EFFORT_STEP) / 100.0)
 
 
+@pytest.mark.thorough("renders couplings for seconds")
 class TestHand:
     @staticmethod
     def moved(scene: Scene) -> list[bool]:
@@ -122,6 +126,7 @@ class TestHand:
         assert [scene.holds("a"), scene.holds("b")] == [False, True]
 
 
+@pytest.mark.thorough("renders couplings for seconds")
 class TestError:
     def test_the_ideal_answers_the_true_motion_of_both(self) -> None:
         scene = scene_of(replace(SHAFT, damping=0.0), SCENE.elements[1])
@@ -181,6 +186,7 @@ def rate_of_growth(plan: Plan) -> float:
 
 
 class TestFreeRunning:
+    @pytest.mark.thorough("four runs of seconds", quick=1)
     @pytest.mark.parametrize("damping", [0.0, 0.2])
     @pytest.mark.parametrize("part", [0.97, 1.03])
     def test_the_twist_decays_or_grows_as_the_eigenvalue_says(self, damping: float, part: float) -> None:
@@ -252,6 +258,7 @@ PLACES = {"one bus": {"left": "can0", "right": "can0"}, "two buses": {"left": "c
 
 
 class TestLosingOneDrive:
+    @pytest.mark.thorough("a run on each arrangement of buses")
     @pytest.mark.parametrize("place", PLACES)
     def test_nothing_is_lost_without_a_fault(self, place: str) -> None:
         both = Worlds(PLACES[place])
@@ -260,6 +267,7 @@ class TestLosingOneDrive:
         assert min(both.torques["left"]) < -100
         assert max(both.torques["right"]) > 10
 
+    @pytest.mark.thorough("16 runs that end in a fault", quick=1)
     @pytest.mark.parametrize("struck", AXES)
     @pytest.mark.parametrize("name", LOSSES)
     @pytest.mark.parametrize("place", PLACES)
@@ -280,6 +288,7 @@ class TestLosingOneDrive:
             assert both.torques[axis][-1] == 0
 
 
+@pytest.mark.thorough("runs until all is at rest, twice")
 def test_the_same_shaft_on_two_buses_rests_where_it_rests_on_one() -> None:
     apart = run(SCENE, rig_on(SCENE, PLACES["two buses"], profile="maxon_epos4"), duration=4.0)
     together = run(SCENE, rig_on(SCENE, PLACES["one bus"], profile="maxon_epos4"), duration=4.0)

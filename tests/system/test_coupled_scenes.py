@@ -5,6 +5,7 @@ import pytest
 from haptic_fieldbus.api import run
 
 
+@pytest.mark.thorough("six runs", quick=1)
 @pytest.mark.parametrize("name", ["virtual_shaft", "teleoperation"])
 @pytest.mark.parametrize(
     ("drive", "hand"), [("maxon_epos4", "push"), ("maxon_epos4", "tap"), ("generic_cia402", "sine")]

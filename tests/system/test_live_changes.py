@@ -141,6 +141,7 @@ def test_a_schedule_that_cannot_be_is_refused_before_anything_moves() -> None:
         run("wall", changes=[(1.0, {"wall.damping": 2.0})])
 
 
+@pytest.mark.thorough("long runs")
 def test_a_changed_run_is_compared_with_the_ideal_in_force_at_each_time() -> None:
     """A wall that is asked to be what it is has the error of one that nobody touched; one that changes has no more."""
     plain = run("wall", duration=2.0)
@@ -163,6 +164,7 @@ def test_a_sprung_mass_begins_afresh_and_is_compared_with_an_ideal_that_does_so_
     assert result.changes[0].settings == change
 
 
+@pytest.mark.thorough("two long runs of a coupling")
 def test_a_coupling_that_changes_has_no_more_error_than_one_that_stays() -> None:
     axes = tuple(SceneAxis(name, Workspace.LINEAR) for name in ("left", "right"))
     elements = (Coupling(("left", "right"), 300.0), Wall("right", 400.0, position=0.02))

@@ -13,6 +13,7 @@ COMMANDS = re.findall(r"^```console\n(.*?)\n```", TEXT, re.MULTILINE | re.DOTALL
 (PROGRAM,) = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.thorough("runs of seconds", quick=("unstable",))
 @pytest.mark.parametrize(("command", "status"), [*zip(COMMANDS, (0, 4), strict=True)], ids=["stable", "unstable"])
 def test_its_commands_end_as_it_says(command: str, status: int, capsys: pytest.CaptureFixture[str]) -> None:
     name, *words = shlex.split(command)

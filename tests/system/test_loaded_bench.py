@@ -43,5 +43,6 @@ def test_a_wall_is_rendered_on_a_loaded_bench_and_the_report_knows_how_far_it_is
     assert 0.0 < error(tmp_path, RIG + LOADED) < 1.0
 
 
+@pytest.mark.thorough("renders the same twice")
 def test_the_same_bench_and_seed_give_the_same_motion(tmp_path: Path) -> None:
     assert error(tmp_path, RIG + LOADED) == error(tmp_path, RIG + LOADED) != pytest.approx(error(tmp_path, RIG))

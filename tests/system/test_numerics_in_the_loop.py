@@ -11,6 +11,7 @@ DURATION = 0.8
 """[s]; the hand is at its full force after half a second."""
 
 
+@pytest.mark.thorough("a run for every method", quick=2)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_sprung_mass_is_rendered_by_every_method(method: str) -> None:
     result = run("sprung_mass", method=method, duration=DURATION)
@@ -20,6 +21,7 @@ def test_a_sprung_mass_is_rendered_by_every_method(method: str) -> None:
     assert result.torque_error.rms < 0.5
 
 
+@pytest.mark.thorough("a run for every estimator", quick=2)
 @pytest.mark.parametrize("estimator", [*ESTIMATORS, "least-squares:window=6,order=2", "foaw-best-fit:window=8"])
 def test_a_wall_that_damps_is_rendered_by_every_estimator(estimator: str) -> None:
     result = run("damped_wall", estimator=estimator, duration=DURATION)

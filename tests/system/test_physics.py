@@ -29,6 +29,7 @@ def peaks(trace: Trace, values: Array, begin: float) -> Array:
     return np.array([np.abs(values[a : b + 1]).max() for a, b in pairwise(cuts)])
 
 
+@pytest.mark.thorough("three long runs", quick=1)
 @pytest.mark.parametrize("stiffness", [150.0, 600.0, 1400.0])
 def test_a_sampled_wall_gains_the_energy_that_its_hold_leaks(stiffness: float) -> None:
     """Without friction a held force that lags by φ feeds π·K·a²·sin φ a turn into the energy K·a²/2.
@@ -71,6 +72,7 @@ def test_the_free_puck_in_continuous_time_is_its_closed_form(time: float) -> Non
     assert (x, v, p, q) == pytest.approx(expected, rel=1e-11, abs=5e-12)
 
 
+@pytest.mark.thorough("a long run")
 def test_a_free_puck_rendered_on_the_drive_swings_at_the_frequency_of_its_closed_form() -> None:
     """After the hand has let go, the force swings at √(k·(1/M + 1/m)) on top of a slow decay.
 

@@ -94,6 +94,7 @@ def test_the_feedback_is_as_old_as_the_bus_and_the_plan_say(pushed: Result) -> N
     assert pushed.timing.period_us.max == pytest.approx(1000.0, abs=1.0)
 
 
+@pytest.mark.thorough("four long runs", quick=2)
 @pytest.mark.parametrize(("factor", "grows"), [(0.9, False), (0.97, False), (1.03, True), (1.1, True)])
 def test_the_bench_decays_below_the_limit_and_grows_above_it_at_the_predicted_rate(factor: float, grows: bool) -> None:
     """The envelope of a free oscillation changes by the spectral radius of the predicted loop each period."""
@@ -122,6 +123,7 @@ def test_an_unstable_wall_is_refused_with_the_limit_and_what_would_be_stable() -
     assert refused.value.result.cycles is None
 
 
+@pytest.mark.thorough("tries every proposal")
 def test_what_a_refusal_proposes_is_not_refused() -> None:
     with pytest.raises(UnstableSceneError) as refused:
         run("wall", settings={"wall.stiffness": 3000.0})
@@ -160,6 +162,7 @@ def test_a_released_handle_leaves_the_wall_and_is_then_free() -> None:
     assert np.abs(trace.force[(trace.times > 3.5)]).max() == 0.0
 
 
+@pytest.mark.thorough("two long runs")
 def test_damped_wall_and_sprung_mass_render_too() -> None:
     damped = run("damped_wall", duration=1.5)
     assert damped.torque_error is not None
@@ -175,6 +178,7 @@ def recorded(path: Path, **options: object) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.thorough("renders the same twice")
 def test_the_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path) -> None:
     first = recorded(tmp_path / "first.log")
     assert first == recorded(tmp_path / "second.log")
@@ -183,6 +187,7 @@ def test_the_same_seed_gives_the_same_frames_byte_for_byte(tmp_path: Path) -> No
     assert first.count(b" 080#\n") > 500
 
 
+@pytest.mark.thorough("renders the same in two processes")
 def test_another_process_gives_the_same_frames(tmp_path: Path) -> None:
     here = recorded(tmp_path / "here.log")
     code = "import haptic_fieldbus as h, sys; h.run('wall', duration=0.5, record=sys.argv[1])"
@@ -195,6 +200,7 @@ def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_numbers() -> None:
         run("wall", rate=5000.0)
 
 
+@pytest.mark.thorough("two long runs")
 @pytest.mark.parametrize("rate", [250.0, 1500.0])
 def test_other_rates_run_too(rate: float) -> None:
     result = run("wall", rate=rate, duration=1.0, settings={"wall.stiffness": "max/3"})
@@ -207,6 +213,7 @@ def whole(module: str) -> str:
     return next((package for package in packages if module.startswith(f"{package}.")), module)
 
 
+@pytest.mark.thorough("starts a process for each scene", quick=("wall",))
 @pytest.mark.parametrize("scene", ["wall", "damped_wall", "sprung_mass"])
 def test_a_run_imports_only_what_its_scene_needs(scene: str) -> None:
     """In a fresh interpreter, for `plan`: the modules that only some scenes need are those the plan names."""

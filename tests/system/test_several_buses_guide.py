@@ -36,6 +36,7 @@ def test_the_guide_has_its_files_and_commands() -> None:
     assert len(SHOWN) == 1
 
 
+@pytest.mark.thorough("runs of seconds", quick=1)
 @pytest.mark.parametrize("command", COMMANDS[:-1])
 def test_its_commands_do_what_they_say(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, _, err = outcome(command, capsys)

@@ -79,6 +79,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return paths
 
 
+@pytest.mark.thorough("a run of each drive in each format", quick=("maxon_epos4-.log",))
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_frame_of_a_run_is_dissected_as_canopen_and_as_what_it_is(
     tshark: str, recorded: dict[str, Path], suffix: str

@@ -124,6 +124,7 @@ TRIPS: dict[str, tuple[faults.Fault, type[HapticFieldbusError], int]] = {
 nobody can tell it, its own guard of 50 ms must find out. The other drive is told within five periods."""
 
 
+@pytest.mark.thorough("12 runs that end in a fault", quick=1)
 @pytest.mark.parametrize("struck", ["left", "right"])
 @pytest.mark.parametrize("name", TRIPS)
 def test_losing_one_drive_or_one_bus_takes_the_torque_of_both(name: str, struck: str) -> None:
@@ -172,6 +173,7 @@ def test_the_sync_of_a_slower_bus_ends_later_by_its_longer_bits() -> None:
     assert (syncs[1] - syncs[0]).min() >= 48_000 - 65_000
 
 
+@pytest.mark.thorough("long runs of two drives")
 def test_where_the_delay_is_the_same_so_are_the_forces_of_every_period() -> None:
     """Set-points that act at the next SYNC are one period late on any bus; the encoders' zeros are drawn alike."""
     profile = replace(PROFILE, pdo=replace(PROFILE.pdo, rpdo_types=(1,), rpdo_acts="next_sync"))
@@ -194,6 +196,7 @@ def forces_of(result: Result, times: Array) -> list[Array]:
     return [np.interp(times, trace.times, trace.force) for trace in result.traces]
 
 
+@pytest.mark.thorough("long runs of two drives")
 def test_the_same_drives_give_the_same_forces_on_two_buses_as_on_one() -> None:
     """Two buses are faster, so their delay is shorter by one PDO each way; the hands come to rest in the same place.
 
@@ -209,6 +212,7 @@ def test_the_same_drives_give_the_same_forces_on_two_buses_as_on_one() -> None:
         assert np.abs(apart - together).max() < 0.2514 + 0.051
 
 
+@pytest.mark.thorough("a long run of two drives")
 def test_the_result_knows_the_error_of_both_axes_and_the_fullest_bus() -> None:
     result = run(SCENE, rig((1_000_000, 500_000)), duration=1.5)
     assert (result.cycles, result.missed_cycles, result.trips) == (1500, 0, ())
@@ -232,6 +236,7 @@ def recorded(path: Path, **options: object) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.thorough("renders the same twice")
 def test_the_same_seed_gives_the_same_frames_of_both_buses_byte_for_byte(tmp_path: Path) -> None:
     first = recorded(tmp_path / "first.log")
     assert first == recorded(tmp_path / "second.log")
@@ -250,6 +255,7 @@ def test_candump_text_names_the_bus_of_every_frame_in_the_order_of_time(tmp_path
     assert stamps == sorted(stamps)
 
 
+@pytest.mark.thorough("a run of two drives that others record as text")
 def test_blf_numbers_the_buses(tmp_path: Path) -> None:
     recorded(tmp_path / "frames.blf")
     recorded(tmp_path / "frames.log")

@@ -13,7 +13,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 PROFILES = {path.name for path in (PROJECT / "profiles").glob("*.toml")}
 SCENES = {path.name for path in (PROJECT / "haptic_fieldbus" / "scenes" / "library").glob("*.toml")}
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("wheel")]
+pytestmark = pytest.mark.xdist_group("wheel")
 
 
 def call(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -58,11 +58,27 @@ def test_the_wheel_carries_package_profiles_scenes_and_licence(wheel: Path) -> N
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"haptic_fieldbus"}
 
 
+def test_a_wall_is_rendered_from_the_wheel_by_the_packages_that_are_here(wheel: Path, tmp_path: Path) -> None:
+    unpacked = tmp_path / "site"
+    zipfile.ZipFile(wheel).extractall(unpacked)
+    program = (
+        f"import sys; sys.path.insert(0, {str(unpacked)!r}); import haptic_fieldbus as h; "
+        "print(h.__file__, h.run('wall', drive='maxon_epos4', duration=0.1).missed_cycles)"
+    )
+    finished = call(sys.executable, "-c", program, cwd=tmp_path)
+    assert finished.returncode == 0, finished.stderr
+    path, missed = finished.stdout.split()
+    assert Path(path).is_relative_to(unpacked)
+    assert missed == "0"
+
+
+@pytest.mark.thorough("installs into a clean environment")
 def test_all_that_the_wheel_needs_is_installed_with_it(environment: Path) -> None:
     checked = call(environment / "python", "-m", "pip", "check", cwd=environment)
     assert checked.returncode == 0, checked.stdout
 
 
+@pytest.mark.thorough("installs into a clean environment")
 def test_the_demo_runs_from_the_wheel(environment: Path, tmp_path: Path) -> None:
     words = "run wall --drive maxon_epos4 --duration 10 --plot demo.png"
     finished = call(environment / "haptic-fieldbus", *words.split(), cwd=tmp_path)
@@ -71,18 +87,21 @@ def test_the_demo_runs_from_the_wheel(environment: Path, tmp_path: Path) -> None
     assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.thorough("installs into a clean environment")
 def test_profiles_and_scenes_are_found_in_the_wheel(environment: Path, tmp_path: Path) -> None:
     for kind, names in (("profiles", PROFILES), ("scenes", SCENES)):
         listed = call(environment / "haptic-fieldbus", kind, "list", cwd=tmp_path).stdout
         assert {Path(name).stem for name in names} == {line.split()[0] for line in listed.splitlines()[1:]}
 
 
+@pytest.mark.thorough("installs into a clean environment")
 def test_python_can_finds_the_simulated_bus_of_the_wheel(environment: Path, tmp_path: Path) -> None:
     program = "import can; assert 'haptic_sim' in can.VALID_INTERFACES"
     finished = call(environment / "python", "-c", program, cwd=tmp_path)
     assert finished.returncode == 0, finished.stderr
 
 
+@pytest.mark.thorough("installs into a clean environment")
 def test_the_python_api_runs_from_the_wheel(environment: Path, tmp_path: Path) -> None:
     program = "import haptic_fieldbus as h; print(h.__file__, h.run('wall', duration=0.1).missed_cycles)"
     finished = call(environment / "python", "-c", program, cwd=tmp_path)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from tests.lanes import examples
 
 NODES = (5, 6)
 CHANNEL = "maxon_epos4@5,generic_cia402@6"
@@ -52,7 +53,7 @@ frames = st.builds(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.lists(frames, max_size=60), st.integers(0, 3))
 def test_any_frames_leave_a_world_that_answers(sequence: list[can.Message], gap_ms: int) -> None:
     with SimulatedBus(CHANNEL, clock=VirtualClock()) as bus:

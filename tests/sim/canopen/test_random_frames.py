@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.services.nmt import NmtState
+from tests.lanes import examples
 from tests.sim.bench import MS, NODE, DriveBench, profile
 
 FRAMES = 1000
@@ -163,7 +164,7 @@ def _storm(seed: int, count: int) -> Watched:
 
 
 @given(st.integers(0, 2**63))
-@settings(max_examples=RUNS, deadline=None)
+@settings(max_examples=examples(RUNS), deadline=None)
 def test_a_storm_of_frames_leaves_a_node_that_works(seed: int) -> None:
     _storm(seed, FRAMES)
 
@@ -178,7 +179,7 @@ FRAME = st.builds(
 
 
 @given(st.lists(FRAME, max_size=40))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_any_short_sequence_of_octets_does_no_harm(frames: list[Frame]) -> None:
     watched = Watched()
     for frame in frames:

@@ -79,6 +79,7 @@ class TestTorqueStep:
         for found, expected in ((position, angle), (velocity, speed), (torque, motor)):
             assert np.abs(found - expected).max() <= 1e-9 * np.abs(expected).max()
 
+    @pytest.mark.thorough("integrates with an adaptive solver")
     def test_the_closed_form_solves_the_equations(self) -> None:
         """The oracle's oracle: numerical integration of the equations as they stand in the class."""
 

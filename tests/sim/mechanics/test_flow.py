@@ -29,6 +29,7 @@ def test_any_span_agrees_with_the_matrix_exponential(a: Matrix, span_ns: float) 
     assert flow.transition(int(span_ns)) @ z == pytest.approx(expm(a * int(span_ns) * 1e-9) @ z, abs=1e-12 * scale)
 
 
+@pytest.mark.thorough("60 digits for each state")
 @given(st.lists(st.floats(0, 3e6), min_size=1, max_size=20))
 def test_many_states_are_advanced_each_by_its_own_span(spans: list[float]) -> None:
     flow = Flow(OSCILLATOR)

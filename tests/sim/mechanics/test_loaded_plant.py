@@ -153,6 +153,7 @@ def test_a_load_that_falls_through_its_play_bounces_as_the_closed_form_says(torq
     assert np.all(z[SPEED] == 0.0)
 
 
+@pytest.mark.thorough("simulates thousands of bounces")
 def test_without_friction_the_play_alone_lets_both_bounce_for_ever() -> None:
     """Two free masses: the relative speed only changes its sign at each flank."""
     coupling = CompliantCoupling(stiffness=500.0, load_inertia=1e-5, backlash=0.02)
@@ -190,6 +191,7 @@ SYSTEMS = {
 }
 
 
+@pytest.mark.thorough("integrates nine systems with a general solver", quick=2)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_the_motion_is_the_one_of_a_general_solver_with_events(name: str) -> None:
     mechanics, lever, grip, velocity, target = SYSTEMS[name]

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus.sim.canopen.services.lss import LssSlave, LssState
+from tests.lanes import examples
 
 WORD = st.integers(0, 2**32 - 1)
 ADDRESS = st.lists(WORD, min_size=4, max_size=4)
@@ -34,7 +35,7 @@ def _fastscan(slaves: list[LssSlave]) -> list[int]:
 
 
 @given(ADDRESS)
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_one_node_is_found(address: list[int]) -> None:
     slave = _slave(address)
     assert _fastscan([slave]) == address
@@ -42,7 +43,7 @@ def test_one_node_is_found(address: list[int]) -> None:
 
 
 @given(st.lists(ADDRESS, min_size=2, max_size=5, unique_by=tuple))
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_of_several_nodes_each_is_found_in_turn(addresses: list[list[int]]) -> None:
     slaves = [_slave(address) for address in addresses]
     for wanted in sorted(addresses):

@@ -1,0 +1,29 @@
+"""Lanes, and how hard hypothesis tries: `pytest --lane quick`, `pytest --lane thorough --part 2/4`."""
+
+import pytest
+from hypothesis import settings
+
+from tests.lanes import Lane, Part, slow_markers
+
+settings.register_profile("thorough", settings.get_profile("default"))
+# The same examples each time: which lines are covered must not be a matter of luck.
+settings.register_profile("quick", settings.get_profile("default"), max_examples=15, derandomize=True)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("lanes")
+    group.addoption("--lane", choices=[lane.value for lane in Lane], default=Lane.ALL.value, help="which tests to run")
+    group.addoption("--part", type=Part.read, default="0/1", help="K/N: the K-th of N shares of the lane, from 0")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    settings.load_profile("quick" if config.getoption("lane") == Lane.QUICK.value else "thorough")
+
+
+@pytest.hookimpl(tryfirst=True)  # later, xdist adds the names of groups to the node-IDs
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    lane, part = Lane(config.getoption("lane")), config.getoption("part")
+    slow = slow_markers(items)
+    taken = [item for item in items if lane.takes(item, slow.get(item)) and part.takes(item)]
+    config.hook.pytest_deselected(items=list(set(items) - set(taken)))
+    items[:] = taken

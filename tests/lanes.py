@@ -1,0 +1,116 @@
+"""Two lanes of tests: `make test` runs the quick one, `make test-all` both.
+
+A test is quick unless it, its class or its module is marked: `@pytest.mark.thorough("compares 700 seeds")`. The reason
+is required. `quick=2` leaves two of its parametrisations, evenly spread, in the quick lane; `quick=("wall",)` leaves
+those of these IDs. A marker near the test counts more than one further away. The thorough lane also runs every
+hypothesis test again, with all of its examples, and can be split into parts that are the same on every machine.
+"""
+
+from argparse import ArgumentTypeError
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from hashlib import sha256
+
+import pytest
+from hypothesis import settings
+
+SLOW = ("thorough", "soak")
+"""Markers of what is not in the quick lane, by the lane that takes it."""
+USUAL_EXAMPLES = 100
+"""How many a hypothesis test has when it says nothing."""
+FEWEST_EXAMPLES = 5
+
+
+class Lane(Enum):
+    """Which tests a run takes."""
+
+    QUICK = "quick"
+    THOROUGH = "thorough"
+    ALL = "all"
+    SOAK = "soak"
+
+    def takes(self, item: pytest.Item, slow: str | None) -> bool:
+        """Whether a test runs in this lane; `slow` is its marker, if it has one."""
+        match self:
+            case Lane.QUICK:
+                return slow is None
+            case Lane.THOROUGH:
+                return slow == self.value or (slow is None and has_examples(item))
+            case Lane.ALL:
+                return slow != Lane.SOAK.value
+        return slow == self.value
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of several shares of the tests, about equal, numbered from 0."""
+
+    number: int
+    count: int
+
+    @classmethod
+    def read(cls, text: str) -> "Part":
+        """Of `2/4`; a larger number is taken modulo the count, so that a hash will do."""
+        number, _, count = text.partition("/")
+        if not (number.isdecimal() and count.isdecimal() and int(count)):
+            raise ArgumentTypeError(f"{text!r}: expected a number and a count, as in 2/4")
+        return cls(int(number) % int(count), int(count))
+
+    def takes(self, item: pytest.Item) -> bool:
+        """By a hash of the node-ID, which no test beside it changes; tests of one xdist group stay together."""
+        group = item.get_closest_marker("xdist_group")
+        name = item.nodeid if group is None else str(group.args[0])
+        return int.from_bytes(sha256(name.encode()).digest()[:8]) % self.count == self.number
+
+
+def slow_markers(items: Iterable[pytest.Item]) -> dict[pytest.Item, str]:
+    """Tests that are not in the quick lane, and the marker that says so.
+
+    Raises pytest.UsageError when a marker gives no reason.
+    """
+    families: dict[tuple[str, str], list[pytest.Item]] = {}
+    for item in items:
+        family = (item.parent.nodeid if item.parent else "", getattr(item, "originalname", item.name))
+        families.setdefault(family, []).append(item)
+    return {item: name for family in families.values() for item, name in _slow_of(family)}
+
+
+def has_examples(item: pytest.Item) -> bool:
+    """Whether hypothesis makes up the arguments."""
+    return bool(getattr(getattr(item, "obj", None), "is_hypothesis_test", False))
+
+
+def examples(count: int) -> int:
+    """How many of `count` examples hypothesis shall try in the lane of this run."""
+    return min(count, max(FEWEST_EXAMPLES, count * settings().max_examples // USUAL_EXAMPLES))
+
+
+def _slow_of(family: Sequence[pytest.Item]) -> Iterable[tuple[pytest.Item, str]]:
+    """Of the parametrisations of one test."""
+    for number, item in enumerate(family):
+        for name in SLOW:
+            marker = item.get_closest_marker(name)
+            if marker is not None:
+                _check(item, marker)
+                if not _stays(item, number, len(family), marker.kwargs.get("quick", 0)):
+                    yield item, name
+                break
+
+
+def _stays(item: pytest.Item, number: int, count: int, quick: int | Sequence[str]) -> bool:
+    """Whether this parametrisation, the `number`-th of `count`, is one of those that stay quick."""
+    if isinstance(quick, int):
+        return number in {each * count // quick for each in range(min(quick, count))}
+    callspec = getattr(item, "callspec", None)
+    return callspec is not None and callspec.id in quick
+
+
+def _check(item: pytest.Item, marker: pytest.Mark) -> None:
+    match marker.args:
+        case (str(reason),) if reason.strip() and marker.kwargs.keys() <= {"quick"}:
+            return
+    raise pytest.UsageError(
+        f"{item.nodeid}: say why this test is not in the quick lane, "
+        f'as in @pytest.mark.{marker.name}("compares 700 seeds")'
+    )
