@@ -15,24 +15,69 @@ if TYPE_CHECKING:
     from haptic_fieldbus.api import plan, response, run, stability
     from haptic_fieldbus.api.open_loop import Response
     from haptic_fieldbus.assessing.result import Result
+    from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Rig, RigAxis, RotaryMechanism
+    from haptic_fieldbus.errors import (
+        BusConfigurationError,
+        BusError,
+        BusOverloadError,
+        BusTimeoutError,
+        DocumentError,
+        DriveFaultError,
+        EdsError,
+        FaultFileError,
+        HapticFieldbusError,
+        ImageTooLargeError,
+        PlanError,
+        ProfileError,
+        RigError,
+        SafetyTripError,
+        SceneError,
+        SignalUnavailableError,
+        UnstableSceneError,
+        UsageError,
+    )
+    from haptic_fieldbus.margins.verdict import Stability, Verdict
     from haptic_fieldbus.planning.plan import Plan
+    from haptic_fieldbus.protocols.canopen.bus import CanSection
+    from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
     from haptic_fieldbus.running.changes import Changes
+    from haptic_fieldbus.scenes.catalogue import load_scene
+    from haptic_fieldbus.scenes.scene import Scene, SceneAxis
+    from haptic_fieldbus.signals import Signal, Workspace
 
-_HOMES = {
-    "plan": "haptic_fieldbus.api",
-    "response": "haptic_fieldbus.api",
-    "run": "haptic_fieldbus.api",
-    "stability": "haptic_fieldbus.api",
-    "Changes": "haptic_fieldbus.running.changes",
-    "Plan": "haptic_fieldbus.planning.plan",
-    "Response": "haptic_fieldbus.api.open_loop",
-    "Result": "haptic_fieldbus.assessing.result",
+_NAMES = {
+    "haptic_fieldbus.api": "plan response run stability",
+    "haptic_fieldbus.api.open_loop": "Response",
+    "haptic_fieldbus.assessing.result": "Result",
+    "haptic_fieldbus.drive.rig": "Limits LinearMechanism Rig RigAxis RotaryMechanism",
+    "haptic_fieldbus.margins.verdict": "Stability Verdict",
+    "haptic_fieldbus.planning.plan": "Plan",
+    "haptic_fieldbus.protocols.canopen.bus": "CanSection",
+    "haptic_fieldbus.protocols.catalogue": "load_profile load_rig",
+    "haptic_fieldbus.running.changes": "Changes",
+    "haptic_fieldbus.scenes.catalogue": "load_scene",
+    "haptic_fieldbus.scenes.scene": "Scene SceneAxis",
+    "haptic_fieldbus.signals": "Signal Workspace",
 }
+"""The public names by the module that has them; all others are errors."""
+_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
-__all__ = ["Changes", "Plan", "Response", "Result", "plan", "response", "run", "stability"]
+# A list that is made of the table would be one list less, but type checkers only read one that is written down.
+__all__ = [
+    "BusConfigurationError", "BusError", "BusOverloadError", "BusTimeoutError", "CanSection", "Changes",
+    "DocumentError", "DriveFaultError", "EdsError", "FaultFileError", "HapticFieldbusError", "ImageTooLargeError",
+    "Limits", "LinearMechanism", "Plan", "PlanError", "ProfileError", "Response", "Result", "Rig", "RigAxis",
+    "RigError", "RotaryMechanism", "SafetyTripError", "Scene", "SceneAxis", "SceneError", "Signal",
+    "SignalUnavailableError", "Stability", "UnstableSceneError", "UsageError", "Verdict", "Workspace",
+    "load_profile", "load_rig", "load_scene", "plan", "response", "run", "stability",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> object:
-    if name not in _HOMES:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
+    return getattr(import_module(_HOMES.get(name, "haptic_fieldbus.errors")), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -52,10 +52,10 @@ class OpenLoop(Rendering):
 class Response:
     """One sample a row: time [s], position of the puck [m or rad], force on it [N or N·m], shape (n,) each."""
 
-    time: Array
-    position: Array
-    force: Array
-    states: Mapping[str, Array]
+    time: Array = field(repr=False)
+    position: Array = field(repr=False)
+    force: Array = field(repr=False)
+    states: Mapping[str, Array] = field(repr=False)
     """Virtual states by name; those of a second element carry its name in front."""
     spectral_radius: float | None
     """Of one step of the method, the largest of all elements; None without virtual states."""

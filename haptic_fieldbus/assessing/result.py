@@ -23,6 +23,12 @@ if TYPE_CHECKING:  # a plan without a run does without it
     from haptic_fieldbus.assessing.loop_report import LoopReport
 
 Array = NDArray[np.float64]
+FIGURES = (
+    "scene", "drive", "bus", "rate", "clock", "cycles", "missed_cycles", "duration", "bus_load", "torque_error",
+    "energy_generated", "verdict", "trips", "changes", "warnings",
+)  # fmt: skip
+"""The fields of a `Result` that it shows of itself."""
+WIDEST = 120
 
 
 @dataclass(frozen=True)
@@ -147,11 +153,18 @@ class Result:
     trips: tuple[TripRecord, ...] = ()
     changes: tuple[Changed, ...] = ()
     verdict: str | None = None
-    traces: tuple[Trace, ...] = field(default=(), repr=False)
+    traces: tuple[Trace, ...] = ()
     warnings: tuple[str, ...] = ()
     """What went wrong without stopping anything; for people, not part of the JSON object."""
     elapsed: float | None = None
     """Wall-clock time that the loop took [s]; for people, not part of the JSON object."""
+
+    def __repr__(self) -> str:
+        """The key figures that are known, one a line; a long line is cut."""
+        known = [(name, getattr(self, name)) for name in FIGURES if getattr(self, name) not in (None, ())]
+        lines = [f"    {name}={value!r}," for name, value in known]
+        cut = [line if len(line) <= WIDEST else f"{line[: WIDEST - 1]}…" for line in lines]
+        return "\n".join(["Result(", *cut, ")"])
 
     def to_json(self) -> dict[str, Json]:
         """The object that `run --json` prints: keys as documented, SI units, None for what does not apply."""

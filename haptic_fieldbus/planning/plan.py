@@ -1,7 +1,7 @@
 """A plan: everything that one period needs, decided before the first. A value; nothing here talks to a drive."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.drive.rig import Rig
@@ -38,15 +38,15 @@ class Plan:
     """Everything that one period needs, decided before the first."""
 
     scene: Scene
-    rig: Rig
+    rig: Rig = field(repr=False)
     rate: float
-    buses: tuple[BusPlan, ...]
+    buses: tuple[BusPlan, ...] = field(repr=False)
     """In the order in which the axes name them."""
-    axes: tuple[AxisPlan, ...]
-    image: ImageLayout
-    left_out: tuple[LeftOut, ...]
-    steps: tuple[str, ...]
-    modules: tuple[str, ...]
+    axes: tuple[AxisPlan, ...] = field(repr=False)
+    image: ImageLayout = field(repr=False)
+    left_out: tuple[LeftOut, ...] = field(repr=False)
+    steps: tuple[str, ...] = field(repr=False)
+    modules: tuple[str, ...] = field(repr=False)
     compute_ns: int = COMPUTE_NS
 
     @property

@@ -4,8 +4,17 @@ import math
 import numpy as np
 import pytest
 
-from haptic_fieldbus.api import plan
-from haptic_fieldbus.assessing.result import Percentiles, Result, Timing, TorqueError, TripRecord, finite, plan_json
+from haptic_fieldbus.api import plan, response, run
+from haptic_fieldbus.assessing.result import (
+    WIDEST,
+    Percentiles,
+    Result,
+    Timing,
+    TorqueError,
+    TripRecord,
+    finite,
+    plan_json,
+)
 
 
 def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
@@ -71,3 +80,30 @@ def test_the_object_of_a_plan_names_frames_as_they_are_on_the_wire() -> None:
 def test_the_object_of_a_plan_is_json(scene: str) -> None:
     shown = plan_json(plan(scene))
     assert json.loads(json.dumps(shown, allow_nan=False)) == shown
+
+
+@pytest.mark.parametrize("scene", ["wall", "virtual_shaft"])
+def test_a_result_shows_its_figures_on_a_part_of_a_screen(scene: str) -> None:
+    result = run(scene, duration=1.2)
+    shown = repr(result)
+    assert len(shown.splitlines()) <= 20
+    assert max(map(len, shown.splitlines())) <= WIDEST
+    told = (f"scene='{scene}'", "drive='maxon_epos4'", "bus='sim'", "rate=1000.0", "cycles=1200", "missed_cycles=0")
+    assert all(f"    {each},\n" in shown for each in told)
+    assert "torque_error=TorqueError(rms=" in shown
+    assert f"verdict={result.verdict!r}" in shown
+    assert "array" not in shown
+    assert "Plan(" not in shown
+
+
+def test_a_result_of_many_trips_is_cut_and_what_is_not_known_is_left_out() -> None:
+    trips = (TripRecord("speed limit", 0.5, "axis handle: 1.2 m/s\npassed 1 m/s"),) * 20
+    shown = repr(Result("wall", "maxon_epos4", "sim", 1000.0, trips=trips)).splitlines()
+    assert [line.partition("=")[0].strip() for line in shown[1:-1]] == ["scene", "drive", "bus", "rate", "trips"]
+    assert shown[-2].startswith("    trips=(TripRecord(name='speed limit', time=0.5, message='axis handle: 1.2 m/s")
+    assert len(shown[-2]) == WIDEST
+
+
+def test_a_plan_and_a_response_show_no_tables_and_no_arrays_of_themselves() -> None:
+    assert len(repr(plan("wall"))) < 600
+    assert len(repr(response("sprung_mass"))) < 200
