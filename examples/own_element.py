@@ -1,0 +1,52 @@
+"""An element of one's own: a spring that grows stiffer the further it is pulled, F = −k·x − h·x³.
+
+A hand pushes with 6 N and stays; the handle comes to rest where the spring bears that, k·x + h·x³ = 6 N.
+"""
+
+from dataclasses import dataclass
+
+from haptic_fieldbus import Scene, SceneAxis, Signal, Workspace, run, stability
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+
+
+@dataclass(frozen=True)
+class HardeningSpring:
+    """`stiffness` k [N/m] at rest, `hardening` h [N/m³], and the furthest place that is judged, `reach` [m]."""
+
+    axis: str
+    stiffness: float
+    hardening: float
+    reach: float
+    name: str = "spring"
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.POSITION,)
+
+    def force(self, position: float) -> float:
+        """Force on the handle [N]; as it is odd and grows with x, it always pulls back."""
+        return -self.stiffness * position - self.hardening * position**3
+
+    def linearised(self) -> StateSpace:
+        """At `reach`, where it is stiffest: −dF/dx = k + 3·h·x²."""
+        return gain([[-self.stiffness - 3.0 * self.hardening * self.reach**2, 0.0]])
+
+
+SCENE = Scene(
+    name="hardening_spring",
+    description="A spring that grows stiffer",
+    axes=(SceneAxis("handle", Workspace.LINEAR),),
+    elements=(HardeningSpring("handle", stiffness=100.0, hardening=2.0e5, reach=0.03),),
+)
+
+
+def main() -> None:
+    judged = stability(SCENE)
+    print(f"{judged.verdict.value}; stable up to {judged.stiffness_limit.stable:.0f} N/m beside this hardening")
+    result = run(SCENE, hand="push", duration=3.0)
+    print(result.verdict)
+    print(f"rests {1e3 * result.traces[0].position[-1]:.2f} mm from the start")
+
+
+if __name__ == "__main__":
+    main()
