@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from haptic_fieldbus.scenes.scene import Scene, SceneAxis
     from haptic_fieldbus.signals import Signal, Workspace
 
-_NAMES = {
+_HOMES = {
     "haptic_fieldbus.api": "plan response run stability",
     "haptic_fieldbus.api.open_loop": "Response",
     "haptic_fieldbus.assessing.result": "Result",
@@ -60,9 +60,7 @@ _NAMES = {
     "haptic_fieldbus.signals": "Signal Workspace",
 }
 """The public names by the module that has them; all others are errors."""
-_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
-# A list that is made of the table would be one list less, but type checkers only read one that is written down.
 __all__ = [
     "BusConfigurationError", "BusError", "BusOverloadError", "BusTimeoutError", "CanSection", "Changes",
     "DocumentError", "DriveFaultError", "EdsError", "FaultFileError", "HapticFieldbusError", "ImageTooLargeError",
@@ -76,7 +74,8 @@ __all__ = [
 def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOMES.get(name, "haptic_fieldbus.errors")), name)
+    home = next((module for module, names in _HOMES.items() if name in names.split()), "haptic_fieldbus.errors")
+    return getattr(import_module(home), name)
 
 
 def __dir__() -> list[str]:

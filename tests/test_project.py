@@ -11,9 +11,11 @@ import tomllib
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+import haptic_fieldbus
 from haptic_fieldbus.api.sites import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.protocols.registry import GROUP
@@ -71,13 +73,28 @@ def test_every_command_in_the_documents_does_what_they_say(
     assert (stopped.value.code or 0) == (REFUSED if "stiffness=3000" in command else 0)
 
 
-def test_the_page_of_elements_is_that_of_the_dataclasses() -> None:
-    spec = importlib.util.spec_from_file_location("make_elements", PROJECT / "docs" / "make_elements.py")
+def maker(name: str) -> ModuleType:
+    """A script of docs/ that writes a page."""
+    spec = importlib.util.spec_from_file_location(name, PROJECT / "docs" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    assert module.FILE.read_text(encoding="utf-8") == module.page(), "run: python docs/make_elements.py"
+    return module
+
+
+@pytest.mark.parametrize("name", ["make_elements", "make_api"])
+def test_a_page_that_is_written_by_a_script_is_what_it_writes_now(name: str) -> None:
+    script = maker(name)
+    assert script.FILE.read_text(encoding="utf-8") == script.page(), f"run: python docs/{name}.py"
+
+
+def test_every_public_name_is_on_the_page_of_the_api() -> None:
+    script = maker("make_api")
+    listed = {name for names in script.SECTIONS.values() for name in names}
+    text = script.FILE.read_text(encoding="utf-8")
+    errors = set(re.findall(r"^ *- `(\w+Error)`", text, re.MULTILINE))
+    assert listed | errors == set(haptic_fieldbus.__all__)
 
 
 def test_every_make_target_in_the_documents_exists() -> None:

@@ -36,11 +36,11 @@ class Trial(Task):
     duration: float = DEFAULT_DURATION
     """From *operation enabled* on [s]."""
     hand: str | None = None
-    """On the simulated bus; None is that of the scene, or `DEFAULT_HAND`."""
+    """What the simulated hand does: push, tap, sine, guide, release or none; None is that of the scene, or push."""
     seed: int = 0
     """Of all that is random in the simulation."""
     faults: str | Path | Sequence[Fault] = ()
-    """Of the simulated drives and links, or the file that lists them."""
+    """Of the simulated drives and links (`haptic_fieldbus.sim.faults`), or the file that lists them."""
     record: str | Path | None = None
     """File for frames or rows, by its suffix."""
     force: bool = False

@@ -41,11 +41,11 @@ class OpenLoop(Rendering):
     """A scene without a bench, and the motion of the puck that is prescribed."""
 
     input: str | Path = "step"
-    """A motion by name, or a file (`INPUT_FORMS`)."""
+    """The motion: step, ramp, sine@HZ, or a file with the columns time and position."""
     amplitude: float = 1.0
     """Of the motion [m or rad]; a file is multiplied by it."""
     duration: float | None = None
-    """[s]; None is `DEFAULT_DURATION`, or that of the file."""
+    """[s]; None is that of the file, or one second."""
 
 
 @dataclass(frozen=True, eq=False)

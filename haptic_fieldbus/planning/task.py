@@ -45,6 +45,6 @@ class Task(Rendering):
     drive: str = DEFAULT_DRIVE
     """Profile of the shipped bench, by name or path."""
     bus: str | None = None
-    """As `parse_bus` takes it apart; None is the simulation, or the buses of the rig."""
+    """sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE]; None is the simulation, or the buses of the rig."""
     node: int = 1
     """Node-ID of the first axis of the shipped bench; the others count from it."""

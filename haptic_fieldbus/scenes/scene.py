@@ -9,6 +9,8 @@ from haptic_fieldbus.signals import Workspace
 
 @dataclass(frozen=True)
 class SceneAxis:
+    """An axis of a scene, and what it moves in."""
+
     name: str
     workspace: Workspace
     held: bool | None = None

@@ -1,0 +1,75 @@
+"""docs/reference/compatibility.md promises what there is: exit statuses, and every key of `--json`."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from haptic_fieldbus.assessing.result import Trip
+from haptic_fieldbus.cli import main
+from haptic_fieldbus.cli.failures import OUTCOMES
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "compatibility.md").read_text(encoding="utf-8")
+OBJECTS = {
+    row[0]: set(re.findall(r"`(\w+)`", row[1])) for row in re.findall(r"^\| `([^`]+)` \| (.*) \|$", TEXT, re.MULTILINE)
+}
+STATUSES = dict(re.findall(r"^\| (\d) \| [^|]* \|(.*)\|$", TEXT, re.MULTILINE))
+
+COMMANDS = {
+    "run": "run wall --duration 1.2 --change 0.6:wall.stiffness=700",
+    "plan": "plan virtual_shaft",
+    "stability": "stability wall",
+    "response": "response sprung_mass",
+    "profiles list": "profiles list",
+    "profiles check": "profiles check maxon_epos4",
+    "scenes list": "scenes list",
+    "scenes show": "scenes show wall",
+    "scenes check": "scenes check wall no_such_scene",
+}
+BY_NAMES_OF_THEIR_OWN = ("by_source", "settings", "age_s", "states", "elements", "axes")
+"""Objects whose keys are not ours, and those that a page of their own lists."""
+
+
+def objects_of(value: Any, at: str) -> Iterator[tuple[str, set[str]]]:
+    """Every object inside another one, by where it stands; of a list, the first."""
+    if isinstance(value, list):
+        value, at = value[0] if value else None, f"{at}[]"
+    if isinstance(value, dict):
+        yield at, set(value)
+        for key, member in value.items():
+            if key not in BY_NAMES_OF_THEIR_OWN:
+                yield from objects_of(member, f"{at}.{key}" if ": " in at else f"{at}: {key}")
+
+
+def test_the_page_tells_of_every_command_that_prints_an_object() -> None:
+    assert {name.partition(":")[0] for name in OBJECTS} == set(COMMANDS)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_prints_the_keys_of_the_page(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([*COMMANDS[name].split(), "--json"])
+    told = dict(objects_of(json.loads(capsys.readouterr().out), name))
+    same = {"run: stability": "stability", "run: plan.left_out[]": "plan: left_out[]"}
+    same |= {f"run: timing.{time}": "run: timing.period_us" for time in ("age_us", "compute_us")}
+    for at, keys in told.items():
+        known = next((at.replace(start, there, 1) for start, there in same.items() if at.startswith(start)), at)
+        known = known.replace("stability.", "stability: ", 1)
+        assert OBJECTS[known] == keys, at
+    promised = {at for at in OBJECTS if at == name or at.startswith(f"{name}: ")}
+    assert promised <= told.keys() | {"run: trips[]"}
+
+
+def test_a_trip_has_the_keys_of_the_page() -> None:
+    shown = Trip("speed limit", 0.5, "").to_json()
+    assert isinstance(shown, dict)
+    assert set(shown) == OBJECTS["run: trips[]"]
+
+
+def test_the_exit_statuses_are_those_of_the_errors() -> None:
+    for error, outcome in OUTCOMES.items():
+        assert f"`{error.__name__}`" in STATUSES[str(outcome.status)]
+    assert set(STATUSES) == {"0", *(str(outcome.status) for outcome in OUTCOMES.values())}
