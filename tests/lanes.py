@@ -39,7 +39,7 @@ class Lane(Enum):
                 return slow == self.value or (slow is None and has_examples(item))
             case Lane.ALL:
                 return slow != Lane.SOAK.value
-        return slow == self.value
+        return bool(slow == self.value)
 
 
 @dataclass(frozen=True)

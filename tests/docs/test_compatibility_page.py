@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.assessing.result import Trip
+from haptic_fieldbus.assessing.result import TripRecord
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.cli.failures import OUTCOMES
 
@@ -64,7 +64,7 @@ def test_a_command_prints_the_keys_of_the_page(name: str, capsys: pytest.Capture
 
 
 def test_a_trip_has_the_keys_of_the_page() -> None:
-    shown = Trip("speed limit", 0.5, "").to_json()
+    shown = TripRecord("speed limit", 0.5, "").to_json()
     assert isinstance(shown, dict)
     assert set(shown) == OBJECTS["run: trips[]"]
 
