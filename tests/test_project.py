@@ -139,6 +139,13 @@ def test_make_makes_the_environment_before_it_uses_it() -> None:
         assert re.search(rf"^{target}: setup$", MAKEFILE, re.MULTILINE)
 
 
+def test_nobody_is_told_to_install_a_release_while_there_is_none() -> None:
+    """From a checkout: `pip install .`, or `pip install ".[plot]"`."""
+    for path in [*DOCUMENTS, *PACKAGE.rglob("*.py")]:
+        for told in re.findall(r"pip install ([^\n`]*)", path.read_text(encoding="utf-8")):
+            assert not re.search(r"haptic[-_]fieldbus", told), path
+
+
 def test_the_installed_version_is_the_one_that_is_written_down() -> None:
     assert version("haptic-fieldbus") == SETTINGS["project"]["version"]
 

@@ -17,7 +17,7 @@ def check_plot(path: Path | None) -> None:
 
     wrong = file_faults("plot", path, PLOT_SUFFIXES)
     if path is not None and find_spec("matplotlib") is None:
-        wrong.append('--plot needs matplotlib: pip install "haptic-fieldbus[plot]"')
+        wrong.append("--plot needs matplotlib: pip install matplotlib")
     if wrong:
         raise UsageError("\n".join(wrong))
 

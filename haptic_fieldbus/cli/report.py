@@ -28,7 +28,7 @@ def report(
 ) -> None:
     """Measure error against run time, in both senses: what accuracy costs, and how error grows along a run."""
     if find_spec("matplotlib") is None:
-        raise UsageError('report needs matplotlib: pip install "haptic-fieldbus[plot]"')
+        raise UsageError("report needs matplotlib: pip install matplotlib")
     from haptic_fieldbus import api
     from haptic_fieldbus.study.make_report import finite, make_report
     from haptic_fieldbus.study.measure.bench import Tools

@@ -197,7 +197,7 @@ def test_without_matplotlib_a_picture_is_refused_before_anything_runs(
     monkeypatch.setattr(pictures, "find_spec", lambda name: None)
     finished = command("run", "wall", "--plot", str(tmp_path / "run.png"))
     assert finished.status == 2
-    assert "haptic-fieldbus[plot]" in finished.err
+    assert "pip install matplotlib" in finished.err
     assert finished.out == ""
 
 
