@@ -146,6 +146,17 @@ def test_nobody_is_told_to_install_a_release_while_there_is_none() -> None:
             assert not re.search(r"haptic[-_]fieldbus", told), path
 
 
+def test_before_a_commit_the_hooks_run_what_make_check_runs() -> None:
+    """With the programs of the environment that `make` makes, and nothing that is fetched."""
+    text = (PROJECT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    hooks = re.findall(r"^ +entry: \.venv/bin/(.+)$", text, re.MULTILINE)
+    assert re.findall(r"repo: (.+)", text) == ["local"]
+    assert re.findall(r"language: (.+)", text) == ["system"] * len(hooks)
+    checks = re.search(r"^check:.*\n((?:\t.*\n)+)", MAKEFILE, re.MULTILINE)
+    assert checks is not None
+    assert set(hooks) == set(re.findall(r"\$\(BIN\)/(.+)", checks[1]))
+
+
 def test_the_installed_version_is_the_one_that_is_written_down() -> None:
     assert version("haptic-fieldbus") == SETTINGS["project"]["version"]
 
