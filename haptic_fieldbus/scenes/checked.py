@@ -26,19 +26,25 @@ def check_elements(scene: Scene, period: float, method: str | None) -> None:
     """Raises SceneError with all that a file of these elements would be refused for; `period` in s.
 
     A virtual mass of 0 is told the smallest one that the method renders. Elements that no file can have, because they
-    do not say how (`__pydantic_config__`), are their maker's own affair.
+    do not say how (`__pydantic_config__`), have values that are their maker's own affair; their axis must be one of the
+    scene's like any other.
     """
     document = Document(scene.source or scene.name, "", SceneError)
-    known = [element for element in scene.elements if hasattr(type(element), "__pydantic_config__")]
-    document.data["element"] = [table_of(element) for element in known]
-    for place, element in enumerate(known):
-        _check(document, place, element, scene)
+    document.data["element"] = [table_of(element) if _says_how(element) else {} for element in scene.elements]
+    for place, element in enumerate(scene.elements):
+        if _says_how(element):
+            _check_values(document, place, element, scene)
+        _check_axes(document, place, element, [axis.name for axis in scene.axes])
     try:
         document.checked(scene)
     except SceneError as error:
-        owners = {f"{element.name}.mass": element for element in known}
+        owners = {f"{element.name}.mass": element for element in scene.elements}
         faults = [_with_limit(fault, owners.get(fault.key), period, method) for fault in error.faults]
         raise SceneError(error.source, faults) from None
+
+
+def _says_how(element: AnyElement) -> bool:
+    return hasattr(type(element), "__pydantic_config__")
 
 
 def table_of(element: AnyElement) -> dict[str, object]:
@@ -69,17 +75,20 @@ def _plain(value: object) -> object:
     return value.item() if hasattr(value, "item") else value
 
 
-def _check(document: Document, place: int, element: AnyElement, scene: Scene) -> None:
+def _check_values(document: Document, place: int, element: AnyElement, scene: Scene) -> None:
     at = ("element", place)
     document.labels[at] = element.name
     given: Any = element
     document.labels.update({(*at, field.name): f"{element.name}.{field.name}" for field in fields(given)})
     document.validate(type(element), at)
-    axes = [axis.name for axis in scene.axes]
     check_ratio(document, place, type(element), {axis.name: axis.workspace for axis in scene.axes})
+
+
+def _check_axes(document: Document, place: int, element: AnyElement, axes: list[str]) -> None:
+    path = ("element", place, "axis" if hasattr(element, "axis") else "axes")
+    document.labels[path] = f"{element.name}.{path[-1]}"
     for axis in axes_of(element):
         if axis not in axes:
-            path = (*at, "axis" if "axis" in document.table(*at) else "axes")
             document.fault(path, f"this scene has no axis {axis!r}{suggestion(str(axis), axes)}")
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import haptic_fieldbus
+from examples.own_element import HardeningSpring
 from haptic_fieldbus.errors import SceneError
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
@@ -106,6 +107,16 @@ def test_values_of_another_kind_are_refused(changes: dict[str, Any], told: str) 
 def test_an_axis_that_the_scene_has_not_is_refused() -> None:
     scene = replace(made(Wall("handle", 600.0)), elements=(Wall("handel", 600.0),))
     assert refusal(scene) == "wall.axis: this scene has no axis 'handel'; nearest: handle"
+
+
+@pytest.mark.parametrize("entrance", ENTRANCES.values(), ids=ENTRANCES)
+def test_nor_does_an_element_that_does_not_say_how_to_check_it_vanish_with_its_axis(
+    entrance: Callable[[Scene], object],
+) -> None:
+    own = HardeningSpring("handel", stiffness=100.0, hardening=0.0, reach=0.01, name="own")
+    scene = replace(made(Wall("handle", 600.0)), elements=(Wall("handle", 600.0), own))
+    with pytest.raises(SceneError, match=r"own\.axis: this scene has no axis 'handel'; nearest: handle"):
+        entrance(scene)
 
 
 def test_numbers_of_numpy_are_numbers() -> None:
