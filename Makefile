@@ -1,10 +1,13 @@
-# Two commands for newcomers:  make demo   renders a wall on a simulated drive and draws it
-#                              make test   runs every test
-# Before a commit:             make check  style, types, import contracts
+# Two commands for newcomers:  make demo      renders a wall on a simulated drive and draws it
+#                              make test      the quick lane of the tests, and how much of the code they must cover
+# Before a commit:             make check     style, types, import contracts
+# Before a release:            make test-all  every test
 
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
+# What has been installed: what the demo needs, or all that developing needs.
+DEMO_STAMP := $(VENV)/.demo
+DEV_STAMP := $(VENV)/.dev
 
 # Debian packages beside Python. tshark: a foreign program reads what is recorded.
 SYSTEM_PACKAGES := tshark
@@ -14,17 +17,31 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 	if $$python -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
 	command -v $$python; break; fi; done)
 
-.PHONY: demo test check setup system-packages format clean
+# Hundreds of processes are started; each would compile again what it imports.
+export PYTHONDONTWRITEBYTECODE :=
 
-demo: setup
+PYTEST := $(BIN)/pytest -n 2 --dist loadgroup
+# Of the thorough lane, for `make test-part`.
+PART ?= 0/1
+
+.PHONY: demo test test-all test-part check setup system-packages format clean
+
+demo: $(DEMO_STAMP)
 	$(BIN)/haptic-fieldbus run wall --drive maxon_epos4 --duration 10 --plot demo.png
 
 # The gates come last and repeat how many tests passed and failed.
 test: setup
 	@mkdir -p build
-	@$(BIN)/pytest -n 2 --dist loadgroup --cov --cov-report= --cov-report=json:build/coverage.json \
+	@$(PYTEST) --lane quick --cov --cov-report= --cov-report=json:build/coverage.json \
 		--junit-xml=build/tests.xml; status=$$?; \
 	$(BIN)/python tests/coverage_gates.py build/coverage.json build/tests.xml || exit 1; exit $$status
+
+test-all: setup
+	@$(PYTEST) --lane all --durations=20 --junit-xml=build/all.xml
+
+# A share of what `make test` leaves out, as .ci/run takes it.
+test-part: setup
+	@$(PYTEST) --lane thorough --part $(PART) --junit-xml=build/part.xml
 
 check: setup
 	$(BIN)/ruff check .
@@ -36,19 +53,28 @@ format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-setup: system-packages $(STAMP)
+setup: system-packages $(DEV_STAMP)
 
-$(STAMP): pyproject.toml
+# The byte code of what the demo imports is written as it starts; compiling everything takes longer than the demo.
+define install
 	@if [ -z "$(PYTHON)" ]; then \
 		echo "No Python 3.11 or newer with venv was found. On Debian: apt-get install python3 python3-venv" >&2; exit 1; fi
-	@echo "Installing into $(VENV), once; this takes about a minute"
+	@echo "Installing $(1) into $(VENV), once"
 	@[ -x $(BIN)/python ] || "$(PYTHON)" -m venv $(VENV)
-	@echo "Installing into $(VENV), once; this takes about a minute"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[plot,dev]'
-	@# What a first start would otherwise pay for: matplotlib's list of fonts, and our own byte code.
-	@$(BIN)/python -c 'import matplotlib.font_manager' 2>/dev/null || true
-	@$(BIN)/python -m compileall -q haptic_fieldbus
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[$(1)]'
+endef
+
+$(DEMO_STAMP): pyproject.toml
+	$(call install,plot)
 	@touch $@
+
+$(DEV_STAMP): pyproject.toml
+	$(call install,plot$(,)dev)
+	@$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib haptic_fieldbus || true
+	@touch $(DEMO_STAMP) $@
+
+# A comma inside an argument.
+, := ,
 
 system-packages:
 	@missing=""; for package in $(SYSTEM_PACKAGES); do \

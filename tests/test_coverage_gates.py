@@ -67,3 +67,4 @@ def test_errors_count_as_failed_tests(tmp_path: Path) -> None:
     path = tmp_path / "tests.xml"
     path.write_text(JUNIT)
     assert summary_line(path) == "3 passed, 2 failed, 2 skipped"
+    assert summary_line(path, path) == "6 passed, 4 failed, 4 skipped"

@@ -130,12 +130,12 @@ def test_every_decision_is_in_the_list() -> None:
 def test_github_and_ci_run_what_a_person_runs() -> None:
     script = PROJECT / ".ci" / "run"
     assert os.access(script, os.X_OK)
-    assert {"make check", "make test"} <= set(script.read_text().splitlines())
+    assert {"step make check", "step make test"} <= set(script.read_text().splitlines())
     assert "run: .ci/run" in (PROJECT / ".github" / "workflows" / "ci.yml").read_text()
 
 
 def test_make_makes_the_environment_before_it_uses_it() -> None:
-    for target in ("demo", "test", "check"):
+    for target in ("test", "test-all", "test-part", "check", "format"):
         assert re.search(rf"^{target}: setup$", MAKEFILE, re.MULTILINE)
 
 
@@ -155,6 +155,13 @@ def test_before_a_commit_the_hooks_run_what_make_check_runs() -> None:
     checks = re.search(r"^check:.*\n((?:\t.*\n)+)", MAKEFILE, re.MULTILINE)
     assert checks is not None
     assert set(hooks) == set(re.findall(r"\$\(BIN\)/(.+)", checks[1]))
+
+
+def test_the_demo_waits_for_no_test_tools() -> None:
+    assert re.search(r"^demo: \$\(DEMO_STAMP\)$", MAKEFILE, re.MULTILINE)
+    (recipe,) = re.findall(r"^\$\(DEMO_STAMP\): pyproject.toml\n((?:\t.*\n)+)", MAKEFILE, re.MULTILINE)
+    assert "install,plot)" in recipe
+    assert "dev" not in recipe
 
 
 def test_the_installed_version_is_the_one_that_is_written_down() -> None:

@@ -1,5 +1,6 @@
 """Plans: what is mapped, what is left out, what is refused."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -11,6 +12,7 @@ from haptic_fieldbus.errors import (
     SceneError,
     SignalUnavailableError,
 )
+from haptic_fieldbus.margins.verdict import StiffnessLimit
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.planning import axis_plan
 from haptic_fieldbus.planning.explain import explain
@@ -107,6 +109,14 @@ def test_an_unknown_rated_torque_is_refused() -> None:
         plan_of(rig=rig_of(WALL, rated_torque=None))
 
 
+@pytest.mark.parametrize(("key", "what"), [("torque_constant", "scaled"), ("rated_torque", "limited")])
+def test_where_torque_is_told_in_current_constant_and_rated_torque_must_be_known(key: str, what: str) -> None:
+    target = replace(PROFILE.torque.target, unit="mA")
+    rig = rig_of(WALL, **{"torque_constant": 0.05, "rated_torque": 0.4, key: None})
+    with pytest.raises(PlanError, match=f"the rig's {key} of node 1 is unknown: torque cannot be {what} without it"):
+        plan_of(rig=rig, profile=replace(PROFILE, torque=replace(PROFILE.torque, target=target)))
+
+
 @pytest.mark.parametrize("unknown", ["inertia", "viscous_damping"])
 def test_an_unknown_bench_has_no_verdict_and_little_effort(unknown: str) -> None:
     plan = plan_of(rig=rig_of(WALL, **{unknown: None}))
@@ -167,6 +177,16 @@ def test_the_explanation_names_what_is_mapped_left_out_and_run() -> None:
 
 def test_a_scene_without_stiffness_is_explained_by_its_verdict_alone() -> None:
     assert explain(plan_of(scene_of(Constant("handle", 0.0)))).endswith("stability  passive")
+
+
+def test_where_any_stiffness_is_stable_and_passive_none_is_recommended() -> None:
+    plan = plan_of()
+    (axis,) = plan.axes
+    assert axis.stability is not None
+    assert "recommended up to" in explain(plan)
+    boundless = replace(axis.stability, stiffness_limit=StiffnessLimit(math.inf, math.inf, None))
+    text = explain(replace(plan, axes=(replace(axis, stability=boundless),)))
+    assert text.endswith("600 N/m asked, stable with no limit, passive with no limit")
 
 
 def test_our_own_node_id_is_one_that_no_drive_has() -> None:

@@ -6,8 +6,10 @@ import pytest
 from can.interfaces.virtual import channels
 
 from haptic_fieldbus.api import plan, run
-from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.errors import BusError, BusOverloadError, UsageError
+from haptic_fieldbus.drive.rig import LinearMechanism, Rig
+from haptic_fieldbus.errors import BusError, BusOverloadError, PlanError, UsageError
+from haptic_fieldbus.planning.selection import check_rendering, load, select
+from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import bit_rates, scene_of
@@ -85,3 +87,26 @@ def test_of_real_buses_that_cannot_all_be_opened_none_stays_open() -> None:
     with pytest.raises(BusError, match="cannot open socketcan:no_such_bus"):
         run(SCENE, broken, confirm=lambda _: True)
     assert not channels.get("can_left")
+
+
+def test_of_a_real_bus_without_a_rig_the_bench_is_unknown() -> None:
+    task = Task(SCENE, bus="socketcan:can0", node=5)
+    rig = load(task).rig
+    assert rig.bus == {"socketcan:can0": CanSection("socketcan", "can0")}
+    assert [(axis.node, axis.inertia, axis.mechanism.ratio) for axis in rig.axis.values()] == [
+        (5, None, LinearMechanism("linear", 0.05).ratio),
+        (6, None, LinearMechanism("linear", 0.05).ratio),
+    ]
+    with pytest.raises(PlanError, match=r"must give: axis\.left\.rated_torque, axis\.left\.inertia, .*axis\.right\."):
+        select(task)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [({"method": "rk5"}, "rk4"), ({"estimator": "kalmann-velocity"}, "kalman-velocity")],
+    ids=["method", "estimator"],
+)
+def test_names_are_checked_also_where_the_scene_needs_neither(wrong: dict[str, str], sentence: str) -> None:
+    with pytest.raises(UsageError, match=sentence):
+        check_rendering(Rendering(SCENE, method=wrong.get("method"), estimator=wrong.get("estimator")))
+    check_rendering(Rendering(SCENE, method="rk4", estimator="kalman-velocity"))

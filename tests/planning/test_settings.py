@@ -4,7 +4,7 @@ import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.planning.settings import Value, settled
+from haptic_fieldbus.planning.settings import Value, parsed, settled
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import scene_of
@@ -15,6 +15,12 @@ def test_numbers_are_read_from_texts_and_the_scene_is_final() -> None:
     assert found.part is None
     assert found.scene.elements == (Wall("handle", 800.0, position=0.025, sides="bilateral"),)
     assert found.at(None) is found.scene
+
+
+def test_true_and_false_are_no_texts_and_what_is_no_text_stays() -> None:
+    texts: dict[str, Value] = {"a.on": "true", "a.off": "false", "a.unit": "25 mm", "a.number": "1e3", "a.given": 2.0}
+    assert parsed(texts) == {"a.on": True, "a.off": False, "a.unit": "25 mm", "a.number": 1000.0, "a.given": 2.0}
+    assert parsed(None) == {}
 
 
 def test_without_settings_a_scene_made_in_python_is_itself() -> None:

@@ -1,0 +1,92 @@
+"""The end of `.ci/run`: `python -m tests.ci_summary TIMES JUNIT …`.
+
+Prints how long each step took, how fast the machine was beside it, which tests took longest, and, as the last line, how
+many passed and failed in all runs.
+"""
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from xml.etree import ElementTree
+
+import numpy as np
+
+from tests.coverage_gates import summary_line
+
+SLOWEST = 10
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class Step:
+    """One command of `.ci/run`."""
+
+    seconds: int
+    status: int
+    command: str
+
+    @classmethod
+    def read(cls, line: str) -> "Step":
+        seconds, status, command = line.split("\t", 2)
+        return cls(int(seconds), int(status), command)
+
+    def line(self) -> str:
+        outcome = "ok" if self.status == 0 else f"FAILED with {self.status}"
+        return f"{self.seconds:5d} s  {self.command}: {outcome}"
+
+
+def counted() -> int:
+    """A fixed piece of work for the interpreter."""
+    total = 0
+    for number in range(500_000):
+        total += number * number % 7
+    return total
+
+
+def multiplied() -> float:
+    """A fixed piece of work for numpy, small enough for one thread."""
+    matrix = np.linspace(-1.0, 1.0, 10_000).reshape(100, 100)
+    for _ in range(200):
+        matrix = matrix @ matrix
+        matrix /= np.abs(matrix).max()
+    return float(matrix[0, 0])
+
+
+def best_ms(work: Callable[[], object]) -> float:
+    """The shortest of several repetitions [ms]: what disturbs only makes it longer."""
+    times = []
+    for _ in range(REPEATS):
+        begin = perf_counter()
+        work()
+        times.append(1e3 * (perf_counter() - begin))
+    return min(times)
+
+
+def slowest(files: list[Path]) -> Iterator[tuple[float, str]]:
+    """The tests that took longest, and how long [s]."""
+    cases = [case for file in files for case in ElementTree.parse(file).getroot().iter("testcase")]
+    timed = [(float(case.get("time", "0")), f"{case.get('classname')}::{case.get('name')}") for case in cases]
+    yield from sorted(timed, reverse=True)[:SLOWEST]
+
+
+def main(times: Path, files: list[Path]) -> int:
+    there = [file for file in files if file.exists()]
+    steps = [Step.read(line) for line in times.read_text().splitlines()]
+    print("\nthe slowest tests")
+    for seconds, name in slowest(there):
+        print(f"{seconds:7.2f} s  {name}")
+    print("\ntimes")
+    for step in steps:
+        print(step.line())
+    print(f"{sum(step.seconds for step in steps):5d} s  in all")
+    print(f"speed of this machine: {best_ms(counted):.0f} ms of Python, {best_ms(multiplied):.0f} ms of numpy")
+    for file in set(files) - set(there):
+        print(f"FAILED: {file} was not written")
+    print(summary_line(*there))
+    return 0 if len(there) == len(files) and all(step.status == 0 for step in steps) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), [Path(word) for word in sys.argv[2:]]))

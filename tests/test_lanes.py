@@ -1,0 +1,129 @@
+"""What makes a lane, and that every kind of test is in the quick one."""
+
+import itertools
+import subprocess
+import sys
+from argparse import ArgumentTypeError
+from collections.abc import Iterator
+
+import pytest
+
+from tests.conftest import pytest_configure
+from tests.coverage_gates import PROJECT
+from tests.lanes import Part, examples
+
+pytest_plugins = ["pytester"]
+
+MODULE = """
+import pytest
+from hypothesis import given, strategies as st
+
+def test_quick(): pass
+
+@given(st.integers())
+def test_property(n): pass
+
+@pytest.mark.thorough("simulates an hour")
+def test_long(): pass
+
+@pytest.mark.soak("runs over night")
+def test_endless(): pass
+
+@pytest.mark.thorough("compares 10 seeds", quick=3)
+@pytest.mark.parametrize("seed", range(10))
+def test_seeds(seed): pass
+
+@pytest.mark.thorough("every scene", quick=("wall",))
+@pytest.mark.parametrize("scene", ["spring", "wall", pytest.param("mass", marks=pytest.mark.soak("forgets slowly"))])
+def test_scene(scene): pass
+
+@pytest.mark.thorough("renders for seconds")
+class TestRun:
+    def test_one(self): pass
+
+    @pytest.mark.thorough("renders for seconds", quick=1)
+    @pytest.mark.parametrize("n", [1, 2])
+    def test_some(self, n): pass
+"""
+EXPECTED = {
+    "quick": "quick property seeds[0] seeds[3] seeds[6] scene[wall] some[1]",
+    "thorough": "property long seeds[1] seeds[2] seeds[4] seeds[5] seeds[7] seeds[8] seeds[9] scene[spring] one "
+    "some[2]",
+    "soak": "endless scene[mass]",
+}
+KINDS = {
+    "the wheel": ("tests/system/test_wheel.py", "test_a_wall_is_rendered_from_the_wheel"),
+    "a foreign CANopen master": ("tests/peers/test_canopen_node.py", ""),
+    "a foreign CANopen master of drives": ("tests/peers/test_canopen_402.py", ""),
+    "a foreign reader of frames": ("tests/system/test_tshark.py", ""),
+    "commands in documents": ("tests/test_project.py", "test_every_command_in_the_documents"),
+    "a page of the documents": ("tests/system/test_live_changes_guide.py", ""),
+    "golden plans": ("tests/golden/test_plan_texts.py", "test_the_plan_reads_as_before"),
+    "golden texts of what is left out": ("tests/golden/test_left_out.py", "[wall]"),
+    "properties": ("tests/scenes/test_element_contract.py", "test_gives_no_more_energy"),
+    "a run of the whole system": ("tests/system/test_run.py", ""),
+    "a figure of the report": ("tests/cli/test_report.py", "test_every_section_is_written"),
+}
+
+
+def names(pytester: pytest.Pytester, *options: str) -> list[str]:
+    """The tests of `MODULE` that a run takes, without `test_`."""
+    pytester.makepyfile(MODULE)
+    command = ["--collect-only", "-q", "-p", "tests.conftest", f"--rootdir={pytester.path}", *options]
+    lines = pytester.runpytest_inprocess(*command).outlines
+    return [line.rpartition("::test_")[2] for line in lines if "::" in line]
+
+
+@pytest.fixture
+def _beside(request: pytest.FixtureRequest, pytester: pytest.Pytester) -> Iterator[None]:
+    """A project beside ours, run in this process; what it told hypothesis is taken back."""
+    pytester.makeini("[pytest]\nmarkers =\n    thorough(reason)\n    soak(reason)\n")
+    yield
+    pytest_configure(request.config)
+
+
+@pytest.mark.usefixtures("_beside")
+class TestLanes:
+    @pytest.mark.parametrize("lane", EXPECTED)
+    def test_takes_its_tests(self, pytester: pytest.Pytester, lane: str) -> None:
+        assert names(pytester, "--lane", lane) == EXPECTED[lane].split()
+
+    def test_all_takes_everything_but_the_soak(self, pytester: pytest.Pytester) -> None:
+        assert set(names(pytester)) == {*EXPECTED["quick"].split(), *EXPECTED["thorough"].split()}
+
+    def test_parts_are_disjoint_and_everything_together(self, pytester: pytest.Pytester) -> None:
+        parts = [names(pytester, "--part", f"{number}/3") for number in range(3)]
+        assert sorted(itertools.chain(*parts)) == sorted(names(pytester))
+        assert parts[1] == names(pytester, "--part", "7/3")
+        assert all(parts)
+
+    @pytest.mark.parametrize("marker", ["thorough", 'thorough("")', "thorough(3)", "soak()", 'soak("s", quik=2)'])
+    def test_a_marker_without_a_reason_is_refused_in_a_sentence(self, pytester: pytest.Pytester, marker: str) -> None:
+        pytester.makepyfile(f"import pytest\n@pytest.mark.{marker}\ndef test_it(): pass")
+        result = pytester.runpytest_inprocess("-p", "tests.conftest", f"--rootdir={pytester.path}")
+        assert result.ret == pytest.ExitCode.USAGE_ERROR
+        result.stderr.fnmatch_lines(["*::test_it: say why this test is not in the quick lane, as in @pytest.mark.*"])
+
+
+@pytest.mark.parametrize("text", ["", "1", "1/0", "a/2", "-1/2", "1/"])
+def test_a_part_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(ArgumentTypeError, match="expected a number and a count, as in 2/4"):
+        Part.read(text)
+
+
+def test_a_lane_never_has_more_examples_than_asked_for_nor_fewer_than_a_handful() -> None:
+    assert [examples(count) <= count for count in (1, 5, 15, 100, 300)] == [True] * 5
+    assert all(examples(count) >= 5 for count in (5, 15, 300))
+
+
+def test_every_kind_of_test_is_in_the_quick_lane() -> None:
+    """A newcomer sees each of them once; a marker too many would take it away unnoticed."""
+    files = sorted({file for file, _ in KINDS.values()})
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "--lane", "quick", *files]
+    lines = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True).stdout.splitlines()
+    missing = [
+        kind
+        for kind, (file, name) in KINDS.items()
+        if not any(line.startswith(f"{file}::") and name in line for line in lines)
+    ]
+    assert missing == []
