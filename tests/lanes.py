@@ -19,7 +19,7 @@ SLOW = ("soak", "thorough")
 """Markers of what is not in the quick lane, by the lane that takes it; the first counts more."""
 USUAL_EXAMPLES = 100
 """How many a hypothesis test has when it says nothing."""
-FEWEST_EXAMPLES = 5
+FEWEST_EXAMPLES = 3
 
 
 class Lane(Enum):

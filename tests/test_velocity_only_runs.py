@@ -134,6 +134,7 @@ def test_the_position_is_never_further_off_than_the_drift_that_trips(
     assert found.cycle.drift("handle") == pytest.approx(0.5 * step * found.times[-1])
 
 
+@pytest.mark.thorough("a long run")
 def test_readings_that_stay_away_make_the_position_uncertain_and_no_more_wrong_than_that() -> None:
     lost = tuple(faults.MissingTpdos("missing_tpdos", at, 2) for at in (0.55, 0.6, 0.65, 0.7))
     scene = scene_of(Wall("handle", 600.0, 0.02))
@@ -143,6 +144,7 @@ def test_readings_that_stay_away_make_the_position_uncertain_and_no_more_wrong_t
     assert holed.cycle.trip is None
 
 
+@pytest.mark.thorough("runs until half steps have added up")
 def test_the_run_ends_in_a_drift_trip_when_half_steps_have_added_up(tmp_path: Path) -> None:
     path = velocity_only(tmp_path)
     position = next(step for step in plan("wall", drive=str(path)).steps if step.startswith("position"))
@@ -153,6 +155,7 @@ def test_the_run_ends_in_a_drift_trip_when_half_steps_have_added_up(tmp_path: Pa
     assert [trip.name for trip in caught.value.result.trips] == [TripKind.DRIFT.value]
 
 
+@pytest.mark.thorough("a long run")
 def test_first_issue_a_motion_slower_than_half_a_step_is_lost_in_a_run() -> None:
     """2 mm in ten seconds: every reading is zero; the drift knows that this may be so."""
     found = moved(planned("rpm"), led(2e-3, 0.3), 10.0)

@@ -13,6 +13,7 @@ from tests.cli.command import Command
 KEYS = ["time", "position", "force", "states", "spectral_radius", "diverged"]
 
 
+@pytest.mark.thorough("every scene of the library", quick=("wall", "sprung_mass"))
 @pytest.mark.parametrize("scene", scene_names())
 def test_the_json_object_has_the_keys_of_the_contract(scene: str, command: Command) -> None:
     finished = command("response", scene, "--json")
@@ -67,6 +68,7 @@ def test_a_response_without_a_single_finite_sample_is_told_too(command: Command)
     assert "force: none" in finished.out
 
 
+@pytest.mark.thorough("draws each scene", quick=1)
 @pytest.mark.parametrize("scene", ["sprung_mass", "wall"])
 def test_it_is_drawn(scene: str, tmp_path: Path, command: Command) -> None:
     picture = tmp_path / "response.png"

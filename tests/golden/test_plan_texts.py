@@ -28,7 +28,7 @@ def test_no_golden_text_is_left_over() -> None:
     assert found <= set(cases()), "python -m tests.golden removes what is left over"
 
 
-@pytest.mark.thorough("every scene on each further drive", quick=1)
+@pytest.mark.thorough("every scene on each further drive")
 @pytest.mark.parametrize("profile", further_profiles())
 def test_every_scene_renders_the_same_elements_on_each_drive(profile: str) -> None:
     """A drive decides how position and velocity are known and how force is sent, not what a hand is to feel."""

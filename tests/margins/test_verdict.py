@@ -24,6 +24,7 @@ from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, ByHand, sprung_mass, wall, with_damping
 
 
+@pytest.mark.thorough("96 searches for a limit", quick=24)
 @pytest.mark.parametrize("delay", DELAYS)
 @pytest.mark.parametrize("lag", [0.0, LAG])
 @pytest.mark.parametrize(("mass", "damping"), [(0.63, 1.58), (0.05, 0.8), (2.0, 0.1), (1e-3, 3.0)])
@@ -42,6 +43,7 @@ def test_the_limit_is_where_the_loop_written_by_hand_begins_to_grow(
         assert ByHand(plant, delay * PERIOD, limit * part, virtual).growth() < 1.0
 
 
+@pytest.mark.thorough("18 searches for a limit", quick=6)
 @pytest.mark.parametrize("method", ["exact-foh", "forward-euler"])
 @pytest.mark.parametrize("delay", [0.0, 0.33, 1.0])
 @pytest.mark.parametrize("mass", [0.02, 0.5, 10.0])

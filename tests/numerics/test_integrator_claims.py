@@ -75,7 +75,7 @@ class TestOrder:
         found = np.array(run(space, method, end / steps, position))
         return float(np.abs(found - stiffness * (mass - position)).max())
 
-    @pytest.mark.thorough("up to a million steps for each of 18 cases", quick=5)
+    @pytest.mark.thorough("up to a million steps for each of 18 cases", quick=3)
     @pytest.mark.parametrize("name", ["sprung mass", "damped"])
     def test_of_a_free_motion_is_the_one_claimed(self, method: str, name: str) -> None:
         """From a state with an acceleration, so that a wrong start would be seen."""
@@ -143,6 +143,7 @@ def test_the_input_between_samples_bounds_the_order_not_the_method() -> None:
 class TestSpectralRadius:
     H = (*np.geomspace(1e-6, 1e3, 37).tolist(), 1.999, 2.001, 2.8284, 2.8285, 2 * math.pi)
 
+    @pytest.mark.thorough("378 steps of time", quick=63)
     @pytest.mark.parametrize("h", H)
     def test_is_its_formula(self, method: str, h: float) -> None:
         expected = RADII[method](h)
@@ -201,7 +202,7 @@ def test_forward_euler_with_a_damper_of_stiffness_times_period_neither_grows_nor
     np.testing.assert_allclose(np.abs(np.linalg.eigvals(discrete(damped, period, "forward-euler").a)), 1.0, rtol=1e-12)
 
 
-@pytest.mark.thorough("a million steps for each method", quick=3)
+@pytest.mark.thorough("a million steps for each method", quick=1)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("h", "steps", "tolerance"), [(1e-6, 1_000_000, 1e-12), (1e-3, 20_000, 1e-12)])
 def test_tiny_steps_lose_no_digits(method: str, h: float, steps: int, tolerance: float) -> None:

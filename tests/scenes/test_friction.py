@@ -137,6 +137,7 @@ def thrown(law: object, steps: int, step: float) -> tuple[list[float], list[floa
     return way, force
 
 
+@pytest.mark.thorough("simulates many throws")
 def test_a_thrown_mass_goes_as_far_as_the_closed_form_says_and_comes_to_rest() -> None:
     """½·m·v² = fc·(s − fc/K) + ½·fc²/K; then it swings about the stick point, which a little damping ends."""
     dry = COULOMB.begin(1e-6)

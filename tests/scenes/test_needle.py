@@ -88,6 +88,7 @@ def test_drag_grows_with_speed_once_it_is_in() -> None:
     assert needle.begin(PERIOD)(0.003, 5.0) == NEEDLE.begin(PERIOD)(0.003)
 
 
+@pytest.mark.thorough("simulates a whole insertion in small steps")
 def test_a_whole_insertion_costs_what_the_closed_form_says() -> None:
     """Capsule P·D·((1 − c)/2 + c/3); friction both ways and cutting, each short of its spring's first stretch."""
     motion = moved(NEEDLE, 0.0, 0.03, 0.0, period=1e-5)

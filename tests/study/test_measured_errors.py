@@ -67,7 +67,7 @@ def test_the_held_puck_and_the_free_puck_have_their_closed_forms() -> None:
     np.testing.assert_allclose(free_puck, -0.5 * (1.0 - np.cos(OMEGA * times)), atol=1e-12)
 
 
-@pytest.mark.thorough("every method on every problem", quick=12)
+@pytest.mark.thorough("every method on every problem", quick=6)
 @pytest.mark.parametrize("name", problems())
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_has_the_order_that_it_claims_on_every_problem(name: str, method: str) -> None:

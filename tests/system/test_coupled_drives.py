@@ -66,6 +66,7 @@ class TestAtRest:
         assert right - 0.02 == pytest.approx(PUSH / 300.0, abs=(2 * COULOMB + EFFORT_STEP) / 300.0)
         assert left - right == pytest.approx(PUSH / 300.0, abs=(COULOMB + EFFORT_STEP) / 300.0)
 
+    @pytest.mark.thorough("runs until all is at rest")
     def test_a_ratio_divides_the_way_and_multiplies_the_force(self) -> None:
         """x₁ = n·x₂ + F/K; the follower's wall meets n·F."""
         ratio = 2.0
@@ -186,7 +187,7 @@ def rate_of_growth(plan: Plan) -> float:
 
 
 class TestFreeRunning:
-    @pytest.mark.thorough("four runs of seconds", quick=1)
+    @pytest.mark.thorough("four runs of seconds")
     @pytest.mark.parametrize("damping", [0.0, 0.2])
     @pytest.mark.parametrize("part", [0.97, 1.03])
     def test_the_twist_decays_or_grows_as_the_eigenvalue_says(self, damping: float, part: float) -> None:

@@ -64,6 +64,7 @@ def test_the_ramp_takes_a_tenth_of_a_second_and_its_share_rises_straight(tmp_pat
     assert share == pytest.approx(np.clip(np.arange(103) / 100, 0.0, 1.0), abs=1e-9)
 
 
+@pytest.mark.thorough("a long run")
 def test_no_step_of_the_command_is_larger_than_motion_and_ramp_explain(tmp_path: object) -> None:
     """|ΔF| ≤ K·|Δx| + |ΔK|·x/N and one step of the drive."""
     _, rows = rendered(tmp_path, duration=2.0, changes=[(1.5, {"wall.stiffness": 1400.0})])
@@ -74,6 +75,7 @@ def test_no_step_of_the_command_is_larger_than_motion_and_ramp_explain(tmp_path:
     assert step.max() < 0.1 * jump
 
 
+@pytest.mark.thorough("a long run")
 def test_damping_that_is_changed_live_is_what_the_handle_feels(tmp_path: object) -> None:
     """What is felt beyond Hooke's law, over the velocity that was estimated."""
     _, rows = rendered(tmp_path, "damped_wall", duration=1.5, changes=[(0.9, {"wall.damping": 9.0})])
@@ -86,6 +88,7 @@ def test_damping_that_is_changed_live_is_what_the_handle_feels(tmp_path: object)
         assert felt / velocity[inside] == pytest.approx(np.full(inside.sum(), damping))
 
 
+@pytest.mark.thorough("a long run")
 def test_two_changes_follow_one_another(tmp_path: object) -> None:
     changes = [(1.0, {"wall.stiffness": 900.0}), (1.5, {"wall.stiffness": 300.0})]
     result, rows = rendered(tmp_path, duration=2.5, changes=changes)
@@ -155,6 +158,7 @@ def test_a_changed_run_is_compared_with_the_ideal_in_force_at_each_time() -> Non
     assert sum(other.torque_error.by_source.values()) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.thorough("a long run")
 def test_a_sprung_mass_begins_afresh_and_is_compared_with_an_ideal_that_does_so_too() -> None:
     change = {"sprung_mass.stiffness": 150.0, "sprung_mass.mass": 0.2}
     result = run("sprung_mass", duration=3.0, hand="sine", changes=[(1.5, change)])

@@ -26,6 +26,7 @@ def test_its_commands_end_as_it_says(command: str, status: int, capsys: pytest.C
     assert ("Would be stable" in shown.err) == (status == 4)
 
 
+@pytest.mark.thorough("a run of seconds")
 def test_its_program_changes_a_running_wall_and_is_told_why_not(capsys: pytest.CaptureFixture[str]) -> None:
     scope: dict[str, object] = {}
     exec(compile(PROGRAM, "how-to", "exec"), scope)

@@ -58,6 +58,7 @@ def test_the_wall_of_the_demonstration_runs_without_a_missed_period(pushed: Resu
     assert pushed.drive == "maxon_epos4"
 
 
+@pytest.mark.thorough("a long run")
 def test_the_hand_comes_to_rest_where_the_wall_balances_its_push(pushed: Result) -> None:
     """6 N on 600 N/m is 10 mm, give or take what Coulomb friction (0.25 N) holds and one torque step."""
     trace = pushed.traces[0]
@@ -152,6 +153,7 @@ def test_a_start_inside_the_wall_does_not_kick() -> None:
     assert trace.force.min() < -1.0
 
 
+@pytest.mark.thorough("a long run")
 def test_a_released_handle_leaves_the_wall_and_is_then_free() -> None:
     result = run("wall", hand="release", duration=4.0)
     trace = result.traces[0]

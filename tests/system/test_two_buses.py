@@ -144,6 +144,7 @@ def test_losing_one_drive_or_one_bus_takes_the_torque_of_both(name: str, struck:
             assert both.torques(bus)[-1] == 0
 
 
+@pytest.mark.thorough("a run that ends in a fault")
 def test_the_drive_on_the_healthy_bus_is_left_without_an_error() -> None:
     both = bench(these={"left": faults.Silence("silence", CONTACT)})
     with pytest.raises(BusError, match="axis left"):
@@ -269,6 +270,7 @@ def test_blf_numbers_the_buses(tmp_path: Path) -> None:
 FAULT_ON_ONE = '[[fault]]\nkind = "silence"\nat = 0.2\nnode = 1\nbus = "can_right"\n'
 
 
+@pytest.mark.thorough("a run that ends in a fault, twice")
 def test_a_file_of_faults_names_the_bus_where_node_ids_repeat(tmp_path: Path) -> None:
     file = tmp_path / "faults.toml"
     file.write_text(FAULT_ON_ONE, encoding="utf-8")
