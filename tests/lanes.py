@@ -2,7 +2,7 @@
 
 A test is quick unless it, its class or its module is marked: `@pytest.mark.thorough("compares 700 seeds")`. The reason
 is required. `quick=2` leaves two of its parametrisations, evenly spread, in the quick lane; `quick=("wall",)` leaves
-those of these IDs. A marker near the test counts more than one further away. The thorough lane also runs every
+those of these IDs; one parameter alone is marked by `pytest.param`. A marker near the test counts more than one further away. The thorough lane also runs every
 hypothesis test again, with all of its examples, and can be split into parts that are the same on every machine.
 """
 
@@ -87,12 +87,19 @@ def _slow_of(family: Sequence[pytest.Item]) -> Iterable[tuple[pytest.Item, str]]
     """Of the parametrisations of one test."""
     for number, item in enumerate(family):
         for name in SLOW:
-            marker = item.get_closest_marker(name)
-            if marker is not None:
+            markers = _nearest(item, name)
+            for marker in markers:
                 _check(item, marker)
-                if not _stays(item, number, len(family), marker.kwargs.get("quick", 0)):
-                    yield item, name
+            if not all(_stays(item, number, len(family), marker.kwargs.get("quick", 0)) for marker in markers):
+                yield item, name
                 break
+
+
+def _nearest(item: pytest.Item, name: str) -> list[pytest.Mark]:
+    """Markers of the test and of its parameters, which hold together; else the one of its class or module."""
+    own = [marker for marker in item.own_markers if marker.name == name]
+    inherited = item.get_closest_marker(name)
+    return own or ([inherited] if inherited is not None else [])
 
 
 def _stays(item: pytest.Item, number: int, count: int, quick: int | Sequence[str]) -> bool:

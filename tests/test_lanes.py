@@ -37,6 +37,10 @@ def test_seeds(seed): pass
 @pytest.mark.parametrize("scene", ["spring", "wall", pytest.param("mass", marks=pytest.mark.soak("forgets slowly"))])
 def test_scene(scene): pass
 
+@pytest.mark.thorough("both hands", quick=3)
+@pytest.mark.parametrize("hand", ["left", pytest.param("right", marks=pytest.mark.thorough("as the left"))])
+def test_hand(hand): pass
+
 @pytest.mark.thorough("renders for seconds")
 class TestRun:
     def test_one(self): pass
@@ -46,8 +50,8 @@ class TestRun:
     def test_some(self, n): pass
 """
 EXPECTED = {
-    "quick": "quick property seeds[0] seeds[3] seeds[6] scene[wall] some[1]",
-    "thorough": "property long seeds[1] seeds[2] seeds[4] seeds[5] seeds[7] seeds[8] seeds[9] scene[spring] one "
+    "quick": "quick property seeds[0] seeds[3] seeds[6] scene[wall] hand[left] some[1]",
+    "thorough": "property long seeds[1] seeds[2] seeds[4] seeds[5] seeds[7] seeds[8] seeds[9] scene[spring] hand[right] one "
     "some[2]",
     "soak": "endless scene[mass]",
 }

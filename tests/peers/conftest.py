@@ -15,7 +15,10 @@ RESET_NODE = 129
 Connect = Callable[[canopen.RemoteNode], canopen.RemoteNode]
 
 
-@pytest.fixture(scope="module", params=["haptic_sim-5", "haptic_sim-6", "simulate-5"])
+OTHER_DRIVE = pytest.param("haptic_sim-6", marks=pytest.mark.thorough("the other drive on the same bus"))
+
+
+@pytest.fixture(scope="module", params=["haptic_sim-5", OTHER_DRIVE, "simulate-5"])
 def reach(request: pytest.FixtureRequest) -> Iterator[Reach]:
     """Where the drives are, and which is talked to; those of another process live as long as the tests of a module."""
     where, _, node = request.param.partition("-")

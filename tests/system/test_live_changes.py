@@ -57,6 +57,7 @@ def test_a_stiffness_that_is_raised_live_is_what_the_handle_feels_after_the_ramp
     assert result.to_json()["changes"] == [{"t_s": 1.0, "settings": {"wall.stiffness": 900.0}}]
 
 
+@pytest.mark.thorough("a long run")
 def test_the_ramp_takes_a_tenth_of_a_second_and_its_share_rises_straight(tmp_path: object) -> None:
     _, rows = rendered(tmp_path, duration=2.0, changes=[(1.5, {"wall.stiffness": 900.0})])
     stiffness = -rows["handle.force"] / (rows["handle.position"] - SURFACE)
@@ -97,6 +98,7 @@ def test_two_changes_follow_one_another(tmp_path: object) -> None:
     assert [change.time for change in result.changes] == [1.0, 1.5]
 
 
+@pytest.mark.thorough("two long runs", quick=("other thread",))
 @pytest.mark.parametrize("threaded", [False, True], ids=["own thread", "other thread"])
 def test_a_request_while_the_loop_runs_holds_from_the_next_period_on(tmp_path: object, threaded: bool) -> None:
     changes = Changes()

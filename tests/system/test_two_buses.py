@@ -155,6 +155,7 @@ def test_the_drive_on_the_healthy_bus_is_left_without_an_error() -> None:
     assert emergencies == []
 
 
+@pytest.mark.thorough("a long run of two drives")
 def test_sync_is_at_one_instant_on_buses_of_one_bit_rate_but_for_a_frame_that_must_end_first() -> None:
     """A heartbeat is at most 65 bits; nothing else is on the wire when a period begins."""
     both = bench()
@@ -244,6 +245,7 @@ def test_the_same_seed_gives_the_same_frames_of_both_buses_byte_for_byte(tmp_pat
     assert first != recorded(tmp_path / "other.log", seed=1)
 
 
+@pytest.mark.thorough("a run of two drives")
 def test_candump_text_names_the_bus_of_every_frame_in_the_order_of_time(tmp_path: Path) -> None:
     lines = [line.split() for line in recorded(tmp_path / "frames.log").decode().splitlines()]
     by_bus = {bus: [frame for _, channel, frame in lines if channel == bus] for bus in BUSES.values()}

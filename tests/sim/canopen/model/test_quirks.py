@@ -114,6 +114,7 @@ class TestAbsent:
         with pytest.raises(BusConfigurationError, match=r"reading 6076h:00 motor rated torque.*does not exist"):
             run("absent = [0x6076]")
 
+    @pytest.mark.thorough("a run of the master")
     def test_the_master_does_not_need_6502h(self, run: Run) -> None:
         assert feels_right(run("absent = [0x6502]"))
 
@@ -132,6 +133,7 @@ class TestSyncNotHonoured:
         bench.sync()
         assert bench.read(0x6074) == 300
 
+    @pytest.mark.thorough("a run of the master")
     def test_the_master_copes(self, run: Run) -> None:
         assert feels_right(run("sync_honoured = false"))
 
@@ -153,6 +155,7 @@ class TestMaxTorque:
         with pytest.raises(BusConfigurationError, match=words):
             run(f"max_torque = {permille}")
 
+    @pytest.mark.thorough("a run of the master")
     def test_the_master_copes_with_a_limit_far_above(self, run: Run) -> None:
         assert feels_right(run("max_torque = 50000"))
 
@@ -163,6 +166,7 @@ class TestSupportedModes:
         assert bench.read(0x6502) == 0x65
         assert bench.write(0x6060, 0, 10, "b") is None
 
+    @pytest.mark.thorough("a run of the master")
     def test_the_master_goes_by_6061h(self, run: Run) -> None:
         assert feels_right(run("supported_modes = 0x65"))
 
@@ -176,6 +180,7 @@ class TestModeChangeTime:
         bench.run(2 * MS)
         assert bench.read(0x6061) == 10
 
+    @pytest.mark.thorough("a run of the master")
     def test_the_master_waits_as_long_as_the_profile_says(self, run: Run) -> None:
         assert feels_right(run("mode_change_time = 0.9"))
 
@@ -202,6 +207,7 @@ class TestBootTime:
         bench.run(100 * MS)
         assert bench.take(0x700 + NODE) == [b"\0"]
 
+    @pytest.mark.thorough("a run of the master")
     def test_the_master_copes_with_a_drive_that_has_booted(self, run: Run) -> None:
         assert feels_right(run("boot_time = 5.0"))
 
