@@ -2,8 +2,9 @@
 
 A test is quick unless it, its class or its module is marked: `@pytest.mark.thorough("compares 700 seeds")`. The reason
 is required. `quick=2` leaves two of its parametrisations, evenly spread, in the quick lane; `quick=("wall",)` leaves
-those of these IDs; one parameter alone is marked by `pytest.param`. A marker near the test counts more than one further away. The thorough lane also runs every
-hypothesis test again, with all of its examples, and can be split into parts that are the same on every machine.
+those of these IDs; one parameter alone is marked by `pytest.param`. A marker of a test counts more than one of its
+class. The thorough lane also runs every hypothesis test again, with all of its examples, and can be split into parts
+that are the same on every machine.
 """
 
 from argparse import ArgumentTypeError

@@ -51,8 +51,8 @@ class TestRun:
 """
 EXPECTED = {
     "quick": "quick property seeds[0] seeds[3] seeds[6] scene[wall] hand[left] some[1]",
-    "thorough": "property long seeds[1] seeds[2] seeds[4] seeds[5] seeds[7] seeds[8] seeds[9] scene[spring] hand[right] one "
-    "some[2]",
+    "thorough": "property long seeds[1] seeds[2] seeds[4] seeds[5] seeds[7] seeds[8] seeds[9] scene[spring] "
+    "hand[right] one some[2]",
     "soak": "endless scene[mass]",
 }
 KINDS = {
