@@ -9,21 +9,25 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
-from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind, bind_limiter, hold_gain
+from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
+from haptic_fieldbus.cycle.sensing import Step, bind_sense, in_order
 from haptic_fieldbus.cycle.state import AxisState, Sensed
+from haptic_fieldbus.cycle.watch import FLAGS, STATUSWORD, T_NS, Watch
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS, AxisImage
+from haptic_fieldbus.planning.limits import START_SHARE
 from haptic_fieldbus.scenes.element import Element
-from haptic_fieldbus.signals import LinkFlag, Signal
+from haptic_fieldbus.signals import Signal
 
-Step = Callable[[], None]
 Observe = Callable[[bytes | bytearray], None]
 
 FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 HALF_TURN_OF_INT32, INT32 = 0x8000_0000, 0xFFFF_FFFF
-T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD, POSITION_COUNTS = range(6)
-"""Places in the feedback of an axis; what else is mapped follows. Without a position the last is the velocity."""
+POSITION_COUNTS = STATUSWORD + 1
+"""Place of the position in the feedback of an axis whose drive offers one."""
+VELOCITY_READING = STATUSWORD + 1
+"""Place of the velocity in the feedback of an axis whose drive offers no position."""
 COMPUTED = ("position", "velocity", "force", "gain", "command")
 """Columns that an axis adds to the decoded ones."""
 
@@ -41,18 +45,22 @@ class AxisCycle:
     """Binds one axis of a plan; `output` is the output image of all axes."""
 
     def __init__(self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float) -> None:
-        self.state, self.sensed = AxisState(), Sensed()
+        self.state, self.sensed, self.permission = AxisState(), Sensed(), Permission()
+        self.stalls = 0
+        """How often counts stood still under torque for so long that the limit fell."""
         self._owner, self._axis, self._period = owner, axis, period
+        self._watch = Watch(axis, self.state, period, self._trip)
         self._image, self._output = image, output
         self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
-        self.sense = self._bind_sense()
+        self.sense, self._step_estimator = bind_sense(axis, self.state, self.sensed, lambda: self._feedback, period)
         """Works out velocity, time and torque, once a period; None where the scene needs none of them."""
         self._fields = [self.field_of(element) for element in axis.elements]
         """One for each element in their order; the couplings, where the axis has any, stand last."""
         if axis.couplings:
             self._fields.append(lambda position: self.sensed.coupled)
-        self.render, self._exchange = self._bind_render()
+        self._field = summed(self._fields)
+        self.render = self._bind_render()
 
     @property
     def feedback(self) -> tuple[int, ...]:
@@ -69,13 +77,19 @@ class AxisCycle:
         """The first rendered period: where zero is, and where the handle is then."""
         counts = self._feedback[POSITION_COUNTS]
         zero = self._axis.rig.mechanism.zero
-        self.state.began_ns = self._feedback[T_NS]
+        self.state.began_ns = self.state.moved_ns = self._feedback[T_NS]
         if self._axis.integrates:
             self._follow(self._feedback[T_NS], counts)
             self.state.zero_counts = 0
             return
         self.state.zero_counts = counts if zero == "start" else zero
         self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
+
+    def check_start(self) -> None:
+        """After the first force: one that is large already would throw the handle as soon as it is permitted."""
+        largest = START_SHARE * self._axis.limits.effort
+        if abs(self.state.force) > largest:
+            self._trip(TripKind.START_FORCE, self.state.force, largest)
 
     def release(self, *, tripped: bool) -> None:
         """No torque; after a trip no voltage either."""
@@ -92,7 +106,7 @@ class AxisCycle:
         """Go over to other fields at these places within so many periods; the others go on as they are."""
         for place, field in fields.items():
             self._fields[place] = blended(self._fields[place], field, periods)
-        self._exchange(summed(self._fields))
+        self._field = summed(self._fields)
 
     def reader(self, needs: Sequence[Signal]) -> Callable[[], list[float]]:
         """Reads the signals that a coupling needs of this axis, in their order."""
@@ -106,36 +120,49 @@ class AxisCycle:
 
     def _bind_observe(self) -> Observe:
         """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
-        state, axis, unpack, link, power, check = (
-            self.state,
-            self._axis,
-            self._image.input.unpack_from,
-            self._link,
-            self._power,
-            self._check_motion,
-        )
+        state, axis, owner, watch = self.state, self._axis, self._owner, self._watch
+        unpack, power = self._image.input.unpack_from, self._power
         unit, mask = axis.position_unit, axis.power.mask
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         largest_way = axis.limits.speed * self._period + abs(unit)
-        bits_before = -1
+        jump = axis.limits.jump(self._period, abs(unit))
+        shortest, longest = _in_time(self._period)
+        bits_before, fresh_ns = -1, 0
 
         def observe(image: bytes | bytearray) -> None:
-            nonlocal bits_before
+            nonlocal bits_before, fresh_ns
             self._feedback = feedback = unpack(image)
-            if feedback[FLAGS] or not state.settled:
-                link()
+            elapsed_ns = feedback[T_NS] - fresh_ns
+            state.steps = steps = (
+                1
+                if shortest < elapsed_ns < longest and not feedback[FLAGS] and not state.missing
+                else watch.link(feedback, elapsed_ns, owner.enabled)
+            )
             bits = feedback[STATUSWORD] & mask
             if bits != bits_before:
                 bits_before = bits
                 power()
+            if not steps:
+                return
+            fresh_ns = feedback[T_NS]
             zero = state.zero_counts
             if zero is not None:
                 counts = feedback[POSITION_COUNTS] - zero
                 if not -HALF_TURN_OF_INT32 <= counts < HALF_TURN_OF_INT32:
                     counts = (counts + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32
                 here = counts * unit
-                if not (-largest_way <= here - state.position <= largest_way and lowest <= here <= highest):
-                    check(here, abs(here - state.position))
+                way = here - state.position
+                if (
+                    steps != 1
+                    or not (-largest_way <= way <= largest_way and lowest <= here <= highest)
+                    or not -jump <= way - state.way <= jump
+                ):
+                    watch.motion(here, way, elapsed_ns)
+                if way:
+                    state.moved_ns = fresh_ns
+                if steps != 1:
+                    self._catch_up(here, steps)
+                state.way = way / steps
                 state.position = here
 
         return observe
@@ -144,39 +171,55 @@ class AxisCycle:
         """The same for a drive that offers velocity only: velocity → position."""
         from haptic_fieldbus.cycle.tachometer import bind_follow
 
-        state, unpack, link, power = self.state, self._image.input.unpack_from, self._link, self._power
+        state, owner, watch = self.state, self._owner, self._watch
+        unpack, power = self._image.input.unpack_from, self._power
         mask = self._axis.power.mask
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
-        bits_before = -1
+        shortest, longest = _in_time(self._period)
+        bits_before, fresh_ns = -1, 0
 
         def observe(image: bytes | bytearray) -> None:
-            nonlocal bits_before
+            nonlocal bits_before, fresh_ns
             self._feedback = feedback = unpack(image)
-            if feedback[FLAGS] or not state.settled:
-                link()
+            elapsed_ns = feedback[T_NS] - fresh_ns
+            state.steps = steps = (
+                1
+                if shortest < elapsed_ns < longest and not feedback[FLAGS] and not state.missing
+                else watch.link(feedback, elapsed_ns, owner.enabled)
+            )
             bits = feedback[STATUSWORD] & mask
             if bits != bits_before:
                 bits_before = bits
                 power()
+            if steps:
+                fresh_ns = feedback[T_NS]
             if state.zero_counts is not None:
-                follow(feedback[T_NS], feedback[POSITION_COUNTS])
+                before = state.position
+                follow(feedback[T_NS], feedback[VELOCITY_READING])
+                if state.position != before:
+                    state.moved_ns = feedback[T_NS]
+                if steps > 1:
+                    here, state.position = state.position, before
+                    self._catch_up(here, steps)
+                    state.position = here
 
         return observe
 
-    def _link(self) -> None:
-        """Staleness and faults of the link: hold one period, fade the second, stop at the third."""
-        state, feedback = self.state, self._feedback
-        flags = feedback[FLAGS]
-        for flag, kind in LINK_TRIPS.items():
-            if flags & flag:
-                self._trip(kind, feedback[EMERGENCY])
-        state.periods_apart = state.stale_periods + 1
-        state.stale_periods = state.stale_periods + 1 if flags & LinkFlag.STALE else 0
-        state.settled = state.stale_periods == 0 and state.periods_apart == 1
-        gain = hold_gain(state.stale_periods)
-        if gain is None and self._owner.enabled:
-            self._trip(TripKind.FEEDBACK_LOST, feedback[AGE_NS] * 1e-9)
-        state.gain = gain or 0.0
+    def _catch_up(self, here: float, steps: int) -> None:
+        """Let what remembers go through the periods that lie between two samples, along a straight line to `here`.
+
+        Virtual states and estimators advance by one period a call; left at that, they would take the whole way for
+        that of one period. Estimators that take time stamps see the gap by themselves.
+        """
+        state = self.state
+        if not self._owner.enabled:
+            return
+        before = state.position
+        for step in range(1, steps):
+            state.position = before + (here - before) * step / steps
+            if self._step_estimator is not None:
+                self._step_estimator()
+            self._field(state.position)
 
     def _power(self) -> None:
         """Statusword → power state → the controlword that asks for the next transition."""
@@ -190,76 +233,58 @@ class AxisCycle:
             self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
         self._owner.update_enabled()
 
-    def _check_motion(self, here: float, way: float) -> None:
-        """Called when the handle seems to be too fast, or outside; after held periods a longer way is allowed."""
-        limits = self._axis.limits
-        largest_way = limits.speed * self._period + abs(self._axis.position_unit)
-        lowest, highest = limits.position or (-math.inf, math.inf)
-        if way > largest_way * self.state.periods_apart:
-            self._trip(TripKind.SPEED, way / self._period, limits.speed)
-        if not lowest <= here <= highest:
-            self._trip(TripKind.POSITION, here, lowest if here < lowest else highest)
-
-    def _bind_sense(self) -> Step | None:
-        """Only what the scene needs is worked out, and an estimator imported only where one is."""
-        needs, state, sensed = self._axis.needs, self.state, self.sensed
-        steps: list[Step] = []
-        if Signal.VELOCITY in needs and not self._axis.integrates:
-            estimate = self._estimator()
-
-            def velocity() -> None:
-                sensed.velocity = estimate(state.position)
-
-            steps.append(velocity)
-        if Signal.ELAPSED_NS in needs:
-
-            def elapsed() -> None:
-                sensed.elapsed_ns = self._feedback[T_NS] - state.began_ns
-
-            steps.append(elapsed)
-        if Signal.TORQUE_ACTUAL in needs:
-            unit = self._axis.effort_unit * self._axis.rig.mechanism.sign
-            signals = [mapped.signal for mapped in self._axis.incoming]
-            place = STATUSWORD + signals.index(Signal.TORQUE_ACTUAL)
-
-            def torque() -> None:
-                sensed.torque_actual = self._feedback[place] * unit
-
-            steps.append(torque)
-        if len(steps) < 2:
-            return steps[0] if steps else None
-
-        def sense() -> None:
-            for step in steps:
-                step()
-
-        return sense
-
-    def _estimator(self) -> Callable[[float], float]:
-        from haptic_fieldbus.numerics.estimators import DEFAULT_ESTIMATOR, bind, is_timed
-
-        name = self._axis.estimator or DEFAULT_ESTIMATOR
-        estimate = bind(name, self._period, self._axis.resolution)
-        return (lambda position: estimate(position, self._feedback[T_NS])) if is_timed(name) else estimate
-
-    def _bind_render(self) -> tuple[Step, Callable[[Field], None]]:
-        """Position → force → permitted force → target torque; and what exchanges the field that it renders."""
-        state, axis, trip = self.state, self._axis, self._trip
-        field, limit = summed(self._fields), bind_limiter(axis.limits, self._period)
-        pack_into, output, offset = self._image.output.pack_into, self._output, self._image.outputs[0]
+    def _bind_render(self) -> Step:
+        """Position → force → permitted force → target torque; without new feedback the torque is held, then fades."""
+        state, axis, permission, trip = self.state, self._axis, self.permission, self._trip
         effort_unit, sign = axis.effort_unit, axis.rig.mechanism.sign
+        limit, hold = (
+            bind_limiter(axis.limits, self._period, permission, effort_unit),
+            bind_hold(self._period, permission),
+        )
+        pack_into, output, offset = self._image.output.pack_into, self._output, self._image.outputs[0]
 
         def render() -> None:
-            state.force = force = field(state.position)
-            permitted = limit(force)
+            if state.steps:
+                state.force = force = self._field(state.position)
+                permitted = limit(force)
+            else:
+                permitted = hold(state.missing)
+                state.gain = permitted / permission.held if permission.held else 1.0
             if permitted != permitted:
-                trip(TripKind.NOT_FINITE, force)
+                trip(TripKind.NOT_FINITE, state.force)
                 return
-            state.target = target = round(permitted * state.gain / effort_unit)
+            state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        def exchange(after: Field) -> None:
-            nonlocal field
-            field = after
+        guards = self._guards()
+        return in_order((render, *guards)) if guards else render
 
-        return render, exchange
+    def _guards(self) -> list[Step]:
+        """What must be looked at with the permitted torque known, each only where it is limited."""
+        guards: list[Step] = []
+        if math.isfinite(self._axis.limits.power):
+            guards.append(self._check_power)
+        if math.isfinite(self._axis.limits.stall):
+            guards.append(self._check_stall)
+        return guards
+
+    def _check_power(self) -> None:
+        state, limit = self.state, self._axis.limits.power
+        power = state.target * self._axis.effort_unit * state.way / self._period
+        if power > limit:
+            self._trip(TripKind.POWER, power, limit)
+
+    def _check_stall(self) -> None:
+        """Counts that stood still under torque for long: a hand that leans, or an encoder that lies; less will do."""
+        state, limits = self.state, self._axis.limits
+        if (self._feedback[T_NS] - state.moved_ns) * 1e-9 < limits.stall:
+            return
+        effort = state.target * self._axis.effort_unit
+        if abs(effort) > limits.holding and self.permission.cap > limits.holding:
+            self.permission.cap_at(limits.holding, math.copysign(1.0, effort))
+            self.stalls += 1
+
+
+def _in_time(period: float) -> tuple[int, int]:
+    """Between which times [ns] after the last one a sample belongs to the next period."""
+    return round(0.5e9 * period), round(1.5e9 * period)

@@ -5,11 +5,13 @@ of them are in operation enabled and nothing has tripped they *sense* what else 
 *render*. Otherwise every target is zero. `row` tells all that was decoded, computed and sent, when it is asked for.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.laws import Pair, blended_pair
-from haptic_fieldbus.cycle.safety import Trip
+from haptic_fieldbus.cycle.safety import Trip, TripKind
+from haptic_fieldbus.cycle.sensing import in_order
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS
 from haptic_fieldbus.planning.plan import Plan
@@ -47,6 +49,8 @@ class Cycle:
     def __init__(self, plan: Plan) -> None:
         self.columns = columns(plan)
         self.trip: Trip | None = None
+        self.failure: Exception | None = None
+        """Raised by an element, after which torque is zero."""
         self.enabled = False
         """True while every axis is in operation enabled and nothing has tripped."""
         self._output = bytearray(plan.image.output_size)
@@ -69,10 +73,13 @@ class Cycle:
         output, observers = self._output, tuple(axis.observe for axis in self._axes.values())
 
         def step(image: bytes | bytearray) -> bytearray:
-            for observe in observers:
-                observe(image)
-            if self.enabled:
-                self._render()
+            try:
+                for observe in observers:
+                    observe(image)
+                if self.enabled:
+                    self._render()
+            except Exception as error:
+                self._fail(error)
             if not self.enabled:
                 for axis in self._axes.values():
                     axis.release(tripped=self.trip is not None)
@@ -143,8 +150,19 @@ class Cycle:
         if self._couplings:
             before.append(self._uncouple)
         steps = (*before, *self._couplings, *[axis.render for axis in axes])
-        self._render = steps[0] if len(steps) == 1 else _in_order(steps)
+        self._render = steps[0] if len(steps) == 1 else in_order(steps)
         self._render()
+        for axis in axes:
+            axis.check_start()
+
+    def _fail(self, error: Exception) -> None:
+        """A law of the scene raised: torque is zero from this period on, and `failure` tells why."""
+        self.failure, self.enabled = error, False
+        if self.trip is None:
+            name = next(iter(self._axes))
+            self.trip = Trip(
+                TripKind.ELEMENT_FAILED, name, self.t_ns, math.nan, detail=f"{type(error).__name__}: {error}"
+            )
 
     def _pair(self, element: CouplingElement, period: float) -> Pair:
         """The element's law between its two axes, fresh."""
@@ -167,11 +185,3 @@ class Cycle:
         """Couplings add up from zero."""
         for axis in self._axes.values():
             axis.sensed.coupled = 0.0
-
-
-def _in_order(steps: Sequence[Callable[[], None]]) -> Callable[[], None]:
-    def work() -> None:
-        for step in steps:
-            step()
-
-    return work

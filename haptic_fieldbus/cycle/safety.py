@@ -1,7 +1,19 @@
-"""What stands between a scene and a hand: limits, fade-in, staleness, trips.
+"""The limits between a scene and a hand, and the reasons to take torque away.
 
-A trip is final: torque is zero from that period on, and only a new run enables again. Slew, fade and staleness count
-periods, so they need no clock.
+The force of the scene passes three gates, in this order:
+
+1. The limit. It rises from 0 to the effort limit of the axis within the fade-in time, and bounds the force from both
+   sides. The limit fades in, not the force, so that a large force at the start grows no faster than a small one could.
+2. The cap, which is there only after a disturbance: a gap in the feedback, or counts that stood still under torque for
+   long. A capped force stays at or below the cap until contact is left, that is until the scene asks for no force or
+   for one in the other direction.
+3. The slew limit, which bounds the change from one period to the next whatever the first two gates do.
+
+Feedback that is missing for one period changes nothing: the torque is held, as it is held between any two periods. From
+the second missing period on the held torque fades to zero, and its value before the gap becomes the cap. Letting it
+return to any value would do work on the hand that the hand never did on the handle.
+
+A trip is final: torque is zero from that period on, and only a new run enables again.
 """
 
 import math
@@ -12,8 +24,8 @@ from enum import Enum
 from haptic_fieldbus.planning.limits import EffortLimits
 from haptic_fieldbus.signals import LinkFlag
 
-HOLD_GAIN = (1.0, 1.0, 0.5)
-"""Gain on the held force by the number of periods without new feedback; beyond it: zero and stop."""
+HOLD_FADE = 0.01
+"""Time in which the held torque fades to zero, from the second missing period on [s]; longer than the slew time."""
 
 
 class TripKind(Enum):
@@ -26,12 +38,19 @@ class TripKind(Enum):
     NODE_NOT_OPERATIONAL = "node not operational"
     NO_SIGN_OF_LIFE = "heartbeat lost"
     FEEDBACK_LOST = "feedback lost"
+    FEEDBACK_SPARSE = "feedback lost too often"
+    PERIODS_MISSED = "periods missed"
     BUS_OFF = "bus off"
     BUS_EXCEPTION = "bus exception"
     NOT_FINITE = "force not finite"
+    ELEMENT_FAILED = "element failed"
+    START_FORCE = "force at the start"
     SPEED = "speed limit"
+    ACCELERATION = "acceleration limit"
+    POWER = "power limit"
     POSITION = "position limit"
     DRIFT = "position drift"
+    CLOCK = "clock went back"
 
 
 LINK_TRIPS = {
@@ -42,7 +61,7 @@ LINK_TRIPS = {
     LinkFlag.NOT_OPERATIONAL: TripKind.NODE_NOT_OPERATIONAL,
     LinkFlag.EXCEPTION: TripKind.BUS_EXCEPTION,
 }
-"""What a fault of the link is as a trip, the first the most telling."""
+"""The trip for each fault of the link, the most telling first."""
 
 
 @dataclass(frozen=True)
@@ -57,41 +76,90 @@ class Trip:
     detail: str = ""
 
 
-def hold_gain(stale_periods: int) -> float | None:
-    """Gain on the held force; None: stop."""
-    return HOLD_GAIN[stale_periods] if stale_periods < len(HOLD_GAIN) else None
+@dataclass(slots=True)
+class Permission:
+    """How much force one axis is permitted at present [N or N·m]; its automaton is the first half of this file."""
+
+    fade: float = 0.0
+    """Share of the effort limit that is reached, 0 to 1."""
+    cap: float = math.inf
+    side: float = 0.0
+    """Sign of the capped force; 0 while no force has been asked for since the cap was set."""
+    before: float = 0.0
+    """The permitted force of the period before."""
+    held: float = 0.0
+    """The permitted force before the present gap."""
+    unchanged: bool = False
+    """Whether neither fade-in nor a cap is at work, so that only effort and slew limit the force."""
+    clipped: int = 0
+    """Periods in which effort, fade-in or cap cut the force."""
+
+    def cap_at(self, cap: float, side: float) -> None:
+        """Permit no more than `cap` in the direction `side` until contact is left."""
+        self.cap, self.side, self.unchanged = cap, side, False
+
+    def contact_left(self, asked: float, least: float) -> bool:
+        """Whether the scene asks for no force (below `least`), or for one against the capped direction."""
+        if abs(asked) < least:
+            return True
+        if self.side == 0.0:
+            self.side = math.copysign(1.0, asked)
+        return asked * self.side < 0.0
 
 
-def bind_limiter(limits: EffortLimits, period: float) -> Callable[[float], float]:
-    """A limiter for one run: fade-in, then effort, then slew [effort → effort].
+def bind_limiter(
+    limits: EffortLimits, period: float, permission: Permission, least: float = 0.0
+) -> Callable[[float], float]:
+    """Return a limiter for one run [effort → effort]: limit, cap, slew; `least` is one step of the drive's torque.
 
-    What is not finite comes out as not-a-number, for the loop to stop: no comparison holds for it, so it never passes
-    for a force within its limits.
+    A force that is not finite comes out as not-a-number, for the loop to stop: no comparison holds for it, so it never
+    passes for a force within its limits.
     """
     effort, largest_change = limits.effort, limits.slew * period
     growth = period / limits.fade_in
-    fade = 0.0
-    before = 0.0
 
     def limit(asked: float) -> float:
-        nonlocal before
-        if fade >= 1.0 and -effort <= asked <= effort and -largest_change <= asked - before <= largest_change:
-            before = asked
+        before = permission.before
+        if permission.unchanged and -effort <= asked <= effort and -largest_change <= asked - before <= largest_change:
+            permission.before = asked
             return asked
         return beyond(asked)
 
     def beyond(asked: float) -> float:
-        nonlocal fade, before
         if not math.isfinite(asked):
             return math.nan
-        if fade < 1.0:
-            fade = min(1.0, fade + growth)
-            asked *= fade
-        if not -effort <= asked <= effort:
-            asked = effort if asked > effort else -effort
+        if permission.fade < 1.0:
+            permission.fade = min(1.0, permission.fade + growth)
+        if permission.cap < math.inf and permission.contact_left(asked, least):
+            permission.cap = math.inf
+        permission.unchanged = permission.fade >= 1.0 and permission.cap == math.inf
+        bound = min(effort * permission.fade, permission.cap)
+        if not -bound <= asked <= bound:
+            permission.clipped += 1
+            asked = math.copysign(bound, asked)
+        before = permission.before
         if not -largest_change <= asked - before <= largest_change:
-            asked = before + (largest_change if asked > before else -largest_change)
-        before = asked
+            asked = before + math.copysign(largest_change, asked - before)
+        permission.before = asked
         return asked
 
     return limit
+
+
+def bind_hold(period: float, permission: Permission) -> Callable[[int], float]:
+    """Return what gives the permitted force of a period without feedback, by how many have been missing in a row."""
+    fade_periods = max(1, round(HOLD_FADE / period))
+
+    def hold(missing: int) -> float:
+        if missing == 1:
+            permission.held = permission.before
+            return permission.before
+        if missing == 2:
+            permission.cap_at(min(permission.cap, abs(permission.held)), math.copysign(1.0, permission.held))
+            if permission.held == 0.0:
+                permission.side = 0.0
+        share = max(0.0, 1.0 - (missing - 1) / fade_periods)
+        permission.before = permission.held * share
+        return permission.before
+
+    return hold

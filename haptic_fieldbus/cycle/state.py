@@ -11,15 +11,19 @@ class AxisState:
 
     power: PowerState = PowerState.UNKNOWN
     controlword: int = 0
-    stale_periods: int = 0
-    periods_apart: int = 1
-    """Between this feedback and the one before."""
-    settled: bool = True
-    """Whether both this feedback and the one before are fresh."""
+    missing: int = 0
+    """Periods in a row without new feedback, this one included."""
+    steps: int = 1
+    """Periods that lie between this feedback and the one before; 0 where this period has none."""
     gain: float = 1.0
+    """Share of the held force in a period without feedback."""
     zero_counts: int | None = None
     began_ns: int = 0
+    moved_ns: int = 0
+    """When the position changed last."""
     position: float = 0.0
+    way: float = 0.0
+    """Of the last period [m or rad]."""
     drift: float = 0.0
     """How far the position may be off [m or rad]; only a position that is integrated is."""
     force: float = 0.0

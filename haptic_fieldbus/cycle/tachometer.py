@@ -6,21 +6,15 @@ the drift limit of the axis. A position limit is kept by the place where the han
 
 import math
 from collections.abc import Callable
-from typing import Protocol
 
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.state import AxisState, Sensed
+from haptic_fieldbus.cycle.watch import TripOff
 from haptic_fieldbus.numerics.estimators.tachometer import VelocityIntegrator
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 
 Follow = Callable[[int, int], None]
 """(t_ns, reading); without a new reading the one before."""
-
-
-class TripOff(Protocol):
-    """Takes the torque away."""
-
-    def __call__(self, kind: TripKind, value: float, limit: float | None = None) -> None: ...
 
 
 def bind_follow(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float, trip: TripOff) -> Follow:
@@ -36,7 +30,7 @@ def bind_follow(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float,
         if began_ns is None:
             began_ns = t_ns
             integrator.start(velocity)
-        elif state.stale_periods:
+        elif not state.steps:
             integrator.hold((t_ns - began_ns) * 1e-9)
         else:
             integrator.step(velocity, (t_ns - began_ns) * 1e-9)

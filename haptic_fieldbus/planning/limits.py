@@ -1,17 +1,28 @@
-"""How far an axis may go: what the plan grants, before any guard of the running cycle."""
+"""The limits of an axis: what the plan grants, before any guard of the running cycle."""
 
 import math
 from dataclasses import dataclass
 
 FADE_IN = 0.5
-"""[s]; from *operation enabled* to full force."""
+"""[s]; from *operation enabled* to the full limit."""
 SLEW_TIME = 0.005
 """[s]; the command needs at least this long from zero to the effort limit."""
 SPEED_LIMIT = {"linear": 2.0, "rotary": 60.0}
 """[m/s or rad/s]; where a rig states none."""
+HAND = {"linear": 500.0, "rotary": 25.0}
+"""The largest force [N] or torque [N·m] that a hand is taken to exert, in a blow: from it follows which jump of the
+encoder no motion can make. Chosen here, well above a push (some 200 N) and below a hammer."""
 DRIFT_TURNS = 0.1
 """Revolutions of the motor that an integrated position may be uncertain by, where a rig states no limit: 12 s of
 readings in whole revolutions a minute, each wrong by half of one."""
+STALL_TIME = 90.0
+"""[s]; so long counts may stand still under torque before the limit falls."""
+HOLDING_SHARE = 0.05
+"""Share of rated torque that a hand may be left alone with: after a stall, and without a guard that was proved."""
+START_SHARE = 0.25
+"""Share of the effort limit that a scene may ask for in its first period."""
+AGE_SHARE = 0.6
+"""Share of the drive's own guard at which feedback is too old."""
 
 
 @dataclass(frozen=True)
@@ -25,3 +36,20 @@ class EffortLimits:
     fade_in: float = FADE_IN
     drift: float = math.inf
     """How far a position that is integrated from velocity may be uncertain."""
+    acceleration: float = math.inf
+    """[m/s² or rad/s²]; beyond it is no motion of motor, hand and inertia."""
+    power: float = math.inf
+    """[W] that the motor may give to the hand."""
+    stall: float = math.inf
+    """[s] for which counts may stand still under torque."""
+    holding: float = math.inf
+    """Effort that is permitted after a stall."""
+    age: float = math.inf
+    """[s]; oldest feedback with which force is rendered."""
+
+    def jump(self, period: float, resolution: float) -> float:
+        """Return the largest second difference of the position [m or rad] that motion and encoder can make.
+
+        Each of its three readings is up to half a count off, the middle one counts twice.
+        """
+        return self.acceleration * period**2 + 2.0 * resolution

@@ -1,0 +1,82 @@
+"""The checks of one axis that a period without anything unusual does not reach: its link, its samples, its motion.
+
+Samples are told apart by the instants at which the drive latched them. A sample that comes several periods after the
+one before is used as it is: speed and acceleration are divided by the time that really passed.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+from haptic_fieldbus.cycle.gaps import LARGEST_SHARE, Gaps
+from haptic_fieldbus.cycle.safety import LINK_TRIPS, TripKind
+from haptic_fieldbus.cycle.state import AxisState
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.signals import LinkFlag
+
+T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(5)
+"""Places in the feedback of an axis; the mapped signals follow."""
+
+
+class TripOff(Protocol):
+    """Takes the torque away."""
+
+    def __call__(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None: ...
+
+
+class Watch:
+    """Watches one axis; `trip` takes the torque away."""
+
+    def __init__(self, axis: AxisPlan, state: AxisState, period: float, trip: TripOff) -> None:
+        self._state, self._trip = state, trip
+        self._period = period
+        self._limits, self._resolution = axis.limits, axis.resolution
+        self._jump = axis.limits.jump(period, axis.resolution) - 2.0 * axis.resolution
+        self._lowest, self._highest = axis.limits.position or (-math.inf, math.inf)
+        margin = None if axis.stability is None else axis.stability.margin
+        self._gaps = Gaps(period, margin if margin is not None and margin > 1.0 else math.inf)
+
+    def link(self, feedback: Sequence[int], elapsed_ns: int, rendering: bool) -> int:
+        """Return how many periods this sample spans, 0 when it is not new; trip on faults of the link."""
+        state, flags = self._state, feedback[FLAGS]
+        for flag, kind in LINK_TRIPS.items():
+            if flags & flag:
+                self._trip(kind, feedback[EMERGENCY])
+        age = feedback[AGE_NS] * 1e-9
+        if rendering and age > self._limits.age:
+            self._trip(TripKind.FEEDBACK_LOST, age, self._limits.age)
+        if flags & LinkFlag.STALE:
+            state.missing += 1
+            return 0
+        lost, state.missing, state.gain = state.missing > 0, 0, 1.0
+        if not rendering or state.zero_counts is None:
+            return 1
+        if elapsed_ns < 0:
+            self._trip(TripKind.CLOCK, elapsed_ns * 1e-9)
+        steps = max(1, round(elapsed_ns * 1e-9 / self._period))
+        if steps > 1:
+            self._spanned(feedback[T_NS], steps, lost=lost)
+        return steps
+
+    def _spanned(self, t_ns: int, steps: int, *, lost: bool) -> None:
+        """A sample that spans several periods: because feedback was lost, or because the loop was late."""
+        passed = steps * self._period
+        if not lost and passed > self._limits.age:
+            self._trip(TripKind.PERIODS_MISSED, passed, self._limits.age)
+        self._gaps.note(t_ns, steps)
+        if self._gaps.too_many:
+            kind = TripKind.FEEDBACK_SPARSE if lost else TripKind.PERIODS_MISSED
+            self._trip(kind, self._gaps.share, LARGEST_SHARE, f"{self._gaps.stretch:.2f}")
+
+    def motion(self, here: float, way: float, elapsed_ns: int) -> None:
+        """Trip when the handle, now at `here` [m or rad], went `way` too fast or too suddenly, or left its range."""
+        limits, state = self._limits, self._state
+        passed = max(elapsed_ns * 1e-9, self._period)
+        if abs(way) > limits.speed * passed + self._resolution:
+            self._trip(TripKind.SPEED, abs(way) / passed, limits.speed)
+        if not self._lowest <= here <= self._highest:
+            self._trip(TripKind.POSITION, here, self._lowest if here < self._lowest else self._highest)
+        periods = passed / self._period
+        change = abs(way - state.way * periods)
+        if change > self._jump * periods**2 + 2.0 * self._resolution * periods:
+            self._trip(TripKind.ACCELERATION, change / passed**2, limits.acceleration)
