@@ -1,7 +1,9 @@
-"""One axis of a running plan, as closures over its feedback: *observe* every period, *render* while force is permitted.
+"""One axis of a running plan, as three closures over its feedback, called in this order in each period.
 
-Each is a straight line for the period in which nothing is wrong; whatever is out of the ordinary is a call on the side.
-Between the two `sense` works out what else the scene needs, where it needs anything beside positions.
+`observe` runs every period: it decodes the input image and follows link, power state and position. `sense` and
+`render` run only while force is permitted: `sense` derives velocity, time and torque actual, as far as the scene needs
+them; `render` computes and encodes the target torque. Each closure is a straight line for a period in which nothing is
+wrong. A link flag, a changed statusword or a motion beyond the limits is handled by a separate call.
 """
 
 import math
@@ -29,11 +31,11 @@ POSITION_COUNTS = STATUSWORD + 1
 VELOCITY_READING = STATUSWORD + 1
 """Place of the velocity in the feedback of an axis whose drive offers no position."""
 COMPUTED = ("position", "velocity", "force", "gain", "command")
-"""Columns that an axis adds to the decoded ones."""
+"""Columns of a row that the axis computes; they follow the decoded ones."""
 
 
 class Owner(Protocol):
-    """The cycle, as far as its axes know it."""
+    """The part of a cycle that its axes use."""
 
     trip: Trip | None
     enabled: bool
@@ -42,7 +44,7 @@ class Owner(Protocol):
 
 
 class AxisCycle:
-    """Binds one axis of a plan; `output` is the output image of all axes."""
+    """One axis of a running plan; `output` is the output image, shared by all axes."""
 
     def __init__(self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float) -> None:
         self.state, self.sensed, self.permission = AxisState(), Sensed(), Permission()
@@ -56,29 +58,31 @@ class AxisCycle:
         self.sense, self._step_estimator = bind_sense(axis, self.state, self.sensed, lambda: self._feedback, period)
         """Works out velocity, time and torque, once a period; None where the scene needs none of them."""
         self._fields = [self.field_of(element) for element in axis.elements]
-        """One for each element in their order; the couplings, where the axis has any, stand last."""
+        """Force field of each element in order; the sum of all couplings is the last field, if the axis has any."""
         if axis.couplings:
+            # The cycle adds up the couplings before any axis renders, so their field only reads the sum.
             self._fields.append(lambda position: self.sensed.coupled)
         self._field = summed(self._fields)
         self.render = self._bind_render()
 
     @property
     def feedback(self) -> tuple[int, ...]:
-        """What was decoded last; its first is t_ns."""
+        """Feedback decoded last; its first value is t_ns."""
         return self._feedback
 
     def row(self) -> tuple[float, ...]:
-        """The columns of this axis: what was decoded, `COMPUTED`, and what was sent."""
+        """Return the columns of this axis: decoded values without t_ns, `COMPUTED`, controlword and target torque."""
         state, unit = self.state, self._axis.effort_unit
         computed = (state.position, self.sensed.velocity, state.force, state.gain, state.target * unit)
         return (*self._feedback[1:], *computed, state.controlword, self._axis.rig.mechanism.sign * state.target)
 
     def begin(self) -> None:
-        """The first rendered period: where zero is, and where the handle is then."""
-        counts = self._feedback[POSITION_COUNTS]
+        """Set the zero and the position of the handle, in the first rendered period."""
+        counts = self._feedback[POSITION_COUNTS]  # where the drive offers velocity only: its reading
         zero = self._axis.rig.mechanism.zero
         self.state.began_ns = self.state.moved_ns = self._feedback[T_NS]
         if self._axis.integrates:
+            # There is no encoder count to begin at; any number in `zero_counts` makes `observe` follow from now on.
             self._follow(self._feedback[T_NS], counts)
             self.state.zero_counts = 0
             return
@@ -92,28 +96,32 @@ class AxisCycle:
             self._trip(TripKind.START_FORCE, self.state.force, largest)
 
     def release(self, *, tripped: bool) -> None:
-        """No torque; after a trip no voltage either."""
+        """Encode target torque 0; after a trip also the controlword that disables the voltage."""
         self.state.target = 0
         if tripped:
             self.state.controlword = self._axis.power.off
         self._image.output.pack_into(self._output, self._image.outputs[0], self.state.controlword, 0)
 
     def field_of(self, element: Element) -> Field:
-        """A fresh law of an element that needs no signal beyond those of the plan; made in any thread."""
+        """Return a fresh force field of `element`, which needs no signal beyond those of the plan.
+
+        May be called from any thread.
+        """
         return field_of(element, self._period, self._axis.method, self.sensed)
 
     def exchange(self, fields: Mapping[int, Field], periods: int) -> None:
-        """Go over to other fields at these places within so many periods; the others go on as they are."""
+        """Replace the fields at these places along a ramp of `periods`; the other fields keep their state."""
         for place, field in fields.items():
             self._fields[place] = blended(self._fields[place], field, periods)
         self._field = summed(self._fields)
 
     def reader(self, needs: Sequence[Signal]) -> Callable[[], list[float]]:
-        """Reads the signals that a coupling needs of this axis, in their order."""
+        """Return a function that reads the signals `needs` of this axis, in their order."""
         state, sensed, readers = self.state, self.sensed, [READERS[signal] for signal in needs]
         return lambda: [read(state.position, sensed) for read in readers]
 
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
+        """Record the first trip of the run and withdraw the permission; later trips are ignored."""
         if self._owner.trip is None:
             self._owner.trip = Trip(kind, self._axis.name, self._feedback[T_NS], value, limit, detail)
             self._owner.enabled = False
@@ -124,6 +132,7 @@ class AxisCycle:
         unpack, power = self._image.input.unpack_from, self._power
         unit, mask = axis.position_unit, axis.power.mask
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
+        # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
         jump = axis.limits.jump(self._period, abs(unit))
         shortest, longest = _in_time(self._period)
@@ -148,6 +157,7 @@ class AxisCycle:
             zero = state.zero_counts
             if zero is not None:
                 counts = feedback[POSITION_COUNTS] - zero
+                # The encoder may wrap around between zero and here; the difference modulo 2³² is still right.
                 if not -HALF_TURN_OF_INT32 <= counts < HALF_TURN_OF_INT32:
                     counts = (counts + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32
                 here = counts * unit
@@ -168,8 +178,8 @@ class AxisCycle:
         return observe
 
     def _bind_observe_velocity(self) -> Observe:
-        """The same for a drive that offers velocity only: velocity → position."""
-        from haptic_fieldbus.cycle.tachometer import bind_follow
+        """Return `observe` for a drive that offers velocity only, from which the position is integrated."""
+        from haptic_fieldbus.cycle.tachometer import bind_follow  # a drive with a position does without it
 
         state, owner, watch = self.state, self._owner, self._watch
         unpack, power = self._image.input.unpack_from, self._power
@@ -222,13 +232,17 @@ class AxisCycle:
             self._field(state.position)
 
     def _power(self) -> None:
-        """Statusword → power state → the controlword that asks for the next transition."""
+        """Derive the power state from the statusword, and the controlword that requests the next transition.
+
+        Trips on a fault state, and when the drive leaves operation enabled.
+        """
         state, statusword = self.state, self._feedback[STATUSWORD]
         table = self._axis.power
         before, state.power = state.power, table.state(statusword)
         state.controlword = table.answer(state.power)
         if state.power in FAULT_STATES:
             self._trip(TripKind.DRIVE_FAULT, statusword, detail=state.power.value)
+        # A chained comparison: it was operation enabled, and is not any more.
         elif before is PowerState.OPERATION_ENABLED is not state.power:
             self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
         self._owner.update_enabled()

@@ -29,7 +29,7 @@ HOLD_FADE = 0.01
 
 
 class TripKind(Enum):
-    """What stopped the run; the value is the name that people and scripts see."""
+    """Reason for a trip; the value is the name that users and scripts see."""
 
     EMERGENCY = "emergency"
     DRIVE_FAULT = "drive fault"
@@ -66,7 +66,7 @@ LINK_TRIPS = {
 
 @dataclass(frozen=True)
 class Trip:
-    """Why and when torque was taken away: `value` passed `limit` (where there is one) on `axis` at `t_ns`."""
+    """Reason and instant of the loss of torque: `value` exceeded `limit` (None: no limit) on `axis` at `t_ns`."""
 
     kind: TripKind
     axis: str
