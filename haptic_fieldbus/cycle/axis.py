@@ -123,7 +123,8 @@ class AxisCycle:
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
         """Record the first trip of the run and withdraw the permission; later trips are ignored."""
         if self._owner.trip is None:
-            self._owner.trip = Trip(kind, self._axis.name, self._feedback[T_NS], value, limit, detail)
+            t_ns, position = self._feedback[T_NS], self.state.position
+            self._owner.trip = Trip(kind, self._axis.name, t_ns, value, limit, detail, position)
             self._owner.enabled = False
 
     def _bind_observe(self) -> Observe:
@@ -260,9 +261,11 @@ class AxisCycle:
         def render() -> None:
             if state.steps:
                 state.force = force = self._field(state.position)
+            if not state.holding:
+                state.gain = 1.0
                 permitted = limit(force)
             else:
-                permitted = hold(state.missing)
+                permitted = hold(state.holding)
                 state.gain = permitted / permission.held if permission.held else 1.0
             if permitted != permitted:
                 trip(TripKind.NOT_FINITE, state.force)

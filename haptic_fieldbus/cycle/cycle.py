@@ -72,6 +72,8 @@ class Cycle:
         self._first = next(iter(self._axes.values()))
         self._pairs = [self._pair(element, plan.period) for element in plan.scene.couplings]
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
+        tied = dict.fromkeys(name for element in plan.scene.couplings for name in element.axes)
+        self._tied = tuple(self._axes[name].state for name in tied)
         self._render = self._begin
         self.step = self._bind_step()
         """The cycle as a plain function, because Python calls a function faster than an object."""
@@ -161,6 +163,7 @@ class Cycle:
         # Coupling forces must be complete before any axis renders, and every coupling may read any sensed signal.
         before: list[Callable[[], None]] = [axis.sense for axis in axes if axis.sense is not None]
         if self._couplings:
+            before.insert(0, self._share_gaps)
             before.append(self._uncouple)
         steps = (*before, *self._couplings, *[axis.render for axis in axes])
         self._render = steps[0] if len(steps) == 1 else in_order(steps)
@@ -193,6 +196,12 @@ class Cycle:
             second.sensed.coupled += on_second
 
         return couple
+
+    def _share_gaps(self) -> None:
+        """A gap of one axis is one of all that are tied to it: their forces follow from where it was."""
+        worst = max([state.missing for state in self._tied])
+        for state in self._tied:
+            state.holding = worst
 
     def _uncouple(self) -> None:
         """Reset the coupling force of each axis to 0, before the couplings of the period add to it."""

@@ -74,6 +74,8 @@ class Trip:
     value: float
     limit: float | None = None
     detail: str = ""
+    position: float = 0.0
+    """Of the handle then [m or rad]."""
 
 
 @dataclass(slots=True)
@@ -99,8 +101,8 @@ class Permission:
         self.cap, self.side, self.unchanged = cap, side, False
 
     def contact_left(self, asked: float, least: float) -> bool:
-        """Whether the scene asks for no force (below `least`), or for one against the capped direction."""
-        if abs(asked) < least:
+        """Whether the scene asks for no force (`least` at most), or for one against the capped direction."""
+        if abs(asked) <= least:
             return True
         if self.side == 0.0:
             self.side = math.copysign(1.0, asked)

@@ -13,6 +13,8 @@ class AxisState:
     controlword: int = 0
     missing: int = 0
     """Periods in a row without new feedback, this one included."""
+    holding: int = 0
+    """The same of the axis that has missed most, among those that couplings tie to this one."""
     steps: int = 1
     """Periods that lie between this feedback and the one before; 0 where this period has none."""
     gain: float = 1.0

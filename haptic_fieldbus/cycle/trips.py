@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
+from haptic_fieldbus.cycle.start import start_position
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
@@ -19,7 +20,14 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.FEEDBACK_LOST: BusTimeoutError,
     TripKind.BUS_OFF: BusError,
     TripKind.BUS_EXCEPTION: BusError,
+    TripKind.FEEDBACK_SPARSE: BusTimeoutError,
+    TripKind.PERIODS_MISSED: SafetyTripError,
+    TripKind.CLOCK: BusError,
     TripKind.NOT_FINITE: SafetyTripError,
+    TripKind.ELEMENT_FAILED: SafetyTripError,
+    TripKind.START_FORCE: SafetyTripError,
+    TripKind.ACCELERATION: SafetyTripError,
+    TripKind.POWER: SafetyTripError,
     TripKind.SPEED: SafetyTripError,
     TripKind.POSITION: SafetyTripError,
     TripKind.DRIFT: SafetyTripError,
@@ -69,6 +77,58 @@ def _feedback(trip: Trip, axis: AxisPlan) -> str:
     return f"no feedback from node {axis.node}: the last is {trip.value * 1e3:.1f} ms old"
 
 
+def _too_often(trip: Trip, axis: AxisPlan) -> str:
+    return (
+        f"{100 * trip.value:.0f} % of the feedback of node {axis.node} was lost within a second, which divides the "
+        f"stiffness that is stable by {trip.detail}"
+    )
+
+
+def _missed(trip: Trip, axis: AxisPlan) -> str:
+    """One long sleep has no detail; many short ones have the factor by which they cost stiffness."""
+    advice = "another process takes the processor's time, or the rate is too high for this computer"
+    if not trip.detail:
+        return f"the loop slept for {trip.value * 1e3:.1f} ms: {advice}"
+    return (
+        f"the loop missed {100 * trip.value:.0f} % of the periods of a second, which divides the stiffness that is "
+        f"stable by {trip.detail}: {advice}"
+    )
+
+
+def _clock(trip: Trip, axis: AxisPlan) -> str:
+    return f"the time of a sample lies {-trip.value * 1e3:.3f} ms before that of the one before"
+
+
+def _failed(trip: Trip, axis: AxisPlan) -> str:
+    return f"the scene failed: {trip.detail}"
+
+
+def _start(trip: Trip, axis: AxisPlan) -> str:
+    unit = axis.workspace.effort_unit
+    where = start_position(axis, trip.limit or 0.0, trip.position)
+    advice = (
+        "no place nearby would do: lower the force of the scene"
+        if where is None
+        else f"start with the handle {where:+.4g} {axis.workspace.length_unit} from here"
+    )
+    return (
+        f"the scene begins with {trip.value:.3g} {unit}, and at most {trip.limit:.3g} {unit} is permitted at the "
+        f"start; {advice}"
+    )
+
+
+def _acceleration(trip: Trip, axis: AxisPlan) -> str:
+    unit = axis.workspace.length_unit
+    return (
+        f"the position jumped: {trip.value:.3g} {unit}/s² is more than motor, hand and inertia can do "
+        f"({trip.limit:.3g} {unit}/s²). Check the encoder and its cable"
+    )
+
+
+def _exceeded_power(trip: Trip, axis: AxisPlan) -> str:
+    return f"power {trip.value:.3g} W, the limit is {trip.limit:g} W"
+
+
 def _not_finite(trip: Trip, axis: AxisPlan) -> str:
     return f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
 
@@ -100,7 +160,14 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.DRIVE_FAULT: _power,
     TripKind.DRIVE_DISABLED: _power,
     TripKind.FEEDBACK_LOST: _feedback,
+    TripKind.FEEDBACK_SPARSE: _too_often,
+    TripKind.PERIODS_MISSED: _missed,
+    TripKind.CLOCK: _clock,
     TripKind.NOT_FINITE: _not_finite,
+    TripKind.ELEMENT_FAILED: _failed,
+    TripKind.START_FORCE: _start,
+    TripKind.ACCELERATION: _acceleration,
+    TripKind.POWER: _exceeded_power,
     TripKind.SPEED: _speed,
     TripKind.POSITION: _position,
     TripKind.DRIFT: _drift,

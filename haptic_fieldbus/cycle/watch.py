@@ -32,6 +32,7 @@ class Watch:
         self._period = period
         self._limits, self._resolution = axis.limits, axis.resolution
         self._jump = axis.limits.jump(period, axis.resolution) - 2.0 * axis.resolution
+        self._oldest_ns = self._limits.age * 1e9
         self._lowest, self._highest = axis.limits.position or (-math.inf, math.inf)
         margin = None if axis.stability is None else axis.stability.margin
         self._gaps = Gaps(period, margin if margin is not None and margin > 1.0 else math.inf)
@@ -42,13 +43,14 @@ class Watch:
         for flag, kind in LINK_TRIPS.items():
             if flags & flag:
                 self._trip(kind, feedback[EMERGENCY])
-        age = feedback[AGE_NS] * 1e-9
-        if rendering and age > self._limits.age:
-            self._trip(TripKind.FEEDBACK_LOST, age, self._limits.age)
+        if rendering and feedback[AGE_NS] > self._oldest_ns:
+            self._trip(TripKind.FEEDBACK_LOST, feedback[AGE_NS] * 1e-9, self._limits.age)
         if flags & LinkFlag.STALE:
             state.missing += 1
+            state.holding = state.missing
             return 0
-        lost, state.missing, state.gain = state.missing > 0, 0, 1.0
+        lost = state.missing > 0
+        state.missing = state.holding = 0
         if not rendering or state.zero_counts is None:
             return 1
         if elapsed_ns < 0:

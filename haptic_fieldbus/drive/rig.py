@@ -90,6 +90,12 @@ class Limits:
     position: tuple[float, float] | None = None
     drift: PositiveFloat | None = None
     """How far a position that is integrated from velocity may be uncertain; no other position is."""
+    acceleration: PositiveFloat | None = None
+    """[m/s² or rad/s²]; None: what the motor and a hand can do to the inertia, where it is known."""
+    power: PositiveFloat | None = None
+    """[W] that the motor may give to the hand; None: not limited."""
+    stall: PositiveFloat | None = None
+    """[s] for which counts may stand still under torque before the limit falls; None: 90 s."""
     __pydantic_config__: ClassVar = STRICT
 
 

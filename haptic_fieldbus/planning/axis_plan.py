@@ -20,7 +20,15 @@ from haptic_fieldbus.margins import Plant, Stability
 from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.image import canonical
-from haptic_fieldbus.planning.limits import DRIFT_TURNS, SLEW_TIME, SPEED_LIMIT, EffortLimits
+from haptic_fieldbus.planning.limits import (
+    DRIFT_TURNS,
+    HAND,
+    HOLDING_SHARE,
+    SLEW_TIME,
+    SPEED_LIMIT,
+    STALL_TIME,
+    EffortLimits,
+)
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import AxisTraffic, Delay
@@ -28,8 +36,6 @@ from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, DynamicE
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
 
-UNKNOWN_BENCH_EFFORT = 0.05
-"""Share of rated torque that is allowed on a bench whose plant is unknown."""
 ALWAYS_OUT = (Signal.CONTROLWORD, Signal.TARGET_TORQUE)
 PROVIDERS = {
     Signal.POSITION: (Signal.POSITION, Signal.VELOCITY),
@@ -146,7 +152,7 @@ def draft_axis(
         couplings=couplings,
         estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
-        limits=_limits(axis, rated if plant else UNKNOWN_BENCH_EFFORT * rated, scene_axis.workspace),
+        limits=_limits(axis, rated, plant, scene_axis.workspace),
         effort_unit=effort_unit,
         rated_effort=rated,
         steps_per_revolution=steps,
@@ -250,15 +256,21 @@ def _steps(profile: DriveProfile, axis: RigAxis) -> float:
     return steps_per_revolution(offered.unit if offered else COUNTS, axis.encoder_counts_per_revolution)
 
 
-def _limits(axis: RigAxis, most: float, workspace: Workspace) -> EffortLimits:
+def _limits(axis: RigAxis, rated: float, plant: Plant | None, workspace: Workspace) -> EffortLimits:
     """Effort is bounded by the rig's limit, and by what the motor may give."""
-    effort = min(axis.limits.effort or math.inf, most)
+    limits = axis.limits
+    effort = min(limits.effort or math.inf, rated if plant else HOLDING_SHARE * rated)
+    possible = (effort + HAND[workspace.value]) / plant.mass if plant and plant.mass else math.inf
     return EffortLimits(
         effort=effort,
-        speed=axis.limits.speed or SPEED_LIMIT[workspace.value],
+        speed=limits.speed or SPEED_LIMIT[workspace.value],
         slew=effort / SLEW_TIME,
-        position=axis.limits.position,
-        drift=axis.limits.drift or 2 * math.pi * DRIFT_TURNS * axis.mechanism.ratio,
+        position=limits.position,
+        drift=limits.drift or 2 * math.pi * DRIFT_TURNS * axis.mechanism.ratio,
+        acceleration=limits.acceleration or possible,
+        power=limits.power or math.inf,
+        stall=limits.stall or STALL_TIME,
+        holding=HOLDING_SHARE * rated,
     )
 
 

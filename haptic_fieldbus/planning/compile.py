@@ -9,7 +9,7 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
 from haptic_fieldbus.planning.image import lay_out_image
-from haptic_fieldbus.planning.judging import delayed, judged
+from haptic_fieldbus.planning.judging import judged, on_bus
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import BusTraffic
@@ -35,8 +35,8 @@ def compile_plan(
     scene = scene.at_period(period)
     drafts = [draft_axis(scene, axis, rig, profiles, method, estimator) for axis in scene.axes]
     buses = _buses(drafts, rig, rate)
-    delays = {axis: bus.traffic.delay(axis) for bus in buses for axis in bus.axes}
-    axes = judged([delayed(draft, delays[draft.name], period) for draft in drafts], period)
+    traffic = {axis: bus.traffic for bus in buses for axis in bus.axes}
+    axes = judged([on_bus(draft, traffic[draft.name], period) for draft in drafts], period)
     return Plan(
         scene=scene,
         rig=rig,

@@ -7,12 +7,14 @@ from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, AxisPlan
-from haptic_fieldbus.protocols.traffic import Delay
+from haptic_fieldbus.planning.limits import AGE_SHARE
+from haptic_fieldbus.protocols.traffic import BusTraffic
 
 
-def delayed(draft: AxisPlan, delay: Delay, period: float) -> AxisPlan:
-    """The axis with its delay, and its bench as the loop sees it."""
-    return replace(draft, delay=delay, plant=_seen(draft, period))
+def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
+    """Return the axis with what its bus says of it: delay, age limit; and with its bench as the loop sees it."""
+    limits = replace(draft.limits, age=AGE_SHARE * traffic.guard(draft.name))
+    return replace(draft, delay=traffic.delay(draft.name), limits=limits, plant=_seen(draft, period))
 
 
 def _seen(axis: AxisPlan, period: float) -> Plant | None:

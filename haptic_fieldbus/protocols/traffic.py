@@ -86,6 +86,9 @@ class BusTraffic(Protocol):
     def delay(self, axis: str) -> Delay:
         """The delay budget of one of its axes."""
 
+    def guard(self, axis: str) -> float:
+        """Time after which the drive of an axis takes the torque away by itself, when nothing comes from us [s]."""
+
     def check(self, bus: str) -> None:
         """Raises BusOverloadError where the bus cannot carry this; `bus` is its name, empty where there is one."""
 

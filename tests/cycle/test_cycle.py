@@ -3,27 +3,30 @@
 import math
 import struct
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import pytest
 
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.cycle.trips import trip_error
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.rig import Limits, LinearMechanism
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag, Signal
-from tests.builders import plan_of, rig_of, scene_of
+from tests.builders import WALL, plan_of, rig_of, scene_of
 
 ENABLED, SWITCHED_ON, READY, DISABLED, FAULT, QUICK_STOP = 0x0637, 0x0633, 0x0631, 0x0650, 0x0618, 0x0617
 COUNT = 0.05 / 4096
 UNIT = 0.4 / 1000 / (0.05 / (2 * math.pi))
 FADED_IN = 501
+ANY_MOTION = Limits(speed=1e9, acceleration=1e12)
+"""For tests whose handle jumps from place to place."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,22 @@ def plan_with(scene: Scene, **changes: Any) -> Plan:
     return plan_of(scene, rig=rig_of(scene, **changes))
 
 
+def jumping(scene: Scene, **changes: Any) -> Plan:
+    """A plan on whose axes the handle may jump from place to place."""
+    return plan_with(scene, **{"limits": ANY_MOTION, **changes})
+
+
+class Ticks:
+    """The time [ns] of one sample after the other."""
+
+    def __init__(self) -> None:
+        self._t_ns = 0
+
+    def next(self, periods: int = 1) -> int:
+        self._t_ns += periods * 1_000_000
+        return self._t_ns
+
+
 @pytest.mark.parametrize(
     ("status", "controlword"),
     [(0x0600, 0x00), (DISABLED, 0x06), (READY, 0x07), (SWITCHED_ON, 0x0F), (QUICK_STOP, 0x00)],
@@ -76,7 +95,7 @@ def test_below_operation_enabled_torque_is_zero_and_the_next_transition_is_asked
 
 def test_a_wall_pushes_out_by_stiffness_times_penetration_in_the_drives_unit() -> None:
     """600 N/m, 1000 counts beyond the wall at 20 mm; one step of target torque is UNIT newtons."""
-    cycle = enabled_cycle()
+    cycle = enabled_cycle(jumping(WALL))
     for counts in range(100, round(0.02 / COUNT) + 1100, 100):
         control, target = sent(cycle(image(counts)))
     penetration = counts * COUNT - 0.02
@@ -87,7 +106,7 @@ def test_a_wall_pushes_out_by_stiffness_times_penetration_in_the_drives_unit() -
 
 def test_free_space_writes_zero_after_contact() -> None:
     scene = scene_of(Wall("handle", stiffness=600.0, position=0.0))
-    cycle = enabled_cycle(plan_of(scene))
+    cycle = enabled_cycle(jumping(scene))
     assert sent(cycle(image(100)))[1] < 0
     outputs = [sent(cycle(image(-1))) for _ in range(5)]
     assert outputs[-1] == (0x0F, 0)
@@ -115,23 +134,50 @@ def test_the_encoder_may_wrap() -> None:
 def test_a_mirrored_mechanism_turns_both_position_and_torque() -> None:
     mechanism = LinearMechanism("linear", 0.05, sign=-1)
     scene = scene_of(Wall("handle", stiffness=600.0, position=0.0))
-    mirrored, plain = enabled_cycle(plan_with(scene, mechanism=mechanism)), enabled_cycle(plan_of(scene))
+    mirrored, plain = enabled_cycle(jumping(scene, mechanism=mechanism)), enabled_cycle(jumping(scene))
     assert sent(mirrored(image(-100)))[1] == -sent(plain(image(100)))[1] > 0
 
 
-def test_force_fades_in_when_the_run_starts_inside_the_wall() -> None:
+def test_the_limit_fades_in_when_the_run_starts_inside_the_wall() -> None:
+    """6 N are asked for; the limit reaches rated torque on a straight line over 0.5 s, and meets them on its way."""
     scene = scene_of(Wall("handle", stiffness=600.0, position=-0.01))
     cycle = Cycle(plan_of(scene))
     targets = [sent(cycle(image()))[1] for _ in range(FADED_IN)]
-    assert targets[0] == 0
-    assert targets[250] == pytest.approx(-3.0 / UNIT, abs=1)
-    assert targets[-1] == pytest.approx(-6.0 / UNIT, abs=1)
-    assert max(abs(b - a) for a, b in pairwise(targets)) <= 2
+    line = [-min(2.0 * (number + 1), 6.0 / UNIT) for number in range(FADED_IN)]
+    assert targets == pytest.approx(line, abs=0.51)
+
+
+@pytest.mark.parametrize("inside", [-0.1, -0.03])
+def test_a_start_with_a_large_force_is_refused_with_the_place_that_would_do(inside: float) -> None:
+    """A quarter of rated torque is 12.57 N, 20.9 mm deep in this wall."""
+    plan = plan_of(scene_of(Wall("handle", stiffness=600.0, position=inside)))
+    cycle = Cycle(plan)
+    assert sent(cycle(image())) == (0x00, 0)
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.START_FORCE
+    words = str(trip_error(cycle.trip, plan, 0))
+    place = float(words.split("start with the handle ")[1].split()[0])
+    assert place == pytest.approx(inside + 250 * UNIT / 600.0, abs=0.5 / 2000)
+    assert abs(600.0 * (place - inside)) <= 250 * UNIT
+
+
+def test_a_start_that_is_too_strong_everywhere_says_so() -> None:
+    plan = plan_of(scene_of(Constant("handle", 20.0)))
+    cycle = Cycle(plan)
+    cycle(image())
+    assert cycle.trip is not None
+    assert "no place nearby would do" in str(trip_error(cycle.trip, plan, 0))
 
 
 def test_effort_is_limited_to_the_rigs_limit() -> None:
-    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 99.0)), limits=Limits(effort=8.0)))
-    assert sent(cycle(image()))[1] == round(8.0 / UNIT)
+    scene = scene_of(Wall("handle", stiffness=600.0, position=0.0))
+    cycle = enabled_cycle(plan_with(scene, limits=replace(ANY_MOTION, effort=8.0)))
+    for _ in range(10):
+        target = sent(cycle(image(-5000)))[1]
+    assert target == 0
+    for _ in range(10):
+        target = sent(cycle(image(5000)))[1]
+    assert target == -round(8.0 / UNIT)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
@@ -172,24 +218,158 @@ def test_each_fault_of_the_link_trips_at_once(flag: LinkFlag, kind: TripKind) ->
     assert cycle.trip.value == 0x2310
 
 
-def test_stale_feedback_is_held_then_faded_then_trips() -> None:
+def test_stale_feedback_is_held_then_fades_to_zero_and_trips_at_its_age() -> None:
+    """0.6 of the guard of 50 ms are 30 ms; the torque is gone 10 ms after the second missing sample."""
     cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 10.0))))
     full = sent(cycle(image()))[1]
-    targets = [sent(cycle(image(flags=LinkFlag.STALE, age=3_000_000)))[1] for _ in range(3)]
-    assert targets == [full, pytest.approx(full / 2, abs=1), 0]
+    targets = [sent(cycle(image(flags=LinkFlag.STALE, age=number * 1_000_000)))[1] for number in range(1, 31)]
+    assert targets == pytest.approx([full * max(0.0, 1.0 - number / 10) for number in range(30)], abs=0.51)
+    assert cycle.trip is None
+    assert sent(cycle(image(flags=LinkFlag.STALE, age=31_000_000))) == (0x00, 0)
     assert cycle.trip is not None
     assert cycle.trip.kind is TripKind.FEEDBACK_LOST
-    assert cycle.trip.value == pytest.approx(0.003)
+    assert (cycle.trip.value, cycle.trip.limit) == (pytest.approx(0.031), pytest.approx(0.03))
 
 
-def test_fresh_feedback_ends_the_hold() -> None:
+def test_one_missing_sample_changes_nothing() -> None:
     cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 10.0))))
     full = sent(cycle(image()))[1]
     for _ in range(4):
-        cycle(image(flags=LinkFlag.STALE))
-        cycle(image(flags=LinkFlag.STALE))
+        assert sent(cycle(image(flags=LinkFlag.STALE)))[1] == full
         assert sent(cycle(image()))[1] == full
     assert cycle.trip is None
+
+
+def test_after_a_gap_a_wall_pushes_no_harder_than_before_it_until_it_is_left() -> None:
+    clock = Ticks()
+    cycle = enabled_cycle(jumping(scene_of(Wall("handle", stiffness=600.0, position=0.0))))
+    before = sent(cycle(image(400, t_ns=clock.next())))[1]
+    for _ in range(20):
+        cycle(image(400, t_ns=clock.next(), flags=LinkFlag.STALE, age=1_000_000))
+    inside = [sent(cycle(image(800, t_ns=clock.next())))[1] for _ in range(50)]
+    assert min(inside) == before == inside[-1] < 0
+    assert sent(cycle(image(-1, t_ns=clock.next())))[1] > before
+    assert [sent(cycle(image(800, t_ns=clock.next())))[1] for _ in range(50)][-1] == pytest.approx(2 * before, abs=1)
+    assert cycle.trip is None
+
+
+def test_a_late_loop_renders_what_it_reads_and_nothing_fades() -> None:
+    """The loop slept for 4 periods; what it then reads is fresh, 100 counts deeper in the wall."""
+    clock = Ticks()
+    cycle = enabled_cycle(jumping(scene_of(Wall("handle", stiffness=600.0, position=0.0))))
+    cycle(image(100, t_ns=clock.next()))
+    assert sent(cycle(image(200, t_ns=clock.next(5))))[1] == round(-600.0 * 200 * COUNT / UNIT)
+    assert cycle.trip is None
+
+
+def test_a_velocity_is_the_way_over_the_time_that_really_passed() -> None:
+    """A damper of 1 N·s/m, 50 counts in 5 periods: 0.122 m/s, where one period would make 0.61 m/s of it."""
+    clock = Ticks()
+    cycle = enabled_cycle(jumping(scene_of(Damper("handle", damping=1.0))))
+    cycle(image(0, t_ns=clock.next()))
+    cycle(image(50, t_ns=clock.next(5)))
+    force = cycle.row[cycle.columns.index("handle.force")]
+    assert force == pytest.approx(-50 * COUNT / 0.005)
+
+
+def test_virtual_states_go_through_the_periods_of_a_gap() -> None:
+    """A sprung mass, moved on a straight line: with three of four samples gone it does what it does with all."""
+    scene = scene_of(SprungMass("handle", stiffness=100.0, mass=0.5))
+    whole, sparse = enabled_cycle(jumping(scene)), enabled_cycle(jumping(scene))
+    clock = Ticks()
+    for number in range(1, 201):
+        t_ns = clock.next()
+        whole(image(10 * number, t_ns=t_ns))
+        if number % 4 == 0:
+            sparse(image(10 * number, t_ns=t_ns))
+    for cycle in (whole, sparse):
+        assert cycle.row[cycle.columns.index("handle.force")] != 0.0
+    assert sparse.row[sparse.columns.index("handle.force")] == pytest.approx(
+        whole.row[whole.columns.index("handle.force")], rel=1e-9
+    )
+
+
+def test_a_loop_that_misses_a_fifth_of_its_periods_is_given_up() -> None:
+    clock = Ticks()
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 1.0))))
+    for _ in range(300):
+        cycle(image(t_ns=clock.next(2)))
+        if cycle.trip is not None:
+            break
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.PERIODS_MISSED
+    assert cycle.trip.t_ns < 1_000_000_000
+
+
+def test_a_loop_that_slept_for_longer_than_feedback_may_be_old_is_given_up() -> None:
+    clock = Ticks()
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 1.0))))
+    cycle(image(t_ns=clock.next()))
+    assert sent(cycle(image(t_ns=clock.next(40)))) == (0x00, 0)
+    assert cycle.trip is not None
+    assert (cycle.trip.kind, cycle.trip.value) == (TripKind.PERIODS_MISSED, pytest.approx(0.04))
+
+
+def test_feedback_of_which_two_thirds_are_lost_is_given_up() -> None:
+    clock = Ticks()
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 1.0))))
+    for _ in range(400):
+        for flags in (LinkFlag.STALE, LinkFlag.STALE, 0):
+            cycle(image(t_ns=clock.next(), flags=flags))
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.FEEDBACK_SPARSE
+
+
+def test_samples_whose_time_goes_back_are_given_up() -> None:
+    clock = Ticks()
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 1.0))))
+    t_ns = clock.next(5)
+    cycle(image(t_ns=t_ns))
+    assert sent(cycle(image(t_ns=t_ns - 1_000_000))) == (0x00, 0)
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.CLOCK
+
+
+def test_an_element_that_raises_takes_the_torque_away_and_is_named() -> None:
+    @dataclass(frozen=True)
+    class Raising(Constant):
+        def force(self, position: float) -> float:
+            return 1.0 / (100 - round(position / COUNT))
+
+    plan = jumping(scene_of(Raising("handle", 0.0)))
+    cycle = enabled_cycle(plan)
+    assert sent(cycle(image(100))) == (0x00, 0)
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.ELEMENT_FAILED
+    assert isinstance(cycle.failure, ZeroDivisionError)
+    assert "ZeroDivisionError" in str(trip_error(cycle.trip, plan, 0))
+    assert sent(cycle(image(0))) == (0x00, 0)
+
+
+def test_counts_that_stand_still_under_torque_lower_the_limit_and_no_more() -> None:
+    """After 2 s, here; 5 % of rated torque are left, until contact is left."""
+    plan = plan_with(scene_of(Wall("handle", stiffness=600.0, position=0.0)), limits=replace(ANY_MOTION, stall=2.0))
+    cycle, clock = enabled_cycle(plan), Ticks()
+    full = [sent(cycle(image(500, t_ns=clock.next())))[1] for _ in range(1900)][-1]
+    assert full == pytest.approx(-600.0 * 500 * COUNT / UNIT, abs=1)
+    assert [sent(cycle(image(500, t_ns=clock.next())))[1] for _ in range(300)][-1] == -50
+    assert cycle.trip is None
+    for counts, force in ((-1, 0), (500, full)):
+        assert [sent(cycle(image(counts, t_ns=clock.next())))[1] for _ in range(20)][-1] == force
+
+
+def test_power_beyond_the_limit_trips() -> None:
+    """10 N over 0.12 m/s are 1.2 W."""
+    plan = plan_with(scene_of(Constant("handle", 10.0)), limits=Limits(power=1.0))
+    cycle, clock = enabled_cycle(plan), Ticks()
+    for number in range(20):
+        cycle(image(number * (number + 1) // 2, t_ns=clock.next()))
+        if cycle.trip is not None:
+            break
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.POWER
+    assert 1.0 < cycle.trip.value < 1.3
+    assert number == math.ceil(0.1 / (COUNT / 0.001))
 
 
 def test_before_enabling_stale_feedback_only_waits() -> None:
@@ -218,7 +398,7 @@ def test_a_drive_that_leaves_operation_enabled_is_not_enabled_again(status: int)
 
 
 def test_a_position_jump_beyond_the_speed_limit_trips() -> None:
-    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 3.0)), limits=Limits(speed=1.0)))
+    cycle = enabled_cycle(jumping(scene_of(Constant("handle", 3.0)), limits=replace(ANY_MOTION, speed=1.0)))
     allowed = int(0.001 / COUNT)
     assert sent(cycle(image(allowed)))[0] == 0x0F
     assert sent(cycle(image(2 * allowed + 3))) == (0x00, 0)
@@ -228,11 +408,31 @@ def test_a_position_jump_beyond_the_speed_limit_trips() -> None:
     assert cycle.trip.value > 1.0
 
 
-def test_after_a_held_period_twice_the_way_is_allowed() -> None:
-    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 3.0)), limits=Limits(speed=1.0)))
-    cycle(image(0, flags=LinkFlag.STALE))
-    cycle(image(int(0.0019 / COUNT)))
+@pytest.mark.parametrize("flags", [0, LinkFlag.STALE])
+def test_after_a_gap_the_speed_is_that_over_the_whole_time(flags: int) -> None:
+    """Two periods' way in two periods, whether a sample was lost or the loop was late; in one it is too much."""
+    plan = jumping(scene_of(Constant("handle", 3.0)), limits=replace(ANY_MOTION, speed=1.0))
+    cycle, clock = enabled_cycle(plan), Ticks()
+    cycle(image(0, t_ns=clock.next()))
+    if flags:
+        cycle(image(0, flags=flags, t_ns=clock.next()))
+    cycle(image(int(0.0019 / COUNT), t_ns=clock.next(1 if flags else 2)))
     assert cycle.trip is None
+    cycle(image(2 * int(0.0019 / COUNT), t_ns=clock.next()))
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.SPEED
+
+
+def test_a_jump_that_no_motion_can_make_trips() -> None:
+    """9 mm; (50.3 N of the motor + 500 N of a hand) over 0.632 kg make 0.87 mm in a period."""
+    plan = plan_with(scene_of(Constant("handle", 3.0)), limits=Limits(speed=10.0))
+    mass, effort = 4.0e-5 / (0.05 / (2 * math.pi)) ** 2, 1000 * UNIT
+    largest = (effort + 500.0) / mass * 1e-6 + 2 * COUNT
+    for jump, trips in ((0.009, True), (largest + COUNT, True), (largest - COUNT, False)):
+        cycle, clock = enabled_cycle(plan), Ticks()
+        cycle(image(0, t_ns=clock.next()))
+        cycle(image(round(jump / COUNT), t_ns=clock.next()))
+        assert (cycle.trip is not None and cycle.trip.kind is TripKind.ACCELERATION) is trips
 
 
 @pytest.mark.parametrize(("counts", "limit"), [(20, 0.0001), (-20, -0.0001)])
@@ -336,7 +536,8 @@ def test_an_element_that_is_neither_static_nor_dynamic_is_refused() -> None:
 
 
 def test_the_target_stays_in_the_drives_type() -> None:
-    rig = rig_of(scene_of(Constant("handle", 1e9)))
-    axis = replace(rig.axis["handle"], limits=Limits(effort=1e9))
-    plan = plan_of(scene_of(Constant("handle", 1e9)), rig=replace(rig, axis={"handle": axis}))
-    assert sent(enabled_cycle(plan)(image()))[1] == 1000
+    scene = scene_of(Wall("handle", stiffness=1e9, position=0.001))
+    cycle = enabled_cycle(jumping(scene, limits=replace(ANY_MOTION, effort=1e9)))
+    for _ in range(20):
+        target = sent(cycle(image(200)))[1]
+    assert target == -1000

@@ -1,4 +1,4 @@
-"""The limiter and the staleness rule, against their definitions."""
+"""The gates between a scene and a hand, against their definitions."""
 
 import math
 from itertools import pairwise
@@ -7,52 +7,128 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.cycle.safety import bind_limiter, hold_gain
+from haptic_fieldbus.cycle.safety import HOLD_FADE, Permission, bind_hold, bind_limiter
 from haptic_fieldbus.planning.limits import EffortLimits
 
 PERIOD = 0.001
+FADED_IN = 1.0
 
 
 def limits(effort: float = 5.0, slew: float = 1e9, fade_in: float = PERIOD) -> EffortLimits:
     return EffortLimits(effort=effort, speed=1.0, slew=slew, fade_in=fade_in)
 
 
-def test_force_fades_in_linearly_from_the_first_period() -> None:
-    limit = bind_limiter(limits(fade_in=0.01), PERIOD)
-    assert [limit(1.0) for _ in range(12)] == pytest.approx(
-        [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.0, 1.0]
+def test_the_limit_fades_in_linearly_from_the_first_period() -> None:
+    limit = bind_limiter(limits(fade_in=0.01), PERIOD, Permission())
+    assert [limit(99.0) for _ in range(12)] == pytest.approx(
+        [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.0, 5.0]
     )
+
+
+def test_a_small_force_is_whole_as_soon_as_the_limit_has_passed_it() -> None:
+    limit = bind_limiter(limits(fade_in=0.01), PERIOD, Permission())
+    assert [limit(1.0) for _ in range(4)] == pytest.approx([0.5, 1.0, 1.0, 1.0])
+
+
+@given(st.floats(1.0, 1e6))
+def test_a_large_force_at_the_start_grows_no_faster_than_the_limit(asked: float) -> None:
+    limit = bind_limiter(limits(slew=1000.0, fade_in=0.5), PERIOD, Permission())
+    permitted = [0.0, *[limit(asked) for _ in range(500)]]
+    assert max(b - a for a, b in pairwise(permitted)) <= 5.0 * PERIOD / 0.5 + 1e-12
 
 
 @pytest.mark.parametrize(("asked", "permitted"), [(9.0, 5.0), (-9.0, -5.0), (4.0, 4.0)])
 def test_effort_is_clamped_on_both_sides(asked: float, permitted: float) -> None:
-    assert bind_limiter(limits(), PERIOD)(asked) == permitted
+    assert bind_limiter(limits(), PERIOD, Permission())(asked) == permitted
+
+
+def test_what_was_clipped_is_counted() -> None:
+    permission = Permission()
+    limit = bind_limiter(limits(), PERIOD, permission)
+    for asked in (1.0, 9.0, -9.0, 2.0):
+        limit(asked)
+    assert permission.clipped == 2
 
 
 def test_slew_bounds_the_change_of_a_period_in_both_directions() -> None:
-    limit = bind_limiter(limits(slew=1000.0), PERIOD)
+    limit = bind_limiter(limits(slew=1000.0), PERIOD, Permission())
     assert [limit(5.0), limit(5.0), limit(-5.0), limit(-5.0)] == pytest.approx([1.0, 2.0, 1.0, 0.0])
 
 
-@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=50))
-def test_no_input_passes_effort_or_slew(asked: list[float]) -> None:
-    limit = bind_limiter(limits(slew=2000.0, fade_in=0.02), PERIOD)
-    permitted = [0.0, *[limit(value) for value in asked]]
+Step = tuple[float, int]
+"""What the scene asks for, and how many periods without feedback come before."""
+
+
+@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.integers(0, 40)), min_size=2, max_size=30))
+def test_no_input_and_no_gap_passes_effort_or_slew(steps: list[Step]) -> None:
+    permission = Permission()
+    limit, hold = bind_limiter(limits(slew=1000.0, fade_in=0.02), PERIOD, permission), bind_hold(PERIOD, permission)
+    permitted = [0.0]
+    for asked, missing in steps:
+        permitted += [hold(number + 1) for number in range(missing)]
+        permitted.append(limit(asked))
     assert max(abs(value) for value in permitted) <= 5.0
-    assert all(abs(b - a) <= 2.0 + 1e-12 for a, b in pairwise(permitted))
+    assert all(abs(b - a) <= 1.0 + 1e-12 for a, b in pairwise(permitted))
 
 
-def test_stale_feedback_holds_one_period_fades_the_second_and_stops_at_the_third() -> None:
-    assert [hold_gain(periods) for periods in range(5)] == [1.0, 1.0, 0.5, None, None]
+def after_contact(force: float) -> tuple[Permission, list[float]]:
+    """A faded-in axis that gave this force, and then had no feedback for 20 periods."""
+    permission = Permission()
+    limit, hold = bind_limiter(limits(slew=1000.0), PERIOD, permission), bind_hold(PERIOD, permission)
+    for _ in range(10):
+        limit(force)
+    return permission, [hold(number + 1) for number in range(20)]
+
+
+def test_one_missing_period_is_held_and_a_longer_gap_fades_to_zero() -> None:
+    _, held = after_contact(4.0)
+    fading = [4.0 * max(0.0, 1.0 - number * PERIOD / HOLD_FADE) for number in range(20)]
+    assert held == pytest.approx(fading)
+
+
+@given(st.floats(-5.0, 5.0), st.lists(st.floats(0.0, 50.0), max_size=40))
+def test_back_in_contact_the_force_stays_below_that_before_the_gap(before: float, depth: list[float]) -> None:
+    permission, _ = after_contact(before)
+    limit = bind_limiter(limits(slew=1000.0), PERIOD, permission)
+    side = math.copysign(1.0, before)
+    assert all(abs(limit(side * force + side)) <= abs(before) + 1e-12 for force in depth)
+
+
+@pytest.mark.parametrize("leaving", [0.0, 1.0])
+def test_the_cap_ends_when_contact_is_left(leaving: float) -> None:
+    permission, _ = after_contact(-2.0)
+    limit = bind_limiter(limits(slew=1000.0), PERIOD, permission)
+    assert [limit(-4.0) for _ in range(5)][-1] == -2.0
+    limit(leaving)
+    assert [limit(-4.0) for _ in range(9)][-1] == -4.0
+
+
+def test_a_gap_outside_of_contact_gives_no_force_until_contact_is_left() -> None:
+    """The handle entered the wall unseen; nothing pushes it out."""
+    permission, held = after_contact(0.0)
+    limit = bind_limiter(limits(slew=1000.0), PERIOD, permission, least=0.01)
+    assert held == [0.0] * 20
+    assert [limit(-4.0) for _ in range(9)] == [0.0] * 9
+    limit(0.0)
+    assert [limit(-4.0) for _ in range(9)][-1] == -4.0
+
+
+def test_a_second_gap_never_raises_the_cap() -> None:
+    permission, _ = after_contact(-4.0)
+    limit, hold = bind_limiter(limits(slew=1000.0), PERIOD, permission), bind_hold(PERIOD, permission)
+    limit(-9.0)
+    for number in range(5):
+        hold(number + 1)
+    assert max(abs(limit(-9.0)) for _ in range(20)) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("periods_before", [0, 1000])
 def test_what_is_not_finite_comes_out_as_no_number_and_leaves_no_trace(value: float, periods_before: int) -> None:
-    limit = bind_limiter(limits(), PERIOD)
+    limit = bind_limiter(limits(), PERIOD, Permission())
     for _ in range(periods_before):
         limit(1.0)
-    untouched = bind_limiter(limits(), PERIOD)
+    untouched = bind_limiter(limits(), PERIOD, Permission())
     for _ in range(periods_before):
         untouched(1.0)
     assert math.isnan(limit(value))

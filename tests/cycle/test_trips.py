@@ -24,7 +24,17 @@ def test_the_tables_are_complete(table: dict[TripKind, object]) -> None:
 
 def test_only_our_own_limits_are_safety_trips() -> None:
     ours = {kind for kind, error in TRIP_ERRORS.items() if error is SafetyTripError}
-    assert ours == {TripKind.NOT_FINITE, TripKind.SPEED, TripKind.POSITION, TripKind.DRIFT}
+    assert ours == {
+        TripKind.PERIODS_MISSED,
+        TripKind.NOT_FINITE,
+        TripKind.ELEMENT_FAILED,
+        TripKind.START_FORCE,
+        TripKind.SPEED,
+        TripKind.ACCELERATION,
+        TripKind.POWER,
+        TripKind.POSITION,
+        TripKind.DRIFT,
+    }
     assert all(issubclass(error, (BusError, DriveFaultError, SafetyTripError)) for error in TRIP_ERRORS.values())
 
 

@@ -26,7 +26,7 @@ DURING_THE_RUN = {
     "drive fault": (f'kind = "drive_fault"\nat = {CONTACT}', 1, "2310h"),
     "node reset": (f'kind = "node_reset"\nat = {CONTACT}', 1, "restart"),
     "silence": (f'kind = "silence"\nat = {CONTACT}', 1, "feedback"),
-    "missing TPDOs": (f'kind = "missing_tpdos"\nat = {CONTACT}\ncount = 3', 1, "feedback"),
+    "missing TPDOs": (f'kind = "missing_tpdos"\nat = {CONTACT}\ncount = 40', 1, "feedback"),
     "lost heartbeat": (f'kind = "heartbeat_lost"\nat = {CONTACT}', 1, "heartbeat"),
     "bus off": (f'kind = "bus_off"\nat = {CONTACT}', 1, "bus"),
     "encoder jump": (f'kind = "encoder_jump"\nat = {CONTACT}\ncounts = 100_000', 3, "speed"),

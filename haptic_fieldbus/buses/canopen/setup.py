@@ -218,7 +218,7 @@ class Setup:
 
     @property
     def _deadline_ms(self) -> int:
-        return max(1, round(self.member.profile.link_loss.deadline * 1e3))
+        return round(self.bus.guard(self.axis.name) * 1e3)
 
     def _reaction(self, option: OptionCode) -> int:
         brakes = (

@@ -21,6 +21,7 @@ LARGEST_BUS_LOAD = 0.9
 LOWEST_RATE = 0.1
 """[Hz]; below it no rate is proposed."""
 HEARTBEATS_PER_DEADLINE = 5
+PERIODS_PER_DEADLINE = 5
 NODE_HEARTBEAT_MS = 100
 MASTER_NODES = range(127, 0, -1)
 """Our own node-ID, for the heartbeat: the first that no drive has."""
@@ -125,8 +126,13 @@ class CanTraffic:
     @property
     def heartbeat_every(self) -> int:
         """Periods between two of our heartbeats, so that the shortest deadline of a drive spans several."""
-        deadline = min(member.profile.link_loss.deadline for member in self.members)
-        return max(1, int(deadline / HEARTBEATS_PER_DEADLINE * self.rate))
+        shortest = min(self.guard(member.axis) for member in self.members)
+        return max(1, int(shortest / HEARTBEATS_PER_DEADLINE * self.rate))
+
+    def guard(self, axis: str) -> float:
+        """Time for the drive's heartbeat consumer [s]: that of its profile, but five periods at least."""
+        deadline = max(self.member(axis).profile.link_loss.deadline, PERIODS_PER_DEADLINE / self.rate)
+        return math.ceil(deadline * 1e3 - 1e-9) * 1e-3
 
     @property
     def master_node(self) -> int:

@@ -38,19 +38,21 @@ def lost_bus(quick: bool) -> CaseResult:
 
 
 def stale_position(quick: bool) -> CaseResult:
-    """Without new feedback force is held for a period, halved, and taken away for good; one new sample resets that."""
+    """One sample that is missing changes nothing; of a gap the second takes a tenth of the torque, the eleventh all.
+
+    The first new sample brings the torque back, here in one period, for the slew limit allows it.
+    """
     full = round(3.0 / UNIT)
     cycle = running(plan_of(Constant("handle", 3.0)))
-    mended = [torque(cycle, flags=flag) for _ in range(3) for flag in (LinkFlag.STALE, LinkFlag.STALE, 0)]
-    lost = [torque(cycle, flags=LinkFlag.STALE) for _ in range(3)]
+    single = [torque(cycle, flags=flag) for _ in range(3) for flag in (LinkFlag.STALE, 0)]
+    gap = [torque(cycle, flags=LinkFlag.STALE) for _ in range(12)]
     later = [torque(cycle) for _ in range(10)]
-    half, kept = round(1.5 / UNIT), cycle.tripped is TripKind.FEEDBACK_LOST and not any(later)
+    line = [round(3.0 * max(0, 10 - number) / 10 / UNIT) for number in range(12)]
     return CaseResult(
-        f"{full}, {half}, {full} ‰ three times with every third sample; {full}, {half}, 0 ‰ without any, then 0 for "
-        "good (exact)",
-        f"{', '.join(map(str, mended))}; {', '.join(map(str, lost))}, then at most {max(map(abs, later))} ‰",
-        mended == [full, half, full] * 3 and lost == [full, half, 0] and kept,
-        "hand-derived: 3 N held, 1.5 N at half, in thousandths of rated torque",
+        f"{full} ‰ throughout with every other sample; in a gap {', '.join(map(str, line))} ‰; then {full} ‰ (exact)",
+        f"{min(single)} to {max(single)} ‰; {', '.join(map(str, gap))} ‰; then {later[-1]} ‰",
+        single == [full] * 6 and gap == line and later == [full] * 10,
+        "hand-derived: a straight line of 10 ms from the second missing sample, in thousandths of rated torque",
         tolerance="exact in ‰",
     )
 
@@ -106,7 +108,8 @@ def denormal_input(quick: bool) -> CaseResult:
 
 def encoder_wrap(quick: bool) -> CaseResult:
     """An encoder that passes 2³¹ on its way there and back is followed as if it had no end."""
-    cycle = running(plan_of(Wall("handle", stiffness=1.0, position=-1.0, damping=0.5)), 0x7FFF_FFFF - 2000)
+    wall = Wall("handle", stiffness=1.0, position=-1.0, damping=0.5)
+    cycle = running(plan_of(wall, limits=Limits(speed=10.0, acceleration=1e9)), 0x7FFF_FFFF - 2000)
     true, off, off_speed, crossings = 0, 0.0, 0.0, 0
     ways = [way for _ in range(20 if quick else 2000) for way in (700, 700, 700, 1, 699, -700, -1, -699, -700, -700)]
     counts = 0x7FFF_FFFF - 2000
@@ -130,13 +133,12 @@ def encoder_wrap(quick: bool) -> CaseResult:
 
 
 def encoder_jump(quick: bool) -> CaseResult:
-    """A jump that the speed limit allows is rendered at the slew limit; one count more lets go in the same period."""
-    limit = 10.0
-    allowed = math.floor(Fraction(10, 1000) / Fraction(1, 20 * 4096)) + 1
+    """A jump that motor and hand could make is rendered at the slew limit; one count more lets go at once."""
+    mass, effort = 4.0e-5 / (0.05 / (2 * math.pi)) ** 2, 1000 * UNIT
+    allowed = math.floor((effort + LARGEST_HAND_FORCE) / mass * 1e-6 / COUNT) + 2
     plan = plan_of(Wall("handle", stiffness=2000.0))
-    jumps = range(allowed - 20, allowed + 21)
     outcomes = {}
-    for jump in jumps:
+    for jump in range(allowed - 20, allowed + 21):
         cycle = running(plan)
         outcomes[jump] = (torque(cycle, jump), cycle.tripped)
     largest = max(jump for jump, (_, trip) in outcomes.items() if trip is None)
@@ -144,41 +146,46 @@ def encoder_jump(quick: bool) -> CaseResult:
     slew = plan.axes[0].limits.effort / 5.0 / UNIT
     kick = max(abs(sent) for sent, _ in outcomes.values())
     return CaseResult(
-        f"jumps up to {allowed} counts ({limit:g} m/s for 1 ms, and a count) pass, larger ones trip with 0 ‰; no step "
-        f"of torque beyond {slew:.1f} ‰ (a fifth of the limit, and rounding)",
+        f"jumps up to {allowed} counts pass ({effort:.1f} N of the motor and {LARGEST_HAND_FORCE:g} N of a hand on "
+        f"{mass:.3f} kg for 1 ms, and two counts), larger ones trip with 0 ‰; no step of torque beyond {slew:.1f} ‰ "
+        "(a fifth of the limit, and rounding)",
         f"up to {largest} counts pass, {len(tripped)} of 20 larger ones trip with at most "
         f"{max(abs(sent) for sent, _ in tripped)} ‰; largest step {kick} ‰",
         largest == allowed
         and len(tripped) == 20
-        and all(sent == 0 and trip is TripKind.SPEED for sent, trip in tripped)
+        and all(sent == 0 and trip is TripKind.ACCELERATION for sent, trip in tripped)
         and 0 < kick <= slew + 0.5,
-        "hand-derived from speed limit, period and count; slew of 5 ms from 0 to the limit",
+        "hand-derived from the largest forces, inertia, period and count; slew of 5 ms from 0 to the limit",
         tolerance="exact in counts; half a step of torque",
     )
 
 
+LARGEST_HAND_FORCE = 500.0
+"""[N]; stated in the reference of the limits."""
+
+
 def clock_backwards(quick: bool) -> CaseResult:
-    """Time stamps that stand still or go back: a wall never looks at them, and a timed velocity keeps its value."""
-    wall, damped = Wall("handle", stiffness=600.0), Wall("handle", stiffness=600.0, damping=0.5)
-    timed = running(plan_of(damped, estimator="tick-interval"), t_ns=600 * PERIOD_NS)
-    plain = running(plan_of(wall))
-    t_ns, speeds, off = 600 * PERIOD_NS, [], 0.0
-    hops = (PERIOD_NS, 0, -PERIOD_NS, PERIOD_NS, -(10**15), PERIOD_NS, PERIOD_NS, -1)
+    """Time stamps that stand still change nothing; one that goes back by a nanosecond or by days ends the run.
+
+    Then neither the age of the feedback nor its velocity is known.
+    """
+    damped = plan_of(Wall("handle", stiffness=600.0, damping=0.5), estimator="tick-interval")
+    plain = running(plan_of(Wall("handle", stiffness=600.0)), t_ns=600 * PERIOD_NS)
+    off = 0.0
     for n in range(80):
-        t_ns += hops[n % len(hops)]
-        feed(timed, 10 * (n + 1), t_ns=t_ns)
-        speeds.append(timed.value("velocity"))
-        off = max(off, abs(torque(plain, 10 * (n + 1), t_ns=t_ns) + 6000.0 * (n + 1) * COUNT / UNIT))
-    true = 10 * COUNT / 1e-3
-    same = all(abs(speed / true - 1.0) < 1e-9 for speed in speeds)
-    calm = timed.trip is None and plain.trip is None
+        sent = torque(plain, 10 * (n + 1), t_ns=600 * PERIOD_NS)
+        off = max(off, abs(sent + 6000.0 * (n + 1) * COUNT / UNIT))
+    back = []
+    for hop in (1, PERIOD_NS, 10**15):
+        cycle = running(damped, t_ns=600 * PERIOD_NS)
+        back.append((torque(cycle, 10, t_ns=600 * PERIOD_NS - hop), cycle.tripped))
+    tripped = sum(trip is TripKind.CLOCK and sent == 0 for sent, trip in back)
     return CaseResult(
-        f"wall: K·x within 0.5 ‰ at every sample; timed velocity the true {true:.5f} m/s within 1e-9; no trip",
-        f"wall off by {off:.3f} ‰; velocity from {min(speeds):.5f} to {max(speeds):.5f} m/s; "
-        f"{'no trip' if calm else 'a trip'}",
-        off <= 0.5 + 1e-9 and same and calm,
-        "closed form: F = −K·x; ten counts a millisecond are the true speed",
-        tolerance="0.5 ‰ of torque, 1e-9 of the velocity",
+        "standing still: K·x within 0.5 ‰ at every sample, no trip; 3 of 3 that go back trip with 0 ‰",
+        f"off by {off:.3f} ‰, {'no trip' if plain.trip is None else 'a trip'}; {tripped} of {len(back)} trip with 0 ‰",
+        off <= 0.5 + 1e-9 and plain.trip is None and tripped == len(back),
+        "closed form: F = −K·x; zero torque by definition of a trip",
+        tolerance="0.5 ‰ of torque",
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.cycle.cycle import Cycle, columns, decoded_columns
 from haptic_fieldbus.cycle.laws import law_of
-from haptic_fieldbus.cycle.safety import bind_limiter
+from haptic_fieldbus.cycle.safety import Permission, bind_limiter
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -117,7 +117,7 @@ def _steps(wall: Plan, bench: Bench) -> Iterator[tuple[str, Callable[..., object
     names, period, count = columns(wall), bench.period, bench.plant.resolution
     swing = [math.sin(0.01 * number) for number in range(IMAGES)]
     yield "record: one row", Record(names, IMAGES).push, [[0.5] * len(names)] * IMAGES
-    yield "limits: fade-in, effort, slew", bind_limiter(wall.axes[0].limits, wall.period), swing
+    yield "limits: fade-in, effort, slew", bind_limiter(wall.axes[0].limits, wall.period, Permission()), swing
     counted = [round((POSITION + SWING * each) / count) * count for each in swing]
     for name in ESTIMATORS:
         yield f"estimator: {name}", estimators.bind(name, period, count), counted

@@ -132,6 +132,9 @@ class ToyTraffic:
         drive = ticks * timing.control_period - bus - compute
         return Delay(bus, compute, drive, 1.0 / (2.0 * math.pi * timing.torque_bandwidth))
 
+    def guard(self, axis: str) -> float:
+        return DEADLINE_NS * 1e-9
+
     def check(self, bus: str) -> None:
         if self.rate > self.highest_rate:
             raise BusOverloadError(f"{bus} {self.rate:g} Hz is too fast for a toy: at most {self.highest_rate:.0f} Hz")
