@@ -217,7 +217,7 @@ def _default(entry: Entry, value: int | None, otherwise: int) -> None:
 def _unmappable(dictionary: Dictionary, index: int, way: Mappable) -> str:
     """Return why the mapping of a PDO cannot work, empty when it can.
 
-    Objects that the file itself maps become mappable, whatever their entry in the file says.
+    Objects that the file itself maps become mappable, even if their entry in the file forbids it.
     """
     record, bits = _record(dictionary, index), 0
     for position in range(1, record[0].default + 1):

@@ -63,13 +63,13 @@ class BlockDownload(Transfer):
         number, last = data[0] & _NUMBER, bool(data[0] & _LAST)
         if not 1 <= number <= self._block_size:
             raise Refused(AbortCode.SEQUENCE_NUMBER)
-        # A segment out of order is passed over; the confirmation then tells the client where to go on.
+        # A segment out of order is ignored; the confirmation names the segment after which the client continues.
         if number == self._received + 1:
             self._received = number
             self._collected.add(self._held)
             self._held = data[1:]
             self._complete = last
-        # The last number of the block asks for the confirmation, even when segments before it are missing.
+        # The last number of the block requires the confirmation, even when segments before it are missing.
         if not last and number < self._block_size:
             return []
         confirmed, self._received = self._received, 0
@@ -112,7 +112,7 @@ class BlockUpload(Transfer):
 
     def begin(self) -> bytes:
         """Return the response to the initiate, with the size of the content."""
-        # Server command specifier 6; bit 1 tells that the size is indicated.
+        # Server command specifier 6; bit 1 indicates the size.
         head = multiplexed(0xC2 | (_KNOWS_CRC if self._crc else 0), self.entry)
         return head + len(self._content).to_bytes(4, "little")
 
