@@ -93,6 +93,7 @@ def judge_scene(inquiry: Inquiry) -> Judged:
     if inquiry.device is not None:
         return _on_device(inquiry, inquiry.device)
     plan = select(inquiry).plan
+    # Axes that are coupled have one judgement, in the units of one of them.
     return _weakest(
         Judged(plan.scene, axis.name, axis.workspace, axis.stability, axis.group)
         for axis in plan.axes

@@ -109,6 +109,7 @@ def response(asked: OpenLoop) -> Response:
     period = round(1e9 / asked.rate) * 1e-9
     chosen = with_settings(asked.scene, parsed(asked.settings)).at_period(period)
     axis = chosen.axes[0]
+    # Both ends are sampled.
     samples = round((motion.duration if duration is None else duration) / period) + 1
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
@@ -213,6 +214,7 @@ class _Answers:
 
         space = element.dynamics
         one = integrators.discretise(space, self._period, self._method)
+        # Growth without bound is reported by `diverged`, not by warnings.
         with np.errstate(over="ignore", invalid="ignore"):
             found = follow(one, inputs, (integrators.rest(space)[0] * rest).tolist())
         names = [*STATE_NAMES, *(f"state {number}" for number in range(3, space.order + 1))][: space.order]
@@ -228,6 +230,7 @@ def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
         try:
             forces.append(law(*row))
         except OverflowError:
+            # math raises where numpy would give infinity.
             break
         if not math.isfinite(forces[-1]):
             forces.pop()

@@ -110,6 +110,7 @@ class Document:
 
     def _rule(self, message: str, path: KeyPath) -> None:
         """Note a ValueError that a dataclass raised, at the key with which its message begins."""
+        # Rules across fields begin with a field, as in "lower 3: expected less than upper, 2".
         name = re.split(r"[\s.:\[]", message, maxsplit=1)[0]
         rest = message.removeprefix(name).lstrip(" :")
         if name in self.table(*path):
@@ -129,8 +130,10 @@ class Document:
             path = (*path, location[-1])
             self.fault(at + path, f"missing; expected {expectation.describe(path, root)}")
         elif kind == "json_invalid":
+            # The JSON is our own, so nothing but its depth can be invalid.
             self.fault(at, "nested too deeply")
         elif kind.startswith("union_tag"):
+            # The tag that chooses the member of a union is its `kind`.
             self._expect(expectation, (*path, "kind"), root, at)
         else:
             self._expect(expectation, path, root, at)
@@ -139,6 +142,7 @@ class Document:
         shown = self._shown(at + path)
         described = expectation.describe(path, root, hexadecimal=shown.startswith("0x"))
         value = self.value(*at, *path)
+        # A plain number takes every float but infinity and not-a-number.
         if described == "a number" and isinstance(value, float):
             described = "a finite number"
         words = expectation.choices(path, root) if isinstance(value, str) else []
@@ -178,8 +182,10 @@ class Document:
             json.dumps(data, default=_no_date)
         except tomllib.TOMLDecodeError as cause:
             raise self.error(self.source, self._syntax_faults(str(cause))) from None
+        # tomllib and json recurse for nested values.
         except RecursionError:
             raise self.error(self.source, [Fault("", "nested too deeply")]) from None
+        # Python refuses to convert an integer of several thousand digits.
         except ValueError:
             raise self.error(self.source, [Fault("", "a number has too many digits")]) from None
         return data
@@ -205,6 +211,7 @@ def read_document(path: Path, error: type[DocumentError]) -> Document:
     except FileNotFoundError:
         raise error(path, [Fault("", "no such file")]) from None
     except (OSError, ValueError) as cause:
+        # A path with a NUL raises ValueError.
         reason = (isinstance(cause, OSError) and cause.strerror) or str(cause)
         raise error(path, [Fault("", f"cannot be read: {reason}")]) from cause
     try:
@@ -255,6 +262,7 @@ def _follow(value: object, location: KeyPath) -> KeyPath:
 def _nearest_of(value: object, words: list[str]) -> str:
     if not isinstance(value, str):
         return ""
+    # The message lists all words already, so only the nearest are worth adding.
     near = suggestion(value, words)
     return near if near.startswith("; nearest") else ""
 

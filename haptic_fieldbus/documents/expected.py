@@ -100,6 +100,7 @@ def _describe(node: Schema, hexadecimal: bool) -> str:
 def _describe_list(node: Schema, hexadecimal: bool) -> str:
     fixed = node.get("prefixItems", [])
     if fixed:
+        # The members of the tuples in use are described alike.
         return f"a list of {len(fixed)}, each {_describe(fixed[0], hexadecimal)}"
     least, most = node.get("minItems"), node.get("maxItems")
     count = f" of {most}" if least == most and most else f" of at least {least}" if least else ""

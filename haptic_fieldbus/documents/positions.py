@@ -69,6 +69,7 @@ class Positions:
 
     def _read_table(self, node: tree_sitter.Node) -> None:
         """Note a header and the pairs below it."""
+        # A broken header may have no children; then the node itself is no key either, and is passed over.
         header, *rest = [child for child in node.named_children if child.type != "comment"] or [node]
         keys = _keys(header)
         if not keys:

@@ -12,6 +12,7 @@ from haptic_fieldbus.errors import Fault
 
 _HEAD = re.compile(r"\[([^\]]*)\]\s*(;.*)?$")
 _LINE_END = re.compile(r"\r\n?|\n")
+# A semicolon without a blank in front may belong to the value.
 _COMMENT = re.compile(r"\s+;.*$")
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 

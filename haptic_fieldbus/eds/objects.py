@@ -79,6 +79,7 @@ class ObjectReader:
         """Return the entries of `CompactSubObj`: `count` equal elements, and sub-index 0 with their number."""
         names = self._sections.get(f"{self._index:04x}name")
         values = self._sections.get(f"{self._index:04x}value")
+        # The object's own section describes all of its elements.
         pattern = self.entry(head, 1)
         length = EdsEntry(
             self._index, 0, "Number of entries", EdsType.UNSIGNED8, DEFAULT_ACCESS, default=count, line=head.line

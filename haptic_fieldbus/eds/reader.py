@@ -22,6 +22,7 @@ COMMISSIONING = ("devicecomissioning", "devicecommissioning")
 """Names of the section with the node-ID: CiA 306 spells it with one m, some files with two."""
 DUMMY_TYPES = range(1, 8)
 """Indices of the basic data types for which `[DummyUsage]` has a key."""
+# The standard names sections without 0x; it is tolerated.
 _OBJECT = re.compile(r"(?:0x)?([0-9a-f]{4})$")
 _SUBINDEX = re.compile(r"(?:0x)?([0-9a-f]{4})sub(?:0x)?([0-9a-f]{1,3})$")
 _HIGHEST_SUBINDEX = 0xFF

@@ -91,6 +91,7 @@ def _real(text: str, type: EdsType) -> float:
         number, size = whole_number(text), type.size or 0
         if number >= 1 << 8 * size:
             raise ValueError(f'"{text}" does not fit into {type.name}')
+        # The digits begin with the most significant octet.
         value: float = struct.unpack(">f" if size == 4 else ">d", number.to_bytes(size, "big"))[0]
         return value
     try:

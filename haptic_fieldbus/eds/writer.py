@@ -42,6 +42,7 @@ def eds_text(eds: Eds) -> str:
 
 def _device(device: DeviceInfo) -> Iterator[tuple[str, object]]:
     yield "VendorName", device.vendor_name
+    # Keys that CiA 306-1 requires: a number that is not known becomes 0.
     yield "VendorNumber", f"0x{device.vendor_number or 0:08X}"
     yield "ProductName", device.product_name
     yield "ProductNumber", f"0x{device.product_number or 0:08X}"

@@ -93,6 +93,7 @@ def _with_units(schema: dict[str, Any], quantity: Quantity) -> dict[str, Any]:
     units = " or ".join(dict.fromkeys(quantity.unit(workspace) for workspace in Workspace if quantity.unit(workspace)))
     described = {"description": f"in {units}"} if units else {}
     text = {"type": "string", "pattern": r"^\s*[-+.0-9]"}
+    # Default and title are of the value as a whole, whichever alternative it has.
     kept = [key for key in ("default", "title") if key in schema]
     whole: dict[str, Any] = {key: schema.pop(key) for key in kept} | described
     return whole | {"anyOf": [*schema.get("anyOf", [schema]), text]}

@@ -40,6 +40,7 @@ def _made(document: Document, place: int, scene: Scene, given: Mapping[str, obje
         own: AnyElement = replace(element, **given)
         return own
     for field in fields(element):
+        # A value that was just set keeps its label, the name of the setting.
         document.labels.setdefault(("element", place, field.name), f"{element.name}.{field.name}")
     document.labels["element", place] = element.name
     convert(document, place, type(element), {axis.name: axis.workspace for axis in scene.axes})

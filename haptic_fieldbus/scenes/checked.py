@@ -39,6 +39,7 @@ def check_elements(scene: Scene, period: float, method: str | None) -> None:
     try:
         document.checked(scene)
     except SceneError as error:
+        # The keys of the faults are the labels that `_check_values` gave.
         owners = {f"{element.name}.mass": element for element in scene.elements}
         faults = [_with_limit(fault, owners.get(fault.key), period, method) for fault in error.faults]
         raise SceneError(error.source, faults) from None

@@ -21,7 +21,10 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class DampedSprungMass:
-    """`stiffness` [N/m or N·m/rad], `damping` beside it and `drag` [N·s/m or N·m·s/rad], `mass` [kg or kg·m²]."""
+    """A virtual `mass` [kg or kg·m²] on a spring of `stiffness` [N/m or N·m/rad].
+
+    `damping` acts beside the spring, `drag` between the mass and ground [N·s/m or N·m·s/rad].
+    """
 
     axis: str
     stiffness: Stiffness

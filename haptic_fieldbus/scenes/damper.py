@@ -46,6 +46,7 @@ class Damper:
 
     @property
     def force(self) -> Law:
+        # The metric of this condition is the velocity, so the damping is its coefficient.
         positive = condition.Side.limited(self.positive_coefficient * self.damping, 0.0, self.positive_saturation)
         negative = condition.Side.limited(self.negative_coefficient * self.damping, 0.0, self.negative_saturation)
         return condition.bind(0.0, self.dead_band, positive, negative)

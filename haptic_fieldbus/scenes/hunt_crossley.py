@@ -53,10 +53,11 @@ class HuntCrossley:
         return (Signal.POSITION, Signal.VELOCITY) if self.loss else (Signal.POSITION,)
 
     def force(self, position: float, velocity: float = 0.0) -> float:
-        """Return the force or torque on the handle [N or N·m]; not-a-number gives not-a-number."""
+        """Return the force or torque on the handle [N or N·m]; not-a-number as position gives not-a-number."""
         inwards = 1.0 if self.side == "positive" else -1.0
         depth = inwards * (position - self.position)
         growth = 1.0 + self.loss * inwards * velocity
+        # False for not-a-number, which then passes through the formula.
         if depth <= 0.0 or growth <= 0.0:
             return 0.0
         return -inwards * self.effort * math.pow(min(depth / self.depth, DEEPEST), self.exponent) * growth

@@ -89,6 +89,7 @@ class Inertia:
 
     def _condition(self) -> Law:
         """Return the law from acceleration [m/s² or rad/s²] to force [N or N·m]."""
+        # The metric of this condition is the acceleration, so the mass is its coefficient.
         positive = condition.Side.limited(self.positive_coefficient * self.mass, 0.0, self.positive_saturation)
         negative = condition.Side.limited(self.negative_coefficient * self.mass, 0.0, self.negative_saturation)
         return condition.bind(self.offset, self.dead_band, positive, negative)

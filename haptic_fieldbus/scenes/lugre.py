@@ -79,6 +79,7 @@ class LuGre:
         def law(position: float, velocity: float) -> float:
             nonlocal stretch, before
             friction = level(velocity)
+            # At the first call there is no motion yet: the bristle is relaxed where the handle is.
             stretch = advance(stretch, position - (position if before is None else before), friction / stiffness)
             before = position
             spring = stiffness * stretch

@@ -51,6 +51,7 @@ class Magnet:
         """Return the force or torque on the handle [N or N·m]; not-a-number gives not-a-number."""
         u = (position - self.position) / self.radius
         inner = 1.0 - u * u
+        # The comparison is false for not-a-number, which then passes through the formula.
         return 0.0 if inner <= 0.0 else -self.pull / LARGEST_PULL * u * inner * inner
 
     def linearised(self) -> StateSpace:

@@ -69,7 +69,7 @@ class PredictedWall:
         return (Signal.POSITION, Signal.VELOCITY)
 
     def force(self, position: float, velocity: float) -> float:
-        """Return the force or torque on the handle [N or N·m]; not-a-number gives not-a-number."""
+        """Return the force or torque on the handle [N or N·m]; not-a-number as position gives not-a-number."""
         inwards = 1.0 if self.side == "positive" else -1.0
         begin = inwards * (position - self.position)
         end = begin + 2.0 * self._ahead * inwards * velocity

@@ -41,7 +41,7 @@ class Wall:
         return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def force(self, position: float, velocity: float = 0.0) -> float:
-        """Return the force or torque on the handle [N or N·m]; not-a-number gives not-a-number."""
+        """Return the force or torque on the handle [N or N·m]; not-a-number as position gives not-a-number."""
         penetration = position - self.position
         force = -self.stiffness * penetration - self.damping * velocity
         if self.sides == "bilateral":
