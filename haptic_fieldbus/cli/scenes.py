@@ -74,7 +74,7 @@ def check_scenes(
 
 
 def _recommended(scene: "Scene") -> Iterator[str]:
-    """Yield, for each usable profile on the shipped bench, up to which stiffness the scene can be recommended."""
+    """Yield the recommended upper limit of stiffness for each usable profile on the shipped bench."""
     from haptic_fieldbus.api import plan
     from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 
