@@ -15,7 +15,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def schema_texts() -> dict[str, str]:
-    """The text of each schema by the name of its file."""
+    """Return the text of each schema by the name of its file."""
     schemas = {"rig": rig_schema(), "scene": scene_schema()}
     for name in BUILT_IN:
         schemas |= {f"profile.{name}": profile_schema(name), f"bus.{name}": bus_schema(name)}
@@ -26,6 +26,7 @@ def schema_texts() -> dict[str, str]:
 
 
 def main(arguments: list[str]) -> int:
+    """Write the schemas into the folder given as the only argument; return the exit code, 2 for wrong usage."""
     if len(arguments) != 1:
         print("usage: python -m haptic_fieldbus.schemas FOLDER", file=sys.stderr)
         return 2

@@ -1,1 +1,1 @@
-"""Input and output: one folder a protocol, each behind the same `Bus`."""
+"""Input and output on real buses: one folder for each protocol, all behind the `Bus` protocol."""

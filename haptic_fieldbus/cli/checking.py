@@ -1,4 +1,4 @@
-"""What `profiles check` and `scenes check` have in common."""
+"""Common part of `profiles check` and `scenes check`."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -12,7 +12,10 @@ FAULTY = 2
 
 
 def check(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
-    """Load each file and list all faults of all of them."""
+    """Load each file and print the faults of all of them, as lines or as one JSON object.
+
+    Raises `typer.Exit` with status 2 when any file has a fault.
+    """
     found = {name: list(_faults(name, load)) for name in names}
     if as_json:
         errors = [
@@ -31,6 +34,7 @@ def check(names: Sequence[str], load: Callable[[str], object], as_json: bool) ->
 
 
 def _faults(name: str, load: Callable[[str], object]) -> Iterator[tuple[str, Fault]]:
+    """Yield each fault of a file with the path of that file, or with `name` when no file was found."""
     try:
         load(name)
     except DocumentError as error:

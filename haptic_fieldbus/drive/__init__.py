@@ -1,1 +1,1 @@
-"""What a drive offers, whatever its protocol: profile, rig, power table, units."""
+"""Description of drives and benches, independent of the protocol: profile, rig, power table, units."""

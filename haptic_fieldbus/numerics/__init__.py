@@ -1,1 +1,1 @@
-"""Mathematics without hardware: integrators, estimators, exact discretisation."""
+"""Mathematics without hardware: integrators, estimators, exact discretisation, stability and passivity."""

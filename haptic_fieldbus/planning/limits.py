@@ -6,7 +6,7 @@ from dataclasses import dataclass
 FADE_IN = 0.5
 """[s]; from *operation enabled* to the full limit."""
 SLEW_TIME = 0.005
-"""[s]; the command needs at least this long from zero to the effort limit."""
+"""Shortest time in which the command goes from 0 to the effort limit [s]."""
 SPEED_LIMIT = {"linear": 2.0, "rotary": 60.0}
 """[m/s or rad/s]; where a rig states none."""
 HAND = {"linear": 500.0, "rotary": 25.0}
@@ -27,13 +27,18 @@ AGE_SHARE = 0.6
 
 @dataclass(frozen=True)
 class EffortLimits:
-    """Limits of one axis in its workspace; `slew` in N/s or N·m/s."""
+    """Limits of one axis in its workspace."""
 
     effort: float
+    """[N or N·m]"""
     speed: float
+    """[m/s or rad/s]"""
     slew: float
+    """Largest change of the effort [N/s or N·m/s]."""
     position: tuple[float, float] | None = None
+    """Lower and upper limit [m or rad]; None: not limited."""
     fade_in: float = FADE_IN
+    """Time from operation enabled to full force [s]."""
     drift: float = math.inf
     """How far a position that is integrated from velocity may be uncertain."""
     acceleration: float = math.inf

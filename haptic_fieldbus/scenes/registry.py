@@ -1,9 +1,11 @@
-"""The kinds of element by name; a module is imported when a scene has an element of its kind."""
+"""The kinds of element by name; `element_type` imports the module of a kind when it is first used."""
 
 from importlib import import_module
 
 from haptic_fieldbus.scenes.element import AnyElement
 
+# Module and class as texts, so that a scene imports only the kinds that it contains. The order is that of the
+# documentation.
 ELEMENTS = {
     "braking_pulse": ("haptic_fieldbus.scenes.braking_pulse", "BrakingPulse"),
     "constant": ("haptic_fieldbus.scenes.constant", "Constant"),
@@ -40,7 +42,7 @@ ELEMENTS = {
 
 
 def element_type(kind: str) -> type[AnyElement]:
-    """The class of a kind; raises KeyError for one that is not in the table."""
+    """Return the class of a kind; raises KeyError when the kind is not in `ELEMENTS`."""
     module, name = ELEMENTS[kind]
     found: type[AnyElement] = getattr(import_module(module), name)
     return found

@@ -1,1 +1,1 @@
-"""Measurements of this package, written as one page."""
+"""Measurements of the package's own accuracy, stability and cost, written as one page."""

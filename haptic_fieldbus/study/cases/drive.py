@@ -1,4 +1,4 @@
-"""What a bus, an encoder and a clock can do to a running loop: it lets go, or goes on as if nothing had happened."""
+"""Cases of faults of bus, encoder and clock: a running loop takes its torque away, or goes on unaffected."""
 
 import math
 from fractions import Fraction
@@ -16,7 +16,7 @@ from haptic_fieldbus.study.cases.drive_bench import COUNT, PERIOD_NS, UNIT, Feed
 
 
 def lost_bus(quick: bool) -> CaseResult:
-    """Bus-off in contact: our command is zero in that period, and the drive alone takes its torque away."""
+    """Check that after bus-off in contact the target is 0 in that period, and the drive alone takes its torque away."""
     cycle = running(plan_of(Constant("handle", 3.0)))
     before = torque(cycle)
     after = [torque(cycle, flags=LinkFlag.BUS_OFF), *(torque(cycle) for _ in range(100))]
@@ -58,7 +58,7 @@ def stale_position(quick: bool) -> CaseResult:
 
 
 def non_finite_input(quick: bool) -> CaseResult:
-    """A force that is not a number or infinite becomes zero torque and a trip; walls and states hide none of it."""
+    """Check that a force of NaN or infinity becomes zero torque and a trip, and that walls and states pass NaN on."""
     values = (math.nan, -math.nan, math.inf, -math.inf, 1e308 * 10.0, math.inf - math.inf)
     torques, trips = [], 0
     for value in values:
@@ -85,7 +85,7 @@ def non_finite_input(quick: bool) -> CaseResult:
 
 
 def denormal_input(quick: bool) -> CaseResult:
-    """Forces and motions below 2.2e-308 give a torque of 0 without a trip, and virtual states that keep their law."""
+    """Check that forces below 2.2e-308 N give no torque and no trip, and such motions keep virtual states exact."""
     targets, trips = [], 0
     for value in (5e-324, -5e-324, 1e-310, 2.2250738585072014e-308):
         cycle = running(plan_of(Constant("handle", value)))
@@ -113,6 +113,7 @@ def encoder_wrap(quick: bool) -> CaseResult:
     true, off, off_speed, crossings = 0, 0.0, 0.0, 0
     ways = [way for _ in range(20 if quick else 2000) for way in (700, 700, 700, 1, 699, -700, -1, -699, -700, -700)]
     counts = 0x7FFF_FFFF - 2000
+    # The unlimited count in integers and the position in fractions: no rounding of floats in the oracle.
     for way in ways:
         true += way
         moved = (counts + way + 2**31) % 2**32 - 2**31
@@ -190,12 +191,12 @@ def clock_backwards(quick: bool) -> CaseResult:
 
 
 def long_clock(quick: bool) -> CaseResult:
-    """Near 2⁶² ns (146 years) a timed velocity is as exact as at 0, and a trip and a period are to the nanosecond."""
+    """Check that near 2⁶² ns (146 years) velocity is as exact as at 0, and trips and periods are to the nanosecond."""
     start = 2**62 + 12_345
     cycle = running(plan_of(Wall("handle", 600.0, damping=0.5), estimator="tick-interval"), t_ns=start - PERIOD_NS)
     error, counts, t_ns = 0.0, 0, start
     for n in range(400):
-        late = (n * 7919) % 1000 - 500
+        late = (n * 7919) % 1000 - 500  # scattered over ±0.5 µs, the same in each run: 7919 is prime
         feed(cycle, counts := counts + 5, t_ns=(stamp := start + n * PERIOD_NS + late))
         exact = Fraction(5, 20 * 4096) / Fraction(stamp - t_ns, 10**9) if n else None
         error = error if exact is None else max(error, abs(float(Fraction(cycle.value("velocity")) / exact - 1)))
@@ -214,7 +215,7 @@ def long_clock(quick: bool) -> CaseResult:
 
 
 def rotary_equals_linear(quick: bool) -> CaseResult:
-    """With a radius of 1 m, metres and radians, newtons and newton metres are the same numbers."""
+    """Check that with a radius of 1 m the linear and the rotary workspace give the same numbers."""
     wall = Wall("handle", stiffness=30.0, position=0.01, damping=0.002)
     limits = Limits(effort=0.3, speed=100.0)
     plans = [plan_of(wall, workspace=space, radius=1.0, limits=limits) for space in Workspace]
