@@ -224,11 +224,12 @@ def test_stale_feedback_is_held_then_fades_to_zero_and_trips_at_its_age() -> Non
     full = sent(cycle(image()))[1]
     targets = [sent(cycle(image(flags=LinkFlag.STALE, age=number * 1_000_000)))[1] for number in range(1, 31)]
     assert targets == pytest.approx([full * max(0.0, 1.0 - number / 10) for number in range(30)], abs=0.51)
-    assert cycle.trip is None
+    assert cycle.enabled
     assert sent(cycle(image(flags=LinkFlag.STALE, age=31_000_000))) == (0x00, 0)
     assert cycle.trip is not None
     assert cycle.trip.kind is TripKind.FEEDBACK_LOST
-    assert (cycle.trip.value, cycle.trip.limit) == (pytest.approx(0.031), pytest.approx(0.03))
+    assert cycle.trip.value == pytest.approx(0.031)
+    assert cycle.trip.limit == pytest.approx(0.03)
 
 
 def test_one_missing_sample_changes_nothing() -> None:
@@ -307,7 +308,8 @@ def test_a_loop_that_slept_for_longer_than_feedback_may_be_old_is_given_up() -> 
     cycle(image(t_ns=clock.next()))
     assert sent(cycle(image(t_ns=clock.next(40)))) == (0x00, 0)
     assert cycle.trip is not None
-    assert (cycle.trip.kind, cycle.trip.value) == (TripKind.PERIODS_MISSED, pytest.approx(0.04))
+    assert cycle.trip.kind is TripKind.PERIODS_MISSED
+    assert cycle.trip.value == pytest.approx(0.04)
 
 
 def test_feedback_of_which_two_thirds_are_lost_is_given_up() -> None:
@@ -417,7 +419,7 @@ def test_after_a_gap_the_speed_is_that_over_the_whole_time(flags: int) -> None:
     if flags:
         cycle(image(0, flags=flags, t_ns=clock.next()))
     cycle(image(int(0.0019 / COUNT), t_ns=clock.next(1 if flags else 2)))
-    assert cycle.trip is None
+    assert cycle.enabled
     cycle(image(2 * int(0.0019 / COUNT), t_ns=clock.next()))
     assert cycle.trip is not None
     assert cycle.trip.kind is TripKind.SPEED
