@@ -83,7 +83,7 @@ class TorqueError:
     by_source: Mapping[str, float]
     """Share of each source of error; the shares sum to 1."""
     contact: float | None = None
-    """Largest rms(error) / rms(ideal) in contact of any axis, on which the verdict rests; None without contact."""
+    """Largest rms(error) / rms(ideal) in contact of the axes that the hand holds; None without contact."""
 
     def to_json(self) -> Json:
         return {"rms": self.rms, "max": self.max, "unit": self.unit, "by_source": dict(self.by_source)}
@@ -117,9 +117,9 @@ class Changed:
 class Trace:
     """Motion and force of one axis in its workspace [s, m or rad, N or N·m], for plots; not part of the JSON object.
 
-    In simulation, `position` is the true position of the handle, `force` the force of the motor, and `ideal` the force
-    of the scene in continuous time. On real drives, `position` is the decoded one, `force` the commanded one, and
-    `ideal` is None. `times`, `position`, `force`, `ideal` and each array of `virtual` have the shape `(n_times,)`.
+    When the error is known, `position` is the true position of the handle, `force` the force of the motor, and `ideal`
+    that of the scene in continuous time. Otherwise (on real drives, and in short runs) `position` is the decoded one,
+    `force` the commanded one, and `ideal` is None. `times` and all that belongs to it have the shape `(n_times,)`.
     """
 
     axis: str
@@ -130,7 +130,7 @@ class Trace:
     ideal: Array | None = None
     sample_times: Array | None = None
     samples: Array | None = None
-    """Decoded positions at `sample_times`, both `(n_periods,)`; None on real drives, where `position` has them."""
+    """Decoded positions at `sample_times`, both `(n_periods,)`; None when `position` already is the decoded one."""
     virtual: Mapping[str, Array] = field(default_factory=dict)
     """First virtual state of each dynamic element by the element's name: the position of a virtual mass."""
     sensor: str = "encoder"

@@ -1,4 +1,4 @@
-"""From the elements of one axis to its force field: position of the handle → force on it, in the workspace.
+"""Force field of an axis, made from its elements: position of the handle → force on it, in the workspace.
 
 Each element receives exactly the signals that it declared. The law of an element that needs the position alone is its
 field, without a wrapper. Other signals are derived once a period, before any field is called, and stored in `Sensed`.

@@ -100,10 +100,8 @@ class Plan:
 
     @property
     def weakest(self) -> AxisPlan | None:
-        """Axis with the smallest margin; for coupled axes the one in whose units their verdict is given.
-
-        None when a bench is unknown.
-        """
+        """Axis with the smallest margin, for coupled axes the one in whose units their verdict is given; None when a
+        bench is unknown."""
         # A group without a stiffness has no margin; as an infinite one it is the weakest only for want of another.
         told = [
             (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.told_by)

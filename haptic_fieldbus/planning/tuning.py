@@ -31,7 +31,7 @@ MISSING = {
 
 @dataclass(frozen=True)
 class Change:
-    """New values that passed all checks; `settings` are those of the new scene, in SI."""
+    """New values that passed all checks; `settings` are the values that the new scene has, in SI."""
 
     settings: Mapping[str, Value]
     plan: Plan

@@ -20,7 +20,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 __all__ = [
     "DEFAULT_ESTIMATOR",
     "ESTIMATORS",
-    "Chosen",
+    "ChosenEstimator",
     "Estimate",
     "Estimator",
     "bind",
