@@ -135,7 +135,7 @@ class AxisCycle:
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
-        jump = axis.limits.jump(self._period, abs(unit))
+        jump, stall_ns = axis.limits.jump(self._period, abs(unit)), axis.limits.stall * 1e9
         shortest, longest = _in_time(self._period)
         bits_before, fresh_ns = -1, 0
 
@@ -171,6 +171,8 @@ class AxisCycle:
                     watch.motion(here, way, elapsed_ns)
                 if way:
                     state.moved_ns = fresh_ns
+                elif fresh_ns - state.moved_ns > stall_ns:
+                    self._check_stall()
                 if steps != 1:
                     self._catch_up(here, steps)
                 state.way = way / steps
@@ -184,7 +186,7 @@ class AxisCycle:
 
         state, owner, watch = self.state, self._owner, self._watch
         unpack, power = self._image.input.unpack_from, self._power
-        mask = self._axis.power.mask
+        mask, stall_ns = self._axis.power.mask, self._axis.limits.stall * 1e9
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
         shortest, longest = _in_time(self._period)
         bits_before, fresh_ns = -1, 0
@@ -209,6 +211,8 @@ class AxisCycle:
                 follow(feedback[T_NS], feedback[VELOCITY_READING])
                 if state.position != before:
                     state.moved_ns = feedback[T_NS]
+                elif feedback[T_NS] - state.moved_ns > stall_ns:
+                    self._check_stall()
                 if steps > 1:
                     here, state.position = state.position, before
                     self._catch_up(here, steps)
@@ -273,17 +277,7 @@ class AxisCycle:
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        guards = self._guards()
-        return in_order((render, *guards)) if guards else render
-
-    def _guards(self) -> list[Step]:
-        """What must be looked at with the permitted torque known, each only where it is limited."""
-        guards: list[Step] = []
-        if math.isfinite(self._axis.limits.power):
-            guards.append(self._check_power)
-        if math.isfinite(self._axis.limits.stall):
-            guards.append(self._check_stall)
-        return guards
+        return in_order((render, self._check_power)) if math.isfinite(axis.limits.power) else render
 
     def _check_power(self) -> None:
         state, limit = self.state, self._axis.limits.power
@@ -293,12 +287,9 @@ class AxisCycle:
 
     def _check_stall(self) -> None:
         """Counts that stood still under torque for long: a hand that leans, or an encoder that lies; less will do."""
-        state, limits = self.state, self._axis.limits
-        if (self._feedback[T_NS] - state.moved_ns) * 1e-9 < limits.stall:
-            return
-        effort = state.target * self._axis.effort_unit
-        if abs(effort) > limits.holding and self.permission.cap > limits.holding:
-            self.permission.cap_at(limits.holding, math.copysign(1.0, effort))
+        effort, holding = self.state.target * self._axis.effort_unit, self._axis.limits.holding
+        if abs(effort) > holding and self.permission.cap > holding:
+            self.permission.cap_at(holding, math.copysign(1.0, effort))
             self.stalls += 1
 
 

@@ -5,7 +5,14 @@ from dataclasses import replace
 
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
 from haptic_fieldbus.cycle.start import start_position
-from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
+from haptic_fieldbus.errors import (
+    BusError,
+    BusTimeoutError,
+    DriveFaultError,
+    HapticFieldbusError,
+    PlanError,
+    SafetyTripError,
+)
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import LinkFlag
@@ -25,7 +32,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.CLOCK: BusError,
     TripKind.NOT_FINITE: SafetyTripError,
     TripKind.ELEMENT_FAILED: SafetyTripError,
-    TripKind.START_FORCE: SafetyTripError,
+    TripKind.START_FORCE: PlanError,
     TripKind.ACCELERATION: SafetyTripError,
     TripKind.POWER: SafetyTripError,
     TripKind.SPEED: SafetyTripError,
@@ -51,6 +58,8 @@ def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticField
     """Return the exception for a trip; `enabled_at_ns` is None before operation enabled."""
     axis = next(axis for axis in plan.axes if axis.name == trip.axis)
     cause, when = CAUSES[trip.kind](trip, axis), moment(trip.t_ns, enabled_at_ns)
+    if trip.kind is TripKind.START_FORCE:
+        return PlanError(f"axis {trip.axis}: {cause}. No torque was given")
     return TRIP_ERRORS[trip.kind](f"axis {trip.axis}: {cause}, {when}. Torque was taken away")
 
 

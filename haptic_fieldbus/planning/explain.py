@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.limit_table import limit_lines
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 
 KEY_WIDTH = 11
@@ -28,6 +29,9 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from _listed("steps", [f"{number}  {step}" for number, step in enumerate(plan.steps, start=1)])
     yield from _listed("modules", list(plan.modules))
     yield from _listed("left out", [f"{left.what}: {left.why}" for left in plan.left_out])
+    for axis in plan.axes:
+        prefix = f"{axis.name}: " if len(plan.axes) > 1 else ""
+        yield from _listed("limits", [prefix + line for line in limit_lines(axis, plan.period)])
     yield "delay", delay_text(plan)
     yield from _listed("coupling", [str(ages) for ages in plan.coupling_ages])
     yield from _stability(plan)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.planning.limits import LONGEST_FADE_IN, SHORTEST_FADE_IN
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.registry import DEFAULT_PROTOCOL, parse_bus, protocol_named
 
@@ -111,6 +112,14 @@ def _node_faults(protocol: str, node: int) -> list[str]:
     """Return the fault of a node-ID outside of those of `protocol`; empty when there is none."""
     nodes = protocol_named(protocol).nodes
     return [] if node in nodes else [f"node {node}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}"]
+
+
+def check_fade_in(fade_in: float) -> None:
+    """Raise UsageError for a time [s] in which a force would not fade in; the comparison also refuses NaN."""
+    if not SHORTEST_FADE_IN <= fade_in <= LONGEST_FADE_IN:
+        raise UsageError(
+            f"fade-in {fade_in:g} s: expected {SHORTEST_FADE_IN:g} to {LONGEST_FADE_IN:g} s, for the hand to notice"
+        )
 
 
 def _number_faults(rate: float, duration: float, seed: int) -> list[str]:

@@ -10,11 +10,11 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.api.judging import Inquiry, judge_scene
-from haptic_fieldbus.assessing.result import plan_json
 from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.plan_json import plan_json
 from haptic_fieldbus.planning.refusal import check_stable
 from haptic_fieldbus.report.limits import limits
 from haptic_fieldbus.report.words import announcement, stability_text
