@@ -13,7 +13,8 @@ from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering, select
 from haptic_fieldbus.planning.settings import settled
-from haptic_fieldbus.planning.task import SIMULATION, Task
+from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.protocols.bus_name import SIMULATION
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -55,7 +56,7 @@ class Inquiry(Task):
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judgement:
     """The judgement with the smallest margin, the axis in whose units it is, and the axes that it is about."""
 
     scene: Scene
@@ -74,50 +75,50 @@ class Judged:
         """What stands for an estimator that is not linear; None where there is none, or it is linear."""
         if self.estimator is None or self.estimator == TACHOMETER:
             return None
-        from haptic_fieldbus.numerics.estimators import judged_as
+        from haptic_fieldbus.numerics.estimators import linear_stand_in
 
-        return judged_as(self.estimator)
+        return linear_stand_in(self.estimator)
 
     def _needs_velocity(self, member: Member) -> bool:
         couplings = (each for each in self.group.couplings if member.name in each.axes)
         return any(Signal.VELOCITY in each.needs for each in (*member.elements, *couplings))
 
 
-def judge_scene(inquiry: Inquiry) -> Judged:
+def judge_scene(inquiry: Inquiry) -> Judgement:
     """Judge the scene on its bench, or on the device that is given; raises DocumentError, UsageError or PlanError."""
     check_request(bus=inquiry.bus or SIMULATION, node=inquiry.node, rate=inquiry.rate)
     if inquiry.device is not None:
         return _on_device(inquiry, inquiry.device)
     plan = select(inquiry).plan
     return _weakest(
-        Judged(plan.scene, axis.name, axis.workspace, axis.stability, axis.group)
+        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group)
         for axis in plan.axes
-        if axis.stability is not None and axis.group is not None and axis.group.told_by == axis.name
+        if axis.stability is not None and axis.group is not None and axis.group.reference_axis == axis.name
     )
 
 
-def _weakest(found: Iterable[Judged]) -> Judged:
-    return min(found, key=lambda each: math.inf if each.stability.margin is None else each.stability.margin)
+def _weakest(judgements: Iterable[Judgement]) -> Judgement:
+    return min(judgements, key=lambda each: math.inf if each.stability.margin is None else each.stability.margin)
 
 
-def _on_device(task: Task, device: Device) -> Judged:
+def _on_device(task: Task, device: Device) -> Judgement:
     """Each axis of the scene moves this device; torque is ideal."""
     check_rendering(task)
     period = round(1e9 / task.rate) * 1e-9
     plant = _plant_of(device, period)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
 
-    def judged(chosen: Scene) -> Judged:
+    def judgement_of(chosen: Scene) -> Judgement:
         spaces, paced = {axis.name: axis.workspace for axis in chosen.axes}, chosen.at_period(period)
         members = [Member(name, plant, device.delay, paced.of_axis(name), method, estimator) for name in spaces]
         return _weakest(
-            Judged(chosen, group.told_by, spaces[group.told_by], group.told, group)
+            Judgement(chosen, group.reference_axis, spaces[group.reference_axis], group.stability, group)
             for group in groups_of(members, paced.couplings, period)
         )
 
     wanted = settled(task.scene, task.settings)
-    found = judged(wanted.scene)
-    return found if wanted.part is None else judged(wanted.at(found.stability))
+    found = judgement_of(wanted.scene)
+    return found if wanted.part is None else judgement_of(wanted.at(found.stability))
 
 
 def _plant_of(device: Device, period: float) -> Plant:

@@ -95,7 +95,7 @@ class _Answer:
 
 
 @arguments_of(OpenLoop)
-def response(asked: OpenLoop) -> Response:
+def response(task: OpenLoop) -> Response:
     """The force of the scene's first axis for a prescribed motion; rate in Hz, duration in s (a file has its own).
 
     What is coupled to it stands still.
@@ -103,18 +103,18 @@ def response(asked: OpenLoop) -> Response:
     `input` is "step", "ramp" (reaches `amplitude` after one second), "sine@HZ" or a file with the columns time and
     position, which `amplitude` multiplies. Raises DocumentError or UsageError.
     """
-    duration, method = asked.duration, asked.method or DEFAULT_METHOD
-    check_request(rate=asked.rate, duration=DEFAULT_DURATION if duration is None else duration)
-    check_rendering(asked)
-    motion = motion_of(asked.input, asked.amplitude)
-    period = round(1e9 / asked.rate) * 1e-9
-    chosen = with_settings(asked.scene, parsed(asked.settings)).at_period(period)
+    duration, method = task.duration, task.method or DEFAULT_METHOD
+    check_request(rate=task.rate, duration=DEFAULT_DURATION if duration is None else duration)
+    check_rendering(task)
+    motion = motion_of(task.input, task.amplitude)
+    period = round(1e9 / task.rate) * 1e-9
+    chosen = with_settings(task.scene, parsed(task.settings)).at_period(period)
     axis = chosen.axes[0]
     samples = round((motion.duration if duration is None else duration) / period) + 1
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
     elements = (*chosen.of_axis(axis.name), *_grounded(chosen, axis.name))
-    answers = _Answers(elements, period, method, asked.estimator or DEFAULT_ESTIMATOR)
+    answers = _Answers(elements, period, method, task.estimator or DEFAULT_ESTIMATOR)
     return answers.to(time, position, motion.rest, axis.workspace)
 
 

@@ -11,7 +11,7 @@ FAULTY = 2
 """Exit status when any file has a fault."""
 
 
-def check(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
+def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
     """Load each file and list all faults of all of them."""
     found = {name: list(_faults(name, load)) for name in names}
     if as_json:

@@ -84,10 +84,10 @@ def check_profiles(
     as_json: JsonOption = False,
 ) -> None:
     """Check profiles, or vendors' EDS files: all faults of each, with line and key."""
-    from haptic_fieldbus.cli.checking import check
+    from haptic_fieldbus.cli.checking import check_files
     from haptic_fieldbus.protocols.catalogue import profile_names
 
-    check(names or profile_names(), _check_profile, as_json)
+    check_files(names or profile_names(), _check_profile, as_json)
 
 
 def _check_profile(name: str) -> None:

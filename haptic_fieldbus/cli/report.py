@@ -30,7 +30,7 @@ def report(
     if find_spec("matplotlib") is None:
         raise UsageError("report needs matplotlib: pip install matplotlib")
     from haptic_fieldbus import api
-    from haptic_fieldbus.study.make_report import finite, make_report
+    from haptic_fieldbus.study.make_report import json_ready, make_report
     from haptic_fieldbus.study.measure.bench import Tools
 
     words = ["haptic-fieldbus report", f"--out {out}", "--quick" * quick, f"--only {only}" * (only is not None)]
@@ -44,7 +44,7 @@ def report(
             command=" ".join(filter(None, words)),
         )
     if as_json:
-        told = finite(found)
+        told = json_ready(found)
         print_json({key: plain(value) for key, value in told.items()} if isinstance(told, dict) else {})
         return
     show([("report", str(out / "index.html")), ("", str(out / "report.json"))])

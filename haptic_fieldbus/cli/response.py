@@ -27,7 +27,7 @@ def response(options: ResponseOptions) -> None:
     check_plot(options.plot)
     from haptic_fieldbus import api
     from haptic_fieldbus.api.open_loop import OpenLoop
-    from haptic_fieldbus.report.responses import responses
+    from haptic_fieldbus.report.responses import response_lines
 
     found = api.response.of(options.given(OpenLoop))
     title = f"{options.scene}, {options.input}"
@@ -40,6 +40,6 @@ def response(options: ResponseOptions) -> None:
     if options.as_json:
         print_json({key: plain(value) for key, value in found.to_json().items()})
         return
-    show(responses(found, f"{title} of {options.amplitude:g}"))
+    show(response_lines(found, f"{title} of {options.amplitude:g}"))
     if options.plot is not None:
         show([("plot", str(options.plot))])

@@ -67,10 +67,10 @@ def check_scenes(
     as_json: JsonOption = False,
 ) -> None:
     """Check scenes: all faults of each file, with line and key."""
-    from haptic_fieldbus.cli.checking import check
+    from haptic_fieldbus.cli.checking import check_files
     from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 
-    check(names or scene_names(), load_scene, as_json)
+    check_files(names or scene_names(), load_scene, as_json)
 
 
 def _recommended(scene: "Scene") -> Iterator[str]:

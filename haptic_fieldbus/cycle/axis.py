@@ -17,7 +17,7 @@ from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS, AxisImage
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.signals import LinkFlag, Signal
 
-Step = Callable[[], None]
+PeriodStep = Callable[[], None]
 Observe = Callable[[bytes | bytearray], None]
 
 FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
@@ -190,20 +190,20 @@ class AxisCycle:
             self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
         self._owner.update_enabled()
 
-    def _check_motion(self, here: float, way: float) -> None:
+    def _check_motion(self, here: float, moved: float) -> None:
         """Called when the handle seems to be too fast, or outside; after held periods a longer way is allowed."""
         limits = self._axis.limits
         largest_way = limits.speed * self._period + abs(self._axis.position_unit)
         lowest, highest = limits.position or (-math.inf, math.inf)
-        if way > largest_way * self.state.periods_apart:
-            self._trip(TripKind.SPEED, way / self._period, limits.speed)
+        if moved > largest_way * self.state.periods_apart:
+            self._trip(TripKind.SPEED, moved / self._period, limits.speed)
         if not lowest <= here <= highest:
             self._trip(TripKind.POSITION, here, lowest if here < lowest else highest)
 
-    def _bind_sense(self) -> Step | None:
+    def _bind_sense(self) -> PeriodStep | None:
         """Only what the scene needs is worked out, and an estimator imported only where one is."""
         needs, state, sensed = self._axis.needs, self.state, self.sensed
-        steps: list[Step] = []
+        steps: list[PeriodStep] = []
         if Signal.VELOCITY in needs and not self._axis.integrates:
             estimate = self._estimator()
 
@@ -242,7 +242,7 @@ class AxisCycle:
         estimate = bind(name, self._period, self._axis.resolution)
         return (lambda position: estimate(position, self._feedback[T_NS])) if is_timed(name) else estimate
 
-    def _bind_render(self) -> tuple[Step, Callable[[Field], None]]:
+    def _bind_render(self) -> tuple[PeriodStep, Callable[[Field], None]]:
         """Position → force → permitted force → target torque; and what exchanges the field that it renders."""
         state, axis, trip = self.state, self._axis, self._trip
         field, limit = summed(self._fields), bind_limiter(axis.limits, self._period)

@@ -8,7 +8,7 @@ of them are in operation enabled and nothing has tripped they *sense* what else 
 from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
-from haptic_fieldbus.cycle.laws import Pair, blended_pair
+from haptic_fieldbus.cycle.laws import PairField, blended_pair
 from haptic_fieldbus.cycle.safety import Trip
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS
@@ -146,7 +146,7 @@ class Cycle:
         self._render = steps[0] if len(steps) == 1 else _in_order(steps)
         self._render()
 
-    def _pair(self, element: CouplingElement, period: float) -> Pair:
+    def _pair(self, element: CouplingElement, period: float) -> PairField:
         """The element's law between its two axes, fresh."""
         law = element.begin(period)
         read_first, read_second = (self._axes[name].reader(element.needs) for name in element.axes)

@@ -12,7 +12,7 @@ from haptic_fieldbus.signals import Signal
 
 Field = Callable[[float], float]
 """Position of the handle → force of all elements on it, in the workspace."""
-Pair = Callable[[], tuple[float, float]]
+PairField = Callable[[], tuple[float, float]]
 """The forces of a coupling on its two axes, each in its workspace."""
 
 
@@ -89,7 +89,7 @@ def blended(before: Field, after: Field, periods: int) -> Field:
     return field
 
 
-def blended_pair(before: Pair, after: Pair, periods: int) -> Pair:
+def blended_pair(before: PairField, after: PairField, periods: int) -> PairField:
     """The same for the two forces of a coupling."""
     done = 0
 

@@ -24,7 +24,7 @@ class NodeOffset:
         return self.offset + node
 
 
-Value = int | float | str | bytes | NodeOffset
+EdsValue = int | float | str | bytes | NodeOffset
 
 
 class ObjectCode(IntEnum):
@@ -49,8 +49,8 @@ class EdsEntry:
     """None: missing, or a structure that only the device knows."""
     access: str
     """One of `ACCESS_TYPES`."""
-    default: Value | None = None
-    parameter: Value | None = None
+    default: EdsValue | None = None
+    parameter: EdsValue | None = None
     """What a DCF, or a tool that wrote into an EDS, gives as the configured value."""
     low: int | float | None = None
     high: int | float | None = None
@@ -59,7 +59,7 @@ class EdsEntry:
     line: int | None = None
 
     @property
-    def formula(self) -> Value | None:
+    def formula(self) -> EdsValue | None:
         """What stands there after power-on: the configured value, or the default."""
         return self.parameter if self.parameter is not None else self.default
 

@@ -8,7 +8,7 @@ IEEE 754 form. Everything that is understood raises nothing; ValueError says in 
 
 import struct
 
-from haptic_fieldbus.eds.model import NodeOffset, Value
+from haptic_fieldbus.eds.model import EdsValue, NodeOffset
 from haptic_fieldbus.eds.types import OCTETS, REALS, TEXTS, EdsType
 
 NODE_ID = "$nodeid"
@@ -40,7 +40,7 @@ def formula(text: str) -> int | NodeOffset:
     return NodeOffset(sum(whole_number(term) for term in numbers if term))
 
 
-def value_of(text: str, type: EdsType | None) -> Value:
+def value_of(text: str, type: EdsType | None) -> EdsValue:
     """A default, configured value or limit of this type; ValueError in words."""
     if type in TEXTS:
         return text
@@ -54,7 +54,7 @@ def value_of(text: str, type: EdsType | None) -> Value:
     return _fitted(number, type, text)
 
 
-def text_of(value: Value, type: EdsType | None) -> str:
+def text_of(value: EdsValue, type: EdsType | None) -> str:
     """How a value is written so that `value_of` reads it back."""
     if isinstance(value, NodeOffset):
         return f"$NODEID+0x{value.offset:X}" if value.offset else "$NODEID"

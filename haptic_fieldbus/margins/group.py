@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from haptic_fieldbus.margins import contact
+from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
 from haptic_fieldbus.margins.linear import EnvironmentOf
-from haptic_fieldbus.margins.loop import Axis, Loop, OneAxis
 from haptic_fieldbus.margins.plant import Plant, weakened
 from haptic_fieldbus.margins.suggestion import Suggestion, suggest
 from haptic_fieldbus.margins.verdict import Stability, judge
@@ -70,21 +70,21 @@ class Group:
         return contact.stiffest_of(self.varied)
 
     @property
-    def told_by(self) -> str:
+    def reference_axis(self) -> str:
         """The axis in whose units the verdict is: the first of the stiffest coupling."""
         coupling = contact.stiffest_of(self.couplings)
         return self.members[0].name if coupling is None else coupling.axes[0]
 
-    def judged(self) -> dict[str, Stability]:
+    def stabilities(self) -> dict[str, Stability]:
         """The one verdict on all of them, told for each axis by its name."""
         stiffness = None if self.stiffest is None else contact.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, contact.damping_of(self.varied))
         return dict(zip((member.name for member in self.members), verdicts, strict=True))
 
     @property
-    def told(self) -> Stability:
+    def stability(self) -> Stability:
         """The verdict by the axis in whose units it is."""
-        return self.judged()[self.told_by]
+        return self.stabilities()[self.reference_axis]
 
     def uncoupled(self) -> tuple["Group", ...]:
         """Each axis by itself, its couplings left out; empty where there are none."""
@@ -124,7 +124,7 @@ class Group:
         )
 
     @cached_property
-    def loop(self) -> Loop:
+    def loop(self) -> ClosedLoop:
         """The axes under their delayed holds, with the elements that are not varied."""
         own = [self._own(member) if self.couplings and member.elements else None for member in self.members]
         axes = [Axis(member.plant, member.delay, each) for member, each in zip(self.members, own, strict=True)]

@@ -27,8 +27,8 @@ from dataclasses import asdict, dataclass
 from enum import Enum
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
-from haptic_fieldbus.margins.loop import Loop
 from haptic_fieldbus.margins.plant import Plant
 from haptic_fieldbus.numerics import sampled
 
@@ -94,7 +94,7 @@ def _finite(value: float | None) -> float | None:
 
 
 def judge(
-    loop: Loop, environment_of: EnvironmentOf, stiffness: float | None, damping: float = 0.0
+    loop: ClosedLoop, environment_of: EnvironmentOf, stiffness: float | None, damping: float = 0.0
 ) -> tuple[Stability, ...]:
     """Limits and verdict of a loop, told for each of its axes with its plant and delay.
 

@@ -118,7 +118,7 @@ def draft_axis(
     method: str | None,
     estimator: str | None,
 ) -> AxisPlan:
-    """All but delay and stability, which need the traffic of all axes: `judging` adds them."""
+    """All but delay and stability, which need the traffic of all axes: `verdicts` adds them."""
     axis = rig.axis.get(scene_axis.name)
     if axis is None:
         raise PlanError(
@@ -186,8 +186,8 @@ def _check_coupled(name: str, couplings: tuple[CouplingElement, ...], profile: D
         )
 
 
-def _estimator(asked: str | None, profile: DriveProfile) -> str:
-    return (asked or DEFAULT_ESTIMATOR) if _offers_position(profile) else TACHOMETER
+def _estimator(name: str | None, profile: DriveProfile) -> str:
+    return (name or DEFAULT_ESTIMATOR) if _offers_position(profile) else TACHOMETER
 
 
 def _offers_position(profile: DriveProfile) -> bool:

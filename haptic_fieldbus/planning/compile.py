@@ -9,8 +9,8 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
 from haptic_fieldbus.planning.image import lay_out_image
-from haptic_fieldbus.planning.judging import delayed, judged
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
+from haptic_fieldbus.planning.verdicts import with_delay, with_verdicts
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import BusTraffic
 from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
@@ -36,7 +36,7 @@ def compile_plan(
     drafts = [draft_axis(scene, axis, rig, profiles, method, estimator) for axis in scene.axes]
     buses = _buses(drafts, rig, rate)
     delays = {axis: bus.traffic.delay(axis) for bus in buses for axis in bus.axes}
-    axes = judged([delayed(draft, delays[draft.name], period) for draft in drafts], period)
+    axes = with_verdicts([with_delay(draft, delays[draft.name], period) for draft in drafts], period)
     return Plan(
         scene=scene,
         rig=rig,
@@ -88,7 +88,7 @@ def _estimated(axis: AxisPlan) -> Iterator[str]:
     """Motion of the handle from the encoder."""
     yield f"position: counts → {axis.workspace.length_unit}, speed check"
     if axis.estimator:
-        yield f"velocity: {axis.estimator}{_judged_as(axis.estimator)}"
+        yield f"velocity: {axis.estimator}{_linear_note(axis.estimator)}"
 
 
 def _integrated(axis: AxisPlan) -> Iterator[str]:
@@ -101,11 +101,11 @@ def _integrated(axis: AxisPlan) -> Iterator[str]:
     )
 
 
-def _judged_as(estimator: str) -> str:
+def _linear_note(estimator: str) -> str:
     """A remark where the estimator is no linear system, so that its stability is judged with another."""
-    from haptic_fieldbus.numerics.estimators import judged_as
+    from haptic_fieldbus.numerics.estimators import linear_stand_in
 
-    other = judged_as(estimator)
+    other = linear_stand_in(estimator)
     return "" if other is None else f" (not linear: stability is judged with {other})"
 
 

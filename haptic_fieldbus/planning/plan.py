@@ -95,7 +95,7 @@ class Plan:
         """The axis with the smallest margin, told by the first of those that are judged together; None when a bench is
         unknown."""
         told = [
-            (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.told_by)
+            (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.reference_axis)
             for axis in self.axes
             if axis.stability is not None and axis.group is not None
         ]

@@ -22,7 +22,7 @@ def check_stable(plan: Plan, *, running: bool = False) -> None:
 
 def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> str:
     """What is unstable, where the limit lies, and what would be stable."""
-    axis = plan.axis(group.told_by)
+    axis = plan.axis(group.reference_axis)
     per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     asked = "this scene" if stability.stiffness is None else f"{stability.stiffness:g} {per}"
     if group.stiffest is not None and len(group.varied) > 1 and not group.couplings:
@@ -41,10 +41,10 @@ def _uncoupled(plan: Plan, group: Group) -> str:
     """Which of the coupled axes are unstable by themselves, so that no coupling of theirs is stable."""
     parts = []
     for each in group.uncoupled():
-        found, element, space = each.told, each.stiffest, plan.axis(each.told_by).workspace
+        found, element, space = each.stability, each.stiffest, plan.axis(each.reference_axis).workspace
         if element is not None and found.verdict is Verdict.UNSTABLE:
             limit = f"limit {found.stiffness_limit.stable:.4g} {space.effort_unit}/{space.length_unit}"
-            parts.append(f"; {element.name} on {each.told_by} is unstable without a coupling too, {limit}")
+            parts.append(f"; {element.name} on {each.reference_axis} is unstable without a coupling too, {limit}")
     return "".join(parts)
 
 

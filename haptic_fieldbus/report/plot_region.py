@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.api.judging import Judged
+from haptic_fieldbus.api.judging import Judgement
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.report.plot import BLUE, GREEN, INK, VERMILION
@@ -18,36 +18,38 @@ POINTS = 48
 """Dampings looked at in each picture."""
 
 
-def plot_region(judged: Judged, path: Path) -> None:
+def plot_region(judgement: Judgement, path: Path) -> None:
     """Draw the limits of stiffness for each damping, whole and around the scene.
 
     Raises UsageError for a scene without an element that has both.
     """
-    element = judged.group.stiffest
+    element = judgement.group.stiffest
     if element is None or not hasattr(element, "damping"):
         raise UsageError("--plot draws stiffness over damping; this scene has no element with both")
-    told = judged.stability
-    near = 4.0 * max(told.plant.damping, float(element.damping), 1e-9 * judged.group.largest_damping)
+    stability = judgement.stability
+    near = 4.0 * max(stability.plant.damping, float(element.damping), 1e-9 * judgement.group.largest_damping)
     figure = Figure(figsize=(11.0, 5.0), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(
-        f"{judged.scene.name}: period {1e3 * told.period_s:g} ms, delay {1e3 * told.delay_s:.2g} ms",
+        f"{judgement.scene.name}: period {1e3 * stability.period_s:g} ms, delay {1e3 * stability.delay_s:.2g} ms",
         size=12, weight="bold", color=INK, x=0.01, ha="left",
     )  # fmt: skip
     panels = figure.subplots(1, 2)
-    for panel, end in zip(panels, (_end(judged), near), strict=True):
-        _draw(panel, judged, end)
-        if told.stiffness is not None:
-            panel.plot([float(element.damping)], [told.stiffness], "o", color=VERMILION, label=told.verdict.value)
+    for panel, end in zip(panels, (_end(judgement), near), strict=True):
+        _draw(panel, judgement, end)
+        if stability.stiffness is not None:
+            panel.plot(
+                [float(element.damping)], [stability.stiffness], "o", color=VERMILION, label=stability.verdict.value
+            )
     panels[0].set_title("the whole region", loc="left", size=10, color=INK)
     panels[1].set_title("around the scene", loc="left", size=10, color=INK)
     panels[1].legend(frameon=False)
     figure.savefig(path)
 
 
-def _draw(panel: Axes, judged: Judged, end: float) -> None:
-    units = parameter_units(judged.workspace)
-    damping, stable, passive = _limits(judged, end)
+def _draw(panel: Axes, judgement: Judgement, end: float) -> None:
+    units = parameter_units(judgement.workspace)
+    damping, stable, passive = _limits(judgement, end)
     panel.fill_between(damping, stable, color=BLUE, alpha=0.16, linewidth=0)
     panel.plot(damping, stable, color=BLUE, linewidth=1.8, label="stable below")
     panel.fill_between(damping, passive, color=GREEN, alpha=0.25, linewidth=0)
@@ -60,12 +62,12 @@ def _draw(panel: Axes, judged: Judged, end: float) -> None:
     panel.spines[["top", "right"]].set_visible(False)
 
 
-def _limits(judged: Judged, end: float) -> tuple[Array, Array, Array]:
+def _limits(judgement: Judgement, end: float) -> tuple[Array, Array, Array]:
     """Dampings from 0 to `end`, and both limits for each, shape (POINTS,)."""
 
     def both(damping: float) -> tuple[float, float]:
-        stable = _drawn(judged.group.limit(damping))
-        return stable, min(stable, judged.group.passive_limit(damping, stable))
+        stable = _drawn(judgement.group.limit(damping))
+        return stable, min(stable, judgement.group.passive_limit(damping, stable))
 
     dampings = np.linspace(0.0, end, POINTS)
     limits = np.array([both(damping) for damping in dampings.tolist()])
@@ -76,10 +78,10 @@ def _drawn(limit: float) -> float:
     return limit if math.isfinite(limit) else 0.0
 
 
-def _end(judged: Judged) -> float:
+def _end(judgement: Judgement) -> float:
     """A damping [N·s/m or N·m·s/rad] with which no stiffness is stable any more; at most twice the largest."""
-    scale = judged.group.largest_damping
+    scale = judgement.group.largest_damping
     value = 1e-3 * scale
-    while value < 2.0 * scale and judged.group.limit(value):
+    while value < 2.0 * scale and judgement.group.limit(value):
         value *= math.sqrt(2.0)
     return value

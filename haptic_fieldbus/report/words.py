@@ -61,7 +61,7 @@ def _announcement(plan: Plan) -> Iterator[Line]:
 
 def _outcome(result: Result) -> Iterator[Line]:
     if result.cycles:
-        yield "result", f"{periods(result)}{_load_text(result)}{_speed_text(result)}"
+        yield "result", f"{periods_text(result)}{_load_text(result)}{_speed_text(result)}"
     if result.torque_error is not None:
         yield "result", f"{error_sizes(result.torque_error)}{_sources_text(result.torque_error)}"
     if result.verdict is not None:
@@ -159,7 +159,7 @@ def _margin_text(stability: Stability) -> str:
     return f", margin {stability.margin:.1f}" if stability.margin is not None else ""
 
 
-def periods(result: Result) -> str:
+def periods_text(result: Result) -> str:
     missed = result.missed_cycles or 0
     return f"{count(result.cycles or 0)} periods, {f'{count(missed)} missed' if missed else 'none missed'}"
 
@@ -196,7 +196,7 @@ def energy_text(energy: float | None) -> str:
 
 def key_figures(result: Result) -> str:
     """One line below the title of a picture."""
-    parts = [f"{result.scene} on {result.drive}, {result.bus}, {result.rate:g} Hz", periods(result)]
+    parts = [f"{result.scene} on {result.drive}, {result.bus}, {result.rate:g} Hz", periods_text(result)]
     if result.torque_error is not None:
         parts.append(error_sizes(result.torque_error))
     return " · ".join(parts) + _load_text(result)

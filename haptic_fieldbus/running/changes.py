@@ -13,15 +13,15 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.planning.live_changes import RAMP, Applied, Change, plan_change
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.settings import Value
-from haptic_fieldbus.planning.tuning import RAMP, Applied, Change, tuned
+from haptic_fieldbus.planning.settings import SettingValue
 from haptic_fieldbus.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from haptic_fieldbus.cycle.cycle import Cycle
 
-Scheduled = tuple[float, Mapping[str, Value]]
+Scheduled = tuple[float, Mapping[str, SettingValue]]
 """Seconds from operation enabled, and settings."""
 
 
@@ -68,7 +68,7 @@ class Changes:
         """When the ramp to `scene` began [s from operation enabled]; 0 where nothing has changed."""
         return self.applied[-1].time if self.applied else 0.0
 
-    def request(self, settings: Mapping[str, Value]) -> Change:
+    def request(self, settings: Mapping[str, SettingValue]) -> Change:
         """Check new values and hand them to the loop, from any thread while it runs; they hold from the next period on.
 
         Raises what `run` raises for such settings, UnstableSceneError included; the old values stay then.
@@ -78,7 +78,7 @@ class Changes:
                 raise UsageError("nothing runs with these changes: they can be asked for while `run` runs")
             if len(self._planned) > len(self.applied):
                 raise UsageError(f"scheduled changes are still to come, up to {self._planned[-1].time:g} s")
-            change = tuned(self._running, self._last, settings, force=self._force)
+            change = plan_change(self._running, self._last, settings, force=self._force)
             self._hand_over(change, self._last, self._cycle)
             self._last = change.plan
         return change
@@ -98,7 +98,9 @@ class Changes:
         planned: list[Change] = []
         for time, settings in sorted(self.scheduled, key=lambda scheduled: scheduled[0]):
             try:
-                planned.append(tuned(plan, planned[-1].plan if planned else plan, settings, force=force, time=time))
+                planned.append(
+                    plan_change(plan, planned[-1].plan if planned else plan, settings, force=force, time=time)
+                )
             except HapticFieldbusError as error:
                 error.add_note(f"asked for by the change at {time:g} s")
                 raise

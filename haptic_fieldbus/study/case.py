@@ -33,5 +33,5 @@ def refused(ask: Callable[[], object]) -> str:
     return ""
 
 
-def listed(values: Iterable[float], form: str) -> str:
+def values_text(values: Iterable[float], form: str) -> str:
     return ", ".join(f"{value:{form}}" for value in values)

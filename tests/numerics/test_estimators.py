@@ -18,8 +18,8 @@ from haptic_fieldbus.numerics.estimators import (
     chosen,
     discrete,
     is_timed,
-    judged,
-    judged_as,
+    linear_form,
+    linear_stand_in,
 )
 from haptic_fieldbus.numerics.linear import StateSpace
 from tests.lanes import examples
@@ -180,17 +180,17 @@ STAND_INS = {
 @pytest.mark.parametrize("spec", [*NOT_LINEAR, "foaw-best-fit:window=1"])
 def test_what_is_no_linear_system_is_judged_as_one_and_says_so(spec: str) -> None:
     assert discrete(spec, PERIOD) is None
-    stand_in = judged_as(spec)
+    stand_in = linear_stand_in(spec)
     assert stand_in == STAND_INS.get(spec, "backward-difference")
     expected = discrete(stand_in, PERIOD)
     assert expected is not None
     for name in "abcd":
-        np.testing.assert_array_equal(getattr(judged(spec, PERIOD), name), getattr(expected, name))
+        np.testing.assert_array_equal(getattr(linear_form(spec, PERIOD), name), getattr(expected, name))
 
 
 def test_what_is_linear_is_judged_as_itself() -> None:
-    assert judged_as("low-pass") is None
-    assert judged("low-pass:order=3", PERIOD).order == 4
+    assert linear_stand_in("low-pass") is None
+    assert linear_form("low-pass:order=3", PERIOD).order == 4
 
 
 def test_parameters_are_read_with_and_without_spaces() -> None:

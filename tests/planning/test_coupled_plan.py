@@ -16,7 +16,7 @@ from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.report.limits import limits
+from haptic_fieldbus.report.stability import stability_lines
 from haptic_fieldbus.report.words import announcement, stability_text
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.coupling import Coupling
@@ -106,10 +106,10 @@ class TestVerdict:
     def test_is_the_same_by_the_stability_command(self) -> None:
         judged = judge_scene(Inquiry("virtual_shaft"))
         assert judged.stability == haptic_fieldbus.plan("virtual_shaft").stability
-        text = dict(limits(judged))
+        text = dict(stability_lines(judged))
         assert "coupling left, right" in text["scene"]
         assert text["delay"].startswith("left 0.8 ms, right 0.8 ms")
-        less = judged.group.weakened(0.7).told.stiffness_limit.stable
+        less = judged.group.weakened(0.7).stability.stiffness_limit.stable
         assert less is not None
         assert less < (judged.stability.stiffness_limit.stable or 0.0)
 

@@ -13,8 +13,8 @@ from haptic_fieldbus.drive.rig import LinearMechanism, RotaryMechanism
 from haptic_fieldbus.errors import PlanError, RigError, SignalUnavailableError, UnstableSceneError
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.tuning import tuned
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene
@@ -174,7 +174,7 @@ def test_an_axis_with_an_encoder_beside_one_without_keeps_its_estimator() -> Non
 
 def test_a_change_of_the_running_scene_keeps_both_as_they_are() -> None:
     plan = mixed()
-    changed = tuned(plan, plan, {"two.stiffness": 700.0}).plan
+    changed = plan_change(plan, plan, {"two.stiffness": 700.0}).plan
     assert [axis.estimator for axis in changed.axes] == [axis.estimator for axis in plan.axes]
     with pytest.raises(UnstableSceneError):
-        tuned(plan, plan, {"two.stiffness": 5000.0})
+        plan_change(plan, plan, {"two.stiffness": 5000.0})

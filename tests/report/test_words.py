@@ -4,7 +4,7 @@ import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.assessing.result import Result, TorqueError, TripRecord
-from haptic_fieldbus.assessing.verdict import verdict_of
+from haptic_fieldbus.assessing.run_verdict import run_verdict
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.report.words import (
@@ -82,7 +82,7 @@ def test_of_several_elements_each_is_named() -> None:
 
 @pytest.mark.parametrize(("share", "shown"), [(0.0123, "1.2 %"), (0.5, "50 %"), (1.53, "153 %"), (20.0, "2000 %")])
 def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> None:
-    told = verdict_of(scene="wall", effort="force", stable=True, contact=share, ripple=None, missed=0)
+    told = run_verdict(scene="wall", effort="force", stable=True, contact=share, ripple=None, missed=0)
     assert f"error {shown} of the force" in told
 
 

@@ -160,7 +160,10 @@ def test_a_folder_that_cannot_be_made_is_told_before_anything_is_measured(tmp_pa
 
 
 def test_numbers_that_json_does_not_know_become_null() -> None:
-    assert run_report.finite({"a": (math.inf, [math.nan, 1.0]), "b": "text"}) == {"a": [None, [None, 1.0]], "b": "text"}
+    assert run_report.json_ready({"a": (math.inf, [math.nan, 1.0]), "b": "text"}) == {
+        "a": [None, [None, 1.0]],
+        "b": "text",
+    }
 
 
 def test_progress_rises_to_the_end(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import canopen
 
 from haptic_fieldbus.buses.bus import DriveFacts
-from haptic_fieldbus.buses.canopen.limits import MAX_TORQUE, check_max_torque
+from haptic_fieldbus.buses.canopen.max_torque import MAX_TORQUE, check_max_torque
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
@@ -42,7 +42,7 @@ COB_ID_NO_RTR = 0x4000_0000
 """Bit 30 of a TPDO's COB-ID; many drives have it fixed, so it stays as it is."""
 SYNC_PRODUCER = 0x4000_0000
 """Bit 30 of 1005h: the device sends SYNC itself."""
-CAN_ID = 0x7FF
+COB_ID_MASK = 0x7FF
 SHAFT_BRAKES = 3
 """Abort connection option code: quick stop command."""
 SHAFT_WORDS = {1: "the drive faults", 2: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
@@ -159,7 +159,7 @@ class Setup:
         sync = self._optional(SYNC_ID)
         if sync is None:
             return
-        if sync & CAN_ID != SYNC_COB_ID or sync & SYNC_PRODUCER:
+        if sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER:
             raise BusConfigurationError(
                 f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is needed"
             )

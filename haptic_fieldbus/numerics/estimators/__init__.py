@@ -2,7 +2,7 @@
 
 An estimator is written NAME or NAME:key=value,key=value, such as `least-squares:window=8,order=2`. `bind` gives the
 step that the loop runs, `discrete` the linear system that it is, or None for those that are none (they choose between
-several); `judged` is what stability is judged by then: the one of these with the most delay, where there is one.
+several); `linear_form` is what stability is judged by then: the one of these with the most delay, where there is one.
 
 The estimator matters: in one published data set it was worth a factor two of stiffness. Less noise costs delay, and
 delay costs stiffness; `figures` gives both.
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib import import_module
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, Value
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, ParameterValue
 from haptic_fieldbus.numerics.linear import StateSpace
 
 __all__ = [
@@ -27,8 +27,8 @@ __all__ = [
     "discrete",
     "estimator_named",
     "is_timed",
-    "judged",
-    "judged_as",
+    "linear_form",
+    "linear_stand_in",
 ]
 
 DEFAULT_ESTIMATOR = "backward-difference"
@@ -54,7 +54,7 @@ class ChosenEstimator:
     """An estimator and the parameters that were given with its name."""
 
     estimator: Estimator
-    given: dict[str, Value]
+    given: dict[str, ParameterValue]
 
     def setup(self, period: float, resolution: float = 0.0) -> EstimatorSetup:
         """All parameters, checked; raises UsageError when they do not go with the period."""
@@ -83,7 +83,7 @@ def chosen(spec: str) -> ChosenEstimator:
     name, _, written = spec.partition(":")
     estimator = estimator_named(name.strip())
     known = {parameter.key: parameter for parameter in estimator.parameters}
-    given: dict[str, Value] = {}
+    given: dict[str, ParameterValue] = {}
     for part in filter(None, map(str.strip, written.split(","))):
         key, equals, text = map(str.strip, part.partition("="))
         if not equals or key not in known:
@@ -94,7 +94,7 @@ def chosen(spec: str) -> ChosenEstimator:
     return ChosenEstimator(estimator, given)
 
 
-def _parsed(name: str, parameter: Parameter, text: str) -> Value:
+def _parsed(name: str, parameter: Parameter, text: str) -> ParameterValue:
     try:
         return parameter.parsed(text)
     except UsageError as error:
@@ -126,15 +126,15 @@ def is_timed(spec: str) -> bool:
     return chosen(spec).estimator.timed
 
 
-def judged_as(spec: str) -> str | None:
+def linear_stand_in(spec: str) -> str | None:
     """The estimator that stability is judged with in the place of this one; None where it is linear itself."""
     choice = chosen(spec)
     return None if choice.estimator.system is not None else choice.estimator.stand_in(choice.setup(1.0))
 
 
-def judged(spec: str, period: float) -> StateSpace:
-    """The linear system that stability is judged by: the estimator's, or that of `judged_as`."""
-    system = discrete(judged_as(spec) or spec, period)
+def linear_form(spec: str, period: float) -> StateSpace:
+    """The linear system that stability is judged by: the estimator's, or that of `linear_stand_in`."""
+    system = discrete(linear_stand_in(spec) or spec, period)
     if system is None:
         raise TypeError(f"{spec} is judged as an estimator that is not linear either")
     return system

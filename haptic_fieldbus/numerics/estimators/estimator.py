@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.linear import StateSpace
 
-Value = float | str
+ParameterValue = float | str
 
 Estimate = Callable[..., float]
 """Position of this period [m or rad] (and its time [ns], where `timed`) → velocity [m/s or rad/s]."""
@@ -18,7 +18,7 @@ class Parameter:
     """A number or a word that is given as NAME:key=value; `default` None: one encoder count of the axis."""
 
     key: str
-    default: Value | None
+    default: ParameterValue | None
     meaning: str
     unit: str = ""
     lowest: float = 0.0
@@ -26,7 +26,7 @@ class Parameter:
     is_whole: bool = False
     choices: tuple[str, ...] = ()
 
-    def parsed(self, text: str) -> Value:
+    def parsed(self, text: str) -> ParameterValue:
         """The value written so; raises UsageError that says what is expected."""
         if self.choices:
             if text not in self.choices:
@@ -58,7 +58,7 @@ class EstimatorSetup:
 
     period: float
     resolution: float
-    values: Mapping[str, Value]
+    values: Mapping[str, ParameterValue]
 
     def number(self, key: str) -> float:
         return float(self.values[key])

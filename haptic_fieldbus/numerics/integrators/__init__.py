@@ -12,7 +12,7 @@ import numpy as np
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.integrators import one_step, staggered
-from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, check
+from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, check_system
 from haptic_fieldbus.numerics.integrators.stepping import Step, bind_general, bind_pair
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 
@@ -64,7 +64,7 @@ def _unknown(name: str) -> str:
 def discretise(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> OneStep:
     """One step of a method on a linear system of any order; raises UsageError for numbers that make no sense."""
     chosen = method_named(method)
-    check(space, period)
+    check_system(space, period)
     try:
         return chosen.discretise(space, period)
     except np.linalg.LinAlgError as error:

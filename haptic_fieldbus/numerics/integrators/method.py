@@ -58,7 +58,7 @@ class Integrator:
     """(continuous system, period [s]) → one step; neither is checked."""
 
 
-def check(space: StateSpace, period: float) -> None:
+def check_system(space: StateSpace, period: float) -> None:
     """Raises UsageError for a period that is not above 0, and for a system with an entry that is no finite number."""
     if not 0.0 < period < math.inf:
         raise UsageError(f"period {period:g} s: expected a finite number above 0")

@@ -11,7 +11,7 @@ from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.bus_name import SIMULATION, BusName
 
 DEFAULT_BITRATE = 1_000_000
 """[bit/s]; taken where the bit rate cannot be known."""
@@ -29,8 +29,6 @@ CAN_INTERFACES = (
     "pcan", "robotell", "seeedstudio", "serial", "slcan", "socketcan", "socketcand", "systec", "udp_multicast",
     "usb2can", "vector", "virtual",
 )  # fmt: skip
-SIMULATION = "sim"
-"""Without a bit rate: in the place of a rig's bus it has that of the rig."""
 LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 
 

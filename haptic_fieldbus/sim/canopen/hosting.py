@@ -76,7 +76,7 @@ def host(
         can_bus.shutdown()
 
 
-def check(request: HostRequest) -> tuple[BusName, list[Slot]]:
+def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
     """The bus, and what is put on it; raises one UsageError that lists all faults, or ProfileError."""
     faults = [
         f'fault "{fault.kind}" is one of the master\'s controller, which is not simulated here'

@@ -14,7 +14,7 @@ class Line(Protocol):
     def error_frame(self, t_ns: int) -> None: ...
 
 
-def install(fault: faults.LastingFault, slave: Slave) -> None:
+def install_fault(fault: faults.LastingFault, slave: Slave) -> None:
     """A fault that is there from power-on; before the slave is powered."""
     match fault:
         case faults.MissingNode():

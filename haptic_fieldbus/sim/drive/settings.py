@@ -55,7 +55,7 @@ class DriveSettings:
     """Shaft speed at power-on [rad/s]."""
 
 
-def known(axis: RigAxis) -> tuple[float, float, float]:
+def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
     """Inertia [kg·m²], viscous damping [N·m·s/rad] and rated torque [N·m] of the axis, or of the shipped bench."""
     bench = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
     inertia = axis.inertia if axis.inertia is not None else bench.inertia
@@ -68,7 +68,7 @@ def known(axis: RigAxis) -> tuple[float, float, float]:
 
 def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int) -> Body:
     """Motor, load and hand at the motor shaft, from `t_ns` on; rigid unless the rig asks for more."""
-    inertia, damping, _ = known(axis)
+    inertia, damping, _ = known_mechanics(axis)
     shaft = Shaft(inertia, damping, axis.coulomb_friction, _lag(profile))
     held = grip(hand, axis.mechanism) if hand is not None else None
     position, velocity = settings.position, settings.velocity
@@ -85,7 +85,7 @@ def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, setting
 
 def build_gains(profile: Cia402Profile, axis: RigAxis, tick: float) -> Gains:
     """Of the drive's own loops [s]."""
-    inertia, damping, _ = known(axis)
+    inertia, damping, _ = known_mechanics(axis)
     return gains(inertia, damping, _lag(profile), tick)
 
 
@@ -103,7 +103,7 @@ def _velocity_unit(profile: Cia402Profile) -> str:
 
 def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettings) -> Defaults:
     """Ramps that half of rated torque makes with the inertia alone, and the speed they reach in `_RAMP`."""
-    inertia, _, rated = known(axis)
+    inertia, _, rated = known_mechanics(axis)
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia * counts / (2 * math.pi)
     in_counts = 2 * math.pi / counts / velocity_step(_velocity_unit(profile), counts)

@@ -12,7 +12,7 @@ from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.study.case import CaseResult
 from haptic_fieldbus.study.cases.drive_bench import PERIOD_NS, Feeder, feed
-from haptic_fieldbus.study.cases.oracles import jury_limit, moved
+from haptic_fieldbus.study.cases.oracles import jury_limit, moved_by_force
 from haptic_fieldbus.study.cases.textbook import RULES
 from haptic_fieldbus.study.measure.in_the_loop import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
@@ -101,7 +101,7 @@ def _textbook_forces(device: Plant, method: str, steps: int) -> list[float]:
         force = STIFFNESS * (q - x)
         forces.append(force)
         before = x
-        x, v = moved(device, x, v, force, PERIOD)
+        x, v = moved_by_force(device, x, v, force, PERIOD)
         q, speed = rule(q, speed, before, x, omega, PERIOD)
     return forces
 

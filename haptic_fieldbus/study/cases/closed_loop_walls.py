@@ -9,7 +9,7 @@ from haptic_fieldbus.margins import Plant, Verdict, alone, judge, passive_limit,
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.oracles import growth_of, jury_limit, plain_terms, schur_cohn_limit, simulate
+from haptic_fieldbus.study.cases.oracles import growth_of, jury_limit, plain_terms, sampled_positions, schur_cohn_limit
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3
@@ -29,13 +29,13 @@ def _law(stiffness: float) -> Callable[[float], float]:
 def at_boundary(factor: float, quick: bool) -> CaseResult:
     """At so much of its limit a wall's motion fades or grows as slowly as theory says.
 
-    Judged is ln of the growth over many periods against N·ln ρ, ρ² = e + K·c0 where the roots are complex.
+    Judgement is ln of the growth over many periods against N·ln ρ, ρ² = e + K·c0 where the roots are complex.
     """
     steps = 100_000 if quick else 1_000_000
     limit, exact = _limit(BENCH), jury_limit(BENCH, PERIOD)
     e, _, c0 = plain_terms(BENCH, PERIOD)
     expected = 0.9 * steps * 0.5 * math.log(e + factor * exact * c0)
-    measured = growth_of(simulate(BENCH, PERIOD, _law(factor * limit), steps))
+    measured = growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), steps))
     return CaseResult(
         f"limit {exact:.6f} N/m; at {factor:g} of it ln of growth {expected:+.4f} in {0.9 * steps:g} periods",
         f"limit {limit:.6f} N/m (1e-8 allowed); ln of growth {measured:+.4f} (1 % and 0.005 allowed)",
@@ -52,7 +52,7 @@ def _chatter(stiffness: float, steps: int, push: float) -> tuple[float, float]:
     wall = loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=stiffness, unilateral=True,
                  push=push, position=1e-3)  # fmt: skip
     peak = float(batch.run(wall, steps).peaks[-1, 0])
-    positions = simulate(BENCH, PERIOD, lambda x: -stiffness * x if x > 0.0 else 0.0, steps, push=push)
+    positions = sampled_positions(BENCH, PERIOD, lambda x: -stiffness * x if x > 0.0 else 0.0, steps, push=push)
     return peak - push / stiffness, max(positions[-(steps // 10) :]) - push / stiffness
 
 
@@ -87,7 +87,8 @@ def delayed(delay: float, quick: bool) -> CaseResult:
     worst = max(abs(_limit(each, delay=delay) / schur_cohn_limit(each, PERIOD, delay) - 1.0) for each in devices)
     limit, exact = _limit(BENCH, delay=delay), schur_cohn_limit(BENCH, PERIOD, delay)
     below, above = (
-        growth_of(simulate(BENCH, PERIOD, _law(factor * limit), 20_000, delay=delay)) for factor in (0.99, 1.01)
+        growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), 20_000, delay=delay))
+        for factor in (0.99, 1.01)
     )
     return CaseResult(
         f"m = 0.1 kg, b = 50 N·s/m: {exact:.5f} N/m; fades at 0.99 of it, grows at 1.01",
@@ -107,7 +108,7 @@ def slow_loop(quick: bool) -> CaseResult:
     slowest = _limit(device, periods[-1])
     expected = 2.0 * device.damping / (periods[-1] - 2.0 * device.mass / device.damping)
     verdict = judge(alone(device, periods[0], 0.0), spring, stiffness)[0].verdict
-    grown = growth_of(simulate(device, periods[0], _law(stiffness), 50))
+    grown = growth_of(sampled_positions(device, periods[0], _law(stiffness), 50))
     return CaseResult(
         f"limit {expected:.8f} N/m at 0.1 Hz; 600 N/m at 20 Hz grows",
         f"limit {slowest:.8f} N/m, off Jury's by {worst:.0e} (1e-8 allowed); 600 N/m {verdict.value}, "
@@ -125,7 +126,7 @@ def undamped_wall(quick: bool) -> CaseResult:
     limits += [passive_limit(each, PERIOD, 0.0) for each in plants]
     share, steps = (1e-3 if quick else 1e-5), (20_000 if quick else 1_000_000)
     device = Plant(0.1, 0.0)
-    measured = growth_of(simulate(device, PERIOD, _law(share * device.mass / PERIOD**2), steps))
+    measured = growth_of(sampled_positions(device, PERIOD, _law(share * device.mass / PERIOD**2), steps))
     expected = 0.9 * steps * 0.5 * math.log1p(0.5 * share)
     return CaseResult(
         f"limit exactly 0 N/m; at K = {share:g}·m/T² ln of growth {expected:.4f} in {0.9 * steps:g} periods",

@@ -12,12 +12,21 @@ from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag, Workspace
 from haptic_fieldbus.study.case import CaseResult
 from haptic_fieldbus.study.cases import drive_bench
-from haptic_fieldbus.study.cases.drive_bench import COUNT, PERIOD_NS, UNIT, Feeder, feed, plan_of, running, torque
+from haptic_fieldbus.study.cases.drive_bench import (
+    COUNT,
+    PERIOD_NS,
+    UNIT,
+    Feeder,
+    feed,
+    plan_of,
+    running_feeder,
+    torque,
+)
 
 
 def lost_bus(quick: bool) -> CaseResult:
     """Bus-off in contact: our command is zero in that period, and the drive alone takes its torque away."""
-    cycle = running(plan_of(Constant("handle", 3.0)))
+    cycle = running_feeder(plan_of(Constant("handle", 3.0)))
     before = torque(cycle)
     after = [torque(cycle, flags=LinkFlag.BUS_OFF), *(torque(cycle) for _ in range(100))]
     outcome = drive_bench.bus_off_in_contact()
@@ -40,7 +49,7 @@ def lost_bus(quick: bool) -> CaseResult:
 def stale_position(quick: bool) -> CaseResult:
     """Without new feedback force is held for a period, halved, and taken away for good; one new sample resets that."""
     full = round(3.0 / UNIT)
-    cycle = running(plan_of(Constant("handle", 3.0)))
+    cycle = running_feeder(plan_of(Constant("handle", 3.0)))
     mended = [torque(cycle, flags=flag) for _ in range(3) for flag in (LinkFlag.STALE, LinkFlag.STALE, 0)]
     lost = [torque(cycle, flags=LinkFlag.STALE) for _ in range(3)]
     later = [torque(cycle) for _ in range(10)]
@@ -86,7 +95,7 @@ def denormal_input(quick: bool) -> CaseResult:
     """Forces and motions below 2.2e-308 give a torque of 0 without a trip, and virtual states that keep their law."""
     targets, trips = [], 0
     for value in (5e-324, -5e-324, 1e-310, 2.2250738585072014e-308):
-        cycle = running(plan_of(Constant("handle", value)))
+        cycle = running_feeder(plan_of(Constant("handle", value)))
         targets.append(abs(torque(cycle)))
         trips += cycle.trip is not None
     stiffness, mass, height, steps = 200.0, 0.5, 1e-310, 1000 if quick else 100_000
@@ -106,7 +115,7 @@ def denormal_input(quick: bool) -> CaseResult:
 
 def encoder_wrap(quick: bool) -> CaseResult:
     """An encoder that passes 2³¹ on its way there and back is followed as if it had no end."""
-    cycle = running(plan_of(Wall("handle", stiffness=1.0, position=-1.0, damping=0.5)), 0x7FFF_FFFF - 2000)
+    cycle = running_feeder(plan_of(Wall("handle", stiffness=1.0, position=-1.0, damping=0.5)), 0x7FFF_FFFF - 2000)
     true, off, off_speed, crossings = 0, 0.0, 0.0, 0
     ways = [way for _ in range(20 if quick else 2000) for way in (700, 700, 700, 1, 699, -700, -1, -699, -700, -700)]
     counts = 0x7FFF_FFFF - 2000
@@ -137,7 +146,7 @@ def encoder_jump(quick: bool) -> CaseResult:
     jumps = range(allowed - 20, allowed + 21)
     outcomes = {}
     for jump in jumps:
-        cycle = running(plan)
+        cycle = running_feeder(plan)
         outcomes[jump] = (torque(cycle, jump), cycle.tripped)
     largest = max(jump for jump, (_, trip) in outcomes.items() if trip is None)
     tripped = [(sent, trip) for sent, trip in outcomes.values() if trip is not None]
@@ -160,8 +169,8 @@ def encoder_jump(quick: bool) -> CaseResult:
 def clock_backwards(quick: bool) -> CaseResult:
     """Time stamps that stand still or go back: a wall never looks at them, and a timed velocity keeps its value."""
     wall, damped = Wall("handle", stiffness=600.0), Wall("handle", stiffness=600.0, damping=0.5)
-    timed = running(plan_of(damped, estimator="tick-interval"), t_ns=600 * PERIOD_NS)
-    plain = running(plan_of(wall))
+    timed = running_feeder(plan_of(damped, estimator="tick-interval"), t_ns=600 * PERIOD_NS)
+    plain = running_feeder(plan_of(wall))
     t_ns, speeds, off = 600 * PERIOD_NS, [], 0.0
     hops = (PERIOD_NS, 0, -PERIOD_NS, PERIOD_NS, -(10**15), PERIOD_NS, PERIOD_NS, -1)
     for n in range(80):
@@ -185,7 +194,9 @@ def clock_backwards(quick: bool) -> CaseResult:
 def long_clock(quick: bool) -> CaseResult:
     """Near 2⁶² ns (146 years) a timed velocity is as exact as at 0, and a trip and a period are to the nanosecond."""
     start = 2**62 + 12_345
-    cycle = running(plan_of(Wall("handle", 600.0, damping=0.5), estimator="tick-interval"), t_ns=start - PERIOD_NS)
+    cycle = running_feeder(
+        plan_of(Wall("handle", 600.0, damping=0.5), estimator="tick-interval"), t_ns=start - PERIOD_NS
+    )
     error, counts, t_ns = 0.0, 0, start
     for n in range(400):
         late = (n * 7919) % 1000 - 500
@@ -211,7 +222,7 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
     wall = Wall("handle", stiffness=30.0, position=0.01, damping=0.002)
     limits = Limits(effort=0.3, speed=100.0)
     plans = [plan_of(wall, workspace=space, radius=1.0, limits=limits) for space in Workspace]
-    cycles = [running(plan) for plan in plans]
+    cycles = [running_feeder(plan) for plan in plans]
     worst, apart, before = 0.0, 0, 0.0
     for n in range(1, 200):
         counts = round(20.0 * math.sin(0.05 * n))

@@ -15,8 +15,8 @@ from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.sim.mechanics import plant as sim_plant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
-from haptic_fieldbus.study.case import CaseResult, listed
-from haptic_fieldbus.study.cases.oracles import jury_limit, simulate
+from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.cases.oracles import jury_limit, sampled_positions
 
 LOSS, IMPACT_MASS = 0.6, 0.2
 """Of the impact: p [s/m], and the mass that hits [kg]."""
@@ -58,9 +58,9 @@ def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
     pulled_out = _contact(1e-3, -3.0 / LOSS)
     smallest = min(force for _, force in found)
     return CaseResult(
-        f"in at 0.1, 1, 5, 20 m/s, out at {listed(exact, '.5g')} m/s (within 1e-6); never a force below 0 N",
-        f"out at {listed([left for left, _ in found], '.5g')} m/s, off by {error:.1g}; smallest force {smallest:g} N, "
-        f"{pulled_out:g} N when pulled out at 3/p",
+        f"in at 0.1, 1, 5, 20 m/s, out at {values_text(exact, '.5g')} m/s (within 1e-6); never a force below 0 N",
+        f"out at {values_text([left for left, _ in found], '.5g')} m/s, off by {error:.1g}; "
+        f"smallest force {smallest:g} N, {pulled_out:g} N when pulled out at 3/p",
         error < 1e-6 and smallest >= 0.0 and pulled_out == 0.0,
         "closed form: p·v − ln(1 + p·v) is equal at entry and exit, solved by bisection",
         tolerance="1e-6 of the speed; the sign of the force exact",
@@ -230,7 +230,9 @@ DETENTS = Detents("handle", amplitude=1.0, pitch=PITCH)
 def _swing(stiffness: float, steps: int) -> float:
     """Growth of a millionth of a pitch in detents of this local stiffness, step by step."""
     start = 1e-6 * PITCH
-    positions = simulate(HANDLE, PERIOD, DETENTS.with_stiffness(stiffness).force, steps + 1, start=(start, 0.0))
+    positions = sampled_positions(
+        HANDLE, PERIOD, DETENTS.with_stiffness(stiffness).force, steps + 1, start=(start, 0.0)
+    )
     return max(map(abs, positions[-499:])) / start
 
 

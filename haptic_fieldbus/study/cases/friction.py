@@ -11,8 +11,8 @@ import numpy as np
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerics.batch import Running
 from haptic_fieldbus.numerics.loops import Array, Loops, loops
-from haptic_fieldbus.study.case import CaseResult, listed
-from haptic_fieldbus.study.cases.oracles import moved
+from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.cases.oracles import moved_by_force
 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)
@@ -43,7 +43,7 @@ def _slide(x: float, v: float, force: float, coulomb: float, span: float) -> tup
             return x, 0.0
         left = force - math.copysign(coulomb, v or force)
         turn = MASS / DAMPING * math.log(1.0 - v * DAMPING / left) if v * left < 0.0 else math.inf
-        x, v = moved(DEVICE, x, v, left, min(turn, span))
+        x, v = moved_by_force(DEVICE, x, v, left, min(turn, span))
         v = 0.0 if turn <= span else v
         span -= turn
     return x, v
@@ -79,7 +79,7 @@ def coarse_encoder(quick: bool) -> CaseResult:
         agree &= by_hand == [False, True] and moves == sorted(moves)
     return CaseResult(
         f"rest up to D = 2·fc/K = {border * 1e6:.2f} µm, chatter above, at T = 0.25, 0.5 and 1 ms alike (±2 %)",
-        f"border at {listed([step * 1e6 for step in found], '.2f')} µm",
+        f"border at {values_text([step * 1e6 for step in found], '.2f')} µm",
         agree and all(abs(step / border - 1.0) <= 0.02 for step in found),
         "balance of forces at the edge of a count (Abbott & Okamura); the loop in plain floats on both sides",
         tolerance="2 % of the border",

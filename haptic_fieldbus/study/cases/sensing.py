@@ -13,7 +13,7 @@ from haptic_fieldbus.numerics.estimators import tachometer
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
 from haptic_fieldbus.study.case import CaseResult, refused
-from haptic_fieldbus.study.cases.oracles import moved
+from haptic_fieldbus.study.cases.oracles import moved_by_force
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD, STEP = 1e-3, 1e-5
@@ -194,7 +194,7 @@ def _grows_by_hand(plant: Plant, stiffness: float, lengths: tuple[int, ...]) -> 
     columns = []
     for x, v in ((1.0, 0.0), (0.0, 1.0)):
         for length in lengths:
-            x, v = moved(plant, x, v, -stiffness * x, length * PERIOD)
+            x, v = moved_by_force(plant, x, v, -stiffness * x, length * PERIOD)
         columns.append((x, v))
     (a, c), (b, d) = columns
     return not (abs(a * d - b * c) < 1.0 and abs(a + d) < 1.0 + a * d - b * c)

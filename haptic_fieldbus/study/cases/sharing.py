@@ -15,9 +15,9 @@ from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.loops import Array, loops
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
-from haptic_fieldbus.study.case import CaseResult, listed
+from haptic_fieldbus.study.case import CaseResult, values_text
 from haptic_fieldbus.study.cases.friction import recorded
-from haptic_fieldbus.study.cases.oracles import moved
+from haptic_fieldbus.study.cases.oracles import moved_by_force
 
 PERIOD = 1e-3
 STIFFNESS, AMPLITUDE, TURN = 600.0, 0.01, 40
@@ -44,7 +44,7 @@ def passivity_observer_timing(quick: bool) -> CaseResult:
     apart = max(abs(one - other) for one, other in zip([*ratios, fine / leak], [1.0, -1.0, 0.0, 1.0], strict=True))
     return CaseResult(
         f"f_(k-1), f_k, their mean times x_k - x_(k-1): +leak, -leak, 0; leak {1e3 * leak:.6g} mJ",
-        f"{listed([1e3 * each for each in ledgers], '+.6g')} mJ; finely integrated {1e3 * fine:+.6g} mJ",
+        f"{values_text([1e3 * each for each in ledgers], '+.6g')} mJ; finely integrated {1e3 * fine:+.6g} mJ",
         apart <= 1e-6,
         "closed form N·K·A²·sin²(π/N) a cycle, and ∫f·v over 50 parts of each period (to 1e-6)",
         tolerance="1e-6 of the leak",
@@ -82,8 +82,8 @@ def passivity_observer_delay(quick: bool) -> CaseResult:
     near = max(abs(one - other) for one, other in zip(shares, wanted, strict=True))
     worst = max(map(abs, errors))
     return CaseResult(
-        f"unshifted sees {listed(wanted, '.3f')} of the leak at td = 0, 0.3, 1, 1.7 T; shifted sees all of it",
-        f"unshifted {listed(shares, '.3f')}; shifted off by at most {100 * worst:.2g} %",
+        f"unshifted sees {values_text(wanted, '.3f')} of the leak at td = 0, 0.3, 1, 1.7 T; shifted sees all of it",
+        f"unshifted {values_text(shares, '.3f')}; shifted off by at most {100 * worst:.2g} %",
         near <= angle**2 and worst <= angle**2 and max(map(abs, checks)) <= 1e-6,
         "closed form N/2·K·A²·(cos ψ − cos(θ + ψ)) a cycle, θ = ωT, ψ = ω·td, itself checked by fine integration "
         f"(to 1e-6); shares and the shifted ledger to θ² = {angle**2:.2g}",
@@ -162,7 +162,7 @@ def _growth_a_period(mass: float, force: Callable[[float, float], float], steps:
     x, v, first, last = 0.001, 0.0, 0.0, 0.0
     window = round(2.0 * math.pi / (PERIOD * math.sqrt(STIFFNESS / mass)))
     for step in range(steps):
-        x, v = moved(device, x, v, force(x, v), PERIOD)
+        x, v = moved_by_force(device, x, v, force(x, v), PERIOD)
         size = STIFFNESS * x * x + mass * v * v
         if step < window:
             first += size

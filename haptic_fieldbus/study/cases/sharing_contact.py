@@ -9,7 +9,7 @@ from haptic_fieldbus.margins.bodies import HAND, limit_with, sample_with
 from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.loops import Array, loops
 from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.oracles import simulate
+from haptic_fieldbus.study.cases.oracles import sampled_positions
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3
@@ -57,7 +57,9 @@ def bounce_energy(quick: bool) -> CaseResult:
 def _leak(mass: float, stiffness: float, phase: float, steps: int) -> float:
     """The wall's work by the identity of `bounce_energy`, the motion by x'' = F/m in plain sums [J]."""
     start = -SPEED * PERIOD * (1.0 - phase), SPEED
-    x = np.array(simulate(Plant(mass, 0.0), PERIOD, lambda x: -stiffness * max(x, 0.0), steps + 1, start=start))
+    x = np.array(
+        sampled_positions(Plant(mass, 0.0), PERIOD, lambda x: -stiffness * max(x, 0.0), steps + 1, start=start)
+    )
     inside = x[:-1] > 0.0
     squares = float((np.diff(x)[inside] ** 2).sum())
     entered, left = float(x[:-1][inside][0]), float(x[1:][inside][-1])

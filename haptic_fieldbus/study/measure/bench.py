@@ -42,7 +42,7 @@ def bench_of(plan: Plan) -> Bench:
     return Bench(axis.plant, axis.delay.transport, plan.period)
 
 
-def held(plant: Plant) -> tuple[Matrix, Matrix, Matrix]:
+def device_in_hand(plant: Plant) -> tuple[Matrix, Matrix, Matrix]:
     """(A, motor's B, hand's B) of the device in the pushing hand; states (x, v, its hand's x, v), force in N."""
     return *bodies.dynamics(plant, (HAND,)), np.array([[0.0], [0.0], [0.0], [1.0 / HAND.mass]])
 

@@ -77,7 +77,7 @@ def energy(one: OneStep, forces: tuple[float, float]) -> float:
         return float(0.5 * STIFFNESS * position**2 + 0.5 * MASS * velocity**2)
 
 
-def follow(method: str, total: int) -> Growth:
+def free_swing(method: str, total: int) -> Growth:
     """Run the loop's step `total` times and look at it on the way."""
     one = integrators.discretise(sprung_mass(), PERIOD, method)
     step = integrators.bind(sprung_mass(), PERIOD, method)

@@ -11,7 +11,7 @@ import numpy as np
 PACKAGES = ("haptic-fieldbus", "numpy", "matplotlib", "python-can", "canopen")
 
 
-def host() -> dict[str, str]:
+def host_facts() -> dict[str, str]:
     """Processor, system and versions, in words."""
     clock = get_clock_info("perf_counter")
     return {

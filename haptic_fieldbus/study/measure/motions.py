@@ -46,11 +46,11 @@ def sine(amplitude: float, frequency: float) -> KnownMotion:
     )
 
 
-def minimum_jerk(way: float, duration: float) -> KnownMotion:
-    """way·(10 τ³ − 15 τ⁴ + 6 τ⁵), τ = t/duration, for 0 ≤ τ ≤ 1: how hands reach (Flash & Hogan 1985,
+def minimum_jerk(travel: float, duration: float) -> KnownMotion:
+    """travel·(10 τ³ − 15 τ⁴ + 6 τ⁵), τ = t/duration, for 0 ≤ τ ≤ 1: how hands reach (Flash & Hogan 1985,
     doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
     chain = np.diag(np.ones(5), 1) / duration
-    derivatives = way * np.array([0.0, 0.0, 0.0, 60.0, -360.0, 720.0])
+    derivatives = travel * np.array([0.0, 0.0, 0.0, 60.0, -360.0, 720.0])
     output = np.zeros((2, 6))
     output[0, 0], output[1, 1] = 1.0, 1.0 / duration
     return KnownMotion(chain, output, derivatives)

@@ -43,7 +43,7 @@ def images(plan: Plan, count: int = IMAGES) -> list[tuple[bytes]]:
     return [(_image(plan, 1.0, swing, number),) for number, swing in enumerate(swings)]
 
 
-def _image(plan: Plan, way: float, swing: float, number: int) -> bytes:
+def _image(plan: Plan, travel: float, swing: float, number: int) -> bytes:
     """Each handle so far on its way to its place, and so far from there."""
     known = {"t_ns": number * plan.period_ns}
     for axis in plan.axes:
@@ -51,12 +51,12 @@ def _image(plan: Plan, way: float, swing: float, number: int) -> bytes:
         known |= {
             f"{axis.name}.age_ns": 100_000,
             f"{axis.name}.statusword": ENABLED,
-            f"{axis.name}.position counts": round((middle * way + amplitude * swing) / axis.position_unit),
+            f"{axis.name}.position counts": round((middle * travel + amplitude * swing) / axis.position_unit),
         }
     return plan.image.input.pack(*(known.get(name, 0) for name in decoded_columns(plan)))
 
 
-def running(plan: Plan) -> Cycle:
+def running_cycle(plan: Plan) -> Cycle:
     """A cycle in operation enabled whose handles have been led to their place, the fade-in behind it."""
     cycle = Cycle(plan)
     for number in range(IMAGES + 1):
@@ -79,7 +79,7 @@ def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[Optiona
 
 def _period(plan: Plan) -> tuple[float, Spread]:
     given = images(plan)
-    cycle = running(plan)
+    cycle = running_cycle(plan)
     cost = ns_per_call(cycle, [image for (image,) in given])
     return cost, spread(cycle, given * 10)
 

@@ -118,7 +118,7 @@ def problems() -> dict[str, Problem]:
     return {problem.name: problem for problem in every}
 
 
-def periods(quick: bool) -> tuple[int, ...]:
+def step_counts(quick: bool) -> tuple[int, ...]:
     """Steps to the horizon: 5 to 5120, the last three a factor of two apart, where orders are read off."""
     return (5, 20, 80, 320, 1280, 2560, 5120) if quick else tuple(5 * 2**power for power in range(11))
 

@@ -59,12 +59,14 @@ class Set:
         return self.points[0].order
 
 
-def errors(found: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float | None, float | None, float | None]:
+def errors(
+    measured: NDArray[np.float64], exact: NDArray[np.float64]
+) -> tuple[float | None, float | None, float | None]:
     """(final, rms, max) [N]; None for a run that ended early or whose error overflows."""
-    if len(found) < len(exact):
+    if len(measured) < len(exact):
         return None, None, None
     with np.errstate(over="ignore", invalid="ignore"):
-        error = np.abs(found - exact)
+        error = np.abs(measured - exact)
         figures = float(error[-1]), float(np.sqrt(np.mean(error**2))), float(error.max())
     return figures if all(map(math.isfinite, figures)) else (None, None, None)
 

@@ -23,13 +23,13 @@ class Context:
     rows: dict[str, list[dict[str, object]]] = field(default_factory=dict)
     """What `report.json` keeps, by its key; sections add to it."""
 
-    def wanted(self, name: str) -> bool:
+    def is_chosen(self, name: str) -> bool:
         return self.names is None or name in self.names
 
     def add(self, key: str, row: dict[str, object]) -> None:
         self.rows.setdefault(key, []).append(row)
 
-    def each(self, items: Collection[Item], label: Callable[[Item], str]) -> Iterator[Item]:
+    def with_progress(self, items: Collection[Item], label: Callable[[Item], str]) -> Iterator[Item]:
         """The items one after another; progress is told before each."""
         for place, item in enumerate(items):
             self.progress(label(item), place / len(items))

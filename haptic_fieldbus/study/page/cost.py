@@ -59,18 +59,18 @@ def cost_section(context: Context) -> Section:
     )
 
 
-def draw(found: Sequence[OptionalPart]) -> Figure:
-    drawn = figure(1.2 + 0.24 * len(found))
+def draw(parts: Sequence[OptionalPart]) -> Figure:
+    drawn = figure(1.2 + 0.24 * len(parts))
     panel = drawn.subplots()
-    for row, each in enumerate(found):
-        colour = COLOURS.get(each.part.partition(":")[0], SKY)
-        panel.barh(row, max(each.ns_per_step, 1.0), color=colour, height=0.68)
-        panel.text(max(each.ns_per_step, 1.0) * 1.06, row, f"{each.ns_per_step:,.0f}".replace(",", " "), va="center",
+    for row, part in enumerate(parts):
+        colour = COLOURS.get(part.part.partition(":")[0], SKY)
+        panel.barh(row, max(part.ns_per_step, 1.0), color=colour, height=0.68)
+        panel.text(max(part.ns_per_step, 1.0) * 1.06, row, f"{part.ns_per_step:,.0f}".replace(",", " "), va="center",
                    size=8.5, color="#444444")  # fmt: skip
-    panel.set_yticks(range(len(found)), [each.part for each in found], fontsize=9)
+    panel.set_yticks(range(len(parts)), [part.part for part in parts], fontsize=9)
     panel.invert_yaxis()
     panel.set_xscale("log")
-    panel.set_xlim(20.0, 2.2 * max(each.ns_per_step for each in found))
+    panel.set_xlim(20.0, 2.2 * max(part.ns_per_step for part in parts))
     panel.margins(y=0.01)
     dress(panel, "", "time per step [ns]", "")
     panel.grid(visible=False, axis="y")

@@ -37,7 +37,7 @@ def region_section(context: Context) -> Section:
         (f"one period more: {delays[1]}", late, None),
     )
     found = [region(title, of, points, periods, damping)
-             for title, of, damping in context.each(wanted, lambda item: f"region, {item[0]}")]  # fmt: skip
+             for title, of, damping in context.with_progress(wanted, lambda item: f"region, {item[0]}")]  # fmt: skip
     context.progress("region, friction and encoder", 0.9)
     size = QUICK_PLANE if context.quick else FULL_PLANE
     sticking, plane_document = friction_plane.part([plane(start, *size) for start in friction_plane.STARTS])
@@ -66,30 +66,35 @@ def region_section(context: Context) -> Section:
     )  # fmt: skip
 
 
-def _panel(panel: Axes, each: Region) -> None:
+def _panel(panel: Axes, region: Region) -> None:
     scale = 1e-3
-    panel.pcolormesh(each.damping, scale * each.stiffness, each.grew.T, cmap=ListedColormap(["#cfe5f2", "#f8dcc4"]),
+    colours = ListedColormap(["#cfe5f2", "#f8dcc4"])
+    panel.pcolormesh(region.damping, scale * region.stiffness, region.grew.T, cmap=colours,
                      vmin=0, vmax=1, shading="nearest", rasterized=True)  # fmt: skip
-    panel.plot(each.damping, scale * each.stable_limit, color="#0072B2", linewidth=2.0, label="predicted: stable below")
-    panel.plot(each.damping, scale * each.passive_limit, color=GREEN, linewidth=2.0, linestyle="--",
+    panel.plot(
+        region.damping, scale * region.stable_limit, color="#0072B2", linewidth=2.0, label="predicted: stable below"
+    )
+    panel.plot(region.damping, scale * region.passive_limit, color=GREEN, linewidth=2.0, linestyle="--",
                label="predicted: passive below")  # fmt: skip
     panel.fill_between([], [], color="#cfe5f2", label="measured: fades")
     panel.fill_between([], [], color="#f8dcc4", label="measured: grows", edgecolor=VERMILION)
-    panel.set_xlim(0.0, each.damping[-1])
-    panel.set_ylim(0.0, scale * each.stiffness[-1])
-    dress(panel, each.title, "virtual damping B [N·s/m]", "virtual stiffness K [N/mm]")
+    panel.set_xlim(0.0, region.damping[-1])
+    panel.set_ylim(0.0, scale * region.stiffness[-1])
+    dress(panel, region.title, "virtual damping B [N·s/m]", "virtual stiffness K [N/mm]")
     panel.grid(visible=False)
 
 
-def _table(found: Sequence[Region]) -> str:
+def _table(regions: Sequence[Region]) -> str:
     rows: list[list[Entry]] = [
         [
-            each.title,
-            *map(float, (each.stable_limit[0], each.stable_limit.max(), each.damping[each.stable_limit.argmax()])),
-            float(each.passive_limit.max()),
-            percent(each.agreement, 2),
+            region.title,
+            *map(
+                float, (region.stable_limit[0], region.stable_limit.max(), region.damping[region.stable_limit.argmax()])
+            ),
+            float(region.passive_limit.max()),
+            percent(region.agreement, 2),
         ]
-        for each in found
+        for region in regions
     ]
     headings = ("bench", "stable without damping [N/m]", "stable at best [N/m]", "with damping [N·s/m]",
                 "passive at best [N/m]", "measured as predicted")  # fmt: skip

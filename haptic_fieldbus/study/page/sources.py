@@ -35,7 +35,7 @@ from what the others did."""
 def sources_section(context: Context) -> Section:
     """All scenes of the library, or a few."""
     names, duration = (FEW_SCENES, QUICK) if context.quick else (scene_names(), FULL)
-    scenes = context.each(names, lambda scene: f"scene {scene}")
+    scenes = context.with_progress(names, lambda scene: f"scene {scene}")
     found = [scene_error(context.tools, scene, duration) for scene in scenes]
     known = [each for each in found if each.rms is not None]
     document = svg(draw(known))
@@ -51,44 +51,44 @@ def sources_section(context: Context) -> Section:
     )
 
 
-def draw(found: Sequence[Misfit]) -> Figure:
-    drawn = figure(1.6 + max(0.28 * len(found), min(0.5 * len(found), 2.0)))
+def draw(misfits: Sequence[Misfit]) -> Figure:
+    drawn = figure(1.6 + max(0.28 * len(misfits), min(0.5 * len(misfits), 2.0)))
     panel = drawn.subplots()
-    for row, each in enumerate(found):
+    for row, misfit in enumerate(misfits):
         ends = {True: 0.0, False: 0.0}
-        for source, share in each.by_source.items():
+        for source, share in misfit.by_source.items():
             colour, hatch = COLOURS.get(source, (GREY, ""))
             panel.barh(row, share, left=ends[share >= 0.0], color=colour, hatch=hatch, edgecolor="white", height=0.62)
             ends[share >= 0.0] += share
-    panel.set_yticks(range(len(found)), [each.scene for each in found])
-    panel.set_ylim(len(found) - 0.4, -0.6)
+    panel.set_yticks(range(len(misfits)), [misfit.scene for misfit in misfits])
+    panel.set_ylim(len(misfits) - 0.4, -0.6)
     panel.axvline(0.0, color="#222222", linewidth=0.8)
     dress(panel, "error split by source", "share of the mean square error [1]", "")
-    for source in _seen(found):
+    for source in _seen(misfits):
         colour, hatch = COLOURS[source]
         panel.barh(0, 0, color=colour, hatch=hatch, edgecolor="white", label=source)
     drawn.legend(loc="outside lower center", ncols=len(COLOURS) + 1, frameon=False, fontsize=9)
     return drawn
 
 
-def _seen(found: Sequence[Misfit]) -> list[str]:
+def _seen(misfits: Sequence[Misfit]) -> list[str]:
     """Sources that any of the scenes has."""
-    return [source for source in COLOURS if any(source in each.by_source for each in found)]
+    return [source for source in COLOURS if any(source in misfit.by_source for misfit in misfits)]
 
 
-def sources_table(found: Sequence[Misfit]) -> str:
-    sources = _seen(found)
+def sources_table(misfits: Sequence[Misfit]) -> str:
+    sources = _seen(misfits)
 
-    def row(each: Misfit) -> list[Entry]:
-        if each.rms is None:
-            return [each.scene, Cell(each.reason, "text"), *[""] * (3 + len(sources))]
-        shares = [100.0 * each.by_source[s] if s in each.by_source else None for s in sources]
-        contact = None if each.contact is None else 100.0 * each.contact
-        energy = None if each.energy is None else 1e3 * each.energy
+    def row(misfit: Misfit) -> list[Entry]:
+        if misfit.rms is None:
+            return [misfit.scene, Cell(misfit.reason, "text"), *[""] * (3 + len(sources))]
+        shares = [100.0 * misfit.by_source[s] if s in misfit.by_source else None for s in sources]
+        contact = None if misfit.contact is None else 100.0 * misfit.contact
+        energy = None if misfit.energy is None else 1e3 * misfit.energy
         return [
-            each.scene,
-            f"{number(each.rms)} {each.unit}",
-            f"{number(each.max)} {each.unit}",
+            misfit.scene,
+            f"{number(misfit.rms)} {misfit.unit}",
+            f"{number(misfit.max)} {misfit.unit}",
             contact,
             energy,
             *shares,
@@ -96,13 +96,15 @@ def sources_table(found: Sequence[Misfit]) -> str:
 
     headings = ("scene", "rms error", "largest error", "error in contact, % of force", "energy put in [mJ]",
                 *(f"{source} [%]" for source in sources))  # fmt: skip
-    return table(headings, map(row, found))
+    return table(headings, map(row, misfits))
 
 
-def _finding(each: Misfit) -> str:
-    largest = max(each.by_source, key=lambda source: each.by_source[source])
-    felt = "" if each.contact is None else f", {100.0 * each.contact:.2g} % of the force (a hand feels from about 8 %)"
+def _finding(misfit: Misfit) -> str:
+    largest = max(misfit.by_source, key=lambda source: misfit.by_source[source])
+    felt = (
+        "" if misfit.contact is None else f", {100.0 * misfit.contact:.2g} % of the force (a hand feels from about 8 %)"
+    )
     return (
-        f"The rendered wall is off by {number(each.rms)} {each.unit} rms in contact{felt}; "
-        f"{100.0 * each.by_source[largest]:.0f} % of it is {largest}."
+        f"The rendered wall is off by {number(misfit.rms)} {misfit.unit} rms in contact{felt}; "
+        f"{100.0 * misfit.by_source[largest]:.0f} % of it is {largest}."
     )

@@ -75,7 +75,7 @@ _FIRST_MANUFACTURER_BIT = 16
 _PDO_COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
 
 
-def played(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
+def with_quirks(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
     """Profile and settings with the quirks of the profile, to build the drive from."""
     quirks, link_loss, torque = profile.simulation, profile.link_loss, profile.torque
     absent = frozenset(quirks.absent)
@@ -104,7 +104,7 @@ def played(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenPro
     return replace(profile, link_loss=link_loss, torque=torque), settings
 
 
-def install(dictionary: Dictionary, profile: CanopenProfile, node: int) -> tuple[str, ...]:
+def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -> tuple[str, ...]:
     """What is left to do once the drive is built; what a vendor's file asks in vain comes back in words."""
     quirks = profile.simulation
     notes = extend(dictionary, profile.eds, node) if isinstance(profile, EdsProfile) else ()

@@ -50,6 +50,6 @@ def wrap(position: float) -> int:
     return (math.floor(position + 0.5) + HALF) % WRAP - HALF
 
 
-def nearest(target: float, position: float) -> float:
+def nearest_turn(target: float, position: float) -> float:
     """That target modulo 2³² which lies nearest to a position without end."""
     return position + (target - position + HALF) % WRAP - HALF

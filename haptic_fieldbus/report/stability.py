@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from haptic_fieldbus.api.judging import UNCERTAIN, Judged
+from haptic_fieldbus.api.judging import UNCERTAIN, Judgement
 from haptic_fieldbus.margins import Plant, Stability, Verdict
 from haptic_fieldbus.report.words import Line, count, parameter_units, quantity
 from haptic_fieldbus.signals import Workspace
@@ -16,53 +16,55 @@ MEANING = {
 }
 
 
-def limits(judged: Judged) -> list[Line]:
+def stability_lines(judgement: Judgement) -> list[Line]:
     """Scene, device, delay, limits with all and with less friction, and the verdict."""
-    told, unit = judged.stability, parameter_units(judged.workspace)["stiffness"]
+    stability, unit = judgement.stability, parameter_units(judgement.workspace)["stiffness"]
     return [
-        ("scene", f"{judged.scene.name}: {_asked(told, unit, judged.workspace)}{_axis(judged)}"),
-        *_devices(judged),
-        *(("limits" if number == 0 else "", text) for number, text in enumerate(_limits(judged, unit))),
-        ("radius", f"{told.spectral_radius:.9g}: what a motion is multiplied by in a period"),
-        ("verdict", f"{told.verdict.value}: {MEANING[told.verdict]}{_margin(told)}"),
+        ("scene", f"{judgement.scene.name}: {_asked(stability, unit, judgement.workspace)}{_axis(judgement)}"),
+        *_devices(judgement),
+        *(("limits" if number == 0 else "", text) for number, text in enumerate(_limits(judgement, unit))),
+        ("radius", f"{stability.spectral_radius:.9g}: what a motion is multiplied by in a period"),
+        ("verdict", f"{stability.verdict.value}: {MEANING[stability.verdict]}{_margin(stability)}"),
     ]
 
 
-def _devices(judged: Judged) -> Iterator[Line]:
+def _devices(judgement: Judgement) -> Iterator[Line]:
     """The device of each axis that is judged, with its delay."""
-    spaces = {axis.name: axis.workspace for axis in judged.scene.axes}
-    members, delays = judged.group.members, []
+    spaces = {axis.name: axis.workspace for axis in judgement.scene.axes}
+    members, delays = judgement.group.members, []
     for member in members:
         name = f"{member.name}: " if len(members) > 1 else ""
         yield "device", f"{name}{_device(member.plant, spaces[member.name])}"
         delays.append(f"{name.replace(':', '')}{1e3 * member.delay:.3g} ms")
-    yield "delay", f"{', '.join(delays)} from sampling to acting, period {1e3 * judged.stability.period_s:.3g} ms"
+    yield "delay", f"{', '.join(delays)} from sampling to acting, period {1e3 * judgement.stability.period_s:.3g} ms"
 
 
-def notes(judged: Judged) -> list[Line]:
+def notes(judgement: Judgement) -> list[Line]:
     """What a reader of the numbers alone would miss."""
-    plant, found = judged.stability.plant, []
-    if judged.stability.stiffness_limit.quantisation == 0.0:
-        step = quantity(plant.resolution, judged.workspace.length_unit)
+    plant, found = judgement.stability.plant, []
+    if judgement.stability.stiffness_limit.quantisation == 0.0:
+        step = quantity(plant.resolution, judgement.workspace.length_unit)
         found.append(("note", f"quantisation 0: {_step(plant)} of {step} and no Coulomb friction to bridge it"))
     if plant.tachometer:
         found.append(("note", "passive 0: between two readings of velocity some hand can always gain energy"))
-    if judged.linear_estimator is not None:
-        found.append(("note", f"{judged.estimator} is not linear; judged with {judged.linear_estimator} in its place"))
+    if judgement.linear_estimator is not None:
+        found.append(
+            ("note", f"{judgement.estimator} is not linear; judged with {judgement.linear_estimator} in its place")
+        )
     return found
 
 
-def _asked(told: Stability, unit: str, workspace: Workspace) -> str:
-    parts = [] if told.stiffness is None else [f"stiffness {told.stiffness:g} {unit}"]
-    if told.damping:
-        parts.append(f"damping {told.damping:g} {parameter_units(workspace)['damping']}")
+def _asked(stability: Stability, unit: str, workspace: Workspace) -> str:
+    parts = [] if stability.stiffness is None else [f"stiffness {stability.stiffness:g} {unit}"]
+    if stability.damping:
+        parts.append(f"damping {stability.damping:g} {parameter_units(workspace)['damping']}")
     return ", ".join(parts) or "no stiffness"
 
 
-def _axis(judged: Judged) -> str:
-    if judged.group.couplings:
-        return f" · coupling {', '.join(member.name for member in judged.group.members)}"
-    return f" · axis {judged.axis} has the smallest margin" if len(judged.scene.axes) > 1 else ""
+def _axis(judgement: Judgement) -> str:
+    if judgement.group.couplings:
+        return f" · coupling {', '.join(member.name for member in judgement.group.members)}"
+    return f" · axis {judgement.axis} has the smallest margin" if len(judgement.scene.axes) > 1 else ""
 
 
 def _device(plant: Plant, workspace: Workspace) -> str:
@@ -83,17 +85,17 @@ def _step(plant: Plant) -> str:
     return "a step by the tachometer" if plant.tachometer else "an encoder step"
 
 
-def _limits(judged: Judged, unit: str) -> Iterator[str]:
-    told = judged.stability.stiffness_limit
-    if told.stable is None:
+def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
+    limit = judgement.stability.stiffness_limit
+    if limit.stable is None:
         yield "none: no element has a stiffness to vary"
         return
-    yield f"stable {_up_to(told.stable, unit)}"
-    yield f"passive {_up_to(told.passive, unit)}, whatever hand holds it"
-    if told.quantisation is not None:
-        between = "steps" if judged.stability.plant.tachometer else "counts"
-        yield f"at rest between two {between} {_up_to(told.quantisation, unit)} (2·fc/D)"
-    less = judged.group.weakened(UNCERTAIN).told.stiffness_limit
+    yield f"stable {_up_to(limit.stable, unit)}"
+    yield f"passive {_up_to(limit.passive, unit)}, whatever hand holds it"
+    if limit.quantisation is not None:
+        between = "steps" if judgement.stability.plant.tachometer else "counts"
+        yield f"at rest between two {between} {_up_to(limit.quantisation, unit)} (2·fc/D)"
+    less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
     yield f"with {UNCERTAIN:g} of the friction: {limits}"
 
@@ -104,7 +106,7 @@ def _up_to(value: float | None, unit: str) -> str:
     return "with no limit" if math.isinf(value) else f"to {count(value)} {unit}"
 
 
-def _margin(told: Stability) -> str:
-    if told.margin is None or math.isinf(told.margin):
+def _margin(stability: Stability) -> str:
+    if stability.margin is None or math.isinf(stability.margin):
         return ""
-    return f" · margin {told.margin:.3g}"
+    return f" · margin {stability.margin:.3g}"

@@ -1,7 +1,7 @@
 """A sampled loop as its margins ask it: one axis, or several that couplings tie together.
 
-Limits and verdicts are the same questions of both (`Loop`, `verdict`, `suggestion`); what answers differs. One axis has
-closed forms, six times as fast as the matrices of several (ADR 0013). Those are in `coupled`; `group` chooses.
+Limits and verdicts are the same questions of both (`ClosedLoop`, `verdict`, `suggestion`); what answers differs. One
+axis has closed forms, six times as fast as the matrices of several (ADR 0013). Those are in `coupled`; `group` chooses.
 """
 
 import math
@@ -31,7 +31,7 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False)
-class Loop(ABC):
+class ClosedLoop(ABC):
     """Axes under their delayed holds, closed over (x_1 … x_n)_k → (F_1 … F_n)_k; `period` in s.
 
     Raises UsageError for times that no loop has.
@@ -94,7 +94,7 @@ class Loop(ABC):
         return min(value(axis.plant) / (share or 1.0) for axis, share in zip(self.axes, felt, strict=True))
 
 
-class OneAxis(Loop):
+class OneAxis(ClosedLoop):
     """A single axis, by the closed forms of `sampled` and `passivity`."""
 
     def matrix(self, environment: StateSpace) -> Matrix:
@@ -127,7 +127,7 @@ class OneAxis(Loop):
         return [1.0]
 
 
-def alone(plant: Plant, period: float, delay: float) -> Loop:
+def alone(plant: Plant, period: float, delay: float) -> ClosedLoop:
     """The loop of a single axis [s]."""
     return OneAxis((Axis(plant, delay),), period)
 

@@ -11,10 +11,10 @@ from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins.linear import ROUNDING
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.planning.judging import grouped
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.settings import Value, settled
+from haptic_fieldbus.planning.settings import SettingValue, settled
+from haptic_fieldbus.planning.verdicts import grouped
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
@@ -32,7 +32,7 @@ MISSING = {
 class Change:
     """New values that passed every check; `settings` are as the scene has them, in SI."""
 
-    settings: Mapping[str, Value]
+    settings: Mapping[str, SettingValue]
     plan: Plan
     """The running plan with these values."""
     time: float = 0.0
@@ -52,8 +52,8 @@ class Applied:
     """Length of the ramp."""
 
 
-def tuned(
-    running: Plan, last: Plan, settings: Mapping[str, Value], *, force: bool = False, time: float = 0.0
+def plan_change(
+    running: Plan, last: Plan, settings: Mapping[str, SettingValue], *, force: bool = False, time: float = 0.0
 ) -> Change:
     """Settings on top of `last`, the plan of the change before, for a loop that was made for `running`.
 
@@ -72,7 +72,7 @@ def tuned(
         raise PlanError("\n".join(f"{sentence}: start a new run" for sentence in refused))
     if not force:
         check_stable(plan, running=True)
-        _check_way(last, plan)
+        _check_transition(last, plan)
     return Change({setting: _value(plan.scene, setting) for setting in settings}, plan, time)
 
 
@@ -93,9 +93,9 @@ def _beyond(running: Plan, plan: Plan) -> Iterator[str]:
                     yield f"{element.name} needs {MISSING[signal]}"
 
 
-def _check_way(before: Plan, after: Plan) -> None:
+def _check_transition(before: Plan, after: Plan) -> None:
     """Both ends are stable; the mixes between them must be so too."""
-    from haptic_fieldbus.margins.way import SHARES, mixed
+    from haptic_fieldbus.margins.transition import SHARES, mixed
 
     changing = {new.name for old, new in zip(before.axes, after.axes, strict=True) if _forces(old) != _forces(new)}
     for share in SHARES:
@@ -119,7 +119,7 @@ def _forces(axis: AxisPlan) -> tuple[AnyElement, ...]:
     return (*axis.elements, *axis.couplings)
 
 
-def _value(scene: Scene, setting: str) -> Value:
+def _value(scene: Scene, setting: str) -> SettingValue:
     name, _, parameter = setting.rpartition(".")
-    value: Value = next(getattr(element, parameter) for element in scene.elements if element.name == name)
+    value: SettingValue = next(getattr(element, parameter) for element in scene.elements if element.name == name)
     return value

@@ -10,7 +10,7 @@ from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, AxisPlan
 from haptic_fieldbus.protocols.traffic import Delay
 
 
-def delayed(draft: AxisPlan, delay: Delay, period: float) -> AxisPlan:
+def with_delay(draft: AxisPlan, delay: Delay, period: float) -> AxisPlan:
     """The axis with its delay, and its bench as the loop sees it."""
     return replace(draft, delay=delay, plant=_seen(draft, period))
 
@@ -22,11 +22,11 @@ def _seen(axis: AxisPlan, period: float) -> Plant | None:
     return replace(axis.plant, resolution=abs(axis.velocity_unit) * period, tachometer=True)
 
 
-def judged(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
+def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
     """The axes with the verdict on all that hang together; without one where a bench among them is unknown."""
     found = {axis.name: axis for axis in axes}
     for each in grouped(axes, period):
-        for name, verdict in each.judged().items():
+        for name, verdict in each.stabilities().items():
             found[name] = replace(found[name], stability=verdict, group=each)
     return tuple(found.values())
 

@@ -31,7 +31,7 @@ def ripple(force: Array, rate: float) -> float | None:
     return float(np.sqrt(np.mean((middle - slow) ** 2)) / np.abs(slow).mean())
 
 
-def verdict_of(
+def run_verdict(
     *, scene: str, effort: str, stable: bool, contact: float | None, ripple: float | None, missed: int
 ) -> str:
     """The sentence; `contact` is rms(error) / rms(ideal) in contact, None without contact; `effort` force or torque."""
