@@ -22,8 +22,8 @@ Observe = Callable[[bytes | bytearray], None]
 
 FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 HALF_TURN_OF_INT32, INT32 = 0x8000_0000, 0xFFFF_FFFF
-T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD, POSITION_COUNTS = range(6)
-"""Places in the feedback of an axis; what else is mapped follows. Without a position the last is the velocity."""
+T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(2 + len(AXIS_HEADER_FIELDS))
+"""Places in the feedback of an axis; what else is mapped follows (`_place`)."""
 COMPUTED = ("position", "velocity", "force", "gain", "command")
 """Columns that an axis adds to the decoded ones."""
 
@@ -67,13 +67,11 @@ class AxisCycle:
 
     def begin(self) -> None:
         """The first rendered period: where zero is, and where the handle is then."""
-        counts = self._feedback[POSITION_COUNTS]
-        zero = self._axis.rig.mechanism.zero
-        self.state.began_ns = self._feedback[T_NS]
+        self.state.began_ns, self.state.begun = self._feedback[T_NS], True
         if self._axis.integrates:
-            self._follow(self._feedback[T_NS], counts)
-            self.state.zero_counts = 0
+            self._follow(self._feedback[T_NS], self._feedback[self._place(Signal.VELOCITY)])
             return
+        counts, zero = self._feedback[self._place(Signal.POSITION)], self._axis.rig.mechanism.zero
         self.state.zero_counts = counts if zero == "start" else zero
         self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
 
@@ -104,6 +102,10 @@ class AxisCycle:
             self._owner.trip = Trip(kind, self._axis.name, self._feedback[T_NS], value, limit, detail)
             self._owner.enabled = False
 
+    def _place(self, signal: Signal) -> int:
+        """Where a mapped signal stands in the feedback."""
+        return STATUSWORD + [mapped.signal for mapped in self._axis.incoming].index(signal)
+
     def _bind_observe(self) -> Observe:
         """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
         state, axis, unpack, link, power, check = (
@@ -114,7 +116,7 @@ class AxisCycle:
             self._power,
             self._check_motion,
         )
-        unit, mask = axis.position_unit, axis.power.mask
+        unit, mask, place = axis.position_unit, axis.power.mask, self._place(Signal.POSITION)
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         largest_way = axis.limits.speed * self._period + abs(unit)
         bits_before = -1
@@ -130,7 +132,7 @@ class AxisCycle:
                 power()
             zero = state.zero_counts
             if zero is not None:
-                counts = feedback[POSITION_COUNTS] - zero
+                counts = feedback[place] - zero
                 if not -HALF_TURN_OF_INT32 <= counts < HALF_TURN_OF_INT32:
                     counts = (counts + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32
                 here = counts * unit
@@ -145,7 +147,7 @@ class AxisCycle:
         from haptic_fieldbus.cycle.tachometer import bind_follow
 
         state, unpack, link, power = self.state, self._image.input.unpack_from, self._link, self._power
-        mask = self._axis.power.mask
+        mask, place = self._axis.power.mask, self._place(Signal.VELOCITY)
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
         bits_before = -1
 
@@ -158,8 +160,8 @@ class AxisCycle:
             if bits != bits_before:
                 bits_before = bits
                 power()
-            if state.zero_counts is not None:
-                follow(feedback[T_NS], feedback[POSITION_COUNTS])
+            if state.begun:
+                follow(feedback[T_NS], feedback[place])
 
         return observe
 
@@ -219,8 +221,7 @@ class AxisCycle:
             steps.append(elapsed)
         if Signal.TORQUE_ACTUAL in needs:
             unit = self._axis.effort_unit * self._axis.rig.mechanism.sign
-            signals = [mapped.signal for mapped in self._axis.incoming]
-            place = STATUSWORD + signals.index(Signal.TORQUE_ACTUAL)
+            place = self._place(Signal.TORQUE_ACTUAL)
 
             def torque() -> None:
                 sensed.torque_actual = self._feedback[place] * unit

@@ -18,6 +18,9 @@ class AxisState:
     """Whether both this feedback and the one before are fresh."""
     gain: float = 1.0
     zero_counts: int | None = None
+    """Encoder counts where the position is 0; None before the first rendered period, and where there is no encoder."""
+    begun: bool = False
+    """Whether the first rendered period has been."""
     began_ns: int = 0
     position: float = 0.0
     drift: float = 0.0
