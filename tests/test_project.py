@@ -246,7 +246,6 @@ SAME_QUESTION = {
     "main": "a program",
     "measure": "the points of a work-precision set",
     "parse_bus": "a bus name taken apart, by its protocol",
-    "percent": "a share in words",
     "plan": "the command and the API behind it",
     "response": "the command and the API behind it",
     "run": "the command, the API behind it, and a batch of loops",

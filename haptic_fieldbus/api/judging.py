@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, Stability, stiffness_limit
 from haptic_fieldbus.margins.group import Group, Member, groups_of
+from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
@@ -125,12 +126,12 @@ def _plant_of(device: Device, period: float) -> Plant:
     """Raises one UsageError with all that cannot be; a mass of zero is refused with the limit that it leads to."""
     values = {name: getattr(device, name) for name in ("damping", "coulomb", "resolution", "delay")}
     faults = [
-        f"{name} {value:g}: expected a number from 0 up"
+        f"{name} {exactly(value)}: expected a number from 0 up"
         for name, value in values.items()
         if not 0.0 <= value < math.inf
     ]
     if not 0.0 < device.mass < math.inf:
-        faults.insert(0, f"mass {device.mass:g}: expected a number above 0{_massless(device, period, faults)}")
+        faults.insert(0, f"mass {exactly(device.mass)}: expected a number above 0{_massless(device, period, faults)}")
     if faults:
         raise UsageError("\n".join(faults))
     return Plant(device.mass, device.damping, device.coulomb, device.resolution)
@@ -142,4 +143,4 @@ def _massless(device: Device, period: float, faults: list[str]) -> str:
         return ""
     plant = Plant(0.0, device.damping)
     limit = stiffness_limit(plant, period, device.delay, lambda stiffness: gain([[-stiffness]]))
-    return f"; as it goes to 0, the limit of a spring goes to {limit:.6g}"
+    return f"; as it goes to 0, the limit of a spring goes to {rounded_limit(limit)}"

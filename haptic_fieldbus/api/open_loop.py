@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus.api.arguments import arguments_of
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.planning.request import check_request
@@ -237,7 +238,7 @@ def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
 def motion_of(name: str | Path, amplitude: float) -> PrescribedMotion:
     """The motion of a name (`INPUT_FORMS`); raises UsageError."""
     if not math.isfinite(amplitude):
-        raise UsageError(f"amplitude {amplitude:g}: expected a number")
+        raise UsageError(f"amplitude {exactly(amplitude)}: expected a number")
     text = str(name)
     if text == "step":
         return PrescribedMotion(0.0, lambda time: np.full_like(time, amplitude))

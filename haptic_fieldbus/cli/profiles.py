@@ -11,6 +11,7 @@ import typer
 
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
@@ -168,4 +169,4 @@ def _text(key: str, value: object) -> str:
         return str(value.value)
     if isinstance(value, int) and key in IN_HEXADECIMAL:
         return f"{value:04X}h"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return exactly(value) if isinstance(value, float) else str(value)

@@ -7,6 +7,7 @@ from typing import Annotated
 from haptic_fieldbus.cli.options import RENDERING, SceneOptions, option, options_of
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import plain, print_json, show
+from haptic_fieldbus.numerals import exactly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +41,6 @@ def response(options: ResponseOptions) -> None:
     if options.as_json:
         print_json({key: plain(value) for key, value in found.to_json().items()})
         return
-    show(response_lines(found, f"{title} of {options.amplitude:g}"))
+    show(response_lines(found, f"{title} of {exactly(options.amplitude)}"))
     if options.plot is not None:
         show([("plot", str(options.plot))])

@@ -8,6 +8,7 @@ import typer
 
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.numerals import exactly, rounded, rounded_limit
 
 if TYPE_CHECKING:
     from haptic_fieldbus.scenes.element import AnyElement
@@ -82,13 +83,14 @@ def _recommended(scene: "Scene") -> Iterator[str]:
         if load_profile(name).drive.usable:
             compiled = plan(scene, drive=name)
             found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
-            if found is None or found.recommended is None:
-                yield (
-                    f"{name}: any stiffness" if found is not None and found.stiffness else f"{name}: no stiffness in it"
-                )
+            if found is None or found.stiffness is None:
+                yield f"{name}: no stiffness in it"
+            elif found.recommended is None:
+                yield f"{name}: any stiffness" if found.stiffness else f"{name}: no stiffness in it"
             else:
+                asked = f"asked {rounded_limit(found.stiffness)}"
                 unit = f"{space.effort_unit}/{space.length_unit}"
-                yield f"{name}: stiffness up to {found.recommended:.3g} {unit} (asked {found.stiffness:.3g})"
+                yield f"{name}: stiffness up to {rounded(found.recommended)} {unit} ({asked})"
 
 
 def _element_json(element: "AnyElement") -> Any:
@@ -115,4 +117,6 @@ def _shown(value: object) -> str:
     """As a scene file would give it; nothing is a hyphen."""
     if value is None:
         return "-"
-    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return exactly(value)
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
 from haptic_fieldbus.planning.image import lay_out_image
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
@@ -94,10 +95,10 @@ def _estimated(axis: AxisPlan) -> Iterator[str]:
 def _integrated(axis: AxisPlan) -> Iterator[str]:
     """Motion of the handle from the drive's own velocity."""
     unit, step, drift = axis.workspace.length_unit, abs(axis.velocity_unit), axis.limits.drift
-    yield f"velocity: as the drive reads it, in steps of {step:.3g} {unit}/s, speed check"
+    yield f"velocity: as the drive reads it, in steps of {in_unit(step, f'{unit}/s')}, speed check"
     yield (
-        f"position: velocity → {unit} by the trapezoid; drift trip when it may be off by {drift:.3g} {unit}, "
-        f"after {2 * drift / step:.3g} s"
+        f"position: velocity → {unit} by the trapezoid; drift trip when it may be off by {in_unit(drift, unit)}, "
+        f"after {rounded(2 * drift / step)} s"
     )
 
 

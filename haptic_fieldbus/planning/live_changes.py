@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins.linear import ROUNDING
+from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
@@ -111,7 +112,7 @@ def _check_transition(before: Plan, after: Plan) -> None:
         if any(group.growth() > 1.0 + ROUNDING for group in groups):
             raise UnstableSceneError(
                 "the way to these values is unstable on this bench, though both ends are not: it is with "
-                f"{100 * share:g} % of the new and the rest of the old. Go by other values"
+                f"{percent(share, 3)} of the new and the rest of the old. Go by other values"
             )
 
 

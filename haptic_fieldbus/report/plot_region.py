@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from haptic_fieldbus.api.judging import Judgement
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.report.plot import BLUE, GREEN, INK, VERMILION
 from haptic_fieldbus.report.words import parameter_units
 
@@ -31,7 +32,8 @@ def plot_region(judgement: Judgement, path: Path) -> None:
     figure = Figure(figsize=(11.0, 5.0), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(
-        f"{judgement.scene.name}: period {1e3 * stability.period_s:g} ms, delay {1e3 * stability.delay_s:.2g} ms",
+        f"{judgement.scene.name}: period {rounded(1e3 * stability.period_s)} ms, "
+        f"delay {rounded(1e3 * stability.delay_s)} ms",
         size=12, weight="bold", color=INK, x=0.01, ha="left",
     )  # fmt: skip
     panels = figure.subplots(1, 2)

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 
 from haptic_fieldbus.api.judging import UNCERTAIN, Judgement
 from haptic_fieldbus.margins import Plant, Stability, Verdict
-from haptic_fieldbus.report.words import Line, count, parameter_units, quantity
+from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
+from haptic_fieldbus.report.words import Line, parameter_units
 from haptic_fieldbus.signals import Workspace
 
 MEANING = {
@@ -23,7 +24,7 @@ def stability_lines(judgement: Judgement) -> list[Line]:
         ("scene", f"{judgement.scene.name}: {_asked(stability, unit, judgement.workspace)}{_axis(judgement)}"),
         *_devices(judgement),
         *(("limits" if number == 0 else "", text) for number, text in enumerate(_limits(judgement, unit))),
-        ("radius", f"{stability.spectral_radius:.9g}: what a motion is multiplied by in a period"),
+        ("radius", f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"),
         ("verdict", f"{stability.verdict.value}: {MEANING[stability.verdict]}{_margin(stability)}"),
     ]
 
@@ -35,15 +36,16 @@ def _devices(judgement: Judgement) -> Iterator[Line]:
     for member in members:
         name = f"{member.name}: " if len(members) > 1 else ""
         yield "device", f"{name}{_device(member.plant, spaces[member.name])}"
-        delays.append(f"{name.replace(':', '')}{1e3 * member.delay:.3g} ms")
-    yield "delay", f"{', '.join(delays)} from sampling to acting, period {1e3 * judgement.stability.period_s:.3g} ms"
+        delays.append(f"{name.replace(':', '')}{rounded(1e3 * member.delay)} ms")
+    period = rounded(1e3 * judgement.stability.period_s)
+    yield "delay", f"{', '.join(delays)} from sampling to acting, period {period} ms"
 
 
 def notes(judgement: Judgement) -> list[Line]:
     """What a reader of the numbers alone would miss."""
     plant, found = judgement.stability.plant, []
     if judgement.stability.stiffness_limit.quantisation == 0.0:
-        step = quantity(plant.resolution, judgement.workspace.length_unit)
+        step = in_unit(plant.resolution, judgement.workspace.length_unit)
         found.append(("note", f"quantisation 0: {_step(plant)} of {step} and no Coulomb friction to bridge it"))
     if plant.tachometer:
         found.append(("note", "passive 0: between two readings of velocity some hand can always gain energy"))
@@ -55,9 +57,9 @@ def notes(judgement: Judgement) -> list[Line]:
 
 
 def _asked(stability: Stability, unit: str, workspace: Workspace) -> str:
-    parts = [] if stability.stiffness is None else [f"stiffness {stability.stiffness:g} {unit}"]
+    parts = [] if stability.stiffness is None else [f"stiffness {rounded_limit(stability.stiffness)} {unit}"]
     if stability.damping:
-        parts.append(f"damping {stability.damping:g} {parameter_units(workspace)['damping']}")
+        parts.append(f"damping {exactly(stability.damping)} {parameter_units(workspace)['damping']}")
     return ", ".join(parts) or "no stiffness"
 
 
@@ -70,11 +72,11 @@ def _axis(judgement: Judgement) -> str:
 def _device(plant: Plant, workspace: Workspace) -> str:
     units = parameter_units(workspace)
     parts = [
-        f"mass {plant.mass:.4g} {units['mass']}",
-        f"damping {plant.damping:.4g} {units['damping']}",
-        f"Coulomb friction {plant.coulomb:.4g} {workspace.effort_unit}",
-        f"{_step(plant).partition(' ')[2]} {plant.resolution:.4g} {workspace.length_unit}",
-        f"torque loop {1e3 * plant.torque_lag:.3g} ms",
+        f"mass {rounded(plant.mass)} {units['mass']}",
+        f"damping {rounded(plant.damping)} {units['damping']}",
+        f"Coulomb friction {in_unit(plant.coulomb, workspace.effort_unit)}",
+        f"{_step(plant).partition(' ')[2]} {in_unit(plant.resolution, workspace.length_unit)}",
+        f"torque loop {rounded(1e3 * plant.torque_lag)} ms",
     ]
     values = (plant.mass, plant.damping, plant.coulomb, plant.resolution, plant.torque_lag)
     return ", ".join(part for part, value in zip(parts, values, strict=True) if value)
@@ -97,16 +99,16 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
         yield f"at rest between two {between} {_up_to(limit.quantisation, unit)} (2·fc/D)"
     less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
-    yield f"with {UNCERTAIN:g} of the friction: {limits}"
+    yield f"with {exactly(UNCERTAIN)} of the friction: {limits}"
 
 
 def _up_to(value: float | None, unit: str) -> str:
     if value is None:
         return "to an unknown stiffness"
-    return "with no limit" if math.isinf(value) else f"to {count(value)} {unit}"
+    return "with no limit" if math.isinf(value) else f"to {rounded_limit(value)} {unit}"
 
 
 def _margin(stability: Stability) -> str:
     if stability.margin is None or math.isinf(stability.margin):
         return ""
-    return f" · margin {stability.margin:.3g}"
+    return f" · margin {rounded(stability.margin)}"

@@ -13,6 +13,7 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.live_changes import RAMP, Applied, Change, plan_change
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.settings import SettingValue
@@ -77,7 +78,7 @@ class Changes:
             if self._running is None or self._last is None or self._cycle is None:
                 raise UsageError("nothing runs with these changes: they can be asked for while `run` runs")
             if len(self._planned) > len(self.applied):
-                raise UsageError(f"scheduled changes are still to come, up to {self._planned[-1].time:g} s")
+                raise UsageError(f"scheduled changes are still to come, up to {exactly(self._planned[-1].time)} s")
             change = plan_change(self._running, self._last, settings, force=self._force)
             self._hand_over(change, self._last, self._cycle)
             self._last = change.plan
@@ -87,9 +88,9 @@ class Changes:
         """All that is scheduled, on top of each other; raises what `request` raises, before anything moves."""
         if self._running is not None:
             raise UsageError("these changes were those of another run; make new ones")
-        faults = [] if 0.0 < self.ramp < math.inf else [f"ramp {self.ramp:g}: expected a time above 0 s"]
+        faults = [] if 0.0 < self.ramp < math.inf else [f"ramp {exactly(self.ramp)}: expected a time above 0 s"]
         faults += [
-            f"change at {time:g} s: expected a time above 0 s and below the duration, {duration:g} s"
+            f"change at {exactly(time)} s: expected a time above 0 s and below the duration, {exactly(duration)} s"
             for time, _ in self.scheduled
             if not 0.0 < time < duration
         ]
@@ -102,7 +103,7 @@ class Changes:
                     plan_change(plan, planned[-1].plan if planned else plan, settings, force=force, time=time)
                 )
             except HapticFieldbusError as error:
-                error.add_note(f"asked for by the change at {time:g} s")
+                error.add_note(f"asked for by the change at {exactly(time)} s")
                 raise
         self._running, self._planned, self._force = plan, tuple(planned), force
         return self._planned

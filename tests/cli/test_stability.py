@@ -66,7 +66,7 @@ def test_the_text_tells_limits_with_all_and_with_less_friction(command: Command)
     assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
         "scene", "device", "delay", "limits", "radius", "verdict",
     ]  # fmt: skip
-    assert "with 0.7 of the friction: stable to 1 044 N/m, passive to 1 006 N/m" in out
+    assert "with 0.7 of the friction: stable to 1044 N/m, passive to 1006 N/m" in out
     assert "verdict    passive: " in out
     assert "margin 2.49" in out
 

@@ -13,6 +13,7 @@ from haptic_fieldbus.api.judging import Inquiry, judge_scene
 from haptic_fieldbus.assessing.result import plan_json
 from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins import Verdict
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
@@ -169,7 +170,7 @@ class TestAges:
         assert {on: dict(ages) for on, ages in found.ages.items()} == {
             on: pytest.approx(dict.fromkeys(AXES, total)) for on in AXES
         }
-        late = f"{1e3 * total:.2f} ms behind both motions"
+        late = f"{rounded(1e3 * total)} ms behind both motions"
         line = f"shaft: force on left {late}, on right {late}"
         assert line in explain(plan)
         assert dict(announcement(plan))["coupling"] == line
@@ -184,7 +185,8 @@ class TestAges:
         assert found.ages["right"] == pytest.approx({"left": right + 165e-6, "right": right})
         late = {"left": (left, left - 165e-6), "right": (right + 165e-6, right)}
         parts = [
-            f"on {on} {1e3 * a:.2f} ms behind left and {1e3 * b:.2f} ms behind right" for on, (a, b) in late.items()
+            f"on {on} {rounded(1e3 * a)} ms behind left and {rounded(1e3 * b)} ms behind right"
+            for on, (a, b) in late.items()
         ]
         assert str(found) == f"shaft: force {', '.join(parts)}"
 

@@ -54,9 +54,7 @@ def test_the_velocity_is_mapped_in_the_place_of_the_position(scene: Scene) -> No
 
 def test_the_steps_say_how_the_position_comes_about_and_how_long_it_holds() -> None:
     position = next(step for step in plan_of(profile=VELOCITY_ONLY).steps if step.startswith("position"))
-    assert position == (
-        "position: velocity → m by the trapezoid; drift trip when it may be off by 0.005 m, after 120 s"
-    )
+    assert position == ("position: velocity → m by the trapezoid; drift trip when it may be off by 5 mm, after 120 s")
 
 
 def test_a_drive_that_offers_both_has_its_position_mapped_and_is_told_why() -> None:

@@ -19,6 +19,7 @@ from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, Direction, Pdo
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
@@ -170,16 +171,14 @@ class Setup:
         if mapped is None:
             return None
         if mapped.unit not in RATED_TORQUE_UNITS:
-            known = ", ".join(RATED_TORQUE_UNITS)
-            raise BusConfigurationError(
-                f"{self.member.profile.title}: unit {mapped.unit!r} of {mapped.entry} is not one of {known}"
-            )
+            wrong = f"unit {mapped.unit!r} of {mapped.entry} is not one of {', '.join(RATED_TORQUE_UNITS)}"
+            raise BusConfigurationError(f"{self.member.profile.title}: {wrong}")
         rated = self.node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
         expected = self.axis.rig.rated_torque
         if expected is not None and abs(rated - expected) > RATED_TORQUE_TOLERANCE * expected:
             raise BusConfigurationError(
-                f"{self.node.label}: its rated torque is {rated:g} N·m ({mapped.entry}), the rig says {expected:g} N·m "
-                f"(axis.{self.axis.name}.rated_torque); every command would be wrong by that much"
+                f"{self.node.label}: its rated torque is {exactly(rated)} N·m ({mapped.entry}), the rig says "
+                f"{exactly(expected)} N·m (axis.{self.axis.name}.rated_torque); every command would be off by that"
             )
         return rated
 
@@ -288,7 +287,7 @@ class Setup:
         deadline_ns = self.node.now_ns() + round(timeout * 1e9)
         while not reached():
             if self.node.now_ns() >= deadline_ns:
-                raise BusConfigurationError(f"{self.node.label} {complaint()} (waited {timeout:g} s)")
+                raise BusConfigurationError(f"{self.node.label} {complaint()} (waited {exactly(timeout)} s)")
             self.node.wait(POLL_NS)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from importlib import import_module
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, ParameterValue
 from haptic_fieldbus.numerics.linear import StateSpace
 
@@ -59,7 +60,7 @@ class ChosenEstimator:
     def setup(self, period: float, resolution: float = 0.0) -> EstimatorSetup:
         """All parameters, checked; raises UsageError when they do not go with the period."""
         if not 0.0 < period < math.inf:
-            raise UsageError(f"period {period:g} s: expected a finite number above 0")
+            raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
         defaults = {
             parameter.key: resolution if parameter.default is None else parameter.default
             for parameter in self.estimator.parameters

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
 
 ParameterValue = float | str
@@ -48,8 +49,8 @@ class Parameter:
             return f"one of {', '.join(self.choices)}"
         kind = "a whole number" if self.is_whole else "a number"
         if math.isinf(self.highest):
-            return f"{kind} from {self.lowest:g}{unit} up"
-        return f"{kind} from {self.lowest:g} to {self.highest:g}{unit}"
+            return f"{kind} from {exactly(self.lowest)}{unit} up"
+        return f"{kind} from {exactly(self.lowest)} to {exactly(self.highest)}{unit}"
 
 
 @dataclass(frozen=True)

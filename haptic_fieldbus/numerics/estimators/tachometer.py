@@ -26,12 +26,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 
 
 def bind_position(period: float, start: float = 0.0) -> Callable[[float], float]:
     """A fresh step: velocity of this period [m/s or rad/s] → position [m or rad], `start` at the first call."""
     if not 0.0 < period < math.inf:
-        raise UsageError(f"period {period:g} s: expected a finite number above 0")
+        raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
     before: float | None = None
     position, half = start, 0.5 * period
 

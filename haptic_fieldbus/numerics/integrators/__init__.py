@@ -11,6 +11,7 @@ the sampled loop does with a hand on it. A method that preserves energy does not
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.integrators import one_step, staggered
 from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, check_system
 from haptic_fieldbus.numerics.integrators.stepping import Step, bind_general, bind_pair
@@ -69,8 +70,8 @@ def discretise(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -
         return chosen.discretise(space, period)
     except np.linalg.LinAlgError as error:
         raise UsageError(
-            f"{method} has no step of {period:g} s for these virtual states: one of their modes grows too fast for its "
-            "implicit equation; a shorter period has one"
+            f"{method} has no step of {exactly(period)} s for these virtual states: one of their modes grows too fast "
+            "for its implicit equation; a shorter period has one"
         ) from error
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 
@@ -61,7 +62,7 @@ class Integrator:
 def check_system(space: StateSpace, period: float) -> None:
     """Raises UsageError for a period that is not above 0, and for a system with an entry that is no finite number."""
     if not 0.0 < period < math.inf:
-        raise UsageError(f"period {period:g} s: expected a finite number above 0")
+        raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
     for name in ("a", "b", "c", "d"):
         matrix: Matrix = getattr(space, name)
         if not np.isfinite(matrix).all():

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.drive.rig import Limits
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import bind
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
@@ -32,7 +33,7 @@ def lost_bus(quick: bool) -> CaseResult:
     outcome = drive_bench.bus_off_in_contact()
     return CaseResult(
         f"target {round(3.0 / UNIT)} ‰, then 0 from the period of the loss on; the drive's torque is asked to be 0 "
-        f"within its guard time of {1e3 * outcome.guard:g} ms and a period, and the run ends with an error",
+        f"within its guard time of {exactly(1e3 * outcome.guard)} ms and a period, and the run ends with an error",
         f"target {before} ‰, then at most {max(map(abs, after))} ‰ for {len(after)} periods; drive without torque "
         f"{1e3 * outcome.torque_free_after:.2f} ms later; {outcome.error}",
         before == round(3.0 / UNIT)
@@ -104,9 +105,9 @@ def denormal_input(quick: bool) -> CaseResult:
     turn = math.sqrt(stiffness / mass) * 1e-3
     error = max(abs(step(height) / height + stiffness * math.cos(turn * n)) for n in range(steps)) / stiffness
     return CaseResult(
-        f"targets 0 ‰, 0 trips; a sprung mass pushed by {height:g} m swings as k·x·cos(ω·t) for {steps} periods, "
-        "within 1e-6",
-        f"largest target {max(targets)} ‰, {trips} trips; off by {error:.1g}",
+        f"targets 0 ‰, 0 trips; a sprung mass pushed by {exactly(height)} m swings as k·x·cos(ω·t) for {steps} "
+        "periods, within 1e-6",
+        f"largest target {max(targets)} ‰, {trips} trips; off by {rounded(error, 1)}",
         not any(targets) and not trips and error < 1e-6,
         "closed form: F = −k·x·cos(ω·t) after a step of the handle",
         tolerance="1e-6 of the swing; targets exact",
@@ -131,7 +132,7 @@ def encoder_wrap(quick: bool) -> CaseResult:
     return CaseResult(
         f"{expected} crossings, no trip, position within 1e-15 m and velocity within 1e-11 m/s of the unlimited count",
         f"{crossings} crossings, {cycle.tripped.value if cycle.tripped else 'no trip'}, position off by "
-        f"{off:.1g} m, velocity by {off_speed:.1g} m/s",
+        f"{rounded(off, 1)} m, velocity by {rounded(off_speed, 1)} m/s",
         crossings == expected and cycle.trip is None and off < 1e-15 and off_speed < 1e-11,
         "integers without a largest value, and fractions",
         tolerance="1e-15 m, 1e-11 m/s",
@@ -153,8 +154,8 @@ def encoder_jump(quick: bool) -> CaseResult:
     slew = plan.axes[0].limits.effort / 5.0 / UNIT
     kick = max(abs(sent) for sent, _ in outcomes.values())
     return CaseResult(
-        f"jumps up to {allowed} counts ({limit:g} m/s for 1 ms, and a count) pass, larger ones trip with 0 ‰; no step "
-        f"of torque beyond {slew:.1f} ‰ (a fifth of the limit, and rounding)",
+        f"jumps up to {allowed} counts ({exactly(limit)} m/s for 1 ms, and a count) pass, larger ones trip with 0 ‰; "
+        f"no step of torque beyond {slew:.1f} ‰ (a fifth of the limit, and rounding)",
         f"up to {largest} counts pass, {len(tripped)} of 20 larger ones trip with at most "
         f"{max(abs(sent) for sent, _ in tripped)} ‰; largest step {kick} ‰",
         largest == allowed
@@ -210,7 +211,7 @@ def long_clock(quick: bool) -> CaseResult:
     return CaseResult(
         "velocity within 1e-9 of counts over nanoseconds, trip at 1000000000000001 ns, "
         "300 periods of exactly 1000000 ns, simulated 1000 s before 2⁶² ns (where the simulation's clock ends)",
-        f"velocity off by {error:.1g}, trip at {stamp} ns, {cycles} simulated periods, {odd} of another length",
+        f"velocity off by {rounded(error, 1)}, trip at {stamp} ns, {cycles} simulated periods, {odd} of another length",
         error < 1e-9 and stamp == 10**15 + 1 and cycles == 300 and odd == 0,
         "fractions of integer counts and nanoseconds; float64 has steps of 1024 ns there",
         tolerance="1e-9 of the velocity; times exact",
@@ -237,7 +238,8 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
     same = abs(low / high - 1.0)
     return CaseResult(
         "force and torque within 1e-12 of −K·x − B·v, 0 of 199 targets differ, limits of stiffness within 1e-12",
-        f"off by {worst:.1g}, {apart} of 199 targets differ, limits {low:.6g} and {high:.6g}, apart by {same:.1g}",
+        f"off by {rounded(worst, 1)}, {apart} of 199 targets differ, limits {rounded(low, 6)} and {rounded(high, 6)}, "
+        f"apart by {rounded(same, 1)}",
         worst < 1e-12 and apart == 0 and same < 1e-12 and all(cycle.trip is None for cycle in cycles),
         "closed form of a spring-damper, x = 2π·counts/4096 m or rad",
         tolerance="1e-12; targets exact",

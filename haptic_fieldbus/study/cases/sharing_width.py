@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from haptic_fieldbus.margins import Plant, passive_limit_of, sample, stiffness_limit
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import loops
@@ -73,12 +74,12 @@ def _judged(points: list[Point], law: str, holds: Callable[[list[float]], bool],
     some = [(limit, point) for limit, point in zip(expected, points, strict=True) if limit]
     right = sum(_right(limit, point, quick) for limit, point in some)
     return CaseResult(
-        f"{law}; {values_text(expected, '.4g')} N/m",
-        f"{values_text(found, '.4g')} N/m, apart by {apart:.1g}; {right} of {2 * len(some)} loops "
-        "run 3 % off decay or grow so",
+        f"{law}; {values_text(expected, 4)} N/m",
+        f"{values_text(found, 4)} N/m, apart by {rounded(apart, 1)}; {right} of {2 * len(some)} loops run 3 % off "
+        "decay or grow so",
         holds(expected) and apart <= AGREEMENT and right == 2 * len(some),
         ROOTS,
-        tolerance=f"{AGREEMENT:g} of each limit; growth and decay 3 % off it",
+        tolerance=f"{exactly(AGREEMENT)} of each limit; growth and decay 3 % off it",
     )
 
 
@@ -123,12 +124,13 @@ def pure_damper_limit(quick: bool) -> CaseResult:
     speed = np.abs(batch.run(many, 1_000).velocity)
     needed = damping_needed(filtered_wall(0.0, 5.0), PERIOD, 0.0)
     return CaseResult(
-        f"stable to B = {expected:.6g} N·s/m (2·m/T = {2 * DEVICE.mass / PERIOD:.0f}); passive needs b = B = 5 N·s/m",
-        f"stable to {low:.6g} N·s/m; 0.1 m/s becomes {speed[0]:.1g} and {speed[1]:.1g} m/s in 1000 periods 3 % below "
-        f"and above; passive needs b = {needed:.6g}",
+        f"stable to B = {rounded(expected, 6)} N·s/m (2·m/T = {2 * DEVICE.mass / PERIOD:.0f}); passive needs b = B = "
+        "5 N·s/m",
+        f"stable to {rounded(low, 6)} N·s/m; 0.1 m/s becomes {rounded(speed[0], 1)} and {rounded(speed[1], 1)} m/s in "
+        f"1000 periods 3 % below and above; passive needs b = {rounded(needed, 6)}",
         abs(low / expected - 1.0) <= AGREEMENT and speed[0] < 1e-3 < 1.0 < speed[1] and abs(needed / 5.0 - 1.0) < 1e-9,
         "Jury's conditions of z² + (B·c/T − p)·z + B·(a·d − p·c)/T in closed form (to 1e-6); b > |B|",
-        tolerance=f"{AGREEMENT:g} of the limit, 1e-9 of the damping",
+        tolerance=f"{exactly(AGREEMENT)} of the limit, 1e-9 of the damping",
     )
 
 
@@ -146,11 +148,11 @@ def filtered_damper_passivity(quick: bool) -> CaseResult:
     limit = passive_limit_of(DEVICE, PERIOD, 0.0, lambda k: filtered_wall(k, virtual, 0.8), math.inf)
     by_hand = 2.0 * (DEVICE.damping - virtual * 0.2 / 1.8) / PERIOD
     return CaseResult(
-        f"b = {values_text(expected, '.4g')} N·s/m for poles 0, 0.3, 0.8, 0.95; K to {by_hand:.6g} N/m with 0.8",
-        f"b = {values_text(found, '.4g')} N·s/m by sweep, {values_text(given, '.4g')} by energy; K to {limit:.6g} N/m",
+        f"b = {values_text(expected, 4)} N·s/m for poles 0, 0.3, 0.8, 0.95; K to {rounded(by_hand, 6)} N/m with 0.8",
+        f"b = {values_text(found, 4)} N·s/m by sweep, {values_text(given, 4)} by energy; K to {rounded(limit, 6)} N/m",
         apart <= AGREEMENT and abs(limit / by_hand - 1.0) <= AGREEMENT,
         "closed form, and the work of the forces on a handle shaken to and fro each period (to 1e-6)",
-        tolerance=f"{AGREEMENT:g} of each damping and limit",
+        tolerance=f"{exactly(AGREEMENT)} of each damping and limit",
     )
 
 

@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
+from haptic_fieldbus.numerals import exactly, percent
 from haptic_fieldbus.report.plot import INK
 from haptic_fieldbus.study.measure.friction_plane import LARGEST, Ending, Plane, border
-from haptic_fieldbus.study.page.html import paragraph, percent, picture
+from haptic_fieldbus.study.page.html import paragraph, picture
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg
 
 STARTS = (5.0, 20.0, 100.0)
@@ -29,7 +30,7 @@ def part(planes: Sequence[Plane]) -> tuple[str, str]:
     """HTML, and the figure in it."""
     document = svg(side_by_side(planes, _panel, 4.2, ncols=5))
     share = min(plane.agreement for plane in planes)
-    told = "all handles" if share == 1.0 else f"{percent(share, 1)} of the handles"
+    told = "all handles" if share == 1.0 else f"{percent(share, 3)} of the handles"
     caption = (
         f"{len(planes[0].axis)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: predicted by "
         f"describing functions for motions of that size; {told} more than 5 % of the plane away from it end so."
@@ -49,5 +50,5 @@ def _panel(panel: Axes, plane: Plane) -> None:
     panel.axhline(0.5, color=INK, linewidth=1.0, linestyle="--")
     panel.set_xlim(0.0, LARGEST)
     panel.set_ylim(0.0, LARGEST)
-    dress(panel, f"let go {plane.start:g} counts away", "β = b/(K·T)", "σ = fc/(K·D)")
+    dress(panel, f"let go {exactly(plane.start)} counts away", "β = b/(K·T)", "σ = fc/(K·D)")
     panel.grid(visible=False)

@@ -7,12 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.plot import FELT, GREY
 from haptic_fieldbus.study.measure import growth
 from haptic_fieldbus.study.measure.growth import Growth
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Section, number, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Cell, Section, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
 
 QUICK, FULL = 10**5, 10**7
@@ -28,14 +29,14 @@ digits."""
 
 def growth_section(context: Context) -> Section:
     total = QUICK if context.quick else FULL
-    told = f"{total:.0e} steps of ".replace("e+0", "e")
+    told = f"{rounded(total)} steps of "
     found = [
         growth.free_swing(method, total) for method in context.with_progress(METHODS, lambda method: f"{told}{method}")
     ]
     document = svg(draw(found))
     caption = (
-        f"{number(float(total))} steps are {number(total * growth.PERIOD)} s of simulated time. What exceeds the frame "
-        "is drawn at its edge; × marks where numbers stopped being finite."
+        f"{rounded(total)} steps are {rounded(total * growth.PERIOD)} s of simulated time. What exceeds the frame is "
+        "drawn at its edge; × marks where numbers stopped being finite."
     )
     body = [paragraph(EXPLAINED), picture("growth", document, caption), growth_table(found)]
     return Section(
@@ -76,7 +77,7 @@ def growth_table(swings: Sequence[Growth]) -> str:
     rows = [
         [
             swing.method,
-            Cell(f"by step {swing.diverged_at:,}".replace(",", " "), "bad") if swing.diverged_at is not None else "no",
+            Cell(f"by step {swing.diverged_at}", "bad") if swing.diverged_at is not None else "no",
             *(swing.error[-1], swing.energy[-1], max(map(abs, swing.energy))),
         ]
         for swing in swings
@@ -89,7 +90,7 @@ def _finding(swings: Sequence[Growth], total: int) -> str:
     by_name = {swing.method: swing for swing in swings}
     best, leapfrog = by_name["exact-foh"], by_name["semi-implicit"]
     return (
-        f"After {number(float(total))} steps of a swinging mass the exact step is off by {number(best.error[-1])} of "
-        f"the amplitude and its energy by {number(abs(best.energy[-1]))}; the symplectic one keeps its energy within "
-        f"{number(max(map(abs, leapfrog.energy)))} and is off by {number(leapfrog.error[-1])}, all of it phase."
+        f"After {rounded(total)} steps of a swinging mass the exact step is off by {rounded(best.error[-1])} of the "
+        f"amplitude and its energy by {rounded(abs(best.energy[-1]))}; the symplectic one keeps its energy within "
+        f"{rounded(max(map(abs, leapfrog.energy)))} and is off by {rounded(leapfrog.error[-1])}, all of it phase."
     )

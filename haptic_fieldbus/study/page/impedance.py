@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import parallel
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.verdicts import grouped
@@ -12,7 +13,7 @@ from haptic_fieldbus.report.plot import BLUE, FELT, GREY, INK, VERMILION
 from haptic_fieldbus.study.measure.bench import bench_of
 from haptic_fieldbus.study.measure.impedance import Impedance, impedance
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Entry, Section, number, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Entry, Section, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, svg
 
 SCENES = ("wall", "damped_wall", "sprung_mass")
@@ -96,20 +97,20 @@ def impedance_table(impedances: Sequence[Impedance]) -> str:
             _first(curve, curve.felt.real < 0.0),
         ]
 
-    headings = ("scene", *(f"error at {place:g} Hz [%]" for place in places), "first above 8 % at",
+    headings = ("scene", *(f"error at {exactly(place)} Hz [%]" for place in places), "first above 8 % at",
                 "Re Z first negative at")  # fmt: skip
     return table(headings, map(row, impedances))
 
 
 def _first(curve: Impedance, holds: np.ndarray) -> str:
     """The lowest frequency at which it holds."""
-    return f"{curve.frequency[int(np.argmax(holds))]:.3g} Hz" if holds.any() else "nowhere"
+    return f"{rounded(curve.frequency[int(np.argmax(holds))])} Hz" if holds.any() else "nowhere"
 
 
 def _finding(curve: Impedance) -> str:
     off = error(curve)
     early, worst = 100.0 * float(np.interp(1.0, curve.frequency, off)), 100.0 * float(off.max())
     return (
-        f"At the handle, the {curve.scene} differs from the ideal by {number(early)} % at 1 Hz, and most, "
-        f"{number(worst)} %, where device and {curve.scene} resonate ({curve.frequency[off.argmax()]:.3g} Hz)."
+        f"At the handle, the {curve.scene} differs from the ideal by {rounded(early)} % at 1 Hz, and most, "
+        f"{rounded(worst)} %, where device and {curve.scene} resonate ({rounded(curve.frequency[off.argmax()])} Hz)."
     )

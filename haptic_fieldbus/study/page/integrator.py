@@ -8,13 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.plot import GREY, INK
 from haptic_fieldbus.study.measure import in_the_loop
 from haptic_fieldbus.study.measure.bench import Bench
 from haptic_fieldbus.study.measure.in_the_loop import HANDLES, LoopGrowth, flicked_free
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, percent, picture, table
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, number_text, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, svg
 
 QUICK, FULL = 40, 160
@@ -118,7 +119,7 @@ def limits_table(growths: Sequence[LoopGrowth]) -> str:
         return [
             growth.method,
             Cell("yes", "good") if preserved else "no",
-            *(("any" if math.isinf(k) else number(k, 4)) if k else Cell("none", "bad") for k in limits),
+            *(("any" if math.isinf(k) else number_text(k, 4)) if k else Cell("none", "bad") for k in limits),
             *(0.0 if abs(growth.at_scene[name]) < 1e-9 else growth.at_scene[name] for name in HANDLES),  # or rounding
         ]
 
@@ -134,9 +135,9 @@ def short_answer(growths: Sequence[LoopGrowth]) -> str:
     best = _limit(growths, "exact-foh")
     euler, drift, held = (_limit(growths, name) for name in ("forward-euler", "semi-implicit-drift-first", "exact-zoh"))
     return (
-        "With the puck clamped, yes. In the loop, hardly by itself: what counts is how late the force is. With a free "
-        f"handle forward Euler stands {percent(euler / best)} of the stiffness of the straight-line exact step "
-        f"({number(euler)} of {number(best)} N/m), but drift-first and <code>exact-zoh</code>, which both preserve "
+        "With the puck clamped, yes. In the loop, hardly by itself: what counts is how late the force is. With a "
+        f"free handle forward Euler stands {percent(euler / best)} of the stiffness of the straight-line exact step "
+        f"({rounded(euler)} of {rounded(best)} N/m), but drift-first and <code>exact-zoh</code>, which both preserve "
         f"stability, lose {percent(1.0 - drift / best)} and {percent(1.0 - held / best)} too, and <code>rk4</code>, "
         "which does not preserve it, loses nothing."
     )
@@ -148,7 +149,7 @@ def _softest(growths: Sequence[LoopGrowth]) -> str:
     if not softest:
         return ""
     return (
-        f" In the hand forward Euler grows below {number(softest)} N/m too: so soft a spring moves the handle too "
+        f" In the hand forward Euler grows below {rounded(softest)} N/m too: so soft a spring moves the handle too "
         "little for the hand to take out what the method puts in."
     )
 
@@ -156,7 +157,7 @@ def _softest(growths: Sequence[LoopGrowth]) -> str:
 def answer(growths: Sequence[LoopGrowth]) -> str:
     """The same at length."""
     clamped = next(growth.at_scene["clamped"] for growth in growths if growth.method == "forward-euler")
-    doubling = f"{math.log(2.0) / clamped:.2g} s" if clamped > 0.0 else "no time"
+    doubling = f"{rounded(math.log(2.0) / clamped)} s" if clamped > 0.0 else "no time"
     return (
         f"{short_answer(growths)} Clamped, nothing takes energy out of the virtual mass, so forward Euler doubles its "
         f"swing every {doubling} at 200 N/m, and no period is short enough to stop it (the rate is k·T/2m): there a "

@@ -6,12 +6,13 @@ from dataclasses import replace
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
+from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.report.plot import GREEN, VERMILION
 from haptic_fieldbus.study.measure.friction_plane import plane
 from haptic_fieldbus.study.measure.region import Region, region
 from haptic_fieldbus.study.page import friction_plane
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Entry, Section, number, paragraph, percent, picture, table
+from haptic_fieldbus.study.page.html import Entry, Section, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg
 
 QUICK, FULL = (32, 3000), (120, 20_000)
@@ -30,7 +31,7 @@ def region_section(context: Context) -> Section:
     points, periods = QUICK if context.quick else FULL
     bench = context.bench
     late = replace(bench, delay=bench.delay + bench.period)
-    delays = f"{1e3 * bench.delay:.2g} ms of delay", f"{1e3 * late.delay:.2g} ms of delay"
+    delays = f"{rounded(1e3 * bench.delay)} ms of delay", f"{rounded(1e3 * late.delay)} ms of delay"
     wanted = (
         (delays[0], bench, None),
         (f"closer: small damping, {delays[0]}", bench, 3.0 * bench.plant.damping),
@@ -42,20 +43,19 @@ def region_section(context: Context) -> Section:
     size = QUICK_PLANE if context.quick else FULL_PLANE
     sticking, plane_document = friction_plane.part([plane(start, *size) for start in friction_plane.STARTS])
     agreed = min(each.agreement for each in found)
-    told = "every loop" if agreed == 1.0 else f"{percent(agreed, 2)} of the loops"
+    told = "every loop" if agreed == 1.0 else f"{percent(agreed, 4)} of the loops"
     document = svg(side_by_side(found, _panel, 4.4, ncols=4))
     caption = (
-        f"{points}² loops of {periods:,} periods in each panel.".replace(",", " ")
-        + " Measured: blue fades, orange grows. Lines: predicted."
+        f"{points}² loops of {periods} periods in each panel. Measured: blue fades, orange grows. Lines: predicted."
     )
     return Section(
         "region",
         "Stiffness and damping: the region that is stable",
         paragraph(EXPLAINED) + picture("region", document, caption) + _table(found) + sticking,
         (
-            f"Measured and predicted K–B regions agree on {told}, a strip of 1 % around the boundary left out; without "
-            f"damping the wall is stable to {number(float(found[0].stable_limit[0]))} N/m and passive to "
-            f"{number(float(found[0].passive_limit[0]))} N/m.",
+            f"Measured and predicted K–B regions agree on {told}, a strip of 1 % around the boundary left out; "
+            f"without damping the wall is stable to {rounded(float(found[0].stable_limit[0]))} N/m and passive to "
+            f"{rounded(float(found[0].passive_limit[0]))} N/m.",
         ),
         {"region": document, "friction-plane": plane_document},
         [
@@ -92,7 +92,7 @@ def _table(regions: Sequence[Region]) -> str:
                 float, (region.stable_limit[0], region.stable_limit.max(), region.damping[region.stable_limit.argmax()])
             ),
             float(region.passive_limit.max()),
-            percent(region.agreement, 2),
+            percent(region.agreement, 4),
         ]
         for region in regions
     ]

@@ -5,12 +5,13 @@ from dataclasses import asdict
 
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
 from haptic_fieldbus.study.measure.scene_errors import Misfit, scene_error
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, number_text, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, svg
 
 QUICK, FULL = 2.0, 10.0
@@ -87,8 +88,8 @@ def sources_table(misfits: Sequence[Misfit]) -> str:
         energy = None if misfit.energy is None else 1e3 * misfit.energy
         return [
             misfit.scene,
-            f"{number(misfit.rms)} {misfit.unit}",
-            f"{number(misfit.max)} {misfit.unit}",
+            f"{number_text(misfit.rms)} {misfit.unit}",
+            f"{number_text(misfit.max)} {misfit.unit}",
             contact,
             energy,
             *shares,
@@ -101,10 +102,8 @@ def sources_table(misfits: Sequence[Misfit]) -> str:
 
 def _finding(misfit: Misfit) -> str:
     largest = max(misfit.by_source, key=lambda source: misfit.by_source[source])
-    felt = (
-        "" if misfit.contact is None else f", {100.0 * misfit.contact:.2g} % of the force (a hand feels from about 8 %)"
-    )
+    felt = "" if misfit.contact is None else f", {percent(misfit.contact)} of the force (a hand feels from about 8 %)"
     return (
-        f"The rendered wall is off by {number(misfit.rms)} {misfit.unit} rms in contact{felt}; "
-        f"{100.0 * misfit.by_source[largest]:.0f} % of it is {largest}."
+        f"The rendered wall is off by {number_text(misfit.rms)} {misfit.unit} rms in contact{felt}; "
+        f"{percent(misfit.by_source[largest])} of it is {largest}."
     )

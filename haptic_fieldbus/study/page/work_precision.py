@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.plot import FELT, GREY
 from haptic_fieldbus.study.measure import contact_loop, work_precision
@@ -16,7 +17,7 @@ from haptic_fieldbus.study.measure.problems import Problem, problems, step_count
 from haptic_fieldbus.study.measure.step_limits import step_limit
 from haptic_fieldbus.study.measure.work_precision import Point, Set
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, folded, number, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, folded, number_text, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
 
 FAILED = 10.0
@@ -128,7 +129,7 @@ def order_words(runs: Set) -> str:
     observed = "rounding only" if runs.order is None else f"{runs.order:.2f}"
     if runs.claimed is None:
         return f"{observed} (no claim)"
-    return f"{observed} ({'exact' if math.isinf(runs.claimed) else f'{runs.claimed:g}'})"
+    return f"{observed} ({'exact' if math.isinf(runs.claimed) else f'{exactly(runs.claimed)}'})"
 
 
 def _caption(sets: Sequence[Set]) -> str:
@@ -137,7 +138,7 @@ def _caption(sets: Sequence[Set]) -> str:
     unstable = sum(not point.stable for each in sets for point in each.points)
     return (
         f"{total} runs, {failed} of them failed; {unstable} with a step that makes some mode grow, which a short run "
-        f"can survive. Largest exact force {number(sets[0].peak)} N."
+        f"can survive. Largest exact force {rounded(sets[0].peak)} N."
     )
 
 
@@ -166,7 +167,7 @@ def sets_table(sets: Sequence[Set]) -> str:
         return [
             each.method,
             Cell(order_words(each), "good" if is_as_claimed(each) else "bad"),
-            "none of them" if largest is None else f"{1e3 * largest:.3g} ms",
+            "none of them" if largest is None else f"{rounded(1e3 * largest)} ms",
             *(failed or error for error in (point.error_final, point.error_rms, point.error_max)),
             share,
             f"{point.ns_per_step:.0f}",
@@ -174,15 +175,16 @@ def sets_table(sets: Sequence[Set]) -> str:
         ]
 
     headings = (
-        "method", "order: observed (claimed)", "largest stable step tried", f"final error at {period:.2g} ms [N]",
-        "rms [N]", "max [N]", "rms, % of largest force", "ns per step", f"rms [N] for {FIXED_COST:g} µs a second",
+        "method", "order: observed (claimed)", "largest stable step tried", f"final error at {rounded(period)} ms [N]",
+        "rms [N]", "max [N]", "rms, % of largest force", "ns per step",
+        f"rms [N] for {exactly(FIXED_COST)} µs a second",
     )  # fmt: skip
     return table(headings, map(row, sets))
 
 
 def _limits_table() -> str:
     rows = [
-        [name, *(number(each, 6) for each in limits), f"{radius:.9f}"]
+        [name, *(number_text(each, 6) for each in limits), f"{radius:.9f}"]
         for name, *limits, radius in map(astuple, map(step_limit, METHODS))
     ]
     headings = ("method", "oscillator: claimed h", "measured h", "decay: claimed T/τ", "measured T/τ",
@@ -196,7 +198,7 @@ def _findings(sets_of_problems: Sequence[Sequence[Set]]) -> Iterator[str]:
     if told:
         failed = sum(has_failed(p, each.peak) for each in every for p in each.points)
         yield (
-            f"Observed orders are the claimed ones, within {CLOSE:g}, in {sum(map(is_as_claimed, told))} of "
+            f"Observed orders are the claimed ones, within {exactly(CLOSE)}, in {sum(map(is_as_claimed, told))} of "
             f"{len(told)} sets of runs; {failed} of {sum(len(each.points) for each in every)} runs failed, and are "
             "drawn as failures."
         )
@@ -207,8 +209,8 @@ def _findings(sets_of_problems: Sequence[Sequence[Set]]) -> Iterator[str]:
         held_run, line_run = at_fixed_period(held), at_fixed_period(line_)
         share = (held_run.error_rms or 0.0) / (line_run.error_rms or math.inf)
         yield (
-            f"At {1e3 * held_run.period_s:.2g} ms the straight-line exact step (<code>exact-foh</code>) is "
-            f"{number(share, 2)} times as accurate as the held one (<code>exact-zoh</code>) on a hand's motion, and "
-            f"costs {line_run.ns_per_step / held_run.ns_per_step:.2f} times as much: the input "
-            "hold, not the integrator, was the error."
+            f"At {rounded(1e3 * held_run.period_s)} ms the straight-line exact step (<code>exact-foh</code>) is "
+            f"{rounded(share, 2)} times as accurate as the held one (<code>exact-zoh</code>) on a hand's motion, and "
+            f"costs {line_run.ns_per_step / held_run.ns_per_step:.2f} times as much: the input hold, not the "
+            "integrator, was the error."
         )
