@@ -14,8 +14,9 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.settings import SettingValue, settled
+from haptic_fieldbus.planning.settings import settled
 from haptic_fieldbus.planning.verdicts import grouped
+from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
@@ -33,7 +34,7 @@ MISSING = {
 class Change:
     """New values that passed every check; `settings` are as the scene has them, in SI."""
 
-    settings: Mapping[str, SettingValue]
+    settings: Mapping[str, Setting]
     plan: Plan
     """The running plan with these values."""
     time: float = 0.0
@@ -54,7 +55,7 @@ class Applied:
 
 
 def plan_change(
-    running: Plan, last: Plan, settings: Mapping[str, SettingValue], *, force: bool = False, time: float = 0.0
+    running: Plan, last: Plan, settings: Mapping[str, Setting], *, force: bool = False, time: float = 0.0
 ) -> Change:
     """Settings on top of `last`, the plan of the change before, for a loop that was made for `running`.
 
@@ -120,7 +121,7 @@ def _forces(axis: AxisPlan) -> tuple[AnyElement, ...]:
     return (*axis.elements, *axis.couplings)
 
 
-def _value(scene: Scene, setting: str) -> SettingValue:
+def _value(scene: Scene, setting: str) -> Setting:
     name, _, parameter = setting.rpartition(".")
-    value: SettingValue = next(getattr(element, parameter) for element in scene.elements if element.name == name)
+    value: Setting = next(getattr(element, parameter) for element in scene.elements if element.name == name)
     return value

@@ -13,10 +13,9 @@ from pathlib import Path
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.contact import stiffest_of
-from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.scenes.catalogue import Setting, load_scene
 from haptic_fieldbus.scenes.scene import Scene
 
-SettingValue = float | str | bool
 PART_OF_LIMIT = re.compile(r"max(?:/(\d+(?:\.\d*)?))?")
 
 
@@ -25,7 +24,7 @@ class Settled:
     """A scene with all its settings made but the one that is a part of the limit."""
 
     origin: str | Path | Scene
-    values: Mapping[str, SettingValue]
+    values: Mapping[str, Setting]
     """All settings; the part of the limit as it was written."""
     scene: Scene
     part: str | None
@@ -45,7 +44,7 @@ class Settled:
         return with_settings(self.origin, {**self.values, self.part: limit / divisor})
 
 
-def settled(scene: str | Path | Scene, settings: Mapping[str, SettingValue] | None) -> Settled:
+def settled(scene: str | Path | Scene, settings: Mapping[str, Setting] | None) -> Settled:
     """Load the scene with its settings; raises SceneError or UsageError for those that cannot be."""
     values = parsed(settings)
     part = _part_of_limit(values)
@@ -56,7 +55,7 @@ def settled(scene: str | Path | Scene, settings: Mapping[str, SettingValue] | No
     return Settled(scene, values, found, part)
 
 
-def with_settings(scene: str | Path | Scene, values: Mapping[str, SettingValue]) -> Scene:
+def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> Scene:
     """The scene, loaded where it is not yet, with these values."""
     if not isinstance(scene, Scene):
         return load_scene(scene, values)
@@ -67,12 +66,12 @@ def with_settings(scene: str | Path | Scene, values: Mapping[str, SettingValue])
     return changed(scene, values)
 
 
-def parsed(settings: Mapping[str, SettingValue] | None) -> dict[str, SettingValue]:
+def parsed(settings: Mapping[str, Setting] | None) -> dict[str, Setting]:
     """Settings as the command line writes them: numbers, true and false are no texts."""
     return {key: _parsed(value) if isinstance(value, str) else value for key, value in (settings or {}).items()}
 
 
-def _parsed(text: str) -> SettingValue:
+def _parsed(text: str) -> Setting:
     if text in ("true", "false"):
         return text == "true"
     try:
@@ -81,7 +80,7 @@ def _parsed(text: str) -> SettingValue:
         return text
 
 
-def _part_of_limit(values: Mapping[str, SettingValue]) -> str | None:
+def _part_of_limit(values: Mapping[str, Setting]) -> str | None:
     """The one setting that is a part of the limit; raises UsageError for several, and for one that has no limit."""
     parts = [key for key, value in values.items() if isinstance(value, str) and PART_OF_LIMIT.fullmatch(value)]
     faults = [f"{key}={values[key]}: only a stiffness has a limit" for key in parts if ".stiffness" not in key]

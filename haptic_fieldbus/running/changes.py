@@ -16,13 +16,13 @@ from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.live_changes import RAMP, Applied, Change, plan_change
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.settings import SettingValue
+from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from haptic_fieldbus.cycle.cycle import Cycle
 
-Scheduled = tuple[float, Mapping[str, SettingValue]]
+Scheduled = tuple[float, Mapping[str, Setting]]
 """Seconds from operation enabled, and settings."""
 
 
@@ -69,7 +69,7 @@ class Changes:
         """When the ramp to `scene` began [s from operation enabled]; 0 where nothing has changed."""
         return self.applied[-1].time if self.applied else 0.0
 
-    def request(self, settings: Mapping[str, SettingValue]) -> Change:
+    def request(self, settings: Mapping[str, Setting]) -> Change:
         """Check new values and hand them to the loop, from any thread while it runs; they hold from the next period on.
 
         Raises what `run` raises for such settings, UnstableSceneError included; the old values stay then.
