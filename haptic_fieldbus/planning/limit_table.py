@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 
+from haptic_fieldbus.numerals import exactly, in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import START_SHARE
 
@@ -67,5 +68,5 @@ def limit_lines(axis: AxisPlan, period: float) -> Iterator[str]:
 
 
 def _text(row: LimitRow) -> str:
-    time = f" after {row.time:g} s" if row.time else ""
-    return f"{row.name} {row.value:.3g} {row.unit}{time}"
+    time = f" after {exactly(row.time)} s" if row.time else ""
+    return f"{row.name} {in_unit(row.value, row.unit)}{time}"

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from haptic_fieldbus.drive.rig import Limits
+from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.limit_table import LimitRow, Reaction, limit_rows
 from haptic_fieldbus.planning.plan_json import plan_json
@@ -56,5 +57,5 @@ def test_the_plan_shows_every_limit_in_words_and_in_json(profile: object) -> Non
     expected = list(limit_rows(plan.axes[0], plan.period))
     assert [entry["limit"] for entry in shown if isinstance(entry, dict)] == [row.name for row in expected]
     for row in expected:
-        assert f"{row.name} {row.value:.3g} {row.unit}" in text
+        assert f"{row.name} {in_unit(row.value, row.unit)}" in text
     assert {row.reaction for row in expected} == set(Reaction)
