@@ -119,8 +119,8 @@ def check_fade_in(fade_in: float) -> None:
     """Raise UsageError for a time [s] in which a force would not fade in; the comparison also refuses NaN."""
     if not SHORTEST_FADE_IN <= fade_in <= LONGEST_FADE_IN:
         raise UsageError(
-            f"fade-in {exactly(fade_in)} s: expected {exactly(SHORTEST_FADE_IN)} to {exactly(LONGEST_FADE_IN)} s, for the hand "
-            "to notice"
+            f"fade-in {exactly(fade_in)} s: expected {exactly(SHORTEST_FADE_IN)} to {exactly(LONGEST_FADE_IN)} s, so that "
+            "the hand notices"
         )
 
 
