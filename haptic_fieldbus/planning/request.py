@@ -118,10 +118,8 @@ def _node_faults(protocol: str, node: int) -> list[str]:
 def check_fade_in(fade_in: float) -> None:
     """Raise UsageError for a time [s] in which a force would not fade in; the comparison also refuses NaN."""
     if not SHORTEST_FADE_IN <= fade_in <= LONGEST_FADE_IN:
-        raise UsageError(
-            f"fade-in {exactly(fade_in)} s: expected {exactly(SHORTEST_FADE_IN)} to {exactly(LONGEST_FADE_IN)} s, so that "
-            "the hand notices"
-        )
+        least, most = exactly(SHORTEST_FADE_IN), exactly(LONGEST_FADE_IN)
+        raise UsageError(f"fade-in {exactly(fade_in)} s: expected {least} to {most} s, so that the hand notices")
 
 
 def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
