@@ -7,6 +7,7 @@ else is needed is sensed once a period before (`Sensed`), whoever asks.
 from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.state import Sensed
+from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, Law, MemoryElement, StaticElement
 from haptic_fieldbus.signals import Signal
 
@@ -19,7 +20,7 @@ PairField = Callable[[], tuple[float, float]]
 def law_of(element: AnyElement, period: float, method: str | None = None) -> Law:
     """The element as a function of the signals that it needs, fresh; only virtual states import an integrator."""
     if isinstance(element, DynamicElement):
-        from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, bind
+        from haptic_fieldbus.numerics.integrators import bind
 
         return bind(element.dynamics, period, method or DEFAULT_METHOD)
     if isinstance(element, MemoryElement):

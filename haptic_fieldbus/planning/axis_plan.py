@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.drive.rig import Rig, RigAxis
@@ -38,8 +39,6 @@ PROVIDERS = {
 }
 """What gives a signal that a drive may offer, the best first: a velocity estimated from position has dynamics that are
 known, a drive's own has a filter that is not; a position integrated from velocity drifts."""
-DEFAULT_ESTIMATOR = "backward-difference"
-DEFAULT_METHOD = "exact-foh"
 """Here, not imported from `numerics`: a scene that needs neither must not import them. Tests compare."""
 
 

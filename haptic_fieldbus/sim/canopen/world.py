@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 
 from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim import NEVER_NS
@@ -37,7 +38,13 @@ class World:
     `longest`: so many frames and segments of motion are remembered at least; None: all, for a run that ends.
     """
 
-    def __init__(self, clock: Clock, bitrate: int = 1_000_000, seed: int | str = 0, longest: int | None = None) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        bitrate: int = DEFAULT_BIT_RATE,
+        seed: int | str = DEFAULT_SEED,
+        longest: int | None = None,
+    ) -> None:
         self.clock = clock
         self.bitrate = bitrate
         self._wire = Wire(bitrate, longest)

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.margins import passive_limit_of, stiffness_limit
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -43,7 +44,7 @@ class Region:
         return float((predicted == self.grew)[apart].mean())
 
 
-def wall(stiffness: float, damping: float, period: float, estimator: str = "backward-difference") -> StateSpace:
+def wall(stiffness: float, damping: float, period: float, estimator: str = DEFAULT_ESTIMATOR) -> StateSpace:
     """As the loop runs it."""
     return environment(gain([[-stiffness, -damping]]), period=period, method=None, estimator=estimator)
 
