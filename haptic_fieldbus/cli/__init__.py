@@ -7,14 +7,14 @@ import os
 import sys
 from collections.abc import Sequence
 
+from haptic_fieldbus.cli.app import app
+from haptic_fieldbus.cli.failures import tell
+from haptic_fieldbus.errors import HapticFieldbusError
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit with its status."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are tiny; a pool of threads only disturbs the loop
-    from haptic_fieldbus.cli.app import app
-    from haptic_fieldbus.cli.failures import tell
-    from haptic_fieldbus.errors import HapticFieldbusError
-
     try:
         app(args=arguments, prog_name="haptic-fieldbus")
     except HapticFieldbusError as error:

@@ -3,6 +3,7 @@
 import sys
 from dataclasses import dataclass
 
+from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.errors import (
     BusError,
     DocumentError,
@@ -39,8 +40,6 @@ def outcome_of(error: type[HapticFieldbusError]) -> ExitStatus:
 
 def tell(error: HapticFieldbusError) -> int:
     """Say on standard error what went wrong; returns the exit status."""
-    from haptic_fieldbus.cli.screen import show
-
     outcome = outcome_of(type(error))
     lines = [*str(error).splitlines(), *getattr(error, "__notes__", ())]
     show([(outcome.key if number == 0 else outcome.key and "", line) for number, line in enumerate(lines)], sys.stderr)

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptic_fieldbus.cli.checking import check_files
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.errors import EdsError, UsageError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
@@ -85,7 +87,6 @@ def check_profiles(
     as_json: JsonOption = False,
 ) -> None:
     """Check profiles, or vendors' EDS files: all faults of each, with line and key."""
-    from haptic_fieldbus.cli.checking import check_files
     from haptic_fieldbus.protocols.catalogue import profile_names
 
     check_files(names or profile_names(), _check_profile, as_json)
@@ -93,7 +94,6 @@ def check_profiles(
 
 def _check_profile(name: str) -> None:
     """Load it; of an EDS, from which only what is needed must be right, all faults count."""
-    from haptic_fieldbus.errors import EdsError
     from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
     from haptic_fieldbus.protocols.catalogue import load_profile
 
@@ -105,7 +105,6 @@ def _check_profile(name: str) -> None:
 def _write_eds(profile: "DriveProfile", path: Path) -> None:
     """UsageError when the file cannot be written."""
     from haptic_fieldbus.eds import eds_text
-    from haptic_fieldbus.errors import UsageError
     from haptic_fieldbus.sim.canopen.sheet import sheet
 
     now = datetime.now().astimezone()
