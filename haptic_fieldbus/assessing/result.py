@@ -197,6 +197,7 @@ class Result:
                 "trips": [trip.to_json() for trip in self.trips],
                 "changes": [change.to_json() for change in self.changes],
                 "verdict": self.verdict,
+                "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,
             }
         )
 
@@ -220,6 +221,7 @@ def plan_json(plan: Plan) -> dict[str, Json]:
             for each in plan.coupling_ages
         ],
         "modules": list(plan.modules),
+        "deadlines": [each.to_json() for each in plan.deadlines],
     }
 
 
