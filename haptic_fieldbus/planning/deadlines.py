@@ -24,7 +24,7 @@ REMAINDER = 0.01
 """Share of the torque at which it counts as zero."""
 
 
-class Cause(Enum):
+class EndCause(Enum):
     """Reason for which torque is taken away; the value is the name that users and scripts see."""
 
     TRIP = "own limit or trip"
@@ -41,10 +41,10 @@ class Cause(Enum):
 
 
 @dataclass(frozen=True)
-class Deadline:
+class TorqueDeadline:
     """The longest time from an event to zero torque [s]; inf when nothing notices the event."""
 
-    cause: Cause
+    cause: EndCause
     seconds: float
     how: str
 
@@ -54,9 +54,9 @@ class Deadline:
         return {"cause": self.cause.value, "stated_ms": stated}
 
 
-def deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float) -> tuple[Deadline, ...]:
+def deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float) -> tuple[TorqueDeadline, ...]:
     """Return the deadline for each cause, each that of the slowest axis."""
-    slowest: dict[Cause, Deadline] = {}
+    slowest: dict[EndCause, TorqueDeadline] = {}
     for axis, traffic in axes:
         for each in _of_axis(axis, traffic, period):
             if each.cause not in slowest or each.seconds > slowest[each.cause].seconds:
@@ -64,28 +64,29 @@ def deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float) -> tup
     return tuple(slowest.values())
 
 
-def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Deadline]:
-    """Yield the deadlines of one axis, in the order of `Cause`."""
+def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[TorqueDeadline]:
+    """Yield the deadlines of one axis, in the order of `EndCause`."""
     guard, end = traffic.guard(axis.name), _end(axis, traffic)
     # The event may happen just after a latch, so the next one shows it.
     seen = period + traffic.latch + axis.delay.transport + end
     faded, old = _missing(axis, period)
     by_loop = "seen in the next period, whose set-points are torque-free"
     by_guard = f"the guard of the drive, {1e3 * guard:g} ms"
-    yield Deadline(Cause.TRIP, seen, by_loop)
-    yield Deadline(Cause.FEEDBACK, min(faded, old) + end, "held for one period, then faded out")
-    yield Deadline(Cause.FAULT, seen, f"the drive by itself; the others: {by_loop}")
-    yield Deadline(Cause.RESET, min(faded, old) + end, "the drive by itself; the others as when feedback is lost")
+    yield TorqueDeadline(EndCause.TRIP, seen, by_loop)
+    lost = min(faded, old) + end
+    yield TorqueDeadline(EndCause.FEEDBACK, lost, "held for one period, then faded out")
+    yield TorqueDeadline(EndCause.FAULT, seen, f"the drive by itself; the others: {by_loop}")
+    yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself; the others as when feedback is lost")
     if math.isfinite(traffic.silence):
         how = f"{1e3 * traffic.silence:g} ms without it, then {by_loop}"
-        yield Deadline(Cause.HEARTBEAT, traffic.silence + period + seen, how)
+        yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
     how = f"feedback older than {1e3 * axis.limits.age:g} ms is a trip; then by SDO, at the latest {by_guard}"
-    yield Deadline(Cause.NOT_OPERATIONAL, old + guard + end, how)
-    yield Deadline(Cause.DISCONNECTED, guard + end, by_guard)
-    yield Deadline(Cause.KILLED, guard + end, by_guard)
-    yield Deadline(Cause.STOPPED, guard + end, f"{by_guard}, alone")
-    yield Deadline(Cause.NO_EFFECT, math.inf, "nothing notices it")
-    yield Deadline(Cause.END, seen, "torque-free set-points at once")
+    yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
+    yield TorqueDeadline(EndCause.DISCONNECTED, guard + end, by_guard)
+    yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
+    yield TorqueDeadline(EndCause.STOPPED, guard + end, f"{by_guard}, alone")
+    yield TorqueDeadline(EndCause.NO_EFFECT, math.inf, "nothing notices it")
+    yield TorqueDeadline(EndCause.END, seen, "torque-free set-points at once")
 
 
 def _end(axis: AxisPlan, traffic: BusTraffic) -> float:

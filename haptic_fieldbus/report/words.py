@@ -81,11 +81,11 @@ def change_text(time: float, settings: Mapping[str, object]) -> str:
 
 
 def deadlines_text(plan: Plan) -> str:
-    """Return the longest times to zero torque in one line: the causes with the same time together."""
+    """Return the longest times to zero torque in one line, causes with the same time together."""
     causes: dict[str, list[str]] = {}
     for each in plan.deadlines:
         causes.setdefault(milliseconds(each.seconds), []).append(each.cause.value)
-    return "; ".join(f"{time}: {', '.join(names)}" for time, names in causes.items())
+    return "zero torque within " + "; ".join(f"{time}: {', '.join(names)}" for time, names in causes.items())
 
 
 def scene_text(plan: Plan) -> str:

@@ -13,7 +13,7 @@ import can
 import pytest
 
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.planning.deadlines import REMAINDER, Cause
+from haptic_fieldbus.planning.deadlines import REMAINDER, EndCause
 from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, line_of, require_multicast, start
 
 pytestmark = pytest.mark.xdist_group("peers")
@@ -118,16 +118,16 @@ def pushing_master(rig: Path) -> Iterator[tuple["subprocess.Popen[str]", Drive]]
         assert attempt < ATTEMPTS - 1, said
 
 
-def stated(rig: Path, cause: Cause) -> float:
+def stated(rig: Path, cause: EndCause) -> float:
     """What the plan of this run states [s]."""
     compiled = plan("wall", rig=rig, rate=RATE, settings=dict([SETTING]))
     return next(each.seconds for each in compiled.deadlines if each.cause is cause)
 
 
 @pytest.mark.thorough("two processes, and waits in real time")
-@pytest.mark.parametrize(("number", "cause"), [(signal.SIGKILL, Cause.KILLED), (signal.SIGSTOP, Cause.STOPPED)])
+@pytest.mark.parametrize(("number", "cause"), [(signal.SIGKILL, EndCause.KILLED), (signal.SIGSTOP, EndCause.STOPPED)])
 def test_a_master_that_dies_leaves_no_torque_beyond_the_stated_time(
-    number: signal.Signals, cause: Cause, tmp_path: Path
+    number: signal.Signals, cause: EndCause, tmp_path: Path
 ) -> None:
     rig = tmp_path / "rig.toml"
     with pushing_master(rig) as (master, drive):

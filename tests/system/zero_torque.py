@@ -12,7 +12,7 @@ from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import HapticFieldbusError
-from haptic_fieldbus.planning.deadlines import REMAINDER, Cause
+from haptic_fieldbus.planning.deadlines import REMAINDER, EndCause
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim import faults
@@ -184,23 +184,23 @@ def _ended(profile: str, rate: float, phase: float) -> float:
         return bench.run(bench.at)
 
 
-MEASURED: dict[Cause, tuple[Callable[[str, float, float], float], ...]] = {
-    Cause.TRIP: (_fault(lambda at: faults.EncoderJump("encoder_jump", at, 20_000)),),
-    Cause.FEEDBACK: (_fault(lambda at: faults.MissingTpdos("missing_tpdos", at, 10_000)),),
-    Cause.FAULT: (
+MEASURED: dict[EndCause, tuple[Callable[[str, float, float], float], ...]] = {
+    EndCause.TRIP: (_fault(lambda at: faults.EncoderJump("encoder_jump", at, 20_000)),),
+    EndCause.FEEDBACK: (_fault(lambda at: faults.MissingTpdos("missing_tpdos", at, 10_000)),),
+    EndCause.FAULT: (
         _fault(lambda at: faults.DriveFault("drive_fault", at)),
         _fault(lambda at: faults.Emergency("emergency", at, 0x3210)),
     ),
-    Cause.RESET: (_fault(lambda at: faults.NodeReset("node_reset", at)),),
-    Cause.HEARTBEAT: (_fault(lambda at: faults.HeartbeatLost("heartbeat_lost", at)),),
-    Cause.NOT_OPERATIONAL: (_nmt(0x80), _nmt(0x02)),
-    Cause.DISCONNECTED: (
+    EndCause.RESET: (_fault(lambda at: faults.NodeReset("node_reset", at)),),
+    EndCause.HEARTBEAT: (_fault(lambda at: faults.HeartbeatLost("heartbeat_lost", at)),),
+    EndCause.NOT_OPERATIONAL: (_nmt(0x80), _nmt(0x02)),
+    EndCause.DISCONNECTED: (
         _fault(lambda at: faults.BusOff("bus_off", at)),
         _fault(lambda at: faults.Silence("silence", at)),
     ),
-    Cause.KILLED: (_killed,),
-    Cause.STOPPED: (_stopped,),
-    Cause.END: (_interrupted, _ended),
+    EndCause.KILLED: (_killed,),
+    EndCause.STOPPED: (_stopped,),
+    EndCause.END: (_interrupted, _ended),
 }
 """What is done for each cause, more than one thing where there are several."""
 
@@ -211,12 +211,12 @@ class Row:
 
     profile: str
     rate: float
-    cause: Cause
+    cause: EndCause
     stated: float
     measured: float | None
 
 
-def measured(profile: str, rate: float, cause: Cause, phases: tuple[float, ...] = PHASES) -> float:
+def measured(profile: str, rate: float, cause: EndCause, phases: tuple[float, ...] = PHASES) -> float:
     """The longest time from the event to zero torque [s]."""
     return max(measure(profile, rate, phase) for measure in MEASURED[cause] for phase in phases)
 
