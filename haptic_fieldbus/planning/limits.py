@@ -25,6 +25,13 @@ START_SHARE = 0.25
 """Share of the effort limit that a scene may ask for in its first period."""
 AGE_SHARE = 0.6
 """Share of the drive's own guard at which feedback is too old."""
+HOLD_FADE = 0.01
+"""Time in which the held torque fades to zero, from the second missing period on [s]; longer than the slew time."""
+
+
+def fade_periods(period: float) -> int:
+    """Return in how many periods held torque fades to zero, at least 1."""
+    return max(1, round(HOLD_FADE / period))
 
 
 @dataclass(frozen=True)
