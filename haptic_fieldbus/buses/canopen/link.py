@@ -13,13 +13,19 @@ from haptic_fieldbus.protocols.canopen.pdo import Pdo
 from haptic_fieldbus.signals import LinkFlag
 
 # Plain integers: combining members of an IntFlag would make a new member in every period of the loop.
-STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION = (int(flag) for flag in LinkFlag)
+STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
+    int(flag) for flag in LinkFlag
+)
+MOST_OWED = 2
+"""Most TPDOs that may still come late. A lost one never comes; it must not excuse those of a second node for long."""
 
 
 class Exchange:
     """State of one exchange: the number of TPDOs still missing, and whether TPDOs are taken (from SYNC on)."""
 
     def __init__(self) -> None:
+        self.begun = False
+        """True from the first exchange on; before it, a drive may send TPDOs as it becomes operational."""
         self.taking = False
         self.missing = 0
 
@@ -44,6 +50,8 @@ class Link:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
             slot.fresh = False
+            if slot.owed < MOST_OWED:
+                slot.owed += 1
         return len(self._slots)
 
     @property
@@ -51,15 +59,25 @@ class Link:
         """True when all TPDOs of this period arrived."""
         return all(slot.fresh for slot in self._slots)
 
-    def finish(self, latch_ns: int, now_ns: int, heartbeat_limit_ns: int, common_flags: int) -> None:
-        """Write the header of the axis: age of the data [ns], flags of the link, emergency code."""
-        flags = common_flags
+    def finish(
+        self, latch_ns: int, now_ns: int, heartbeat_limit_ns: int, common_flags: int, foreign: int | None
+    ) -> None:
+        """Write the header of the axis: age of the data [ns], flags of the link, code.
+
+        The code is the COB-ID of a `foreign` master, else that of a second node, else that of an emergency.
+        """
+        flags = common_flags if foreign is None else common_flags | FOREIGN
+        code = self._node.emergency if foreign is None else foreign
         for slot in self._slots:
             if not slot.fresh:
                 flags |= STALE
             if slot.malformed:
                 flags |= EXCEPTION
                 slot.malformed = False
+            if slot.owed < 0:
+                slot.owed = 0
+                flags |= DUPLICATE
+                code = slot.cob_id if foreign is None else foreign
         if not flags & STALE:  # data of several TPDOs is as old as its oldest part, so all must be fresh
             self._latched_ns = latch_ns
         node = self._node
@@ -73,23 +91,27 @@ class Link:
             flags |= NO_SIGN_OF_LIFE
         age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
         # A latch is the nominal end of SYNC, which may lie a little ahead of the clock: the age is never negative.
-        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, node.emergency)
+        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, code)
 
 
 class _Slot:
     """Place of one TPDO in the image."""
 
-    __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed")
+    __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed", "owed")
 
     def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
         self.cob_id = cob_id
         self.exchange = Exchange()
         self.fresh = False
         self.malformed = False
+        self.owed = 0
+        """Number of SYNCs that this TPDO has not answered; below 0 it came more often than it was asked for."""
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
 
     def take(self, data: bytearray) -> None:
+        if self.exchange.begun:
+            self.owed -= 1
         if not self.exchange.taking:
             return
         if len(data) != self._size:

@@ -5,6 +5,7 @@ clock that was handed in, so that virtual time stays deterministic. Configuratio
 """
 
 from collections.abc import Callable
+from uuid import uuid4
 
 import can
 
@@ -15,6 +16,11 @@ from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 
 Handler = Callable[[bytearray], None]
+Tap = Callable[[int, bytearray], None]
+"""Function that is called with the CAN-ID, flags included, and the data of every frame that comes."""
+
+ECHOING = ("udp_multicast",)
+"""Interfaces that give back the frames one sends, without saying so."""
 
 EXTENDED_FLAG = 0x8000_0000
 REMOTE_FLAG = 0x4000_0000
@@ -24,10 +30,20 @@ BUS_OFF_ERROR = 0x040
 
 
 class Wire:
-    """A python-can bus with a handler for each identifier; `name` is its name in messages."""
+    """A python-can bus with a handler for each identifier; `name` is its name in messages.
 
-    def __init__(self, can_bus: can.BusABC, clock: Clock, name: str, log: FrameLog | None = None) -> None:
+    Our own frames, when an interface gives them back, reach neither handlers nor log. Most interfaces mark them
+    (`is_rx`). One that `echoes` does not: there the frames carry a mark of ours, which python-can's UDP datagrams pass
+    on as the channel. Counting would not do, because a lost echo would excuse the same frame of somebody else.
+    """
+
+    def __init__(
+        self, can_bus: can.BusABC, clock: Clock, name: str, log: FrameLog | None = None, *, echoes: bool = False
+    ) -> None:
         self.clock = clock
+        self.tap: Tap | None = None
+        self._mark = uuid4().hex
+        self._marks = echoes
         self.name = name
         self.bus_off = False
         self.refusal: BusError | None = None
@@ -54,6 +70,8 @@ class Wire:
 
     def offer(self, message: can.Message) -> bool:
         """Send a frame; False when the transmit queue is full and the frame was dropped. Raises BusError otherwise."""
+        if self._marks:
+            message.channel = self._mark
         try:
             self._send(message)
         except FOREIGN as error:
@@ -75,6 +93,8 @@ class Wire:
             raise translate(error, self.name) from error
         if message is None:
             return False
+        if not message.is_rx or message.channel == self._mark:
+            return True
         can_id = message.arbitration_id
         # The flags change the key of extended, remote and error frames, so that no handler of a data frame gets them.
         if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
@@ -83,6 +103,8 @@ class Wire:
                 self.bus_off = True
         if self._log is not None:
             self._log(self._now_ns(), can_id, message.data)
+        if self.tap is not None:
+            self.tap(can_id, message.data)
         handler = self._handlers.get(can_id)
         if handler is not None:
             handler(message.data)
