@@ -198,9 +198,11 @@ def test_a_frame_matters_only_by_what_the_standard_makes_of_it(can_id: int, data
     function, node = can_id >> 7, can_id & 0x7F
     ours = node in (1, 9)
     expected = Weight.NOTHING
-    if can_id in (0x080, 0x77F) or (function in (4, 6, 8, 10) and ours):
-        expected = Weight.COMMAND
-    elif can_id == 0 and (len(data) < 2 or data[1] in (0, 1, 9)):
+    if (
+        can_id in (0x080, 0x77F)
+        or (function in (4, 6, 8, 10) and ours)
+        or (can_id == 0 and (len(data) < 2 or data[1] in (0, 1, 9)))
+    ):
         expected = Weight.COMMAND
     elif function == 12 and ours:
         expected = Weight.COMMAND if not data or data[0] & 0xE0 in (0x00, 0x20, 0xC0) else Weight.QUESTION
