@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.plan_json import summary_json
 from haptic_fieldbus.planning.selection import Selection
-from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
 from haptic_fieldbus.protocols.traffic import Json as Json
 from haptic_fieldbus.signals import Workspace
 
@@ -189,7 +189,7 @@ class Result:
                 "missed_cycles": self.missed_cycles,
                 "duration_s": self.duration,
                 "bus_load": self.bus_load,
-                "plan": _summary_json(self.plan) if self.plan else None,
+                "plan": summary_json(self.plan) if self.plan else None,
                 "timing": self.timing.to_json() if self.timing else None,
                 "torque_error": self.torque_error.to_json() if self.torque_error else None,
                 "energy_generated_j": self.energy_generated,
@@ -199,46 +199,6 @@ class Result:
                 "verdict": self.verdict,
             }
         )
-
-
-def plan_json(plan: Plan) -> dict[str, Json]:
-    """Return the object that `plan --json` prints; delays and ages in s."""
-    delay = plan.delay
-    return {
-        **_summary_json(plan),
-        **_traffic_json(plan),
-        "bus_load": plan.bus_load,
-        "delay_s": {
-            "bus": delay.bus,
-            "compute": delay.compute,
-            "drive": delay.drive,
-            "torque_loop": delay.torque_loop,
-            "total": delay.total,
-        },
-        "couplings": [
-            {"name": each.name, "age_s": {on: dict(ages) for on, ages in each.ages.items()}}
-            for each in plan.coupling_ages
-        ],
-        "modules": list(plan.modules),
-    }
-
-
-def _summary_json(plan: Plan) -> dict[str, Json]:
-    return {
-        "mapped": list(plan.mapped),
-        "left_out": [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out],
-    }
-
-
-def _traffic_json(plan: Plan) -> dict[str, Json]:
-    """Return the process data exchanged, by the key of each protocol; None for a protocol that no axis uses."""
-    # All keys are present from the start: the keys of the object do not depend on the bench.
-    found: dict[str, Json] = dict.fromkeys(TRAFFIC_KEYS.values())
-    for axis in plan.axes:
-        for key, rows in axis.traffic.to_json(axis.rig.bus).items():
-            before = found.get(key)
-            found[key] = [*(before if isinstance(before, list) else ()), *rows]
-    return found
 
 
 def finite(value: dict[str, Json]) -> dict[str, Json]:

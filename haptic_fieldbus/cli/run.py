@@ -41,6 +41,10 @@ class RunOptions(BenchOptions):
         ),
     ] = None
     force: Annotated[bool, option(None, "Go on although the loop would be unstable.", RENDERING, "--force")] = False
+    fade_in: Annotated[
+        float,
+        option("S", r"Time from enabling to the full force limit. \[default: 0.5]", RENDERING, "--fade-in"),
+    ] = 0.5
     hand: Annotated[
         str | None,
         option("NAME", r"push, tap, sine, guide, release or none. \[default: that of the scene, or push]", SIMULATION),
@@ -67,7 +71,7 @@ def run(options: RunOptions) -> None:
     trial = replace(
         trial,
         changes=changes,
-        confirm=(lambda _: True) if options.yes else _ask,
+        confirm=_tell_question if options.yes else _ask,
         progress=progress,
         announce=_announcer(options.as_json, progress, changes),
     )
@@ -90,6 +94,12 @@ def _ask(text: str) -> bool:
     if not sys.stdin.isatty():
         raise UsageError("nobody is there to confirm; a script says --yes")
     return typer.confirm(question, default=False, err=True)
+
+
+def _tell_question(text: str) -> bool:
+    """Print the question that `--yes` answers, since it says what was heard and what is about to happen."""
+    show([(None, line) for line in text.splitlines()], sys.stderr)
+    return True
 
 
 def _announcer(

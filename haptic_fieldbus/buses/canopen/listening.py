@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from haptic_fieldbus.buses.canopen.foreign import OneMaster, Weight, frame_words
 from haptic_fieldbus.buses.canopen.wire import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, Wire
 from haptic_fieldbus.errors import ForeignMasterError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 
 DEAF = "It cannot be heard: a master that sends nothing or more rarely, and a node without heartbeat"
@@ -28,13 +29,13 @@ class Heard:
         """Return a line for people: the frames that came, and what could not be heard."""
         if not self.seconds:
             return f"{self.bus}: not listened to before sending (bus listen = 0)"
-        return f"{self.bus}: listened for {self.seconds:g} s, nothing sent; heard {_named(self.frames)}. {DEAF}"
+        return f"{self.bus}: listened for {exactly(self.seconds)} s, nothing sent; heard {_named(self.frames)}. {DEAF}"
 
     def refuse(self, master_node: int) -> None:
         """Raise ForeignMasterError when a master was heard; `master_node` is our own node-ID."""
         if self.masters:
             raise ForeignMasterError(
-                f"somebody else is on {self.bus}: within {self.seconds:g} s came {_named(self.masters)}. "
+                f"somebody else is on {self.bus}: within {exactly(self.seconds)} s came {_named(self.masters)}. "
                 f"{advice(self.masters, master_node)}. Nothing was sent"
             )
 
