@@ -18,7 +18,9 @@ from collections.abc import Callable, Collection
 from enum import Enum
 from functools import partial
 
-from haptic_fieldbus.buses.canopen.wire import REMOTE_FLAG, Wire
+from haptic_fieldbus.buses.canopen.frames import REMOTE_FLAG
+from haptic_fieldbus.buses.canopen.wire import Wire
+from haptic_fieldbus.errors import ForeignMasterError
 from haptic_fieldbus.protocols.canopen.cob_ids import NMT_COB_ID, RPDO_COB_IDS, SDO_REQUEST_COB_ID, cob_id_words
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID
 
@@ -29,7 +31,7 @@ ALL_NODES = 0
 CAN_ID = 0x7FF
 
 
-class Weight(Enum):
+class Concern(Enum):
     """How much a frame of somebody else matters."""
 
     COMMAND = "command"
@@ -45,8 +47,8 @@ class OneMaster:
         self._nodes = frozenset(nodes)
         commands = {SYNC_COB_ID, HEARTBEAT_COB_ID + master_node}
         commands |= {base + node for base in RPDO_COB_IDS for node in nodes}
-        self._plain = dict.fromkeys(commands, Weight.COMMAND)
-        self._plain |= {REMOTE_FLAG | HEARTBEAT_COB_ID + node: Weight.QUESTION for node in nodes}
+        self._plain = dict.fromkeys(commands, Concern.COMMAND)
+        self._plain |= {REMOTE_FLAG | HEARTBEAT_COB_ID + node: Concern.QUESTION for node in nodes}
         self._requests = frozenset(SDO_REQUEST_COB_ID + node for node in nodes)
 
     @property
@@ -54,22 +56,21 @@ class OneMaster:
         """CAN-IDs of all frames that can matter, with the flags of the wire."""
         return frozenset(self._plain) | self._requests | {NMT_COB_ID}
 
-    def weigh(self, can_id: int, data: bytes | bytearray) -> Weight:
+    def weigh(self, can_id: int, data: bytes | bytearray) -> Concern:
         """Return how much a frame with this CAN-ID matters; one that is too short counts as a command."""
         if can_id in self._requests:
             writes = not data or data[0] >> 5 in DOWNLOADS
-            return Weight.COMMAND if writes else Weight.QUESTION
+            return Concern.COMMAND if writes else Concern.QUESTION
         if can_id == NMT_COB_ID:
             concerned = data[1] if len(data) > 1 else ALL_NODES
-            return Weight.COMMAND if concerned == ALL_NODES or concerned in self._nodes else Weight.NOTHING
-        return self._plain.get(can_id, Weight.NOTHING)
+            return Concern.COMMAND if concerned == ALL_NODES or concerned in self._nodes else Concern.NOTHING
+        return self._plain.get(can_id, Concern.NOTHING)
 
 
 class ForeignMaster:
     """Watch for somebody else, by handlers on the wire; in a period without such frames it does nothing."""
 
     def __init__(self, wire: Wire, one: OneMaster, warn: Callable[[str], None]) -> None:
-        self.master_node = one.master_node
         self.cob_id: int | None = None
         """COB-ID of the first command of somebody else; None while there was none."""
         self._one = one
@@ -78,11 +79,19 @@ class ForeignMaster:
         for can_id in one.watched:
             wire.listen(can_id, partial(self._heard, can_id))
 
+    def refuse(self, bus: str, done: str) -> None:
+        """Raise ForeignMasterError when a command came since we listened; `done` tells how far we got."""
+        if self.cob_id is not None:
+            raise ForeignMasterError(
+                f"somebody else commands on {bus}: {cob_id_words(self.cob_id)} came while we prepared. "
+                f"{advice((self.cob_id,), self._one.master_node)}. {done}"
+            )
+
     def _heard(self, can_id: int, data: bytearray) -> None:
         weight = self._one.weigh(can_id, data)
-        if weight is Weight.COMMAND and self.cob_id is None:
+        if weight is Concern.COMMAND and self.cob_id is None:
             self.cob_id = can_id
-        elif weight is Weight.QUESTION and can_id not in self._told:
+        elif weight is Concern.QUESTION and can_id not in self._told:
             self._told.add(can_id)
             self._warn(f"somebody else asks our drives: {frame_words(can_id)}. Torque was not affected")
 
@@ -93,3 +102,12 @@ def frame_words(can_id: int) -> str:
         node = can_id & CAN_ID & 0x7F
         return f"node guarding request to node {node} ({can_id & CAN_ID:03X}h)"
     return cob_id_words(can_id)
+
+
+def advice(masters: Collection[int], master_node: int) -> str:
+    """Return what to do about somebody else, by the frames that were heard."""
+    only = set(masters) == {HEARTBEAT_COB_ID + master_node}
+    words = "A bus has one master: end the other, and put axes that share a bus into one rig"
+    if only:
+        words += f"; or, if a device has the node-ID {master_node}, choose another master_node for the bus in the rig"
+    return words

@@ -9,8 +9,10 @@ from collections.abc import Sequence
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.pdo import Pdo
-from haptic_fieldbus.signals import LinkFlag
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
+from haptic_fieldbus.signals import LinkFlag, Signal
 
 # Plain integers: combining members of an IntFlag would make a new member in every period of the loop.
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
@@ -121,3 +123,23 @@ class _Slot:
         if not self.fresh:  # a TPDO that comes twice in a period must count once
             self.fresh = True
             self.exchange.missing -= 1
+
+
+def traffic_of(plan: Plan) -> CanTraffic:
+    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
+    (bus,) = plan.buses
+    if not isinstance(bus.traffic, CanTraffic):
+        raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
+    return bus.traffic
+
+
+def statusword_places(plan: Plan) -> tuple[int, ...]:
+    """Return the offset of each axis' statusword in the input image, in the order of the axes."""
+    places = []
+    for axis, image in zip(plan.axes, plan.image.axes, strict=True):
+        offset = image.inputs[0]
+        for mapped in axis.traffic.incoming:
+            if mapped.signal is Signal.STATUSWORD:
+                places.append(offset)
+            offset += mapped.type.size
+    return tuple(places)

@@ -1,11 +1,12 @@
 """Listening to a bus before anything is sent on it, and the refusal of a bus that has a master already."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from haptic_fieldbus.buses.canopen.foreign import OneMaster, Weight, frame_words
-from haptic_fieldbus.buses.canopen.wire import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, Wire
+from haptic_fieldbus.buses.canopen.foreign import Concern, OneMaster, advice, frame_words
+from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
+from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.errors import ForeignMasterError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
@@ -47,7 +48,7 @@ def listen(wire: Wire, seconds: float, one: OneMaster, bus: str) -> Heard:
 
     def note(can_id: int, data: bytearray) -> None:
         frames[can_id] += 1
-        if one.weigh(can_id, data) is not Weight.NOTHING:
+        if one.weigh(can_id, data) is not Concern.NOTHING:
             masters[can_id] += 1
 
     deadline_ns = wire.clock.now_ns() + round(seconds * 1e9)
@@ -58,15 +59,6 @@ def listen(wire: Wire, seconds: float, one: OneMaster, bus: str) -> Heard:
     finally:
         wire.tap = None
     return Heard(bus, seconds, frames, masters)
-
-
-def advice(masters: Collection[int], master_node: int) -> str:
-    """Return what to do about somebody else, by the frames that were heard."""
-    only = set(masters) == {HEARTBEAT_COB_ID + master_node}
-    words = "A bus has one master: end the other, and put axes that share a bus into one rig"
-    if only:
-        words += f"; or, if a device has the node-ID {master_node}, choose another master_node for the bus in the rig"
-    return words
 
 
 def _named(frames: Mapping[int, int]) -> str:
@@ -83,7 +75,7 @@ def _words(can_id: int) -> str:
     if can_id & ERROR_FLAG:
         return "error frame"
     if can_id & EXTENDED_FLAG:
-        return f"extended frame ({can_id & 0x1FFF_FFFF:08X}h)"
+        return f"extended frame ({can_id & CAN_ID_MASK:08X}h)"
     if can_id & REMOTE_FLAG and can_id & 0x780 != HEARTBEAT_COB_ID:
         return f"remote frame ({can_id & 0x7FF:03X}h)"
     return frame_words(can_id)

@@ -20,20 +20,17 @@ import can
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
-from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link
-from haptic_fieldbus.buses.canopen.listening import advice, listen
+from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
+from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.setup import ENERGISED, Setup
 from haptic_fieldbus.buses.canopen.wire import Wire, frame
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.errors import BusError, BusTimeoutError, ForeignMasterError
+from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.canopen.cob_ids import cob_id_words
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID, placed
-from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402
-from haptic_fieldbus.signals import Signal
 
 SYNC_BITS = 48
 """Bits of the SYNC frame 080h without data, from start of frame to end of frame, with its four stuff bits."""
@@ -117,14 +114,14 @@ class CanopenBus(InSteps):
         """Configure all inspected drives; raises BusError, ForeignMasterError when somebody else commands meanwhile."""
         # A person may have thought about the question for long: what came meanwhile is heard first.
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
-        self._refuse_foreign("Nothing was written")
+        self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
         for setup in self._setups:
             setup.configure()
 
     def start(self) -> None:
         """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
-        self._refuse_foreign("Nothing was enabled")
+        self._foreign.refuse(self._wire.name, "Nothing was enabled")
         self._started = True  # first, since a node may be operational already when a later one fails
         for setup in self._setups:
             setup.start()
@@ -157,15 +154,6 @@ class CanopenBus(InSteps):
         self._periods_to_heartbeat = 0
         self._refused_writes = 0
         self._started = False
-
-    def _refuse_foreign(self, done: str) -> None:
-        """Raise ForeignMasterError when somebody else sent a command since we listened; `done` tells how far we got."""
-        cob_id = self._foreign.cob_id
-        if cob_id is not None:
-            raise ForeignMasterError(
-                f"somebody else commands on {self._wire.name}: {cob_id_words(cob_id)} came while we prepared. "
-                f"{advice((cob_id,), self._foreign.master_node)}. {done}"
-            )
 
     def prepare(self, deadline_ns: int) -> None:
         """Process all frames since the last exchange, until the deadline [ns] at the latest, and begin a new one."""
@@ -301,26 +289,6 @@ class CanopenBus(InSteps):
         if self._can_bus is not None:
             self._can_bus.shutdown()
             self._can_bus = None
-
-
-def traffic_of(plan: Plan) -> CanTraffic:
-    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
-    (bus,) = plan.buses
-    if not isinstance(bus.traffic, CanTraffic):
-        raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
-    return bus.traffic
-
-
-def statusword_places(plan: Plan) -> tuple[int, ...]:
-    """Return the offset of each axis' statusword in the input image, in the order of the axes."""
-    places = []
-    for axis, image in zip(plan.axes, plan.image.axes, strict=True):
-        offset = image.inputs[0]
-        for mapped in axis.traffic.incoming:
-            if mapped.signal is Signal.STATUSWORD:
-                places.append(offset)
-            offset += mapped.type.size
-    return tuple(places)
 
 
 def _energised(statusword: int) -> bool:
