@@ -28,6 +28,8 @@ class Exchange:
     def __init__(self) -> None:
         self.begun = False
         """True from the first exchange on; before it, a drive may send TPDOs as it becomes operational."""
+        self.doubled: int | None = None
+        """COB-ID of a TPDO that came more often than it was asked for; None while there was none."""
         self.taking = False
         self.missing = 0
 
@@ -61,25 +63,15 @@ class Link:
         """True when all TPDOs of this period arrived."""
         return all(slot.fresh for slot in self._slots)
 
-    def finish(
-        self, latch_ns: int, now_ns: int, heartbeat_limit_ns: int, common_flags: int, foreign: int | None
-    ) -> None:
-        """Write the header of the axis: age of the data [ns], flags of the link, code.
-
-        The code is the COB-ID of a `foreign` master, else that of a second node, else that of an emergency.
-        """
-        flags = common_flags if foreign is None else common_flags | FOREIGN
-        code = self._node.emergency if foreign is None else foreign
+    def finish(self, latch_ns: int, now_ns: int, heartbeat_limit_ns: int, common_flags: int) -> None:
+        """Write the header of the axis: age of the data [ns], flags of the link, emergency code."""
+        flags = common_flags
         for slot in self._slots:
             if not slot.fresh:
                 flags |= STALE
             if slot.malformed:
                 flags |= EXCEPTION
                 slot.malformed = False
-            if slot.owed < 0:
-                slot.owed = 0
-                flags |= DUPLICATE
-                code = slot.cob_id if foreign is None else foreign
         if not flags & STALE:  # data of several TPDOs is as old as its oldest part, so all must be fresh
             self._latched_ns = latch_ns
         node = self._node
@@ -93,7 +85,16 @@ class Link:
             flags |= NO_SIGN_OF_LIFE
         age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
         # A latch is the nominal end of SYNC, which may lie a little ahead of the clock: the age is never negative.
-        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, code)
+        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, node.emergency)
+
+    def accuse(self, foreign: int | None, doubled: int | None) -> None:
+        """Add the COB-ID of somebody else's command, else of feedback that came twice, to the header of the axis."""
+        age_ns, flags, code = AXIS_HEADER.unpack_from(self._image, self._header)
+        if doubled in [slot.cob_id for slot in self._slots]:
+            flags, code = flags | DUPLICATE, doubled
+        if foreign is not None:
+            flags, code = flags | FOREIGN, foreign
+        AXIS_HEADER.pack_into(self._image, self._header, age_ns, flags, code)
 
 
 class _Slot:
@@ -107,14 +108,17 @@ class _Slot:
         self.fresh = False
         self.malformed = False
         self.owed = 0
-        """Number of SYNCs that this TPDO has not answered; below 0 it came more often than it was asked for."""
+        """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
 
     def take(self, data: bytearray) -> None:
-        if self.exchange.begun:
+        exchange = self.exchange
+        if exchange.begun:
             self.owed -= 1
-        if not self.exchange.taking:
+            if self.owed < 0:
+                exchange.doubled = self.cob_id
+        if not exchange.taking:
             return
         if len(data) != self._size:
             self.malformed = True
@@ -122,7 +126,7 @@ class _Slot:
         self._image[self._offset : self._end] = data
         if not self.fresh:  # a TPDO that comes twice in a period must count once
             self.fresh = True
-            self.exchange.missing -= 1
+            exchange.missing -= 1
 
 
 def traffic_of(plan: Plan) -> CanTraffic:

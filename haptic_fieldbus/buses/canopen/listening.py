@@ -46,18 +46,15 @@ def listen(wire: Wire, seconds: float, one: OneMaster, bus: str) -> Heard:
     frames: Counter[int] = Counter()
     masters: Counter[int] = Counter()
 
-    def note(can_id: int, data: bytearray) -> None:
+    def note(can_id: int, data: bytes | bytearray) -> None:
         frames[can_id] += 1
         if one.weigh(can_id, data) is not Concern.NOTHING:
             masters[can_id] += 1
 
     deadline_ns = wire.clock.now_ns() + round(seconds * 1e9)
-    wire.tap = note
-    try:
+    with wire.overhear(note):
         while wire.clock.now_ns() < deadline_ns:
             wire.pump(deadline_ns)
-    finally:
-        wire.tap = None
     return Heard(bus, seconds, frames, masters)
 
 

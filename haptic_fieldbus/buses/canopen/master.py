@@ -178,9 +178,11 @@ class CanopenBus(InSteps):
         flags = (BUS_OFF if wire.bus_off else 0) | (EXCEPTION if self._refused_writes >= REFUSED_WRITES else 0)
         now_ns = self._clock.now_ns()
         HEADER.pack_into(self._image, 0, latch_ns)
-        foreign = self._foreign.cob_id
         for link in self._links:
-            link.finish(latch_ns, now_ns, self._heartbeat_limit_ns, flags, foreign)
+            link.finish(latch_ns, now_ns, self._heartbeat_limit_ns, flags)
+        if self._foreign.cob_id is not None or exchange.doubled is not None:
+            for link in self._links:
+                link.accuse(self._foreign.cob_id, exchange.doubled)
         return self._image
 
     def write(self, image: bytes | bytearray) -> None:
