@@ -333,6 +333,7 @@ class TestProcesses:
             hosted.send(0x77F, b"\x05")
             _, err = running.communicate(timeout=STARTS_WITHIN)
             assert running.returncode == 3, err
+            assert "listened for 1 s, nothing sent; heard " in err
             assert "heartbeat of node 127 (77Fh) came, and not from us" in err
             late = hosted.run(1)
             while late.poll() is None:
