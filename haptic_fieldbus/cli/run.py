@@ -75,7 +75,7 @@ def run(options: RunOptions) -> None:
     trial = replace(
         trial,
         changes=changes,
-        confirm=(lambda _: True) if options.yes else _ask,
+        confirm=_tell_question if options.yes else _ask,
         progress=progress,
         announce=_announcer(options.as_json, progress, changes),
     )
@@ -98,6 +98,12 @@ def _ask(text: str) -> bool:
     if not sys.stdin.isatty():
         raise UsageError("nobody is there to confirm; a script says --yes")
     return typer.confirm(question, default=False, err=True)
+
+
+def _tell_question(text: str) -> bool:
+    """Print the question that `--yes` answers, since it says what was heard and what is about to happen."""
+    show([(None, line) for line in text.splitlines()], sys.stderr)
+    return True
 
 
 def _announcer(

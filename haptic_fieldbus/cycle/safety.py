@@ -48,10 +48,14 @@ class TripKind(Enum):
     POSITION = "position limit"
     DRIFT = "position drift"
     CLOCK = "clock went back"
+    FOREIGN_MASTER = "foreign master"
+    DUPLICATE_NODE = "duplicate node"
 
 
 LINK_TRIPS = {
     LinkFlag.BUS_OFF: TripKind.BUS_OFF,
+    LinkFlag.FOREIGN: TripKind.FOREIGN_MASTER,
+    LinkFlag.DUPLICATE: TripKind.DUPLICATE_NODE,
     LinkFlag.EMERGENCY: TripKind.EMERGENCY,
     LinkFlag.BOOT_UP: TripKind.NODE_RESET,
     LinkFlag.NO_SIGN_OF_LIFE: TripKind.NO_SIGN_OF_LIFE,

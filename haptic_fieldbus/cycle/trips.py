@@ -31,6 +31,8 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.FEEDBACK_SPARSE: BusTimeoutError,
     TripKind.PERIODS_MISSED: SafetyTripError,
     TripKind.CLOCK: BusError,
+    TripKind.FOREIGN_MASTER: SafetyTripError,
+    TripKind.DUPLICATE_NODE: SafetyTripError,
     TripKind.NOT_FINITE: SafetyTripError,
     TripKind.ELEMENT_FAILED: SafetyTripError,
     TripKind.START_FORCE: PlanError,
@@ -73,7 +75,7 @@ def moment(t_ns: int, enabled_at_ns: int | None) -> str:
 
 def _told_by_bus(flag: LinkFlag) -> "Cause":
     """Return the cause of a link trip, worded by the protocol of the axis."""
-    # The value of a link trip is the emergency code in the header, which has a meaning for EMERGENCY alone.
+    # The value of a link trip is the code in the header, which only some of the flags have.
     return lambda trip, axis: axis.traffic.fault_text(flag, int(trip.value))
 
 

@@ -17,6 +17,10 @@ from haptic_fieldbus.signals import LinkFlag
 T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(5)
 """Places in the feedback of an axis; the mapped signals follow."""
 
+# Plain integers: an operation with a member of an IntFlag takes as long as the rest of the method.
+_STALE = int(LinkFlag.STALE)
+_FAULTS = tuple((int(flag), kind) for flag, kind in LINK_TRIPS.items())
+
 
 class TripOff(Protocol):
     """Takes the torque away."""
@@ -40,12 +44,12 @@ class Watch:
     def link(self, feedback: Sequence[int], elapsed_ns: int, rendering: bool) -> int:
         """Return how many periods this sample spans, 0 when it is not new; trip on faults of the link."""
         state, flags = self._state, feedback[FLAGS]
-        for flag, kind in LINK_TRIPS.items():
-            if flags & flag:
+        for bit, kind in _FAULTS:
+            if flags & bit:
                 self._trip(kind, feedback[EMERGENCY])
         if rendering and feedback[AGE_NS] > self._oldest_ns:
             self._trip(TripKind.FEEDBACK_LOST, feedback[AGE_NS] * 1e-9, self._limits.age)
-        if flags & LinkFlag.STALE:
+        if flags & _STALE:
             state.missing += 1
             state.holding = state.missing
             return 0

@@ -60,7 +60,7 @@ class AxisTraffic(Protocol):
         """Return the messages exchanged on the bus of that name, by their key in `plan --json`."""
 
     def fault_text(self, flag: LinkFlag, code: int) -> str:
-        """Return the fault that a link flag stands for, in words; `code` is the emergency code for EMERGENCY."""
+        """Return the fault that a link flag stands for, in words; `code` is the code in the header."""
 
 
 class BusTraffic(Protocol):

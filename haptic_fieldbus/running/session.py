@@ -112,7 +112,8 @@ def _ask(request: Request, plan: Plan, bus: Bus) -> None:
     """Ask for confirmation before torque is enabled on a real bus; raises UsageError without it."""
     if request.selection.bus.simulated:
         return
-    question = "\n".join(_warning(plan, name, bus) for name in bus.facts)
+    heard = dict.fromkeys(facts.listened for facts in bus.facts.values() if facts.listened)
+    question = "\n".join([*heard, *(_warning(plan, name, bus) for name in bus.facts)])
     if request.confirm is None or not request.confirm(question):
         raise UsageError("not enabled: on a real bus nothing moves until it is confirmed (--yes for scripts)")
 

@@ -26,6 +26,8 @@ def test_the_tables_are_complete(table: dict[TripKind, object]) -> None:
 def test_only_our_own_limits_are_safety_trips() -> None:
     ours = {kind for kind, error in TRIP_ERRORS.items() if error is SafetyTripError}
     assert ours == {
+        TripKind.FOREIGN_MASTER,
+        TripKind.DUPLICATE_NODE,
         TripKind.PERIODS_MISSED,
         TripKind.NOT_FINITE,
         TripKind.ELEMENT_FAILED,

@@ -14,12 +14,15 @@ Reference: CiA 301 7.2.2 (PDO), 7.2.5 (SYNC), 7.2.8 (NMT).
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import can
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
+from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
-from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link
+from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
+from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.release import Parting, Release
 from haptic_fieldbus.buses.canopen.setup import Setup
@@ -29,7 +32,6 @@ from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID, placed
 from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
-from haptic_fieldbus.signals import Signal
 
 SYNC_BITS = 48
 """Bits of the SYNC frame 080h without data, from start of frame to end of frame, with its four stuff bits."""
@@ -38,14 +40,25 @@ REFUSED_WRITES = 3
 
 
 class CanopenBus(InSteps):
-    """A CANopen master on any python-can bus; with `owned`, `close` also shuts the python-can bus down."""
+    """A CANopen master on any python-can bus; with `owned`, `close` also shuts the python-can bus down.
 
-    def __init__(self, can_bus: can.BusABC, clock: Clock, log: FrameLog | None = None, *, owned: bool = False) -> None:
+    `echoes` tells that the interface gives back the frames one sends, without marking them.
+    """
+
+    def __init__(
+        self,
+        can_bus: can.BusABC,
+        clock: Clock,
+        log: FrameLog | None = None,
+        *,
+        owned: bool = False,
+        echoes: bool = False,
+    ) -> None:
         self.facts: dict[str, DriveFacts] = {}
         self.warnings: list[str] = []
         self._can_bus = can_bus if owned else None
         self._clock = clock
-        self._wire = Wire(can_bus, clock, can_bus.channel_info, log)
+        self._wire = Wire(can_bus, clock, can_bus.channel_info, log, echoes=echoes)
         self._sync = frame(SYNC_COB_ID)
         self._plan: Plan | None = None
         self._setups: tuple[Setup, ...] = ()
@@ -72,25 +85,36 @@ class CanopenBus(InSteps):
             raise
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
-        """Check all drives without writing to them, and fill `facts`.
+        """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
 
-        `image` is the input image; later exchanges fill in the part of this bus. Raises BusTimeoutError,
-        BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
+        `image` is the input image; later exchanges fill in the part of this bus. Raises ForeignMasterError before
+        anything was sent, BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another
+        protocol.
         """
         # Frames from before must reach no handler: an old boot-up message would be taken for a restart.
         self._wire.mute()
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
+        traffic = traffic_of(plan)
+        one = OneMaster([axis.node for axis in plan.axes], traffic.master_node)
+        heard = listen(self._wire, traffic.listening, one, self._wire.name)
+        heard.refuse(traffic.master_node)
         self._bind(plan, image)
-        self.facts = {setup.axis.name: setup.inspect() for setup in self._setups}
+        self._foreign = ForeignMaster(self._wire, one, self.warnings.append)
+        told = heard.sentence()
+        self.facts = {setup.axis.name: replace(setup.inspect(), listened=told) for setup in self._setups}
 
     def configure(self, plan: Plan) -> None:
-        """Configure all inspected drives; raises BusError."""
+        """Configure all inspected drives; raises BusError, ForeignMasterError when somebody else commands meanwhile."""
+        # A person may have thought about the question for long: what came meanwhile is heard first.
+        self._wire.drain(self._clock.now_ns() + plan.period_ns)
+        self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
         for setup in self._setups:
             setup.configure()
 
     def start(self) -> None:
-        """Set all nodes operational, torque-free; raises BusError."""
+        """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
+        self._foreign.refuse(self._wire.name, "Nothing was enabled")
         self._started = True  # first, since a node may be operational already when a later one fails
         for setup in self._setups:
             setup.start()
@@ -107,6 +131,7 @@ class CanopenBus(InSteps):
             Link(setup.node, placed(setup.member.traffic.tpdos, places.inputs[0]), places.header, self._image)
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
         )
+        self._exchange = Exchange()
         for link in self._links:
             link.listen(self._wire, self._exchange)
         self._outputs = tuple(
@@ -147,6 +172,7 @@ class CanopenBus(InSteps):
         """Process all frames since the last exchange, until the deadline [ns] at the latest, and begin a new one."""
         self._exchange.taking = False
         self._wire.drain(deadline_ns)
+        self._exchange.begun = True
         self._exchange.missing = sum([link.begin() for link in self._links])
 
     def begin(self) -> None:
@@ -167,6 +193,9 @@ class CanopenBus(InSteps):
         HEADER.pack_into(self._image, 0, latch_ns)
         for link in self._links:
             link.finish(latch_ns, now_ns, self._heartbeat_limit_ns, flags)
+        if self._foreign.cob_id is not None or exchange.doubled is not None:
+            for link in self._links:
+                link.accuse(self._foreign.cob_id, exchange.doubled)
         return self._image
 
     def write(self, image: bytes | bytearray) -> None:
@@ -220,23 +249,3 @@ class CanopenBus(InSteps):
         if self._can_bus is not None:
             self._can_bus.shutdown()
             self._can_bus = None
-
-
-def traffic_of(plan: Plan) -> CanTraffic:
-    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
-    (bus,) = plan.buses
-    if not isinstance(bus.traffic, CanTraffic):
-        raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
-    return bus.traffic
-
-
-def statusword_places(plan: Plan) -> tuple[int, ...]:
-    """Return the offset of each axis' statusword in the input image, in the order of the axes."""
-    places = []
-    for axis, image in zip(plan.axes, plan.image.axes, strict=True):
-        offset = image.inputs[0]
-        for mapped in axis.traffic.incoming:
-            if mapped.signal is Signal.STATUSWORD:
-                places.append(offset)
-            offset += mapped.type.size
-    return tuple(places)

@@ -20,10 +20,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from haptic_fieldbus.buses.canopen.link import Link
-from haptic_fieldbus.buses.canopen.node import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID, NmtState, Node
+from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ENERGISED, STATUSWORD
 from haptic_fieldbus.buses.canopen.wire import Wire, frame
 from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.protocols.canopen.cob_ids import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
 SLICE = 0.002

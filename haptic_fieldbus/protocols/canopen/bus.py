@@ -1,11 +1,11 @@
 """Names of CAN buses, as users and rig files write them."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from typing import Annotated, ClassVar
 
-from annotated_types import Gt
+from annotated_types import Ge, Gt, Le
 
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, SIMULATION
 from haptic_fieldbus.documents import suggestion
@@ -19,6 +19,10 @@ BITRATES = (10_000, 1_000_000)
 """Lowest and highest bit rate of CiA 301, table 1 [bit/s]."""
 NODES = range(1, 128)
 """Node-IDs (CiA 301, 7.3.5)."""
+LISTENING = 1.0
+"""Time for which a master listens before it sends [s]."""
+LONGEST_LISTENING = 60.0
+"""[s]."""
 BUS_FORMS = "sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE], for example sim, socketcan:can0, pcan:PCAN_USBBUS1@1000000"
 
 SIMULATION_INTERFACE = "haptic_sim"
@@ -40,6 +44,10 @@ class CanSection(BusSection):
     """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
     bitrate: Annotated[int, Gt(0)] = DEFAULT_BIT_RATE
+    listen: Annotated[float, Ge(0.0), Le(LONGEST_LISTENING)] = LISTENING
+    """Time for which the master listens for somebody else before it sends anything [s]; 0: not at all."""
+    master_node: Annotated[int, Ge(NODES[0]), Le(NODES[-1])] | None = None
+    """Node-ID of the master's heartbeat; None: the highest that no drive of the rig has."""
     protocol: ClassVar[str] = "canopen"
     __pydantic_config__: ClassVar[dict[str, object]] = STRICT
 
@@ -77,7 +85,7 @@ def in_place_of(section: CanSection, named: BusName, channel: str | None) -> Can
         raise UsageError(f'bus "{named.text}" is no CAN bus, the rig\'s {section.interface}:{section.channel} is one')
     # A simulation without a bit rate is that of the bus which it replaces.
     bitrate = section.bitrate if named.text == SIMULATION else new.bitrate
-    return CanSection(new.interface, channel or new.channel, bitrate)
+    return replace(section, interface=new.interface, channel=channel or new.channel, bitrate=bitrate)
 
 
 def _parse_bare(text: str) -> BusName:

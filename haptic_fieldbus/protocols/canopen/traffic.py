@@ -12,6 +12,8 @@ from functools import cached_property
 from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.protocols.canopen.bus import LISTENING
+from haptic_fieldbus.protocols.canopen.cob_ids import cob_id_words
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, Direction, Pdo, worst_case_bits
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
@@ -89,7 +91,7 @@ class PdoTraffic:
         """Return a link fault in the terms of CANopen; raises KeyError for STALE, which is no fault."""
         if flag is LinkFlag.EMERGENCY:
             return f"node {self.node} sent emergency {code:04X}h ({emergency_meaning(code)})"
-        return FAULT_TEXTS[flag].format(node=self.node)
+        return FAULT_TEXTS[flag].format(node=self.node, frame=cob_id_words(code))
 
 
 FAULT_TEXTS = {
@@ -98,6 +100,9 @@ FAULT_TEXTS = {
     LinkFlag.NO_SIGN_OF_LIFE: "the heartbeat of node {node} stayed away",
     LinkFlag.NOT_OPERATIONAL: "node {node} is not operational, says its heartbeat",
     LinkFlag.EXCEPTION: "node {node} sent a malformed PDO, or the bus refused our frames",
+    LinkFlag.FOREIGN: "somebody else commands on this bus: {frame} came, and not from us; end that master, and put "
+    "axes that share a bus into one rig",
+    LinkFlag.DUPLICATE: "{frame} came more often than SYNC asked for it: two devices have the node-ID {node}",
 }
 
 
@@ -129,6 +134,9 @@ class CanTraffic:
     waiting: float = 0.0
     """Time from the last TPDO of this bus to that of the slowest bus, when computing can begin [s]."""
     node_heartbeat_ms: int = NODE_HEARTBEAT_MS
+    listening: float = LISTENING
+    """Time for which the master listens before it sends [s]."""
+    chosen_master_node: int | None = None
 
     @property
     def heartbeat_every(self) -> int:
@@ -153,7 +161,9 @@ class CanTraffic:
 
     @property
     def master_node(self) -> int:
-        """Node-ID of the master: the highest that no drive has."""
+        """Node-ID of the master: the one that the rig chooses, else the highest that no drive has."""
+        if self.chosen_master_node is not None:
+            return self.chosen_master_node
         nodes = {member.traffic.node for member in self.members}
         return next(node for node in MASTER_NODES if node not in nodes)
 

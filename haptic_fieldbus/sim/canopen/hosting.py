@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
-from haptic_fieldbus.buses.canopen.wire import open_can
+from haptic_fieldbus.buses.canopen.wire import ECHOING, open_can
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
@@ -29,11 +29,6 @@ from haptic_fieldbus.sim.faults import BusOff, ErrorFrame, Fault
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.slot import Slot
 
-ECHOING = ("udp_multicast",)
-"""Interfaces that return the frames one sends.
-
-There the drives of one host receive each other's frames from the bus.
-"""
 LONGEST_REMEMBERED = 1000
 """Least number of latest motion segments that are kept; no caller needs more."""
 
