@@ -26,7 +26,8 @@ def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
 
 def test_of_nothing_there_are_no_percentiles() -> None:
     assert Percentiles.of([]) is None
-    assert Timing(None, None, None).to_json() == {"period_us": None, "age_us": None, "compute_us": None}
+    none = dict.fromkeys(("period_us", "age_us", "compute_us", "lateness_us"))
+    assert Timing(None, None, None).to_json() == {**none, "late": 0}
 
 
 def test_what_is_not_known_is_null() -> None:
