@@ -15,11 +15,13 @@ from haptic_fieldbus.api.open_loop import response as response
 from haptic_fieldbus.assessing.result import Result, known_before
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.planning.limits import FADE_IN
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.request import check_request
+from haptic_fieldbus.planning.request import check_fade_in, check_request
 from haptic_fieldbus.planning.selection import Selection, check_known, compiled, load, select
-from haptic_fieldbus.planning.task import SIMULATION, Task
+from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.protocols.bus_name import SIMULATION
 from haptic_fieldbus.sim.faults import Fault, load_faults
 from haptic_fieldbus.sim.hand import hand_named
 
@@ -38,6 +40,8 @@ class Trial(Task):
     """Time from *operation enabled* on [s]."""
     hand: str | None = None
     """Motion of the simulated hand: push, tap, sine, guide, release or none; None is that of the scene, else push."""
+    fade_in: float = FADE_IN
+    """Time from *operation enabled* to the full limit of the force [s]."""
     seed: int = 0
     """Seed of all random numbers of the simulation."""
     faults: str | Path | Sequence[Fault] = ()
@@ -93,6 +97,7 @@ def run(trial: Trial) -> Result:
     faults = load_faults(trial.faults) if isinstance(trial.faults, str | Path) else tuple(trial.faults)
     bus = trial.bus or SIMULATION
     check_request(bus=bus, node=trial.node, rate=trial.rate, duration=trial.duration, seed=trial.seed, record=recording)
+    check_fade_in(trial.fade_in)
     try:
         selection = _selected(trial)
     except PlanError as error:
@@ -122,7 +127,8 @@ def _selected(trial: Trial) -> Selection:
         from haptic_fieldbus.api.sites import ask_rated_torques
 
         loaded = replace(loaded, rig=ask_rated_torques(loaded.rig))
-    return compiled(loaded)
+    selection = compiled(loaded)
+    return replace(selection, plan=selection.plan.fading_in(trial.fade_in))
 
 
 def _checked(selection: Selection, trial: Trial) -> "Changes | None":

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.plan_json import summary_json
 from haptic_fieldbus.planning.selection import Selection
-from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
 from haptic_fieldbus.protocols.traffic import Json as Json
 from haptic_fieldbus.signals import Workspace
 
@@ -89,7 +89,7 @@ class TorqueError:
     by_source: Mapping[str, float]
     """Share of each source of error; the shares sum to 1."""
     contact: float | None = None
-    """Largest rms(error) / rms(ideal) in contact of any axis, on which the verdict rests; None without contact."""
+    """Largest rms(error) / rms(ideal) in contact of the axes that the hand holds; None without contact."""
 
     def to_json(self) -> Json:
         return {"rms": self.rms, "max": self.max, "unit": self.unit, "by_source": dict(self.by_source)}
@@ -123,10 +123,11 @@ class Changed:
 class Trace:
     """Motion and force of one axis in its workspace [s, m or rad, N or N·m], for plots; not part of the JSON object.
 
-    In simulation, `position` is the true position of the handle, `force` the force of the motor, and `ideal` the force
-    of the scene in continuous time. On real drives, `position` is the decoded one, `force` the commanded one, and
-    `ideal` is None. A run of more than 30 000 periods is thinned to the extremes of bins, and of a real drive the last
-    periods are kept. `times`, `position`, `force`, `ideal` and each array of `virtual` have the shape `(n_times,)`.
+    When the error is known, `position` is the true position of the handle, `force` the force of the motor, and `ideal`
+    that of the scene in continuous time. Otherwise (on real drives, and in short runs) `position` is the decoded one,
+    `force` the commanded one, and `ideal` is None. `times` and all that belongs to it have the shape `(n_times,)`.
+    A simulated run of more than 30 000 periods is thinned to the extremes of bins; of one on real drives, the last
+    300 000 periods are there.
     """
 
     axis: str
@@ -137,7 +138,7 @@ class Trace:
     ideal: Array | None = None
     sample_times: Array | None = None
     samples: Array | None = None
-    """Decoded positions at `sample_times`, both `(n_periods,)`; None on real drives, where `position` has them."""
+    """Decoded positions at `sample_times`, both `(n_periods,)`; None when `position` already is the decoded one."""
     virtual: Mapping[str, Array] = field(default_factory=dict)
     """First virtual state of each dynamic element by the element's name: the position of a virtual mass."""
     sensor: str = "encoder"
@@ -200,7 +201,7 @@ class Result:
                 "missed_cycles": self.missed_cycles,
                 "duration_s": self.duration,
                 "bus_load": self.bus_load,
-                "plan": _summary_json(self.plan) if self.plan else None,
+                "plan": summary_json(self.plan) if self.plan else None,
                 "timing": self.timing.to_json() if self.timing else None,
                 "torque_error": self.torque_error.to_json() if self.torque_error else None,
                 "energy_generated_j": self.energy_generated,
@@ -210,46 +211,6 @@ class Result:
                 "verdict": self.verdict,
             }
         )
-
-
-def plan_json(plan: Plan) -> dict[str, Json]:
-    """Return the object that `plan --json` prints; delays and ages in s."""
-    delay = plan.delay
-    return {
-        **_summary_json(plan),
-        **_traffic_json(plan),
-        "bus_load": plan.bus_load,
-        "delay_s": {
-            "bus": delay.bus,
-            "compute": delay.compute,
-            "drive": delay.drive,
-            "torque_loop": delay.torque_loop,
-            "total": delay.total,
-        },
-        "couplings": [
-            {"name": each.name, "age_s": {on: dict(ages) for on, ages in each.ages.items()}}
-            for each in plan.coupling_ages
-        ],
-        "modules": list(plan.modules),
-    }
-
-
-def _summary_json(plan: Plan) -> dict[str, Json]:
-    return {
-        "mapped": list(plan.mapped),
-        "left_out": [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out],
-    }
-
-
-def _traffic_json(plan: Plan) -> dict[str, Json]:
-    """Return the process data exchanged, by the key of each protocol; None for a protocol that no axis uses."""
-    # All keys are present from the start: the keys of the object do not depend on the bench.
-    found: dict[str, Json] = dict.fromkeys(TRAFFIC_KEYS.values())
-    for axis in plan.axes:
-        for key, rows in axis.traffic.to_json(axis.rig.bus).items():
-            before = found.get(key)
-            found[key] = [*(before if isinstance(before, list) else ()), *rows]
-    return found
 
 
 def finite(value: dict[str, Json]) -> dict[str, Json]:

@@ -11,7 +11,7 @@ FAULTY = 2
 """Exit status when any file has a fault."""
 
 
-def check(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
+def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
     """Load each file and print the faults of all of them, as lines or as one JSON object.
 
     Raises `typer.Exit` with status 2 when any file has a fault.

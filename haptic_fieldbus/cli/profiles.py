@@ -11,6 +11,7 @@ import typer
 
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
@@ -86,10 +87,10 @@ def check_profiles(
     as_json: JsonOption = False,
 ) -> None:
     """Check profiles or vendors' EDS files, and list all faults of each with line and key."""
-    from haptic_fieldbus.cli.checking import check
+    from haptic_fieldbus.cli.checking import check_files
     from haptic_fieldbus.protocols.catalogue import profile_names
 
-    check(names or profile_names(), _check_profile, as_json)
+    check_files(names or profile_names(), _check_profile, as_json)
 
 
 def _check_profile(name: str) -> None:
@@ -177,4 +178,4 @@ def _text(key: str, value: object) -> str:
         return str(value.value)
     if isinstance(value, int) and key in IN_HEXADECIMAL:
         return f"{value:04X}h"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return exactly(value) if isinstance(value, float) else str(value)

@@ -41,6 +41,10 @@ class RunOptions(BenchOptions):
         ),
     ] = None
     force: Annotated[bool, option(None, "Go on although the loop would be unstable.", RENDERING, "--force")] = False
+    fade_in: Annotated[
+        float,
+        option("S", r"Time from enabling to the full force limit. \[default: 0.5]", RENDERING, "--fade-in"),
+    ] = 0.5
     hand: Annotated[
         str | None,
         option("NAME", r"push, tap, sine, guide, release or none. \[default: that of the scene, or push]", SIMULATION),

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
-from haptic_fieldbus.cycle.laws import Pair, blended_pair
+from haptic_fieldbus.cycle.laws import PairField, blended_pair
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.cycle.sensing import in_order
 from haptic_fieldbus.drive.power import PowerState
@@ -188,7 +188,7 @@ class Cycle:
                 TripKind.ELEMENT_FAILED, name, self.t_ns, math.nan, detail=f"{type(error).__name__}: {error}"
             )
 
-    def _pair(self, element: CouplingElement, period: float) -> Pair:
+    def _pair(self, element: CouplingElement, period: float) -> PairField:
         """Return a fresh law of the coupling, which reads the signals of its two axes itself."""
         law = element.begin(period)
         read_first, read_second = (self._axes[name].reader(element.needs) for name in element.axes)

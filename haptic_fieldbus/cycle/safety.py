@@ -120,30 +120,30 @@ def bind_limiter(
     effort, largest_change = limits.effort, limits.slew * period
     growth = period / limits.fade_in
 
-    def limit(asked: float) -> float:
+    def limit(force: float) -> float:
         before = permission.before
-        if permission.unchanged and -effort <= asked <= effort and -largest_change <= asked - before <= largest_change:
-            permission.before = asked
-            return asked
-        return beyond(asked)
+        if permission.unchanged and -effort <= force <= effort and -largest_change <= force - before <= largest_change:
+            permission.before = force
+            return force
+        return beyond(force)
 
-    def beyond(asked: float) -> float:
-        if not math.isfinite(asked):
+    def beyond(force: float) -> float:
+        if not math.isfinite(force):
             return math.nan
         if permission.fade < 1.0:
             permission.fade = min(1.0, permission.fade + growth)
-        if permission.cap < math.inf and permission.contact_left(asked, least):
+        if permission.cap < math.inf and permission.contact_left(force, least):
             permission.cap = math.inf
         permission.unchanged = permission.fade >= 1.0 and permission.cap == math.inf
         bound = min(effort * permission.fade, permission.cap)
-        if not -bound <= asked <= bound:
+        if not -bound <= force <= bound:
             permission.clipped += 1
-            asked = math.copysign(bound, asked)
+            force = math.copysign(bound, force)
         before = permission.before
-        if not -largest_change <= asked - before <= largest_change:
-            asked = before + math.copysign(largest_change, asked - before)
-        permission.before = asked
-        return asked
+        if not -largest_change <= force - before <= largest_change:
+            force = before + math.copysign(largest_change, force - before)
+        permission.before = force
+        return force
 
     return limit
 

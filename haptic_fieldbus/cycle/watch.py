@@ -51,7 +51,7 @@ class Watch:
             return 0
         lost = state.missing > 0
         state.missing = state.holding = 0
-        if not rendering or state.zero_counts is None:
+        if not rendering or not state.begun:
             return 1
         if elapsed_ns < 0:
             self._trip(TripKind.CLOCK, elapsed_ns * 1e-9)

@@ -113,12 +113,17 @@ class RigAxis:
     mechanism: Annotated[LinearMechanism | RotaryMechanism, ByKind()]
     encoder_counts_per_revolution: Annotated[int, Gt(0)]
     rated_torque: PositiveFloat | None = None
+    """[N·m]"""
     torque_constant: PositiveFloat | None = None
     """[N·m/A]; needed only for drives whose torque is given as a current."""
     inertia: PositiveFloat | None = None
+    """[kg·m²]"""
     viscous_damping: NonNegativeFloat | None = None
+    """[N·m·s/rad]"""
     coulomb_friction: NonNegativeFloat = 0.0
+    """[N·m]"""
     on_link_loss: Literal["free", "brake"] = "free"
+    """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""
     limits: Limits = field(default_factory=Limits)
     simulation: Mechanics = field(default_factory=Mechanics)
     """Mechanics of a simulated bench beyond a rigid shaft; without effect on anything but the simulation."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 FADE_IN = 0.5
 """[s]; from *operation enabled* to the full limit."""
+SHORTEST_FADE_IN, LONGEST_FADE_IN = 0.1, 60.0
+"""[s]; what may be asked for: a force that is there sooner is a kick."""
 SLEW_TIME = 0.005
 """Shortest time in which the command goes from 0 to the effort limit [s]."""
 SPEED_LIMIT = {"linear": 2.0, "rotary": 60.0}

@@ -76,6 +76,11 @@ class Plan:
         """True when all buses are simulated."""
         return all(self.rig.bus[bus.name].simulated for bus in self.buses)
 
+    def fading_in(self, fade_in: float) -> "Plan":
+        """Return the same plan, whose limits reach their full value `fade_in` [s] after *operation enabled*."""
+        axes = tuple(replace(axis, limits=replace(axis.limits, fade_in=fade_in)) for axis in self.axes)
+        return replace(self, axes=axes)
+
     def on(self, bus: BusPlan) -> "Plan":
         """Return the part of the plan on one bus: its axes, at their places in the process image of the whole plan."""
         at = [position for position, axis in enumerate(self.axes) if axis.name in bus.axes]
@@ -100,13 +105,11 @@ class Plan:
 
     @property
     def weakest(self) -> AxisPlan | None:
-        """Axis with the smallest margin; for coupled axes the one in whose units their verdict is given.
-
-        None when a bench is unknown.
-        """
+        """Axis with the smallest margin, for coupled axes the one in whose units their verdict is given; None when a
+        bench is unknown."""
         # A group without a stiffness has no margin; as an infinite one it is the weakest only for want of another.
         told = [
-            (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.told_by)
+            (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.reference_axis)
             for axis in self.axes
             if axis.stability is not None and axis.group is not None
         ]

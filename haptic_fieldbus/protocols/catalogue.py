@@ -37,7 +37,7 @@ from haptic_fieldbus.protocols.registry import (
 PROFILE_LOADED = ("name", "source")
 """Fields that the loader fills in; a profile file must not give them."""
 RIG_LOADED = ("source",)
-"""The same for a rig file."""
+"""Fields that the loader fills in; a rig file must not give them."""
 
 UNSOURCED = {"drive", "sources"}
 """Tables whose values need no entry in [sources]."""

@@ -24,7 +24,7 @@ class Delay:
     bus: float
     compute: float
     drive: float
-    """From the reception of the set-point until the drive acts on it."""
+    """Time from the reception of the set-point until the drive acts on it."""
     torque_loop: float
     """Time constant of the torque loop."""
 

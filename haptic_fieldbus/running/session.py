@@ -7,16 +7,18 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from haptic_fieldbus.assessing.axis_assessment import Run
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Result, known_before
-from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, Run, notices
+from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, notices
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.numerals import exactly, percent
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
 from haptic_fieldbus.running.ending import ended_by_signals
@@ -136,7 +138,7 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     serial = "" if facts.serial is None else f" (serial {facts.serial:#06x})"
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
-        f"at most {100 * share:.0f} % of rated torque, {axis.limits.speed:g} {axis.workspace.length_unit}/s; "
+        f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
         f"{facts.link_loss}, confirmed in the drive."
     )
 

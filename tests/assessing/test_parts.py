@@ -7,6 +7,7 @@ import pytest
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing import summary, traces
+from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Run
 from haptic_fieldbus.assessing.error_sums import ErrorFigures
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.report.plot import first_force
@@ -31,7 +32,7 @@ def assessed(monkeypatch: pytest.MonkeyPatch, part: int, behind: int, **task: An
     found: list[ErrorFigures] = []
     summarise = summary.summarise
 
-    def watched(run: summary.Run, axes: list[summary.AxisAssessment], elapsed: float) -> Result:
+    def watched(run: Run, axes: list[AxisAssessment], elapsed: float) -> Result:
         found.extend(axis.figures for axis in axes if axis.figures is not None)
         return summarise(run, axes, elapsed)
 

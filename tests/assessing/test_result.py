@@ -13,8 +13,8 @@ from haptic_fieldbus.assessing.result import (
     TorqueError,
     TripRecord,
     finite,
-    plan_json,
 )
+from haptic_fieldbus.planning.plan_json import plan_json
 
 
 def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing import summary
+from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Run
 from haptic_fieldbus.assessing.error_sums import ErrorFigures
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.report.plot import plot_run
@@ -24,7 +25,7 @@ def splits(monkeypatch: pytest.MonkeyPatch, *elements: AnyElement) -> list[Error
     found: list[ErrorFigures] = []
     summarise = summary.summarise
 
-    def watched(run: summary.Run, axes: list[summary.AxisAssessment], elapsed: float) -> Result:
+    def watched(run: Run, axes: list[AxisAssessment], elapsed: float) -> Result:
         found.extend(axis.figures for axis in axes if axis.figures is not None)
         return summarise(run, axes, elapsed)
 
