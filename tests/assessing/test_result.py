@@ -50,7 +50,7 @@ def test_everything_known_is_in_the_object() -> None:
         duration=0.01,
         bus_load=0.3,
         plan=compiled,
-        timing=Timing(times, times, times),
+        timing=Timing(times, times, times, times, late=2),
         torque_error=TorqueError(0.1, 0.2, "N", {"encoder": 1.0}, 0.02),
         energy_generated=math.inf,
         stability=compiled.stability,
@@ -60,7 +60,8 @@ def test_everything_known_is_in_the_object() -> None:
     assert shown["energy_generated_j"] is None
     assert shown["trips"] == [{"name": "speed limit", "time_s": 0.5, "message": "too fast"}]
     assert shown["torque_error"] == {"rms": 0.1, "max": 0.2, "unit": "N", "by_source": {"encoder": 1.0}}
-    assert shown["timing"] == {key: times.to_json() for key in ("period_us", "age_us", "compute_us")}
+    keys = ("period_us", "age_us", "compute_us", "lateness_us")
+    assert shown["timing"] == {**{key: times.to_json() for key in keys}, "late": 2}
     assert json.loads(json.dumps(shown, allow_nan=False)) == shown
 
 
