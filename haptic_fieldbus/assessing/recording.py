@@ -125,7 +125,7 @@ def target_in_force(trajectory: TrueMotion, times_ns: Times) -> Array:
     return values
 
 
-class Delay:
+class CommandDelay:
     """Finds for each command of a run, part by part, the instant from which on it acts.
 
     A target carries no mark of the period that computed it, so each is assigned by its value. The delay from sample to

@@ -37,8 +37,8 @@ from haptic_fieldbus.assessing.carried import Carried, begins, new_nodes, new_ro
 from haptic_fieldbus.assessing.error_sums import ErrorFigures, ErrorSums
 from haptic_fieldbus.assessing.recording import (
     Array,
+    CommandDelay,
     Conversion,
-    Delay,
     Recording,
     Times,
     TrueMotion,
@@ -103,7 +103,7 @@ class Splitter:
         self._period, self._method, self._unit = period, method, unit
         self._begin_ns = begin_ns
         self._spacing_ns = round(period * 1e9 / POINTS_PER_PERIOD)
-        self._sums, self._carried, self._delay = ErrorSums(), Carried(), Delay()
+        self._sums, self._carried, self._delay = ErrorSums(), Carried(), CommandDelay()
         self._node_ns: int | None = None
 
     @property

@@ -36,7 +36,7 @@ class LogFile:
             while done < len(chunk):
                 done += self._file.write(chunk[done:]) or 0
         except OSError:
-            cut(self._file.fileno(), self._size + chunk.rfind(b"\n", 0, done) + 1)
+            cut_file(self._file.fileno(), self._size + chunk.rfind(b"\n", 0, done) + 1)
             raise
         self._size += done
 
@@ -49,7 +49,7 @@ class LogFile:
             self._file.close()
 
 
-def cut(number: int, size: int) -> None:
+def cut_file(number: int, size: int) -> None:
     """Cut the file of a descriptor down to `size` octets, if it can be cut; a device such as /dev/full cannot."""
     with suppress(OSError):
         os.ftruncate(number, size)

@@ -18,7 +18,7 @@ OURS_TO_TAKE = (signal.SIG_DFL, signal.default_int_handler)
 """Handlers that nobody has chosen; others, as those of `nohup` or of a program around ours, stay."""
 
 
-class Ending:
+class EndSignals:
     """What has asked for the end of the run."""
 
     def __init__(self) -> None:
@@ -38,9 +38,9 @@ class Ending:
 
 
 @contextmanager
-def ended_by_signals() -> Iterator[Ending]:
-    """Yield an `Ending` that signals reach inside the block; outside the main thread none do."""
-    ending = Ending()
+def ended_by_signals() -> Iterator[EndSignals]:
+    """Yield an `EndSignals` that signals reach inside the block; outside the main thread none do."""
+    ending = EndSignals()
     main = threading.current_thread() is threading.main_thread()
     taken = [each for each in SIGNALS if main and signal.getsignal(each) in OURS_TO_TAKE]
     before = [(each, signal.signal(each, ending.receive)) for each in taken]

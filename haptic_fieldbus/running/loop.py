@@ -18,7 +18,7 @@ from haptic_fieldbus.cycle.trips import explained, moment, trip_error
 from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.running.ending import Ending
+from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.running.realtime import no_garbage_collection, threads_give_way
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
@@ -46,7 +46,7 @@ def run_loop(
     progress: Callable[[int], None] | None = None,
     report: LoopReport | None = None,
     changes: "Changes | None" = None,
-    ending: Ending | None = None,
+    ending: EndSignals | None = None,
 ) -> LoopReport:
     """Run an opened bus for `cycles` periods of operation enabled and return the report of the run.
 
@@ -65,7 +65,7 @@ def run_loop(
     try:
         # Only changes are computed by another thread, so only a run with changes must make threads give way.
         with no_garbage_collection(), threads_give_way() if changes is not None else nullcontext():
-            _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report, changes, ending or Ending())
+            _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report, changes, ending or EndSignals())
     except KeyboardInterrupt:
         report.interrupted = True
     except BusError as error:
@@ -101,7 +101,7 @@ def _run(
     progress: Callable[[int], None],
     report: LoopReport,
     changes: "Changes | None",
-    ending: Ending,
+    ending: EndSignals,
 ) -> None:
     period_ns, compute_ns = plan.period_ns, plan.compute_ns
     largest_lateness_ns = round(LATE_SHARE * period_ns)

@@ -48,7 +48,7 @@ class DirectRows:
 
     def take(self, record: "Record") -> None:
         for row in record.since(self._taken).tolist():
-            self._file.add(line(row))
+            self._file.add(row_line(row))
         self._taken = record.pushed
         self._file.flush()
 
@@ -138,7 +138,7 @@ def heading(columns: Sequence[str]) -> bytes:
     return (",".join(columns) + "\n").encode()
 
 
-def line(row: Sequence[float]) -> bytes:
+def row_line(row: Sequence[float]) -> bytes:
     """Return the line of a row: the shortest texts that read back as the same numbers, whole ones without ".0"."""
     return (",".join([repr(value).removesuffix(".0") for value in row]) + "\n").encode()
 
@@ -162,6 +162,6 @@ def _write_all(file: LogFile, columns: Sequence[str]) -> None:
         whole = len(waiting) // size * size
         values, waiting = array("d", waiting[:whole]), waiting[whole:]
         for first in range(0, len(values), len(columns)):
-            file.add(line(values[first : first + len(columns)]))
+            file.add(row_line(values[first : first + len(columns)]))
         file.flush()
     file.close()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.assessing.record import Record
-from haptic_fieldbus.running.rows import DirectRows, ProcessRows, RowFile, Rows, line
+from haptic_fieldbus.running.rows import DirectRows, ProcessRows, RowFile, Rows, row_line
 
 COLUMNS = ("t_ns", "handle.position")
 KINDS = pytest.mark.parametrize("kind", [DirectRows, ProcessRows])
@@ -97,7 +97,7 @@ def test_a_file_that_grows_no_more_ends_with_a_whole_row(simulated: bool, tmp_pa
     assert len(text) <= limit
     read = [each.encode() for each in text.decode().splitlines(keepends=True)][1:]
     assert len(read) >= 20
-    assert read == [line((float(k), k / 3)) for k in range(len(read))]
+    assert read == [row_line((float(k), k / 3)) for k in range(len(read))]
 
 
 def test_a_writing_process_that_is_killed_does_not_stop_the_run(tmp_path: Path) -> None:

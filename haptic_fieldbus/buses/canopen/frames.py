@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from haptic_fieldbus.buses.log_file import LogFile, cut
+from haptic_fieldbus.buses.log_file import LogFile, cut_file
 
 FRAME_SUFFIXES = (".log", ".blf")
 
@@ -122,7 +122,7 @@ class BlfWriter:
         self._size = self._file.tell()
 
     def _give_up(self) -> None:
-        cut(self._file.fileno(), self._size)
+        cut_file(self._file.fileno(), self._size)
         self._file.raw.close()  # below the buffer, which would try again
 
     def close(self) -> None:
