@@ -80,12 +80,18 @@ def ask_rated_torques(rig: Rig) -> Rig:
 
 
 def _logs(plan: Plan, record: Path | None, opened: ExitStack, faults: list[str]) -> dict[str, Any]:
-    """Return the recorders of frames by bus; each protocol opens its own. An error at their end goes to `faults`."""
+    """Return the recorders of frames by bus; each protocol opens its own. An error at their end goes to `faults`.
+
+    Raises UsageError when a file cannot be begun.
+    """
     logs: dict[str, Any] = {}
     for protocol in dict.fromkeys(bus.protocol for bus in plan.buses):
         names = [bus.name for bus in plan.buses if bus.protocol == protocol]
         recorder = ExitStack()
-        logs |= recorder.enter_context(_access(protocol).logs(record, names))
+        try:
+            logs |= recorder.enter_context(_access(protocol).logs(record, names))
+        except OSError as error:
+            raise UsageError(f"cannot record to {record}: {error.strerror}") from error
         opened.callback(_closed, recorder, faults)
     return logs
 

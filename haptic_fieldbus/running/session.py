@@ -72,7 +72,10 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     cycle, report = Cycle(plan), LoopReport()
     kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
     record = Record(columns(plan), min(cycles, kept) + ENABLING_PERIODS)
-    rows = Rows(record, request.record, simulated=plan.simulated)
+    try:
+        rows = Rows(record, request.record, simulated=plan.simulated)
+    except OSError as error:
+        raise UsageError(f"cannot record to {request.record}: {error.strerror}") from error
     recordings: list[str] = []
     started = perf_counter()
     try:
