@@ -139,14 +139,21 @@ def _object_of_failure(as_json: bool) -> Iterator[None]:
 
 
 def _finish(result: "Result", plot: Path | None, as_json: bool) -> None:
-    """Draw the picture if asked for, and print the result as lines or as the JSON object."""
+    """Draw the picture if asked for, and print the result as lines or as the JSON object.
+
+    Exit with 1 when the recording ended before the run.
+    """
     _draw(result, plot)
     if as_json:
         print_json(result.to_json())
-        return
-    _tell(result)
-    if plot is not None:
-        show([("plot", str(plot))])
+    else:
+        _tell(result)
+        if plot is not None:
+            show([("plot", str(plot))])
+    if result.recording_fault is not None:
+        sys.stdout.flush()
+        show([("failed", f"the recording is not complete: {result.recording_fault}")], sys.stderr)
+        raise typer.Exit(1)
 
 
 def _tell(result: "Result") -> None:

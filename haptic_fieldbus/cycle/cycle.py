@@ -150,6 +150,14 @@ class Cycle:
         """Return the bound on the error of the handle's position [m or rad]; 0 when the drive offers a position."""
         return self._axes[axis].state.drift
 
+    def clipped(self, axis: str) -> int:
+        """Return in how many periods limit or cap cut the force of the scene."""
+        return self._axes[axis].permission.clipped
+
+    def stalls(self, axis: str) -> int:
+        """Return how often counts stood still under torque for so long that the limit fell."""
+        return self._axes[axis].stalls
+
     def update_enabled(self) -> None:
         """Set `enabled` after a power state has changed."""
         states = [axis.state.power for axis in self._axes.values()]

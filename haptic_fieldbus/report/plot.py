@@ -212,7 +212,7 @@ def first_force(trace: Trace) -> tuple[float, float] | None:
     force = np.abs(trace.ideal if trace.ideal is not None else trace.force)
     if not force.any():
         return None
-    period = float(np.median(np.diff(trace.sample_times)))
+    period = trace.period or float(np.median(np.diff(trace.sample_times)))
     at = float(trace.times[np.argmax(force >= COUNTS * force.max())])
     first = max(float(trace.times[0]), at - ZOOM_BEFORE * period)
     return first, min(float(trace.times[-1]), first + (ZOOM_BEFORE + ZOOM_AFTER) * period)
@@ -233,6 +233,7 @@ def cut(trace: Trace, first: float, last: float) -> Trace:
         None if trace.samples is None else trace.samples[sampled],
         {name: position[inside] for name, position in trace.virtual.items()},
         trace.sensor,
+        trace.period,
     )
 
 

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.assessing.record import ROW_SUFFIXES
 from haptic_fieldbus.buses.canopen.frames import FRAME_SUFFIXES
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE
 from haptic_fieldbus.errors import UsageError
@@ -20,6 +19,7 @@ from haptic_fieldbus.protocols.canopen.bus import (
     can_section,
 )
 from haptic_fieldbus.protocols.registry import parse_bus
+from haptic_fieldbus.running.rows import ROW_SUFFIXES
 
 
 def test_every_kind_of_recording_can_be_asked_for() -> None:

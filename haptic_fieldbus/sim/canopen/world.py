@@ -115,6 +115,17 @@ class World:
         drive.servo.advance(self._now_ns)
         return Trajectory(drive.plant.recorder, self._now_ns)
 
+    def so_far(self, node: int) -> Trajectory:
+        """Return the true motion of a shaft up to the instant that it has been moved to, without moving it."""
+        plant = self._rack.slaves[node].drive.plant
+        return Trajectory(plant.recorder, plant.t_ns)
+
+    def forget(self, before_ns: int) -> None:
+        """Drop the motion and the traffic before an instant [ns]."""
+        for slave in self._rack.slaves.values():
+            slave.drive.plant.recorder.forget(before_ns)
+        self._wire.forget(before_ns)
+
     def statistics(self, from_ns: int, to_ns: int) -> WireStatistics:
         """Return the traffic of the frames that end in (from_ns, to_ns]."""
         return self._wire.statistics(from_ns, to_ns)

@@ -274,6 +274,14 @@ class ToyBus(InSteps):
         self.drives[node].plant.advance(self.clock.now_ns())
         return Trajectory(self.drives[node].plant.recorder, self.clock.now_ns())
 
+    def so_far(self, node: int) -> Trajectory:
+        plant = self.drives[node].plant
+        return Trajectory(plant.recorder, plant.t_ns)
+
+    def forget(self, before_ns: int) -> None:
+        for drive in self.drives.values():
+            drive.plant.recorder.forget(before_ns)
+
     def _pass(self, octets: int) -> None:
         self.clock.sleep_until(self.clock.now_ns() + round(1e9 * line_time(octets)))
 
