@@ -197,6 +197,7 @@ class Result:
                 "trips": [trip.to_json() for trip in self.trips],
                 "changes": [change.to_json() for change in self.changes],
                 "verdict": self.verdict,
+                "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,
             }
         )
 

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptic_fieldbus.cli.checking import check_files
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.errors import EdsError, UsageError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
@@ -87,7 +89,6 @@ def check_profiles(
     as_json: JsonOption = False,
 ) -> None:
     """Check profiles or vendors' EDS files, and list all faults of each with line and key."""
-    from haptic_fieldbus.cli.checking import check_files
     from haptic_fieldbus.protocols.catalogue import profile_names
 
     check_files(names or profile_names(), _check_profile, as_json)
@@ -98,7 +99,6 @@ def _check_profile(name: str) -> None:
 
     A profile can be made from an EDS with faults in parts that it does not need. Here all faults of an EDS count.
     """
-    from haptic_fieldbus.errors import EdsError
     from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
     from haptic_fieldbus.protocols.catalogue import load_profile
 
@@ -110,7 +110,6 @@ def _check_profile(name: str) -> None:
 def _write_eds(profile: "DriveProfile", path: Path) -> None:
     """Write the EDS of the profile's simulated drive; raises UsageError when the file cannot be written."""
     from haptic_fieldbus.eds import eds_text
-    from haptic_fieldbus.errors import UsageError
     from haptic_fieldbus.sim.canopen.sheet import sheet
 
     now = datetime.now().astimezone()

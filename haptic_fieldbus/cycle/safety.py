@@ -21,11 +21,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from haptic_fieldbus.planning.limits import EffortLimits
+from haptic_fieldbus.planning.limits import EffortLimits, fade_periods
 from haptic_fieldbus.signals import LinkFlag
-
-HOLD_FADE = 0.01
-"""Time in which the held torque fades to zero, from the second missing period on [s]; longer than the slew time."""
 
 
 class TripKind(Enum):
@@ -154,7 +151,7 @@ def bind_limiter(
 
 def bind_hold(period: float, permission: Permission) -> Callable[[int], float]:
     """Return what gives the permitted force of a period without feedback, by how many have been missing in a row."""
-    fade_periods = max(1, round(HOLD_FADE / period))
+    fading = fade_periods(period)
 
     def hold(missing: int) -> float:
         if missing == 1:
@@ -164,7 +161,7 @@ def bind_hold(period: float, permission: Permission) -> Callable[[int], float]:
             permission.cap_at(min(permission.cap, abs(permission.held)), math.copysign(1.0, permission.held))
             if permission.held == 0.0:
                 permission.side = 0.0
-        share = max(0.0, 1.0 - (missing - 1) / fade_periods)
+        share = max(0.0, 1.0 - (missing - 1) / fading)
         permission.before = permission.held * share
         return permission.before
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.cycle.watch import STATUSWORD, T_NS
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.signals import Signal
 
@@ -52,7 +53,7 @@ def _bind_velocity(
     axis: AxisPlan, state: AxisState, sensed: Sensed, feedback: Feedback, period: float
 ) -> tuple[PeriodStep, bool]:
     """Estimate the velocity in periods with new feedback, else the last estimate stays; and: does it take times?"""
-    from haptic_fieldbus.numerics.estimators import DEFAULT_ESTIMATOR, bind, is_timed
+    from haptic_fieldbus.numerics.estimators import bind, is_timed
 
     name = axis.estimator or DEFAULT_ESTIMATOR
     estimate = bind(name, period, axis.resolution)

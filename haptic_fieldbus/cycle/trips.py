@@ -124,8 +124,8 @@ def _start(trip: Trip, axis: AxisPlan) -> str:
         else f"start with the handle {rounded(where)} {axis.workspace.length_unit} from here"
     )
     return (
-        f"the scene begins with {rounded(trip.value)} {unit}, and at most {rounded(trip.limit or 0.0)} {unit} is permitted at the "
-        f"start; {advice}"
+        f"the scene begins with {rounded(trip.value)} {unit}, and at most {rounded(trip.limit or 0.0)} {unit} is "
+        f"permitted at the start; {advice}"
     )
 
 

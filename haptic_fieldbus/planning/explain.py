@@ -1,4 +1,4 @@
-"""A plan in words: mapped objects, steps of a period, parts left out, load, delay and stability.
+"""A plan in words: mapped objects, steps of a period, parts left out, load, delay, deadlines and stability.
 
 Golden files keep this text for each scene, and for each profile.
 """
@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.deadlines import REMAINDER
 from haptic_fieldbus.planning.limit_table import limit_lines
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 
@@ -34,6 +35,7 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
         prefix = f"{axis.name}: " if len(plan.axes) > 1 else ""
         yield from _listed("limits", [prefix + line for line in limit_lines(axis, plan.period)])
     yield "delay", delay_text(plan)
+    yield from _listed("deadlines", list(deadline_texts(plan)))
     yield from _listed("coupling", [str(ages) for ages in plan.coupling_ages])
     yield from _stability(plan)
 
@@ -69,6 +71,18 @@ def delay_text(plan: Plan) -> str:
     )
     # 500·T is T/2 in ms.
     return f"{rounded(1e3 * delay.total)} ms: {parts}; the hold adds T/2 = {rounded(500 * plan.period)}"
+
+
+def deadline_texts(plan: Plan) -> Iterator[str]:
+    """Yield what zero torque means, then a line for each cause with its longest time [ms] and the way to zero."""
+    yield f"longest time from the event to zero torque ({100 * REMAINDER:g} % of it left), a late host not counted:"
+    for each in plan.deadlines:
+        yield f"{each.cause.value}: {milliseconds(each.seconds)}, {each.how}"
+
+
+def milliseconds(seconds: float) -> str:
+    """Return a time in words [ms], rounded up to a tenth; inf is no time."""
+    return f"{math.ceil(1e4 * seconds - 1e-6) / 10:g} ms" if math.isfinite(seconds) else "without end"
 
 
 def _stability(plan: Plan) -> Iterator[tuple[str, str]]:

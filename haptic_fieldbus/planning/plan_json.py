@@ -27,6 +27,7 @@ def plan_json(plan: Plan) -> dict[str, Json]:
         ],
         "limits": [row for axis in plan.axes for row in _limits_json(axis, plan.period)],
         "modules": list(plan.modules),
+        "deadlines": [each.to_json() for each in plan.deadlines],
     }
 
 

@@ -92,6 +92,14 @@ class BusTraffic(Protocol):
     def guard(self, axis: str) -> float:
         """Time after which the drive of an axis takes the torque away by itself, when nothing comes from us [s]."""
 
+    @property
+    def silence(self) -> float:
+        """Time without a device's own sign of life after which it counts as gone [s]; inf where devices send none."""
+
+    @property
+    def disturbance(self) -> float:
+        """Time by which messages outside the exchange can delay it [s]."""
+
     def check(self, bus: str) -> None:
         """Raise BusOverloadError when the bus cannot carry this; `bus` is its name, empty when the plan has one bus."""
 

@@ -11,7 +11,7 @@ from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.explain import delay_text
+from haptic_fieldbus.planning.explain import delay_text, milliseconds
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.catalogue import quantities
 from haptic_fieldbus.scenes.element import AnyElement
@@ -55,6 +55,7 @@ def _announcement(plan: Plan) -> Iterator[Line]:
             yield "plan", text
     yield "plan", f"left out: {', '.join(left.what for left in plan.left_out) or 'nothing'}"
     yield "delay", delay_text(plan)
+    yield "deadlines", deadlines_text(plan)
     for ages in plan.coupling_ages:
         yield "coupling", str(ages)
     yield "stability", stability_text(plan)
@@ -79,6 +80,14 @@ def change_text(time: float, settings: Mapping[str, object]) -> str:
     texts = {key: exactly(value) if isinstance(value, float) else value for key, value in settings.items()}
     values = [f"{key}={text}" for key, text in texts.items()]
     return f"at {exactly(time)} s {', '.join(values)}"
+
+
+def deadlines_text(plan: Plan) -> str:
+    """Return the longest times to zero torque in one line, causes with the same time together."""
+    causes: dict[str, list[str]] = {}
+    for each in plan.deadlines:
+        causes.setdefault(milliseconds(each.seconds), []).append(each.cause.value)
+    return "zero torque within " + "; ".join(f"{time}: {', '.join(names)}" for time, names in causes.items())
 
 
 def scene_text(plan: Plan) -> str:

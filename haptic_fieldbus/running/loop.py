@@ -48,7 +48,8 @@ def run_loop(
 
     Ctrl-C ends the run early and is no error. `progress` is called with the number of periods done. A `report` that is
     passed in is filled during the run, so that it can be read after an exception too. Raises DriveFaultError, BusError
-    or SafetyTripError; by then `bus.stop` was called, and a note says so when a drive did not confirm it.
+    or SafetyTripError; by then `bus.stop` was called, and a note says so when a drive did not confirm it. BusError also
+    after a run without fault, when a drive did not confirm its end.
     """
     report = LoopReport() if report is None else report
     report.samples = Record(SAMPLES, min(cycles, LONGEST_SAMPLE))
@@ -83,6 +84,8 @@ def run_loop(
         if not report.released:
             failure.add_note(UNCONFIRMED)
         raise failure
+    if not report.released:
+        raise BusError(f"{UNCONFIRMED} {' '.join(f'{warning}.' for warning in bus.warnings)}".rstrip())
     return report
 
 

@@ -13,7 +13,7 @@ from tests.cli.command import Command
 SHORT = ("--duration", "0.6")
 KEYS = [
     "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
-    "torque_error", "energy_generated_j", "stability", "trips", "changes", "verdict",
+    "torque_error", "energy_generated_j", "stability", "trips", "changes", "verdict", "deadlines",
 ]  # fmt: skip
 STABILITY = {
     "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "spectral_radius", "margin", "verdict",
@@ -25,7 +25,16 @@ def test_a_run_tells_what_it_did_line_by_line(command: Command) -> None:
     assert finished.status == 0
     assert finished.err == ""
     keys = [line[:11].strip() for line in finished.out.splitlines()]
-    assert [key for key in keys if key] == ["scene", "bench", "plan", "delay", "stability", "result", "verdict"]
+    assert [key for key in keys if key] == [
+        "scene",
+        "bench",
+        "plan",
+        "delay",
+        "deadlines",
+        "stability",
+        "result",
+        "verdict",
+    ]
     for words in ("stiffness 600 N/m at 20 mm", "maxon EPOS4 (simulated), node 1", "in  TPDO1 statusword, position",
                   "out RPDO1 controlword, target torque", "left out: velocity", "600 periods, none missed",
                   "force error", "no trip"):  # fmt: skip

@@ -54,6 +54,7 @@ def test_a_command_prints_the_keys_of_the_page(name: str, capsys: pytest.Capture
         main([*COMMANDS[name].split(), "--json"])
     told = dict(objects_of(json.loads(capsys.readouterr().out), name))
     same = {"run: stability": "stability", "run: plan.left_out[]": "plan: left_out[]"}
+    same |= {"run: deadlines[]": "plan: deadlines[]"}
     same |= {f"run: timing.{time}": "run: timing.period_us" for time in ("age_us", "compute_us")}
     for at, keys in told.items():
         known = next((at.replace(start, there, 1) for start, there in same.items() if at.startswith(start)), at)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import scipy.signal
 
+from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, METHODS, bind, discrete, discretise, rest
+from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise, rest
 from haptic_fieldbus.numerics.integrators.staggered import positions
 from haptic_fieldbus.numerics.integrators.trajectory import follow
 from haptic_fieldbus.numerics.linear import StateSpace, parallel

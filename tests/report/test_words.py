@@ -66,7 +66,7 @@ def test_missed_periods_are_told_and_a_trip_is_left_to_its_error() -> None:
 
 def test_an_announcement_has_each_key_once() -> None:
     keys = [key for key, _ in announcement(plan("wall")) if key]
-    assert keys == ["scene", "bench", "plan", "delay", "stability"]
+    assert keys == ["scene", "bench", "plan", "delay", "deadlines", "stability"]
 
 
 def test_of_several_elements_each_is_named() -> None:

@@ -205,11 +205,11 @@ class Setup:
             if option is not None:
                 self.node.write(ObjectEntry(option.object, DataType.INT16), self._reaction(option))
 
-    def release_guard(self, timeout: float) -> None:
-        """Switch off the watch on our heartbeat within `timeout` [s], so that leaving is no error; raises BusError."""
+    @property
+    def disarming(self) -> tuple[tuple[ObjectEntry, int], ...]:
+        """Entries and values that switch off the drive's watch on us, so that leaving is no error."""
         index = self.member.profile.link_loss.heartbeat_consumer
-        if index is not None:
-            self.node.send(ObjectEntry(index, DataType.UINT32, 1), 0, timeout)
+        return () if index is None else ((ObjectEntry(index, DataType.UINT32, 1), 0),)
 
     @property
     def _deadline_ms(self) -> int:

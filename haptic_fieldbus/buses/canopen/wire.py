@@ -90,7 +90,7 @@ class Wire:
             self.refusal = ours
             return False
         if self._log is not None:
-            self._log(self._now_ns(), message.arbitration_id, message.data)
+            self._write_log(self._log, message.arbitration_id, message.data)
         return True
 
     def pump(self, deadline_ns: int) -> bool:
@@ -111,11 +111,19 @@ class Wire:
             if message.is_error_frame and can_id & BUS_OFF_ERROR:
                 self.bus_off = True
         if self._log is not None:
-            self._log(self._now_ns(), can_id, message.data)
+            self._write_log(self._log, can_id, message.data)
         handler = self._handlers.get(can_id)
         if handler is not None:
             handler(message.data)
         return True
+
+    def _write_log(self, log: FrameLog, can_id: int, data: bytes | bytearray) -> None:
+        """Write a frame to the log; a log that raises is used no more, so that a full disk stops no other frame."""
+        try:
+            log(self._now_ns(), can_id, data)
+        except Exception:
+            self._log = None
+            raise
 
     def drain(self, deadline_ns: int) -> None:
         """Handle all frames that have already arrived, without waiting; in a flood, stop at the deadline [ns]."""

@@ -28,6 +28,8 @@ HEARTBEATS_PER_DEADLINE = 5
 PERIODS_PER_DEADLINE = 5
 NODE_HEARTBEAT_MS = 100
 """Producer heartbeat time that the master writes to each drive."""
+LOST_HEARTBEATS = 3
+"""Heartbeat periods of silence after which a node shows no sign of life."""
 MASTER_NODES = range(127, 0, -1)
 """Candidates for the node-ID of the master, which its heartbeat needs; the first that no drive has is taken."""
 
@@ -146,6 +148,16 @@ class CanTraffic:
         """Time for the drive's heartbeat consumer [s]: that of its profile, but five periods at least."""
         deadline = max(self.member(axis).profile.link_loss.deadline, PERIODS_PER_DEADLINE / self.rate)
         return math.ceil(deadline * 1e3 - 1e-9) * 1e-3
+
+    @property
+    def silence(self) -> float:
+        """Time without a heartbeat of a drive after which it counts as gone [s]."""
+        return LOST_HEARTBEATS * self.node_heartbeat_ms * 1e-3
+
+    @property
+    def disturbance(self) -> float:
+        """Time by which frames outside the exchange delay it: one of eight octets, and all heartbeats [s]."""
+        return (worst_case_bits(8) + (len(self.members) + 1) * worst_case_bits(1)) / self.bitrate
 
     @property
     def master_node(self) -> int:

@@ -104,6 +104,8 @@ class ToyTraffic:
     rate: float
     waiting: float
     speed: str = f"{BAUD} baud"
+    silence: float = math.inf
+    disturbance: float = 0.0
 
     @property
     def latch(self) -> float:
@@ -259,8 +261,10 @@ class ToyBus(InSteps):
         if self.plan is not None:
             self.write(bytes(self.plan.image.output_size))
 
-    def stop(self) -> bool:
-        self.release()
+    def settle(self) -> bool:
+        return True
+
+    def leave(self) -> bool:
         return all(drive.mode == DISABLED for drive in self.drives.values())
 
     def close(self) -> None:
