@@ -31,7 +31,7 @@ ALL_NODES = 0
 CAN_ID = 0x7FF
 
 
-class Concern(Enum):
+class Severity(Enum):
     """How much a frame of somebody else matters."""
 
     COMMAND = "command"
@@ -47,8 +47,8 @@ class OneMaster:
         self._nodes = frozenset(nodes)
         commands = {SYNC_COB_ID, HEARTBEAT_COB_ID + master_node}
         commands |= {base + node for base in RPDO_COB_IDS for node in nodes}
-        self._plain = dict.fromkeys(commands, Concern.COMMAND)
-        self._plain |= {REMOTE_FLAG | HEARTBEAT_COB_ID + node: Concern.QUESTION for node in nodes}
+        self._plain = dict.fromkeys(commands, Severity.COMMAND)
+        self._plain |= {REMOTE_FLAG | HEARTBEAT_COB_ID + node: Severity.QUESTION for node in nodes}
         self._requests = frozenset(SDO_REQUEST_COB_ID + node for node in nodes)
 
     @property
@@ -56,15 +56,15 @@ class OneMaster:
         """CAN-IDs of all frames that can matter, with the flags of the wire."""
         return frozenset(self._plain) | self._requests | {NMT_COB_ID}
 
-    def weigh(self, can_id: int, data: bytes | bytearray) -> Concern:
+    def weigh(self, can_id: int, data: bytes | bytearray) -> Severity:
         """Return how much a frame with this CAN-ID matters; one that is too short counts as a command."""
         if can_id in self._requests:
             writes = not data or data[0] >> 5 in DOWNLOADS
-            return Concern.COMMAND if writes else Concern.QUESTION
+            return Severity.COMMAND if writes else Severity.QUESTION
         if can_id == NMT_COB_ID:
             concerned = data[1] if len(data) > 1 else ALL_NODES
-            return Concern.COMMAND if concerned == ALL_NODES or concerned in self._nodes else Concern.NOTHING
-        return self._plain.get(can_id, Concern.NOTHING)
+            return Severity.COMMAND if concerned == ALL_NODES or concerned in self._nodes else Severity.NOTHING
+        return self._plain.get(can_id, Severity.NOTHING)
 
 
 class ForeignMaster:
@@ -89,9 +89,9 @@ class ForeignMaster:
 
     def _heard(self, can_id: int, data: bytearray) -> None:
         weight = self._one.weigh(can_id, data)
-        if weight is Concern.COMMAND and self.cob_id is None:
+        if weight is Severity.COMMAND and self.cob_id is None:
             self.cob_id = can_id
-        elif weight is Concern.QUESTION and can_id not in self._told:
+        elif weight is Severity.QUESTION and can_id not in self._told:
             self._told.add(can_id)
             self._warn(f"somebody else asks our drives: {frame_words(can_id)}. Torque was not affected")
 

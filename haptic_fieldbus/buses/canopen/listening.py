@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from haptic_fieldbus.buses.canopen.foreign import Concern, OneMaster, advice, frame_words
+from haptic_fieldbus.buses.canopen.foreign import OneMaster, Severity, advice, frame_words
 from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.errors import ForeignMasterError
@@ -48,7 +48,7 @@ def listen(wire: Wire, seconds: float, one: OneMaster, bus: str) -> Heard:
 
     def note(can_id: int, data: bytes | bytearray) -> None:
         frames[can_id] += 1
-        if one.weigh(can_id, data) is not Concern.NOTHING:
+        if one.weigh(can_id, data) is not Severity.NOTHING:
             masters[can_id] += 1
 
     deadline_ns = wire.clock.now_ns() + round(seconds * 1e9)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.buses.canopen.foreign import Concern, OneMaster
+from haptic_fieldbus.buses.canopen.foreign import OneMaster, Severity
 from haptic_fieldbus.errors import ForeignMasterError
 from haptic_fieldbus.planning.image import AXIS_HEADER
 from haptic_fieldbus.scenes.wall import Wall
@@ -197,15 +197,15 @@ def test_a_frame_matters_only_by_what_the_standard_makes_of_it(can_id: int, data
     """Written again by octets: function code, node-ID and command specifier (CiA 301 7.3.5, 7.2.4, 7.2.8)."""
     function, node = can_id >> 7, can_id & 0x7F
     ours = node in (1, 9)
-    expected = Concern.NOTHING
+    expected = Severity.NOTHING
     if (
         can_id in (0x080, 0x77F)
         or (function in (4, 6, 8, 10) and ours)
         or (can_id == 0 and (len(data) < 2 or data[1] in (0, 1, 9)))
     ):
-        expected = Concern.COMMAND
+        expected = Severity.COMMAND
     elif function == 12 and ours:
-        expected = Concern.COMMAND if not data or data[0] & 0xE0 in (0x00, 0x20, 0xC0) else Concern.QUESTION
+        expected = Severity.COMMAND if not data or data[0] & 0xE0 in (0x00, 0x20, 0xC0) else Severity.QUESTION
     one = OneMaster((1, 9), 127)
     assert one.weigh(can_id, data) is expected
-    assert expected is Concern.NOTHING or can_id in one.watched
+    assert expected is Severity.NOTHING or can_id in one.watched
