@@ -19,6 +19,7 @@ import haptic_fieldbus
 from haptic_fieldbus.api.sites import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.protocols.registry import GROUP
+from haptic_fieldbus.scenes.own import GROUP as ELEMENT_GROUP
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -31,7 +32,7 @@ DOCUMENTS = sorted(
 CURRENT = [path for path in DOCUMENTS if path.parent.name != "decisions"]
 """A decision names what there was when it was made."""
 PLACEHOLDER = re.compile(r"NAME|KIND|\bname\b")
-ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP}
+ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP, ELEMENT_GROUP}
 LONGEST_FILE = 300
 REFUSED = 4
 

@@ -1,5 +1,6 @@
 """`scenes`: what the library offers to a hand, and what can be set."""
 
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -18,17 +19,22 @@ app = typer.Typer(help="The scene library: list, show, check.", no_args_is_help=
 
 @app.command("list")
 def list_scenes(as_json: JsonOption = False) -> None:
-    """List the scenes that are shipped."""
+    """List the scenes that are shipped, and the elements that other packages add."""
     from haptic_fieldbus.scenes.catalogue import scene_summaries
+    from haptic_fieldbus.scenes.registry import own_elements
 
-    summaries = scene_summaries()
+    summaries, own = scene_summaries(), own_elements()
     if as_json:
-        print_json({"scenes": plain(summaries)})
+        print_json({"scenes": plain(summaries), "own_elements": plain([asdict(each) for each in own])})
         return
     show_table(
         ("name", "axes", "description"),
         ((str(each["name"]), ", ".join(each["axes"]), str(each["description"])) for each in summaries),
     )
+    if own:
+        show([(None, "")])
+        show_table(("own element", "package", "entry point"), ((e.kind, e.package, e.entry_point) for e in own))
+    show([("fault", each.fault) for each in own if each.fault is not None], sys.stderr)
 
 
 @app.command("show")
@@ -92,10 +98,9 @@ def _recommended(scene: "Scene") -> Iterator[str]:
 
 
 def _element_json(element: "AnyElement") -> Any:
-    from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+    from haptic_fieldbus.scenes.registry import kind_of
 
-    kind = next((kind for kind in ELEMENTS if element_type(kind) is type(element)), None)
-    return {"kind": kind, **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
+    return {"kind": kind_of(type(element)), **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
 
 
 def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:

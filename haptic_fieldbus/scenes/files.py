@@ -16,7 +16,7 @@ from haptic_fieldbus.documents import Document, file_of, is_path, read_document,
 from haptic_fieldbus.errors import Fault, SceneError, UsageError
 from haptic_fieldbus.scenes.element import STRICT, AnyElement
 from haptic_fieldbus.scenes.quantities import Quantity, parse_quantity
-from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, kind_names
 from haptic_fieldbus.signals import Workspace
 
 LIBRARY = Path(__file__).resolve().parent / "library"
@@ -154,8 +154,21 @@ def elements_of(part: ScenePart, axes: Mapping[str, Workspace]) -> list[AnyEleme
     for index, kind in part.kinds.items():
         _check_workspace(part.document, index, kind, axes)
         convert(part.document, index, element_type(kind), axes)
-    found = [part.document.validate(element_type(kind), ("element", index)) for index, kind in part.kinds.items()]
+    found = [_validated(part.document, index, kind) for index, kind in part.kinds.items()]
     return [element for element in found if element is not None]
+
+
+def _validated(document: Document, index: int, kind: str) -> AnyElement | None:
+    """The element, or None with its faults noted; a shipped kind is known to keep its promises."""
+    element = document.validate(element_type(kind), ("element", index))
+    if element is None or kind in ELEMENTS:
+        return element
+    from haptic_fieldbus.scenes.own import fault_of
+
+    fault = fault_of(element)
+    if fault is not None:
+        document.fault(("element", index), f'element "{kind}": {fault}')
+    return element
 
 
 def raise_faults(parts: list[ScenePart]) -> None:
@@ -242,6 +255,18 @@ def convert(document: Document, index: int, kind: type[AnyElement], axes: Mappin
             del table[parameter]
 
 
+def _is_known(document: Document, index: int, kind: str) -> bool:
+    """Whether there are elements of this kind; the fault of one whose package is broken is noted."""
+    try:
+        element_type(kind)
+    except KeyError:
+        return False
+    except UsageError as error:
+        document.fault(("element", index, "kind"), str(error))
+        return False
+    return True
+
+
 def _name_elements(document: Document) -> dict[int, str]:
     """The known kinds by the place of the element; each element's table is left with a name and without its kind."""
     raw = document.value("element")
@@ -251,8 +276,8 @@ def _name_elements(document: Document) -> dict[int, str]:
     names: set[object] = set()
     for index, table in tables.items():
         kind = table.get("kind")
-        if not isinstance(kind, str) or kind not in ELEMENTS:
-            document.refuse(("element", index, "kind"), f"a kind of element{suggestion(str(kind or ''), ELEMENTS)}")
+        if not isinstance(kind, str) or not _is_known(document, index, kind):
+            document.refuse(("element", index, "kind"), f"a kind of element{suggestion(str(kind or ''), kind_names())}")
             continue
         if "name" not in table and given.count(kind) > 1:
             document.fault(("element", index, "name"), f'missing; expected one, as the kind "{kind}" stands twice')
