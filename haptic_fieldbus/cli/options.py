@@ -20,7 +20,7 @@ Asked = TypeVar("Asked", bound="Rendering")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
 SHOWN = (
-    "scene", "input", "amplitude", "drive", "bus", "node", "rig",
+    "scene", "input", "amplitude", "drive", "bus", "node", "rig", "profiles",
     "rate", "duration", "settings", "change", "method", "estimator",
 )  # fmt: skip
 """The first options of the help, in their order; others follow as their command lists them."""
@@ -32,6 +32,10 @@ def option(metavar: str | None, text: str, panel: str | None = None, *names: str
 
 
 JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
+ProfilesOption = Annotated[
+    str | None,
+    option("DIR", r"Folder of your own drive profiles. \[default: HAPTIC_FIELDBUS_PROFILES]", BENCH, "--profiles"),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +76,7 @@ class BenchOptions(SceneOptions):
     ] = None
     node: Annotated[int | None, option("ID", r"Node-ID of the first axis. \[default: 1]", BENCH)] = None
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
+    profiles: ProfilesOption = None
 
     def given(self, asked: type[Asked]) -> Asked:
         """As for a scene; options that exclude one another are refused."""

@@ -80,13 +80,15 @@ def check_scenes(
 
 
 def _recommended(scene: "Scene") -> Iterator[str]:
-    """The stiffness that each profile's limits leave, on the shipped bench."""
+    """The stiffness that each shipped profile's limits leave, on the shipped bench."""
     from haptic_fieldbus.api import plan
-    from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+    from haptic_fieldbus.protocols.catalogue import load_profile
+    from haptic_fieldbus.protocols.folders import profile_folder, profile_names
 
     for name in profile_names():
-        if load_profile(name).drive.usable:
-            compiled = plan(scene, drive=name)
+        path = str(profile_folder() / f"{name}.toml")  # whatever one's own folder has of that name
+        if load_profile(path).drive.usable:
+            compiled = plan(scene, drive=path)
             found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
             if found is None or found.recommended is None:
                 yield (

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from haptic_fieldbus.cli.options import SIMULATION, JsonOption, note_assumed_bitrate, option
+from haptic_fieldbus.cli.options import SIMULATION, JsonOption, ProfilesOption, note_assumed_bitrate, option
 from haptic_fieldbus.cli.screen import show
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ def simulate(
         option("BUS", "INTERFACE:CHANNEL@BITRATE, such as udp_multicast:239.74.163.2 or socketcan:can0."),
     ] = None,
     node: Annotated[int, option("ID", "Node-ID of the first drive that names none.")] = 1,
+    profiles: ProfilesOption = None,
     hand: Annotated[str, option("NAME", "push, tap, sine, guide, release or none.", SIMULATION)] = "none",
     seed: Annotated[int, option("N", "Of all that is random.", SIMULATION)] = 0,
     faults: Annotated[Path | None, option("FILE", "Faults of the drives.", SIMULATION)] = None,
@@ -35,7 +36,7 @@ def simulate(
     from haptic_fieldbus.sim.faults import load_faults
 
     known_faults = load_faults(faults) if faults is not None else ()
-    name, slots = check(HostRequest(drive or ["maxon_epos4"], bus, node, hand, known_faults))
+    name, slots = check(HostRequest(drive or ["maxon_epos4"], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
     with _until_asked_to_stop() as stopped:
         lost = host(name, slots, seed, _teller(name.text, as_json), stopped)

@@ -46,12 +46,15 @@ def is_eds(name: str | Path) -> bool:
     return str(name).lower().endswith(_EDS_SUFFIXES)
 
 
-def file_of(kind: str, name: str | Path, folder: Path) -> Path:
-    """The file of a shipped profile or scene (`kind`), or the path itself when one is given; raises UsageError."""
+def file_of(kind: str, name: str | Path, folder: Path, others: Iterable[str] = ()) -> Path:
+    """The file of a shipped profile or scene (`kind`), or the path itself when one is given; raises UsageError.
+
+    `others` are names that are known from elsewhere, for the sentence.
+    """
     if is_path(name):
         return Path(name)
     names = file_names(folder)
     if name not in names:
         listed = f"{kind.capitalize()}s are listed by: haptic-fieldbus {kind}s list"
-        raise UsageError(f'no {kind} "{name}"{suggestion(str(name), names)}. {listed}')
+        raise UsageError(f'no {kind} "{name}"{suggestion(str(name), {*names, *others})}. {listed}')
     return folder / f"{name}.toml"

@@ -10,9 +10,9 @@ from tests.cli.command import Command, Finished
 def command(capsys: pytest.CaptureFixture[str]) -> Command:
     """Call it with the words of a command line."""
 
-    def call(*words: str) -> Finished:
+    def call(*words: object) -> Finished:
         with pytest.raises(SystemExit) as stopped:
-            main(words)
+            main([str(word) for word in words])
         code = stopped.value.code
         captured = capsys.readouterr()
         return Finished(code if isinstance(code, int) else 0, captured.out, captured.err)

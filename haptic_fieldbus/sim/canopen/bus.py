@@ -6,7 +6,9 @@ own; with a virtual clock, or on a world that has one, it moves when the program
 """
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import can
 from can.typechecking import CanFilters
@@ -52,13 +54,19 @@ class SimulatedBus(can.BusABC):
         seed: int = 0,
         hand: str = "none",
         workspace: str = "linear",
+        profiles: str | None = None,
         receive_own_messages: bool = False,
         **kwargs: object,
     ) -> None:
-        """With a `world`, its wire; else that of the channel's drives. can.CanInitializationError when impossible."""
+        """With a `world`, its wire; else that of the channel's drives. can.CanInitializationError when impossible.
+
+        `profiles` is a folder of one's own profiles, which the channel may name (see `load_profile`).
+        """
         self._is_shutdown = True  # until the end of this method there is nothing to shut down
         self._channel = channel if world is None else None
-        self.world = world or _shared_world(channel, bitrate, clock, seed, hand, workspace)
+        self.world = world or _shared_world(
+            channel, bitrate, clock, partial(_new_world, channel, bitrate, seed, hand, workspace, profiles)
+        )
         self.channel_info = f"haptic_sim {channel}".rstrip()
         self._pace = self.world.pace
         self._controller = self._pace.attach(receive_own=receive_own_messages)
@@ -124,13 +132,13 @@ class SimulatedBus(can.BusABC):
         )
 
 
-def _shared_world(channel: str, bitrate: int, clock: Clock | None, seed: int, hand: str, workspace: str) -> World:
+def _shared_world(channel: str, bitrate: int, clock: Clock | None, make: Callable[[Clock], World]) -> World:
     """The world of a channel, made by whoever comes first; the others must not ask for another one."""
     with _CHANNELS_LOCK:
         shared = _CHANNELS.get(channel)
         if shared is None:
             try:
-                world = _new_world(channel, bitrate, clock or MonotonicClock(), seed, hand, Workspace(workspace))
+                world = make(clock or MonotonicClock())
             except (HapticFieldbusError, ValueError) as error:
                 raise can.CanInitializationError(str(error)) from error
             shared = _CHANNELS[channel] = _Shared(world)
@@ -148,8 +156,10 @@ def _release(channel: str) -> None:
             del _CHANNELS[channel]
 
 
-def _new_world(channel: str, bitrate: int, clock: Clock, seed: int, hand: str, workspace: Workspace) -> World:
+def _new_world(
+    channel: str, bitrate: int, seed: int, hand: str, workspace: str, profiles: str | None, clock: Clock
+) -> World:
     world = World(clock, bitrate, seed, _LONGEST)
     for drive in drives_of(channel):
-        world.add(slot_of(drive, channel, workspace, hand_named(hand)))
+        world.add(slot_of(drive, channel, Workspace(workspace), hand_named(hand), profiles=profiles))
     return world

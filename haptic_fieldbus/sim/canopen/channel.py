@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.errors import UsageError
@@ -43,7 +44,11 @@ def slot_of(
     faults: Iterable[Fault] = (),
     *,
     booted: bool = True,
+    profiles: str | Path | None = None,
 ) -> Slot:
-    """The drive on the shipped bench; raises ProfileError or UsageError when it cannot be made."""
+    """The drive on the shipped bench, its profile also by name from the folder `profiles` (see `load_profile`).
+
+    Raises ProfileError or UsageError when it cannot be made.
+    """
     axis = default_axis(workspace, bus=bus, node=drive.node, profile=drive.profile)
-    return Slot(drive.node, load_profile(drive.profile), axis, hand, tuple(faults), booted=booted)
+    return Slot(drive.node, load_profile(drive.profile, profiles), axis, hand, tuple(faults), booted=booted)

@@ -9,6 +9,7 @@ one instant goes out in the order of its priority, as on a wire.
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import can
 
@@ -50,6 +51,8 @@ class HostRequest:
     node: int = 1
     hand: str = "none"
     faults: tuple[Fault, ...] = ()
+    profiles: str | Path | None = None
+    """Folder of one's own profiles (see `load_profile`)."""
 
 
 def host(
@@ -97,7 +100,8 @@ def check(request: HostRequest) -> tuple[BusName, list[Slot]]:
         drives = numbered(request.drives, request.node)
     for drive in drives:
         with _collecting(faults):
-            slots.append(slot_of(drive, request.bus or "", Workspace.LINEAR, hand, request.faults, booted=False))
+            bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
+            slots.append(slot_of(*bench, booted=False, profiles=request.profiles))
     if bus is None or faults:
         raise UsageError("\n".join(faults))
     return bus, slots
