@@ -23,7 +23,7 @@ linear axis and the right one on a rotary; a text with a unit is taken too, `sti
 the command line, `--set wall.stiffness=800`. How scenes are put together: [scene files](scene_files.md). Formulas,
 energy statements and sources stand in `haptic_fieldbus/scenes/KIND.py`.
 
-This page is written by `python docs/make_elements.py`.
+This page is written by `make docs`.
 """
 
 

@@ -427,8 +427,6 @@ def test_every_key_of_the_schema_is_documented() -> None:
         reference = str(node.get("$ref", "")).rpartition("/")[2]
         for key in schema["$defs"].get(reference, {}).get("properties", {}):
             assert f"`{section}.{key}`" in readme, f"{section}.{key}"
-    for name in profile_names():
-        assert f"| `{name}` |" in readme
 
 
 @pytest.mark.parametrize("name", profile_names())
