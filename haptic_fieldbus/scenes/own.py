@@ -124,7 +124,7 @@ def _present(entry: EntryPoint) -> object:
 
 def _faults(found: Any) -> Iterator[str]:
     """What keeps an object from being the class of an element that files can give."""
-    if not isinstance(found, type) or not is_dataclass(found) or not vars(found)["__dataclass_params__"].frozen:
+    if not isinstance(found, type) or not is_dataclass(found) or not cast(Any, found).__dataclass_params__.frozen:
         yield "expected a frozen dataclass"
         return
     if getattr(found, "__pydantic_config__", None) != STRICT:

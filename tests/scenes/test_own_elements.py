@@ -213,6 +213,12 @@ class TestBroken:
         assert old in CLASS
         assert broken.refused(CLASS.replace(old, new)).startswith(told)
 
+    def test_but_not_as_a_class_that_has_an_element_as_its_base(self, broken: Broken) -> None:
+        module = CLASS.replace("class Own:", "class Base:") + "\nclass Own(Base): ...\n"
+        install(broken.folder, broken.package, f"own = {broken.package}:Own", module)
+        assert element_type("own").__name__ == "Own"
+        assert own_elements()[0].fault is None
+
     def test_all_faults_of_a_class_are_told_at_once(self, broken: Broken) -> None:
         told = broken.refused(CLASS.replace("def needs", "def wants").replace("def force", "def strength"))
         assert told == "no needs; expected one of force, begin and dynamics, not none"
