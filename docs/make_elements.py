@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, cast, get_args, get_type_hints
 
-from haptic_fieldbus.scenes.catalogue import load_scene, quantities, scene_names
-from haptic_fieldbus.scenes.files import NOT_SETTABLE
+from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
+from haptic_fieldbus.scenes.parameters import NOT_SETTABLE, quantities
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
 from haptic_fieldbus.signals import Workspace
 

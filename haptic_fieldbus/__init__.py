@@ -59,7 +59,7 @@ _HOMES = {
     "haptic_fieldbus.scenes.scene": "Scene SceneAxis",
     "haptic_fieldbus.signals": "Signal Workspace",
 }
-"""The public names by the module that has them; all others are errors."""
+"""The public names by the module that has them; names that are missing here are in `errors`."""
 
 __all__ = [
     "BusConfigurationError", "BusError", "BusOverloadError", "BusTimeoutError", "CanSection", "Changes",
@@ -72,6 +72,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
+    """Import a public name when it is first used (PEP 562)."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = next((module for module, names in _HOMES.items() if name in names.split()), "haptic_fieldbus.errors")

@@ -1,6 +1,6 @@
 """Time for loop, buses and simulated drives: real, or virtual and deterministic.
 
-All times are integer nanoseconds since an arbitrary origin.
+All times are whole nanoseconds since an arbitrary origin.
 """
 
 import time
@@ -8,17 +8,18 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Where time comes from; everything that waits, waits here."""
+    """A source of time; all waiting of a run goes through it."""
 
     name: str
 
-    def now_ns(self) -> int: ...
+    def now_ns(self) -> int:
+        """Return the present time [ns]."""
 
     def sleep_until(self, deadline_ns: int) -> int:
-        """Wait for the deadline; returns the lateness [ns], 0 when on time or early."""
+        """Wait for the deadline; return the lateness [ns], 0 when on time or early."""
 
     def compute(self, duration_ns: int) -> None:
-        """Account for computing time: passes by itself in real time, is added in virtual time."""
+        """Account for computing time [ns]: virtual time is moved on by it, real time has moved on by itself."""
 
 
 class MonotonicClock:
@@ -36,11 +37,11 @@ class MonotonicClock:
         return max(0, time.monotonic_ns() - deadline_ns)
 
     def compute(self, duration_ns: int) -> None:
-        """Real computing time has passed already."""
+        """Do nothing: real computing time has passed already."""
 
 
 class VirtualClock:
-    """Time that jumps: it stands still until somebody waits."""
+    """A clock whose time moves only when a caller waits or computes, and then at once."""
 
     name = "virtual"
 

@@ -1,4 +1,4 @@
-"""Everything this package raises.
+"""All errors that this package raises.
 
 HapticFieldbusError
 ├── DocumentError (ValueError)   a file: all its faults at once, each with key and line
@@ -15,8 +15,8 @@ HapticFieldbusError
 ├── BusError                     the bus or a device on it
 │   ├── BusTimeoutError (TimeoutError)
 │   └── BusConfigurationError
-├── DriveFaultError              emergency, fault state, restart: the drive says no
-├── SafetyTripError              a limit of ours; the drive is already torque-free
+├── DriveFaultError              the drive itself: emergency, fault state, restart
+├── SafetyTripError              a limit of this package; the drive is already torque-free
 └── UsageError (ValueError)      a wrong name or value in a call or on the command line
 """
 
@@ -28,12 +28,12 @@ class HapticFieldbusError(Exception):
     """Base of all errors of this package."""
 
     result: object = None
-    """What was known of the run by then, a `Result`; None outside of runs."""
+    """The `Result` as far as the run got; None outside of runs."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a file: where it is, what stands there, what was expected."""
+    """One fault of a file: its key, a message with the value found and the value expected, and its line."""
 
     key: str
     message: str
@@ -45,7 +45,7 @@ class Fault:
 
 
 class DocumentError(HapticFieldbusError, ValueError):
-    """A profile, rig or scene file that cannot be used; `faults` lists all that is wrong."""
+    """A file that cannot be used; `faults` lists all its faults."""
 
     def __init__(self, source: Path | str, faults: list[Fault]) -> None:
         self.source = str(source)
@@ -54,47 +54,47 @@ class DocumentError(HapticFieldbusError, ValueError):
 
 
 class ProfileError(DocumentError):
-    """A drive profile."""
+    """A drive profile that cannot be used."""
 
 
 class SceneError(DocumentError):
-    """A scene file or a scene parameter."""
+    """A scene file or a parameter of a scene that cannot be used."""
 
 
 class RigError(DocumentError):
-    """A rig file."""
+    """A rig file that cannot be used."""
 
 
 class FaultFileError(DocumentError):
-    """A file of faults to be simulated."""
+    """A file of simulated faults that cannot be used."""
 
 
 class EdsError(DocumentError):
-    """An electronic data sheet of a device that holds nothing usable."""
+    """An electronic data sheet (EDS, DCF) without usable content."""
 
 
 class UsageError(HapticFieldbusError, ValueError):
-    """A name or value given by the caller; the sentence says what was expected."""
+    """A wrong name or value in a call; the message names what was expected."""
 
 
 class PlanError(HapticFieldbusError):
-    """The scene cannot be rendered on this rig; refused before anything moves."""
+    """A scene that cannot be rendered on its rig; refused before anything moves."""
 
 
 class SignalUnavailableError(PlanError):
-    """An element needs a signal that the drive neither offers nor allows to derive."""
+    """A signal that an element needs, but the drive neither offers nor allows to derive."""
 
 
 class ImageTooLargeError(PlanError):
-    """The process image does not fit into the drive's PDOs or registers."""
+    """A process image that does not fit into the PDOs or registers of the drive."""
 
 
 class BusOverloadError(PlanError):
-    """The bus cannot carry the plan at the asked rate."""
+    """A plan that the bus cannot carry at the requested rate."""
 
 
 class UnstableSceneError(PlanError):
-    """The sampled loop is unstable; `limit` is the stiffness at which it would stop being stable."""
+    """A sampled loop that is unstable; `limit` is the stiffness up to which it is stable [N/m or N·m/rad], if any."""
 
     def __init__(self, message: str, *, limit: float | None = None) -> None:
         self.limit = limit
@@ -102,20 +102,20 @@ class UnstableSceneError(PlanError):
 
 
 class BusError(HapticFieldbusError):
-    """The bus or a device on it failed."""
+    """A failure of the bus or of a device on it."""
 
 
 class BusTimeoutError(BusError, TimeoutError):
-    """Nothing came in time."""
+    """An answer or a frame that did not come in time."""
 
 
 class BusConfigurationError(BusError):
-    """A device refused its configuration, or read back something else than was written."""
+    """A device that refused its configuration, or read back another value than was written."""
 
 
 class DriveFaultError(HapticFieldbusError):
-    """The drive left *operation enabled* by itself, or reports an emergency."""
+    """A drive that left *operation enabled* by itself, or reported an emergency."""
 
 
 class SafetyTripError(HapticFieldbusError):
-    """A limit of ours was passed; torque was set to zero before this was raised."""
+    """A safety limit that was exceeded; torque was set to zero before this was raised."""

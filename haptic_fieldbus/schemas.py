@@ -16,7 +16,7 @@ SHIPPED = "--shipped"
 
 
 def schema_texts(*, own: bool = False) -> dict[str, str]:
-    """The text of each schema by the name of its file; with `own` also of the elements that other packages add."""
+    """Return the text of each schema by the name of its file; with `own`, scenes have added elements too."""
     schemas = {"rig": rig_schema(), "scene": scene_schema(own=own)}
     for name in BUILT_IN:
         schemas |= {f"profile.{name}": profile_schema(name), f"bus.{name}": bus_schema(name)}
@@ -27,6 +27,7 @@ def schema_texts(*, own: bool = False) -> dict[str, str]:
 
 
 def main(arguments: list[str]) -> int:
+    """Write the schemas into the folder that is given; return the exit code, 2 for wrong usage."""
     folders = [each for each in arguments if each != SHIPPED]
     if len(folders) != 1:
         print(f"usage: python -m haptic_fieldbus.schemas FOLDER [{SHIPPED}]", file=sys.stderr)

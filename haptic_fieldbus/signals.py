@@ -1,23 +1,23 @@
-"""The quantities between a drive and a scene, and the units of a workspace."""
+"""Signals of an axis, workspaces with their units, and the flags of a link."""
 
 from enum import Enum, IntFlag
 
 
 class Signal(Enum):
-    """A quantity of one axis; the value is the name shown to people."""
+    """A quantity of one axis; the value is its name in texts for people."""
 
     STATUSWORD = "statusword"
     POSITION = "position"
     VELOCITY = "velocity"
     TORQUE_ACTUAL = "torque actual"
     ELAPSED_NS = "elapsed time"
-    """Since *operation enabled*, in whole nanoseconds: a wave has its exact phase after any time."""
+    """Time since *operation enabled* [ns], a whole number, so that the phase of a wave stays exact after any time."""
     CONTROLWORD = "controlword"
     TARGET_TORQUE = "target torque"
 
 
 class Workspace(Enum):
-    """What an axis of a scene moves in: metres and newtons, or radians and newton metres."""
+    """The space in which an axis of a scene moves: metres and newtons, or radians and newton metres."""
 
     LINEAR = "linear"
     ROTARY = "rotary"
@@ -36,7 +36,7 @@ class Workspace(Enum):
 
 
 class LinkFlag(IntFlag):
-    """What a bus says about the link to one axis; written into the image's header each period."""
+    """State of the link to one axis, written by the bus into the header of the image each period."""
 
     STALE = 0x01
     """No new process data since the period before."""
@@ -45,9 +45,9 @@ class LinkFlag(IntFlag):
     BOOT_UP = 0x04
     """The node restarted."""
     NO_SIGN_OF_LIFE = 0x08
-    """What the device says of itself between its feedback stayed away."""
+    """The sign of life that the device sends between its feedback, such as a heartbeat, stayed away."""
     NOT_OPERATIONAL = 0x10
-    """The device says that it does not take part in the exchange."""
+    """The device reported a state in which it takes no part in the exchange."""
     BUS_OFF = 0x20
     """The controller has left the bus."""
     EXCEPTION = 0x40

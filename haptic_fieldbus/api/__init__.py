@@ -1,6 +1,7 @@
 """The Python API: `plan`, `stability`, `response`, `run`; and the sites of a run.
 
-`plan` compiles and explains, `stability` judges, `response` simulates without a drive, `run` renders on one.
+`plan` compiles and explains, `stability` gives the limits, `response` simulates the open loop without a drive, and
+`run` renders on a drive.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,36 +32,36 @@ DEFAULT_HAND = "push"
 
 @dataclass(frozen=True, kw_only=True)
 class Trial(Task):
-    """A task to run, and what happens meanwhile."""
+    """A task to run, and the conditions of the run."""
 
     duration: float = DEFAULT_DURATION
-    """From *operation enabled* on [s]."""
+    """Time from *operation enabled* on [s]."""
     hand: str | None = None
-    """What the simulated hand does: push, tap, sine, guide, release or none; None is that of the scene, or push."""
+    """Motion of the simulated hand: push, tap, sine, guide, release or none; None is that of the scene, else push."""
     seed: int = 0
-    """Of all that is random in the simulation."""
+    """Seed of all random numbers of the simulation."""
     faults: str | Path | Sequence[Fault] = ()
-    """Of the simulated drives and links (`haptic_fieldbus.sim.faults`), or the file that lists them."""
+    """Faults of the simulated drives and links (`haptic_fieldbus.sim.faults`), or the file that lists them."""
     record: str | Path | None = None
-    """File for frames or rows, by its suffix."""
+    """File to record to: frames (.log, .blf) or the rows of all periods (.csv), by its suffix."""
     force: bool = False
-    """Go on although the loop would be unstable, or its bench is unknown."""
+    """Run even if the loop would be unstable, or its bench is unknown."""
     changes: "Changes | Sequence[Scheduled]" = ()
     """New settings for the running scene at seconds from *operation enabled*."""
     confirm: Callable[[str], bool] | None = None
-    """Asked before a real drive is enabled."""
+    """Called with a question before a real drive is enabled; the run goes on when it returns True."""
     progress: Callable[[int, int], None] | None = None
-    """Told how many periods of how many are done."""
+    """Called with the number of periods done, and of all periods."""
     announce: Callable[[Plan], None] | None = None
-    """Told the plan before anything is opened."""
+    """Called with the plan before any bus is opened."""
 
 
 @arguments_of(Task)
 def plan(task: Task) -> Plan:
-    """Compile only: what would be mapped, left out and run each period; `rate` in Hz.
+    """Compile a scene and return the plan: the signals mapped and left out, and the steps of each period.
 
-    `scene` is a name of the library, a file or a Scene; `rig` a file or a Rig, else the shipped bench. Raises
-    DocumentError, UsageError or PlanError.
+    `scene` is a name of the library, a file or a Scene; `rig` is a file or a Rig, or None for the shipped bench; `rate`
+    is in Hz. Raises DocumentError, UsageError or PlanError.
     """
     check_request(bus=task.bus or SIMULATION, node=task.node, rate=task.rate)
     return select(task).plan
@@ -68,24 +69,24 @@ def plan(task: Task) -> Plan:
 
 @arguments_of(Inquiry)
 def stability(inquiry: Inquiry) -> Stability:
-    """The limits of a scene before anything moves, of the axis with the smallest margin; selection as for `plan`.
+    """Return the limits of a scene on its bench, for the axis with the smallest margin; it is selected as for `plan`.
 
     Any of mass [kg], damping [N·s/m], Coulomb friction [N], resolution (one encoder count) [m] and delay [s], or their
-    rotary counterparts, replaces the bench: the device is exactly these, the others are 0, and torque is ideal. Raises
-    what `plan` raises.
+    rotary counterparts, replaces the bench by a device of exactly these values, with ideal torque. The mass must be
+    given then; other values that are left out are 0. Raises the same errors as `plan`.
     """
     return judge_scene(inquiry).stability
 
 
 @arguments_of(Trial)
 def run(trial: Trial) -> Result:
-    """Render `scene` for `duration` [s] from *operation enabled*, at `rate` [Hz]; selection as for `plan`.
+    """Render `scene` for `duration` [s] from *operation enabled*, at `rate` [Hz], and return the result.
 
-    On the simulated bus `hand` (that of the scene unless given), `seed` and `faults` say what happens; on a real one
-    nothing moves unless `confirm` answers True. `changes` are new settings for the running scene at seconds from
-    *operation enabled*, [(2.0, {"wall.stiffness": 800.0})], or `Changes`, which other threads can ask. Raises what
-    `plan` raises, UnstableSceneError (unless `force`), BusError, DriveFaultError and
-    SafetyTripError; torque is zero before any of them is raised, and their `result` is what was known by then.
+    The bench is selected as for `plan`. On simulated buses `hand` (that of the scene unless given), `seed` and `faults`
+    set the conditions; on a real one nothing moves unless `confirm` returns True. `changes` are new settings for the
+    running scene at seconds from *operation enabled*, [(2.0, {"wall.stiffness": 800.0})], or a `Changes` that other
+    threads use. Raises the same errors as `plan`, UnstableSceneError (unless `force`), BusError, DriveFaultError and
+    SafetyTripError. Torque is zero before any of them is raised; their `result` holds the facts known by then.
     """
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
@@ -95,6 +96,7 @@ def run(trial: Trial) -> Result:
     try:
         selection = _selected(trial)
     except PlanError as error:
+        # No plan exists yet, so the result holds the request alone.
         error.result = Result(scene=str(trial.scene), drive=trial.drive, bus=bus, rate=trial.rate)
         raise
     changes = _checked(selection, trial)
@@ -112,7 +114,7 @@ def run(trial: Trial) -> Result:
 
 
 def _selected(trial: Trial) -> Selection:
-    """With `force` a bench may be unknown; a real drive then says its own rated torque, before it is configured."""
+    """Return the compiled selection; with `force` the bench may be unknown, and real drives give their rated torque."""
     loaded = load(trial)
     if not trial.force:
         check_known(loaded)
@@ -124,11 +126,12 @@ def _selected(trial: Trial) -> Selection:
 
 
 def _checked(selection: Selection, trial: Trial) -> "Changes | None":
-    """Refuse an unstable loop, then check the changes at a time; None, and nothing imported, where there are none."""
+    """Refuse an unstable loop, and return the checked changes; None when there are none."""
     try:
         if not trial.force:
             check_stable(selection.plan)
         if isinstance(trial.changes, Sequence) and not trial.changes:
+            # Nothing more is imported for a run in which nothing changes.
             return None
         from haptic_fieldbus.running.changes import Changes
 

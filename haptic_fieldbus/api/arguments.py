@@ -1,7 +1,7 @@
-"""A function of one value, called with the arguments that make the value.
+"""Functions of one value that are called with the arguments of that value.
 
-What is asked of the package is a frozen dataclass, and its fields are the arguments of the Python API: they stand once,
-with their defaults.
+A request to the package is a frozen dataclass, and its fields are the arguments of a function of the Python API. So
+each argument and its default is written once.
 """
 
 import inspect
@@ -17,7 +17,7 @@ Answered = TypeVar("Answered", covariant=True)
 
 
 class Called(Protocol[P, AskedBy, Answered]):
-    """A function that takes the arguments of a value; `of` takes the value itself."""
+    """A function that takes the fields of a value as arguments; `of` takes the value itself."""
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Answered: ...
 
@@ -25,7 +25,10 @@ class Called(Protocol[P, AskedBy, Answered]):
 
 
 def arguments_of(make: Callable[P, Asked]) -> Callable[[Callable[[Asked], Answer]], Called[P, Asked, Answer]]:
-    """Decorate a function of one value: it is called with the arguments of `make`, and its help shows them."""
+    """Decorate a function of one value: it takes the arguments of `make` instead, and its signature shows them.
+
+    A call with wrong arguments raises TypeError with the name of the decorated function.
+    """
 
     def decorated(function: Callable[[Asked], Answer]) -> Called[P, Asked, Answer]:
         shown = inspect.signature(make).replace(return_annotation=inspect.signature(function).return_annotation)
@@ -34,7 +37,7 @@ def arguments_of(make: Callable[P, Asked]) -> Callable[[Callable[[Asked], Answer
         def call(*args: P.args, **kwargs: P.kwargs) -> Answer:
             try:
                 shown.bind(*args, **kwargs)
-            except TypeError as wrong:  # told of the function that was called, not of the dataclass
+            except TypeError as wrong:  # names the function that was called, not the dataclass
                 raise TypeError(f"{function.__name__}() {wrong}") from None
             return function(make(*args, **kwargs))
 

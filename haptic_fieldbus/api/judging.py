@@ -1,4 +1,4 @@
-"""The limits of a scene before anything moves, on its bench or on a device that is given by numbers."""
+"""The stability limits of a scene before anything moves, on its bench or on a device given by numbers."""
 
 import math
 from collections.abc import Iterable
@@ -18,12 +18,16 @@ from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 
 UNCERTAIN = 0.7
-"""Share of the friction that a limit is told for beside the full one."""
+"""Share of the Coulomb friction for which a report gives the limits too, besides the full friction."""
 
 
 @dataclass(frozen=True)
 class Device:
-    """A device given by numbers instead of a bench [kg, N·s/m, N, m, s, or their rotary counterparts]."""
+    """A device given by numbers instead of a bench: mass [kg], damping [N·s/m], Coulomb friction [N], and so on.
+
+    `resolution` is one encoder count [m], `delay` the time from sampling to acting [s]; rotary devices have the rotary
+    counterparts.
+    """
 
     mass: float = 0.0
     damping: float = 0.0
@@ -34,7 +38,7 @@ class Device:
 
 @dataclass(frozen=True, kw_only=True)
 class Inquiry(Task):
-    """A task to judge on its bench, or on a device if any of these is given; those that are not are 0 then."""
+    """A task to judge on its bench, or on a device when any of these values is given; the others are 0 then."""
 
     mass: float | None = None
     """Mass [kg] or inertia [kg·m²]."""
@@ -45,18 +49,18 @@ class Inquiry(Task):
     resolution: float | None = None
     """One encoder count [m or rad]."""
     delay: float | None = None
-    """From sampling to acting [s], the hold not counted."""
+    """Time from sampling to acting [s], without the hold."""
 
     @property
     def device(self) -> Device | None:
-        """None where the bench is meant."""
+        """The device given by numbers; None when the bench is meant."""
         given = {field.name: value for field in fields(Device) if (value := getattr(self, field.name)) is not None}
         return Device(**given) if given else None
 
 
 @dataclass(frozen=True)
 class Judged:
-    """The judgement with the smallest margin, the axis in whose units it is, and the axes that it is about."""
+    """The judgement with the smallest margin, the axis in whose units it is, and the group of axes that it is about."""
 
     scene: Scene
     axis: str
@@ -66,12 +70,12 @@ class Judged:
 
     @property
     def estimator(self) -> str | None:
-        """What estimates the velocity that elements or couplings act on; None where none does."""
+        """The velocity estimator of the elements or couplings; None when none of them needs the velocity."""
         return next((each.estimator for each in self.group.members if self._needs_velocity(each)), None)
 
     @property
     def linear_estimator(self) -> str | None:
-        """What stands for an estimator that is not linear; None where there is none, or it is linear."""
+        """The linear estimator that stands for a non-linear one; None when there is no estimator, or it is linear."""
         if self.estimator is None or self.estimator == TACHOMETER:
             return None
         from haptic_fieldbus.numerics.estimators import judged_as
@@ -84,11 +88,12 @@ class Judged:
 
 
 def judge_scene(inquiry: Inquiry) -> Judged:
-    """Judge the scene on its bench, or on the device that is given; raises DocumentError, UsageError or PlanError."""
+    """Judge the scene on its bench, or on the device if one is given; raises DocumentError, UsageError or PlanError."""
     check_request(bus=inquiry.bus or SIMULATION, node=inquiry.node, rate=inquiry.rate)
     if inquiry.device is not None:
         return _on_device(inquiry, inquiry.device)
     plan = select(inquiry).plan
+    # Axes that are coupled have one judgement, in the units of one of them.
     return _weakest(
         Judged(plan.scene, axis.name, axis.workspace, axis.stability, axis.group)
         for axis in plan.axes
@@ -97,12 +102,14 @@ def judge_scene(inquiry: Inquiry) -> Judged:
 
 
 def _weakest(found: Iterable[Judged]) -> Judged:
+    """Return the judgement with the smallest margin; a judgement without a margin comes last."""
     return min(found, key=lambda each: math.inf if each.stability.margin is None else each.stability.margin)
 
 
 def _on_device(task: Task, device: Device) -> Judged:
-    """Each axis of the scene moves this device; torque is ideal."""
+    """Judge the scene with this device, and ideal torque, on each of its axes."""
     check_rendering(task)
+    # The loop counts its period in whole nanoseconds.
     period = round(1e9 / task.rate) * 1e-9
     plant = _plant_of(device, period)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
@@ -116,12 +123,13 @@ def _on_device(task: Task, device: Device) -> Judged:
         )
 
     wanted = settled(task.scene, task.settings)
+    # A stiffness that is a part of the limit takes two steps: the limit first, then the scene with it.
     found = judged(wanted.scene)
     return found if wanted.part is None else judged(wanted.at(found.stability))
 
 
 def _plant_of(device: Device, period: float) -> Plant:
-    """Raises one UsageError with all that cannot be; a mass of zero is refused with the limit that it leads to."""
+    """Return the plant of a device; raises one UsageError with all values that are impossible."""
     values = {name: getattr(device, name) for name in ("damping", "coulomb", "resolution", "delay")}
     faults = [
         f"{name} {value:g}: expected a number from 0 up"
@@ -136,7 +144,7 @@ def _plant_of(device: Device, period: float) -> Plant:
 
 
 def _massless(device: Device, period: float, faults: list[str]) -> str:
-    """Where the limit of a plain spring goes as the mass goes to zero."""
+    """Return the end of the message about a mass of 0: the limit of a spring as the mass goes to 0, if there is one."""
     if faults or not device.damping:
         return ""
     plant = Plant(0.0, device.damping)

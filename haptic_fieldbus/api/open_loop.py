@@ -1,7 +1,7 @@
-"""The open loop: what the elements of a scene answer to a motion of the puck that is prescribed, as in a lecture.
+"""The open loop: the force of a scene for a prescribed motion of the puck, as in a lecture.
 
-The puck starts at rest; virtual masses rest where it is. A step moves it at the first sample, t = 0: it finds them at
-rest where the puck was. Nothing is fed back, so what grows here grows by the method alone.
+The puck starts at rest, with virtual masses at rest at its position. A step moves it at the first sample, t = 0, and
+finds the masses at rest at the old position. Nothing is fed back, so a growth comes from the method alone.
 """
 
 import csv
@@ -33,39 +33,39 @@ Array = NDArray[np.float64]
 DEFAULT_DURATION = 1.0
 INPUT_FORMS = "step, ramp, sine@HZ or FILE.csv with the columns time and position"
 STATE_NAMES = ("position", "velocity")
-"""Of the first two virtual states; further ones are counted."""
+"""Names of the first two virtual states; further states are numbered."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpenLoop(Rendering):
-    """A scene without a bench, and the motion of the puck that is prescribed."""
+    """A scene without a bench, and the prescribed motion of the puck."""
 
     input: str | Path = "step"
     """The motion: step, ramp, sine@HZ, or a file with the columns time and position."""
     amplitude: float = 1.0
-    """Of the motion [m or rad]; a file is multiplied by it."""
+    """Size of the motion [m or rad]; the positions of a file are multiplied by it."""
     duration: float | None = None
-    """[s]; None is that of the file, or one second."""
+    """Duration [s]; None is that of the file, or one second."""
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """One sample a row: time [s], position of the puck [m or rad], force on it [N or N·m], shape (n,) each."""
+    """Time [s], position of the puck [m or rad] and force on it [N or N·m], each of shape `(n_samples,)`."""
 
     time: Array = field(repr=False)
     position: Array = field(repr=False)
     force: Array = field(repr=False)
     states: Mapping[str, Array] = field(repr=False)
-    """Virtual states by name; those of a second element carry its name in front."""
+    """Virtual states `(n_samples,)` by name; those of a second element carry its name in front."""
     spectral_radius: float | None
-    """Of one step of the method, the largest of all elements; None without virtual states."""
+    """The largest of all elements, for one step of the method; None without virtual states."""
     diverged: bool
-    """A number was no longer finite; the rows end before it."""
+    """Whether a number was not finite; the samples end before it."""
     workspace: Workspace = Workspace.LINEAR
     method: str | None = None
 
     def to_json(self) -> dict[str, object]:
-        """The object that `response --json` prints."""
+        """Return the object that `response --json` prints."""
         return {
             "time": self.time.tolist(),
             "position": self.position.tolist(),
@@ -78,7 +78,7 @@ class Response:
 
 @dataclass(frozen=True, eq=False)
 class PrescribedMotion:
-    """A prescribed motion: where the puck rests before it, and a position for each time, in rows."""
+    """A motion: the position `rest` before it [m or rad], and `at` from times `(n,)` [s] to positions `(n,)`."""
 
     rest: float
     at: Callable[[Array], Array]
@@ -87,7 +87,7 @@ class PrescribedMotion:
 
 @dataclass
 class _Answer:
-    """What one element gave: force (n,), states by name, spectral radius of its step."""
+    """The response of one element: force `(n_samples,)`, states by name, spectral radius of its step."""
 
     force: Array
     states: dict[str, Array] = field(default_factory=dict)
@@ -96,12 +96,11 @@ class _Answer:
 
 @arguments_of(OpenLoop)
 def response(asked: OpenLoop) -> Response:
-    """The force of the scene's first axis for a prescribed motion; rate in Hz, duration in s (a file has its own).
-
-    What is coupled to it stands still.
+    """Return the force on the scene's first axis for a prescribed motion; axes coupled to it stand still.
 
     `input` is "step", "ramp" (reaches `amplitude` after one second), "sine@HZ" or a file with the columns time and
-    position, which `amplitude` multiplies. Raises DocumentError or UsageError.
+    position, which `amplitude` multiplies. `rate` is in Hz, `duration` in s; a file has a duration of its own. Raises
+    DocumentError or UsageError.
     """
     duration, method = asked.duration, asked.method or DEFAULT_METHOD
     check_request(rate=asked.rate, duration=DEFAULT_DURATION if duration is None else duration)
@@ -110,6 +109,7 @@ def response(asked: OpenLoop) -> Response:
     period = round(1e9 / asked.rate) * 1e-9
     chosen = with_settings(asked.scene, parsed(asked.settings)).at_period(period)
     axis = chosen.axes[0]
+    # Both ends are sampled.
     samples = round((motion.duration if duration is None else duration) / period) + 1
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
@@ -120,7 +120,7 @@ def response(asked: OpenLoop) -> Response:
 
 @dataclass(frozen=True)
 class Grounded:
-    """A coupling as one of its axes feels it while the other stands still at 0."""
+    """A coupling as felt on one of its axes while the other stands still at 0."""
 
     axis: str
     coupling: CouplingElement
@@ -134,13 +134,13 @@ class Grounded:
         return self.coupling.needs
 
     def begin(self, period: float) -> Law:
-        """The force on the axis, by the signals of that axis alone."""
+        """Return the law of the force on this axis, by the signals of this axis alone."""
         law, place = self.coupling.begin(period), self.coupling.axes.index(self.axis)
         still = (0,) * len(self.needs)
         return lambda *own: law(*((*still, *own) if place else (*own, *still)))[place]
 
     def linearised(self) -> StateSpace:
-        """The part of the coupling that is felt there."""
+        """Return the part of the coupling that acts from this axis on itself."""
         space, place = self.coupling.linearised(), self.coupling.axes.index(self.axis)
         own = slice(2 * place, 2 * place + 2)
         return StateSpace(space.a, space.b[:, own], space.c[place : place + 1], space.d[place : place + 1, own])
@@ -151,14 +151,14 @@ def _grounded(scene: Scene, axis: str) -> Iterator[Grounded]:
 
 
 class _Answers:
-    """The elements of one axis, asked one after the other."""
+    """The elements of one axis, simulated one after another."""
 
     def __init__(self, elements: tuple[Element, ...], period: float, method: str, estimator: str) -> None:
         self._elements, self._period = elements, period
         self._method, self._estimator = method, estimator
 
     def to(self, time: Array, position: Array, rest: float, workspace: Workspace) -> Response:
-        """The sum of all forces; rows that any element could not finish are left out."""
+        """Return the sum of all forces; the samples end where the first element diverges."""
         velocity = self._velocity(position, rest)
         answers = [self._answer(element, position, velocity, rest) for element in self._elements]
         rows = min([len(answer.force) for answer in answers], default=len(time))
@@ -184,11 +184,12 @@ class _Answers:
                 yield f"{element.name}.{name}" if number else name, values
 
     def _velocity(self, position: Array, rest: float) -> Array:
-        """As the loop estimates it; zeros where nobody asks."""
+        """Return the velocity `(n_samples,)` as the loop would estimate it; zeros when no element needs it."""
         if not any(Signal.VELOCITY in element.needs for element in self._elements):
             return np.zeros_like(position)
         from haptic_fieldbus.numerics.estimators import bind, chosen
 
+        # The sample at rest goes first, so that the estimate at t = 0 already contains the step.
         estimate, period_ns = bind(self._estimator, self._period), round(1e9 * self._period)
         if not chosen(self._estimator).estimator.timed:
             return np.array([estimate(x) for x in [rest, *position.tolist()]])[1:]
@@ -201,6 +202,7 @@ class _Answers:
         at_rest = {Signal.POSITION: rest, Signal.VELOCITY: 0.0, Signal.ELAPSED_NS: 0}
         signals = {Signal.POSITION: position, Signal.VELOCITY: velocity, Signal.ELAPSED_NS: elapsed_ns}
         law = law_of(element, self._period, self._method)
+        # A first call at rest: the memory begins at the position before the motion.
         law(*[at_rest[signal] for signal in element.needs])
         if not element.needs:
             return _Answer(np.full(len(position), law()))
@@ -212,6 +214,7 @@ class _Answers:
 
         space = element.dynamics
         one = integrators.discretise(space, self._period, self._method)
+        # Growth without bound is reported by `diverged`, not by warnings.
         with np.errstate(over="ignore", invalid="ignore"):
             found = follow(one, inputs, (integrators.rest(space)[0] * rest).tolist())
         names = [*STATE_NAMES, *(f"state {number}" for number in range(3, space.order + 1))][: space.order]
@@ -221,12 +224,13 @@ class _Answers:
 
 
 def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
-    """The law along its inputs, up to the first number that is not finite."""
+    """Return the forces of a law along its inputs, up to the first that is not finite."""
     forces: list[float] = []
     for row in zip(*(values.tolist() for values in inputs), strict=True):
         try:
             forces.append(law(*row))
         except OverflowError:
+            # math raises where numpy would give infinity.
             break
         if not math.isfinite(forces[-1]):
             forces.pop()
@@ -235,7 +239,7 @@ def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
 
 
 def motion_of(name: str | Path, amplitude: float) -> PrescribedMotion:
-    """The motion of a name (`INPUT_FORMS`); raises UsageError."""
+    """Return the motion of a name (`INPUT_FORMS`); raises UsageError when there is none."""
     if not math.isfinite(amplitude):
         raise UsageError(f"amplitude {amplitude:g}: expected a number")
     text = str(name)
@@ -262,7 +266,7 @@ def _frequency(text: str) -> float:
 
 
 def _recorded(path: Path, amplitude: float) -> PrescribedMotion:
-    """Straight lines between the rows of a file, from its first time on."""
+    """Return a motion on straight lines between the rows of a file; its first time becomes 0."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))

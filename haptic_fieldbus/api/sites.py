@@ -1,4 +1,4 @@
-"""Where a run takes place: simulated worlds that share one virtual time, or the real buses of the plan."""
+"""The site of a run: simulated worlds that share one virtual time, or the real buses of the plan."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -21,15 +21,16 @@ from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.simulation import Simulation
 from haptic_fieldbus.sim.slot import Slot
 
+# Objects as texts, so that a run imports only the protocols of its buses.
 ACCESS = {"canopen": "haptic_fieldbus.buses.canopen.access:ACCESS"}
 SIMULATIONS = {"canopen": "haptic_fieldbus.sim.canopen.site:SIMULATION"}
 BUS_GROUP, SIMULATION_GROUP = "haptic_fieldbus.buses", "haptic_fieldbus.simulations"
-"""Groups of entry points by which a package adds these halves of its protocol."""
+"""Entry point groups in which a package adds the real and the simulated half of its protocol."""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What happens on a simulated bench; `seed` draws all that is random."""
+    """The conditions on a simulated bench; `seed` determines all random numbers."""
 
     hand: Hand | None = None
     seed: int = 0
@@ -38,7 +39,7 @@ class Conditions:
 
 @contextmanager
 def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator[Site]:
-    """The site of a plan, all of its buses open or none; frames are recorded where the file is one for them.
+    """Open all buses of a plan, or none, and yield them as a site; frames are recorded if `record` is a file for them.
 
     Raises UsageError or BusError.
     """
@@ -57,13 +58,17 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
                     worlds |= {} if world is None else {part.name: world}
                 else:
                     buses[part.name] = _access(part.protocol).open_bus(plan.rig.bus[part.name], clock, log)
+                # Closes the buses that are open when a later one fails; a site that is complete is closed by the run.
                 failing.callback(buses[part.name].close)
             failing.pop_all()
         yield Site(clock, buses, worlds)
 
 
 def ask_rated_torques(rig: Rig) -> Rig:
-    """Fill in each axis' rated torque from its drive, where the rig does not give it; raises BusError."""
+    """Return the rig with its missing rated torques read from the drives; None stays where a drive has none.
+
+    Raises BusError, or UsageError when a protocol has no real bus.
+    """
     axes = {}
     for name, axis in rig.axis.items():
         if axis.rated_torque is None:
@@ -74,6 +79,7 @@ def ask_rated_torques(rig: Rig) -> Rig:
 
 
 def _logs(plan: Plan, record: Path | None, opened: ExitStack) -> dict[str, Any]:
+    """Return the recorders of frames by bus; each protocol opens its own."""
     logs: dict[str, Any] = {}
     for protocol in dict.fromkeys(bus.protocol for bus in plan.buses):
         names = [bus.name for bus in plan.buses if bus.protocol == protocol]
@@ -82,7 +88,7 @@ def _logs(plan: Plan, record: Path | None, opened: ExitStack) -> dict[str, Any]:
 
 
 def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, log: object) -> tuple[Bus, Truth | None]:
-    """One simulated bus with its drives; the hand waits until force has faded in."""
+    """Return one simulated bus and the true motion of its drives; the hand waits until the force has faded in."""
     hand, slots = conditions.hand, []
     faults = faults_on(conditions.faults, bus.name)
     for axis in plan.on(bus).axes:
@@ -94,7 +100,8 @@ def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, l
 
 
 def _seed(plan: Plan, bus: BusPlan, seed: int) -> int | str:
-    """Drives are drawn by their node-ID; where an earlier bus has the same, by the name of the bus too."""
+    """Return the seed of a bus, with its name where an earlier bus has a drive of the same node-ID."""
+    # Drives draw their numbers by seed and node-ID: twins would draw the same numbers.
     before = plan.buses[: plan.buses.index(bus)]
     taken = {axis.node for other in before for axis in plan.on(other).axes}
     twins = any(axis.node in taken for axis in plan.on(bus).axes)
@@ -121,7 +128,7 @@ def _simulation(protocol: str) -> Simulation:
 
 
 def _found(built_in: dict[str, str], group: str, protocol: str, what: str) -> object:
-    """The half of a protocol that is asked for; raises UsageError where it has none."""
+    """Return one half of a protocol, built in or added by a package; raises UsageError when there is none."""
     if protocol in built_in:
         module, name = built_in[protocol].split(":")
         return getattr(import_module(module), name)

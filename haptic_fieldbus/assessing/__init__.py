@@ -1,1 +1,1 @@
-"""What a run was: its record, torque error, verdict and result."""
+"""Assessment of a run: record, torque error, verdict and result."""

@@ -1,4 +1,4 @@
-"""What the loop notes of a run while it goes: counts, instants, times of each period."""
+"""Notes that the loop takes during a run: counts, instants, and three times of each period."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.record import Record
 
-if TYPE_CHECKING:  # a run in which nothing changes does without them
+if TYPE_CHECKING:  # imported for its type alone: a run without changes never loads `tuning`
     from haptic_fieldbus.planning.tuning import Applied
 
 SAMPLES = ("period_ns", "age_ns", "compute_ns")
@@ -16,31 +16,40 @@ SAMPLES = ("period_ns", "age_ns", "compute_ns")
 
 @dataclass
 class LoopReport:
-    """What a run was; filled while it runs, so that it can be read after a trip too."""
+    """Counts and times of one run; the loop fills it period by period, so it is complete up to a trip too."""
 
     cycles: int = 0
-    """Periods in operation enabled."""
+    """Number of periods in operation enabled."""
     missed: int = 0
-    """Periods that were slept through."""
+    """Number of periods skipped because the loop woke up too late for them."""
     first_ns: int | None = None
+    """Latch instant of the first period."""
     enabled_at_ns: int | None = None
+    """Latch instant of the first period in operation enabled; None when that state was never reached."""
     last_ns: int | None = None
-    """Latch instants of the first period, of the first in operation enabled, and of the last."""
+    """Latch instant of the last period."""
     period_ns: int = 0
     interrupted: bool = False
+    """True when Ctrl-C ended the run."""
     released: bool = False
-    """Did every drive confirm at the end that its motor is off?"""
+    """True when every drive confirmed at the end that its motor is off."""
     changes: "list[Applied]" = field(default_factory=list)
+    # A capacity of 1 is a placeholder: the loop replaces this record once it knows the number of periods.
     samples: Record = field(default_factory=lambda: Record(SAMPLES, 1), repr=False)
-    """Of the periods in operation enabled; the host's computing time is reported and never acts."""
+    """One row of `SAMPLES` for each period in operation enabled."""
 
     def sample(self, name: str) -> NDArray[np.float64]:
-        """`period_ns`, `age_ns` (of the oldest feedback when it was used) or `compute_ns`; shape (periods,)."""
+        """Return one column of `samples` [ns], shape `(n_periods,)`.
+
+        `name` is `period_ns`, `age_ns` (age of the oldest feedback when it was used) or `compute_ns` (computing time
+        of the host). Raises ValueError for another name.
+        """
         return self.samples.column(name)
 
     @property
     def duration(self) -> float:
-        """[s]; from operation enabled to the end of the last period."""
+        """Time from operation enabled to the end of the last period [s]; 0 when the drives were never enabled."""
         if self.enabled_at_ns is None or self.last_ns is None:
             return 0.0
+        # `last_ns` is the beginning of the last period, so that period itself is added.
         return (self.last_ns + self.period_ns - self.enabled_at_ns) * 1e-9

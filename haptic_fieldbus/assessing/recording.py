@@ -1,4 +1,4 @@
-"""What a simulated run leaves to be judged by: what the loop recorded, and what the shaft truly did."""
+"""Data from which a simulated run is judged: the loop's recording, and the true motion of the shaft."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,56 +13,59 @@ Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 WHOLE_PERIODS_OF_DELAY = 4
-"""Commands that act later than so many periods after their sample are not recognised."""
+"""Longest delay from a sample to its command, in whole periods, that `acting` considers (0 up to this, exclusive)."""
 
 
 class TrueMotion(Protocol):
     """The true motion of a simulated motor shaft."""
 
     def sample(self, times_ns: Times) -> tuple[Array, Array, Array]:
-        """Position [rad], velocity [rad/s], motor torque after the torque loop [N·m] at these times."""
+        """Return position [rad], velocity [rad/s] and motor torque after the torque loop [N·m], each `(n_times,)`."""
 
     def targets(self) -> tuple[Times, Array]:
-        """When the drive took over each target torque [ns], and its value [N·m]."""
+        """Return when the drive took over each target torque [ns], and its value [N·m], each `(n_targets,)`."""
 
 
 class Truth(Protocol):
-    """The simulated drives of a bus, as far as a run is judged by them."""
+    """Access to the true motion of the simulated drives on one bus."""
 
     def trajectory(self, node: int) -> TrueMotion:
-        """The true motion of a drive's shaft up to the present."""
+        """Return the true motion of a drive's shaft up to the present."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What the loop did in each period from the first enabled one on, in the workspace; all of shape (n,)."""
+    """Feedback and commands of one axis in its workspace, one value for each period in operation enabled.
+
+    All arrays have the shape `(n_periods,)`.
+    """
 
     times_ns: Times
-    """When the position was latched."""
+    """Instants at which the position was latched."""
     position: Array
-    """As decoded [m or rad]."""
+    """Decoded position [m or rad]."""
     force: Array
-    """Of the scene [N or N·m]."""
+    """Force of the scene [N or N·m]."""
     command: Array
-    """After limits, fading and rounding to the drive's steps [N or N·m]."""
+    """Commanded force after limits, fading and rounding to the drive's torque step [N or N·m]."""
     velocity: Array | None = None
-    """As estimated or read [m/s or rad/s]; None where it was neither."""
+    """Velocity, estimated or read from the drive [m/s or rad/s]; None when the plan contains none."""
     tachometer: bool = False
-    """Whether velocity was read and the position integrated from it, instead of the other way round."""
+    """True when the drive offers velocity only, and the position was integrated from it."""
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """Shaft to workspace: position = ratio·(angle − zero), torque = ratio·force."""
+    """Conversion from the motor shaft to the workspace: position = ratio·(angle − zero), torque = ratio·force."""
 
     ratio: float
-    """Metres or radians of the handle per radian of the motor, with the mechanism's sign."""
+    """Travel of the handle per radian of the motor [m/rad or rad/rad], with the mechanism's sign."""
     zero: float = 0.0
-    """Shaft angle where the handle is at 0 [rad]."""
+    """Shaft angle at which the handle is at 0 [rad]."""
 
 
 def true_motion(times_ns: Times, trajectory: TrueMotion, conversion: Conversion) -> tuple[dict[Signal, Array], Array]:
-    """(position and velocity of the handle, force of the motor) in the workspace."""
+    """Return the handle's true position and velocity, and the motor's force, in the workspace, each `(n_times,)`."""
     angle, speed, torque = trajectory.sample(times_ns)
     handle = {
         Signal.POSITION: conversion.ratio * (angle - conversion.zero),
@@ -72,23 +75,31 @@ def true_motion(times_ns: Times, trajectory: TrueMotion, conversion: Conversion)
 
 
 def with_time(motion: Mapping[Signal, Array], times_ns: Times, recording: Recording) -> dict[Signal, Array]:
-    """With the time since the first recorded period [ns]."""
+    """Return the motion with `Signal.ELAPSED_NS` added: the time since the first recorded period [ns], `(n_times,)`."""
     return {**motion, Signal.ELAPSED_NS: (times_ns - recording.times_ns[0]).astype(np.float64)}
 
 
 def made_real(recording: Recording, sampled: Mapping[Signal, Array]) -> dict[str, dict[Signal, Array]]:
-    """What the loop knew of an axis in each period, by the source of error that is made real last."""
+    """Return the feedback of each stage, in the order in which sources of error are made real.
+
+    A key is the source that the stage adds; its value maps signals to arrays `(n_periods,)`. The first stage has the
+    true motion `sampled` at the latch instants, the last stage has the feedback as the loop used it.
+    """
     decoded = {**sampled, Signal.POSITION: recording.position}
     known = decoded if recording.velocity is None else {**decoded, Signal.VELOCITY: recording.velocity}
     feedback = {"sampling and delay": {**sampled}}
     if recording.tachometer:
+        # Position and velocity come from the same reading, so their errors cannot be told apart.
         return {**feedback, "tachometer": known}
     feedback["encoder"] = decoded
     return feedback if recording.velocity is None else {**feedback, "estimator": known}
 
 
 def columns_of(needs: Sequence[Signal], feedback: Mapping[Signal, Array]) -> list[list[float]]:
-    """The signals that a law takes, in their order, as plain numbers; the time is a whole one."""
+    """Return one list of plain numbers for each signal in `needs`, in that order; elapsed time as int.
+
+    Plain numbers, because the laws are those of the loop: they take Python floats, never arrays.
+    """
     return [
         (feedback[signal].astype(np.int64) if signal is Signal.ELAPSED_NS else feedback[signal]).tolist()
         for signal in needs
@@ -96,33 +107,41 @@ def columns_of(needs: Sequence[Signal], feedback: Mapping[Signal, Array]) -> lis
 
 
 def target_in_force(trajectory: TrueMotion, times_ns: Times) -> Array:
-    """The target torque that the drive follows at these times [N·m]; none before the first."""
+    """Return the target torque that the drive follows at these times [N·m], `(n_times,)`; 0 before the first target."""
     target_ns, target = trajectory.targets()
+    # With a 0 in front, the number of targets taken over so far is the index of the one in force.
     values: Array = np.concatenate([[0.0], target])[np.searchsorted(target_ns, times_ns, side="right")]
     return values
 
 
 def acting(recording: Recording, trajectory: TrueMotion, ratio: float) -> tuple[Times, NDArray[np.int64]]:
-    """(instants, periods): from each instant on acts the command of that period, until the next.
+    """Return instants [ns] and indices of periods, both `(n_acting,)`: each command acts from its instant on.
 
-    A period belongs to the target taken over next after its sample, or so many periods later as makes most values
-    agree. A period without a target of its own acted if its value was in force anyway, and was lost otherwise.
+    A target carries no mark of the period that computed it, so each is assigned by its value. The delay from sample to
+    target is taken as the same whole number of periods for the whole run: the number with which most targets equal
+    their command. A period whose own target was not found still acted when its value was in force at that time (a
+    drive takes over nothing where the value stays the same); otherwise its command was lost and is left out.
+
+    Raises ValueError when no target equals a recorded command.
     """
     target_ns, target = trajectory.targets()
     command = recording.command * ratio
     tolerance = 1e-6 * float(np.abs(command).max(initial=0.0))
+    # Index of the newest period sampled before each target was taken over; −1 before the first period.
     newest = np.searchsorted(recording.times_ns, target_ns, side="right") - 1
     agreeing: list[tuple[int, NDArray[np.int64]]] = []
     for whole in range(WHOLE_PERIODS_OF_DELAY):
         period = newest - whole
         agrees = (period >= 0) & (np.abs(command[period] - target) <= tolerance)
         agreeing.append((whole, np.flatnonzero(agrees)))
+    # The shortest delay among equals: a constant command agrees with every delay.
     whole, found = max(agreeing, key=lambda entry: (len(entry[1]), -entry[0]))
     if not len(found):
         raise ValueError("no recorded command was taken over by the drive")
     delay_ns = int(np.median(target_ns[found] - recording.times_ns[newest[found] - whole]))
     acting_ns = recording.times_ns + delay_ns
     own = np.zeros(len(command), dtype=bool)
+    # numpy keeps the last of several writes to one index: in reverse order, the first target of a period wins.
     latest_first = found[::-1]
     acting_ns[newest[latest_first] - whole] = target_ns[latest_first]
     own[newest[found] - whole] = True

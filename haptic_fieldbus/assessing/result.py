@@ -1,6 +1,6 @@
-"""What a run gives back: figures for people and programs, and the traces that a plot shows.
+"""Result of a run: figures for people and programs, and the traces of the plot.
 
-A result may be partial: of a refused or tripped run it holds what is known by then, and `None` for the rest.
+A result may be partial. After a refused or tripped run it holds the figures known by then, and None for the others.
 """
 
 import math
@@ -19,7 +19,7 @@ from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
 from haptic_fieldbus.protocols.traffic import Json as Json
 from haptic_fieldbus.signals import Workspace
 
-if TYPE_CHECKING:  # a plan without a run does without it
+if TYPE_CHECKING:  # imported for its type alone: a plan that is not run never loads it
     from haptic_fieldbus.assessing.loop_report import LoopReport
 
 Array = NDArray[np.float64]
@@ -27,13 +27,14 @@ FIGURES = (
     "scene", "drive", "bus", "rate", "clock", "cycles", "missed_cycles", "duration", "bus_load", "torque_error",
     "energy_generated", "verdict", "trips", "changes", "warnings",
 )  # fmt: skip
-"""The fields of a `Result` that it shows of itself."""
+"""Fields that `repr` of a `Result` shows; large ones, such as plan and traces, are left out."""
 WIDEST = 120
+"""Longest line of that text [characters]."""
 
 
 @dataclass(frozen=True)
 class Percentiles:
-    """How a time is distributed [µs]."""
+    """Percentiles and maximum of a time [µs]."""
 
     p50: float
     p99: float
@@ -42,7 +43,7 @@ class Percentiles:
 
     @classmethod
     def of(cls, values_ns: ArrayLike) -> "Percentiles | None":
-        """Of durations [ns], shape (n,); None when there are none."""
+        """Return the percentiles of durations [ns] of shape `(n,)`; None when there are none."""
         values = np.asarray(values_ns, dtype=float)
         if values.size == 0:
             return None
@@ -55,7 +56,10 @@ class Percentiles:
 
 @dataclass(frozen=True)
 class Timing:
-    """Period as run, age of the feedback when it was used, and the host's computing time, which never acts [µs]."""
+    """Distributions of the period, of the feedback's age when used, and of the host's computing time [µs].
+
+    None without periods in operation enabled. The computing time is only reported: simulations use the plan's constant.
+    """
 
     period_us: Percentiles | None
     age_us: Percentiles | None
@@ -71,16 +75,15 @@ class Timing:
 
 @dataclass(frozen=True)
 class TorqueError:
-    """Motor torque through the mechanism minus the ideal; `by_source` are shares that sum to 1.
-
-    `contact` is rms(error in contact) / rms(ideal in contact), what the verdict goes by; None without contact.
-    """
+    """Motor torque through the mechanism minus the ideal torque, of the first axis whose error is known."""
 
     rms: float
     max: float
     unit: str
     by_source: Mapping[str, float]
+    """Share of each source of error; the shares sum to 1."""
     contact: float | None = None
+    """Largest rms(error) / rms(ideal) in contact of the axes that the hand holds; None without contact."""
 
     def to_json(self) -> Json:
         return {"rms": self.rms, "max": self.max, "unit": self.unit, "by_source": dict(self.by_source)}
@@ -88,10 +91,11 @@ class TorqueError:
 
 @dataclass(frozen=True)
 class TripRecord:
-    """Why and when [s since *operation enabled*] torque was taken away."""
+    """Reason for which torque was taken away."""
 
     name: str
     time: float | None
+    """Time of the trip [s from *operation enabled*]; None when it came before that."""
     message: str
 
     def to_json(self) -> Json:
@@ -100,7 +104,7 @@ class TripRecord:
 
 @dataclass(frozen=True)
 class Changed:
-    """New values of the scene, and when the ramp to them began [s since *operation enabled*]."""
+    """New values by `element.parameter`, and the begin of the ramp to them [s from *operation enabled*]."""
 
     time: float
     settings: Mapping[str, float | str | bool]
@@ -111,11 +115,11 @@ class Changed:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One axis of a run in its workspace [s, m or rad, N or N·m], for plots; not part of the JSON object.
+    """Motion and force of one axis in its workspace [s, m or rad, N or N·m], for plots; not part of the JSON object.
 
-    Shapes: times, position, force, ideal and each of `virtual` (n,); sample_times and samples (m,).
-    Simulated: `position` is the true handle, `force` the motor's, `ideal` the scene in continuous time.
-    Real hardware: `position` is what the encoder says, `force` what was asked of the drive, `ideal` unknown.
+    When the error is known, `position` is the true position of the handle, `force` the force of the motor, and `ideal`
+    that of the scene in continuous time. Otherwise (on real drives, and in short runs) `position` is the decoded one,
+    `force` the commanded one, and `ideal` is None. `times` and all that belongs to it have the shape `(n_times,)`.
     """
 
     axis: str
@@ -126,15 +130,16 @@ class Trace:
     ideal: Array | None = None
     sample_times: Array | None = None
     samples: Array | None = None
-    """The sensor's value at each period, held until the next."""
+    """Decoded positions at `sample_times`, both `(n_periods,)`; None when `position` already is the decoded one."""
     virtual: Mapping[str, Array] = field(default_factory=dict)
-    """Positions of virtual masses by the name of their element."""
+    """First virtual state of each dynamic element by the element's name: the position of a virtual mass."""
     sensor: str = "encoder"
+    """Source of the samples: "encoder" or "tachometer"."""
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a run was and how well it went: rate in Hz, duration in s from *operation enabled*, energy in J."""
+    """Figures of a run at `rate` [Hz]; None or () stands for a figure that does not apply or is not known."""
 
     scene: str
     drive: str
@@ -142,32 +147,37 @@ class Result:
     rate: float
     clock: str | None = None
     cycles: int | None = None
+    """Number of periods in *operation enabled*."""
     missed_cycles: int | None = None
+    """Number of periods skipped because the loop woke up too late for them."""
     duration: float | None = None
+    """Time from *operation enabled* to the end of the last period [s]."""
     bus_load: float | None = None
     plan: Plan | None = None
     timing: Timing | None = None
     torque_error: TorqueError | None = None
+    """Torque error; None on real drives, and when the run was shorter than the fade-in."""
     energy_generated: float | None = None
+    """Integral of force minus ideal force over the path, summed over the axes [J]; None when the error is unknown."""
     stability: Stability | None = None
     trips: tuple[TripRecord, ...] = ()
     changes: tuple[Changed, ...] = ()
     verdict: str | None = None
     traces: tuple[Trace, ...] = ()
     warnings: tuple[str, ...] = ()
-    """What went wrong without stopping anything; for people, not part of the JSON object."""
+    """Problems that did not stop the run; for people, not part of the JSON object."""
     elapsed: float | None = None
-    """Wall-clock time that the loop took [s]; for people, not part of the JSON object."""
+    """Wall-clock time of the loop [s]; for people, not part of the JSON object."""
 
     def __repr__(self) -> str:
-        """The key figures that are known, one a line; a long line is cut."""
+        """Return the key figures that are known, one a line; a line longer than `WIDEST` is cut."""
         known = [(name, getattr(self, name)) for name in FIGURES if getattr(self, name) not in (None, ())]
         lines = [f"    {name}={value!r}," for name, value in known]
         cut = [line if len(line) <= WIDEST else f"{line[: WIDEST - 1]}…" for line in lines]
         return "\n".join(["Result(", *cut, ")"])
 
     def to_json(self) -> dict[str, Json]:
-        """The object that `run --json` prints: keys as documented, SI units, None for what does not apply."""
+        """Return the object that `run --json` prints; SI units, None for figures that do not apply."""
         return finite(
             {
                 "scene": self.scene,
@@ -192,7 +202,7 @@ class Result:
 
 
 def plan_json(plan: Plan) -> dict[str, Json]:
-    """The object that `plan --json` prints; delays in s."""
+    """Return the object that `plan --json` prints; delays and ages in s."""
     delay = plan.delay
     return {
         **_summary_json(plan),
@@ -221,7 +231,8 @@ def _summary_json(plan: Plan) -> dict[str, Json]:
 
 
 def _traffic_json(plan: Plan) -> dict[str, Json]:
-    """What is exchanged, by the keys of the protocols; null where no axis speaks one of ours."""
+    """Return the process data exchanged, by the key of each protocol; None for a protocol that no axis uses."""
+    # All keys are present from the start: the keys of the object do not depend on the bench.
     found: dict[str, Json] = dict.fromkeys(TRAFFIC_KEYS.values())
     for axis in plan.axes:
         for key, rows in axis.traffic.to_json(axis.rig.bus).items():
@@ -231,7 +242,7 @@ def _traffic_json(plan: Plan) -> dict[str, Json]:
 
 
 def finite(value: dict[str, Json]) -> dict[str, Json]:
-    """The same with None where a number is infinite or not a number: JSON has neither."""
+    """Return a copy with None in place of infinities and NaN, for which JSON has no text."""
     return {key: _finite(member) for key, member in value.items()}
 
 
@@ -246,7 +257,7 @@ def _finite(value: Json) -> Json:
 def known_before(
     selection: Selection, report: "LoopReport | None" = None, trip: safety.Trip | None = None, message: str = ""
 ) -> Result:
-    """The result of a run that has not begun, or that ended early."""
+    """Return the figures known of a run that has not begun (no report), or that ended early by a trip or an error."""
     plan = selection.plan
     result = Result(
         scene=plan.scene.name,
@@ -271,7 +282,7 @@ def known_before(
 
 
 def _trips(report: "LoopReport", trip: safety.Trip | None, message: str) -> Iterator[TripRecord]:
-    """A trip of ours, or a bus that died while torque was on."""
+    """Yield the record of a safety trip, or of an error that ended the run in operation enabled; nothing otherwise."""
     begin_ns = report.enabled_at_ns
     if trip is not None:
         yield TripRecord(trip.kind.value, None if begin_ns is None else (trip.t_ns - begin_ns) * 1e-9, message)

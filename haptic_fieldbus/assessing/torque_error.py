@@ -1,23 +1,23 @@
-"""The torque error of a simulated run, split by source.
+"""Torque error of a simulated run, split by source.
 
-e(t) = motor torque after the torque loop, through the mechanism, minus the *ideal*: the scene in continuous time on the
-true, unquantised trajectory. Things are made real one after another, ideal → sampling and delay → encoder → estimator →
-integrator → torque step → torque loop; each source is the difference of two neighbours, so they sum to e. The share of
-a source is ⟨e_i, e⟩/⟨e, e⟩; shares sum to 1 and can be negative where a source undoes another.
+The error e(t) is the motor torque after the torque loop, through the mechanism, minus the *ideal* torque: that of the
+scene in continuous time on the true, unquantised trajectory. Sources of error are made real one after another: ideal →
+sampling and delay → encoder → estimator → integrator → torque step → torque loop. The error of a source is the
+difference of two neighbouring stages, so the sources sum to e. The share of a source is ⟨e_i, e⟩/⟨e, e⟩. The shares sum
+to 1; a share is negative where a source compensates another one.
 
-1. sampling and delay: the ideal at t_k, held while the command computed from t_k acts
-2. encoder: the same of the position that was decoded, the velocity still the true one at t_k
-   (of a drive that offers velocity only: tachometer, with the velocity that was read and the position that it made)
-3. estimator: with the velocity that was estimated (left out where none is)
-4. integrator: the force that was computed, virtual states by the method of the run (left out where there are none)
-5. torque step: the target that the drive followed: rounded, limited, faded
-6. torque loop: the motor's torque
+1. sampling and delay: the ideal at the sample t_k, held while the command computed from t_k acts
+2. encoder: the same with the decoded position; the velocity is still the true one at t_k
+   (for a drive that offers velocity only: tachometer, with the velocity read and the position integrated from it)
+3. estimator: the same with the estimated velocity (absent when none is estimated)
+4. integrator: the force that the loop computed, virtual states by the method of the run (absent without such states)
+5. torque step: the target torque that the drive followed, which is rounded, limited and faded
+6. torque loop: the motor torque
 
-Where elements changed while the loop ran, both the ideal and what was rendered go over from the old to the new along
-the same ramp; new virtual states begin where it begins, at rest where the handle is then.
+Where elements changed while the loop ran, the ideal and the rendered torque go from the old elements to the new ones
+along the same ramp. New virtual states begin with the ramp, at rest at the handle's position.
 
-A coupling's force follows both its axes: the ideal answers the true motion of both, and what is made real is made so on
-both.
+A coupling's force follows both its axes (`ties`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -46,43 +46,52 @@ from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.scenes.element import DynamicElement, Element
 from haptic_fieldbus.signals import Signal
 
-if TYPE_CHECKING:  # a scene without couplings does without it
+if TYPE_CHECKING:  # imported for its type alone: a scene without couplings never loads it
     from haptic_fieldbus.assessing.ties import Tie
 
 POINTS_PER_PERIOD = 16 / 1.001
-"""A little off 16: in the course of a run the points come to lie at every phase of the period, none is preferred."""
+"""Points per period at which the error is taken.
+
+Slightly off 16, so that the points drift through all phases of the period in the course of a run; with a whole number,
+the same 16 phases would be taken in every period.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorSplit:
-    """How far the motor's force [N or N·m] was from the ideal, and why; arrays of shape (m,)."""
+    """Error of the motor's force against the ideal [N or N·m], split by source; arrays have the shape `(n_points,)`."""
 
     rms: float
     max: float
     unit: str
     by_source: Mapping[str, float]
-    """Shares in the order of the sources; all 0 where there is no error at all."""
+    """Shares in the order of the sources; all 0 when there is no error at all."""
     energy_generated: float
     """∫ (force − ideal) dx [J]."""
     ideal_rms_contact: float
-    """Over the points where the ideal is not zero; 0 without contact."""
+    """Rms of the ideal over the points in contact; 0 without contact."""
     error_rms_contact: float
+    """Rms of the error over the points in contact; 0 without contact."""
     replay_difference: float
-    """Largest difference between the recorded force and the elements computed anew from the recorded feedback."""
+    """Largest difference between the recorded force and the force computed anew from the recorded feedback.
+
+    It checks the split itself: a difference above rounding means that the loop rendered something else.
+    """
     times_ns: Times
     position: Array
-    """True, of the handle."""
+    """True position of the handle [m or rad]."""
     force: Array
-    """Of the motor."""
+    """Force of the motor."""
     ideal: Array
     error: Array
     sources: Mapping[str, Array]
+    """Error of each source; they sum to `error`."""
     virtual: Mapping[str, Array]
-    """Ideal virtual states by the name of their element, (m, order)."""
+    """Ideal virtual states by the name of their element, each `(n_points, order)`."""
 
     @property
     def contact(self) -> NDArray[np.bool_]:
-        """Where the ideal is not zero."""
+        """Mask of the points in contact, where the ideal is not zero, `(n_points,)`."""
         mask: NDArray[np.bool_] = self.ideal != 0.0
         return mask
 
@@ -100,15 +109,17 @@ def split(
     exchanges: Sequence[Handover[Element]] = (),
     ties: Sequence["Tie"] = (),
 ) -> ErrorSplit:
-    """The error from `begin_ns` (full fade-in) to the last recorded sample, at 16 points a period.
+    """Return the error from `begin_ns` to the last recorded sample, at `POINTS_PER_PERIOD`.
 
-    `ties` are the couplings with other axes.
+    `period` [s] and `method` (integrator of virtual states; None for the default) are those of the run. `begin_ns` is
+    the end of the fade-in. `exchanges` are the changes of elements, in order; `ties` the couplings with other axes.
 
-    ValueError when nothing was recorded in that time, or no recorded command was ever taken over by the drive.
+    Raises ValueError when nothing was recorded in that time, or when the drive took over no recorded command.
     """
     spacing_ns = round(period * 1e9 / POINTS_PER_PERIOD)
     nodes_ns = _nodes(recording.times_ns, spacing_ns)
     shown = nodes_ns >= begin_ns
+    # The first node is a sample, and no full spacing before the next; it is there for the virtual states to start from.
     shown[0] = False
     if not shown.any():
         raise ValueError(f"nothing was recorded after {begin_ns} ns")
@@ -119,6 +130,7 @@ def split(
     times_ns, ideal, force = nodes_ns[shown], ideal[shown], force[shown]
 
     acting_ns, row = acting(recording, trajectory, conversion.ratio)
+    # The command in force at each point; before the first known instant, that of the first acting period.
     held = row[np.maximum(np.searchsorted(acting_ns, times_ns, side="right") - 1, 0)]
     levels = {name: stage[held] for name, stage in stages.items()}
     levels["torque step"] = target_in_force(trajectory, times_ns) / conversion.ratio
@@ -149,11 +161,15 @@ def split(
 
 
 def _rms(values: Array) -> float:
+    """Return the root mean square of values of shape `(n,)`; 0 when there are none."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
 def _nodes(times_ns: Times, spacing_ns: int) -> Times:
-    """The first sample, then points spaced by about a sixteenth of a period up to the last sample, none at a sample."""
+    """Return the first sample, then points spaced by `spacing_ns` up to the last sample, `(n_nodes,)`.
+
+    The points begin half a spacing after the sample, away from the instants at which the sampled position is exact.
+    """
     first, last = int(times_ns[0]), int(times_ns[-1])
     return np.concatenate([[first], np.arange(first + spacing_ns // 2, last + 1, spacing_ns, dtype=np.int64)])
 
@@ -167,7 +183,11 @@ def _stages(
     period: float,
     ties: Sequence["Tie"],
 ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
-    """(ideal at the nodes, force of each period with more and more made real, ideal virtual states)"""
+    """Return the ideal force at the nodes, the force of each stage in each period, and the ideal virtual states.
+
+    Shapes: `(n_nodes,)`; each stage `(n_periods,)`; each element's states `(n_nodes, order)`. `motion` is the true
+    motion at the nodes, `sampled` that at the samples.
+    """
     motion = with_time(motion, nodes_ns, recording)
     sampled = with_time(sampled, recording.times_ns, recording)
     feedback = made_real(recording, sampled)
@@ -178,6 +198,7 @@ def _stages(
         element, rows, times_ns = span.element, span.rows, recording.times_ns
         within = _nodes_of(span, nodes_ns, times_ns)
         share, truth = span.share[rows], _part(sampled, rows)
+        # The element's inputs at its nodes, after those of the instant at which it begins: the loop starts it there.
         way = {each: np.append(sampled[each][span.before], values[within]) for each, values in motion.items()}
         if isinstance(element, DynamicElement):
             from haptic_fieldbus.assessing.virtual_states import exact_response, response_to_error
@@ -187,11 +208,13 @@ def _stages(
             known = virtual.setdefault(element.name, np.zeros((len(nodes_ns), exact.states.shape[1])))
             known[within] = exact.states[1:]
             at_samples = exact.force_at(times_ns[rows], truth[Signal.POSITION], truth[Signal.VELOCITY])
+            # The element is linear: the answer to imperfect inputs is the exact one plus that to their error alone.
             for name, real in feedback.items():
                 stages[name][rows] += share * (
                     at_samples + response_to_error(element, _part(real, rows), truth, period)
                 )
         else:
+            # A memory is stepped from node to node, 16 times finer than in the loop, in place of continuous time.
             force = _forces(law_of(element, period / POINTS_PER_PERIOD), element, way)
             for name, real in feedback.items():
                 stages[name][rows] += share * _forces(law_of(element, period), element, _part(real, rows))
@@ -200,24 +223,27 @@ def _stages(
         ideal += tie.ideal(motion, nodes_ns, period / POINTS_PER_PERIOD)
         for name, forces in tie.stages(feedback, period).items():
             stages[name] += forces
-    if virtual:
+    if virtual:  # otherwise the stage before already is the computed force
         stages["integrator"] = recording.force
     return ideal, stages, virtual
 
 
 def _nodes_of(span: Span[Element], nodes_ns: Times, times_ns: Times) -> slice:
-    """The nodes after the period in which the element's ramp begins, up to the last in which it acts."""
+    """Return the slice of nodes after the period in which the span's ramp begins, up to its last period."""
     first, last = np.searchsorted(nodes_ns, [times_ns[span.before], times_ns[span.last - 1]], side="right")
     return slice(int(first), int(last))
 
 
 def _part(feedback: Mapping[Signal, Array], rows: slice) -> dict[Signal, Array]:
+    """Return the feedback in these periods only."""
     return {signal: values[rows] for signal, values in feedback.items()}
 
 
 def _forces(law: Callable[..., float], element: Element, feedback: Mapping[Signal, Array]) -> Array:
+    """Return the forces of a law, called once for each instant of the feedback in turn, `(n,)`."""
     needed = columns_of(element.needs, feedback)
     count = len(feedback[Signal.POSITION])
+    # An element that needs no signal is called all the same, once an instant.
     rows = zip(*needed, strict=True) if needed else repeat((), count)
     return np.fromiter(starmap(law, rows), dtype=np.float64, count=count)
 
@@ -225,7 +251,7 @@ def _forces(law: Callable[..., float], element: Element, feedback: Mapping[Signa
 def _replay(
     acted: Sequence[Span[Element]], recording: Recording, period: float, method: str | None, ties: Sequence["Tie"]
 ) -> Array:
-    """The elements once more, with the recorded feedback and the steps of the loop."""
+    """Return the force computed anew from the recorded feedback, with the steps of the loop, `(n_periods,)`."""
     feedback = with_time({Signal.POSITION: recording.position}, recording.times_ns, recording)
     if recording.velocity is not None:
         feedback[Signal.VELOCITY] = recording.velocity

@@ -1,6 +1,6 @@
-"""One sentence on how a run felt, judged by what a hand can tell.
+"""Verdict on a run in one sentence: does the error stay below the threshold of perception?
 
-A hand does not tell forces apart that differ by less than about 8 % (Jones, "Matching forces: constant errors and
+People cannot tell two forces apart that differ by less than about 8 % (Jones, "Matching forces: constant errors and
 differential thresholds", Perception 18, 1989, doi:10.1068/p180681).
 """
 
@@ -8,25 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 JUST_NOTICEABLE = 0.08
-"""Share of a force."""
+"""Smallest difference of forces that a hand can tell, as a share of the force."""
 AVERAGED = 0.05
-"""[s]; what is slower than this is motion, what is faster is ripple."""
+"""Length of the moving average that separates motion (slower) from ripple (faster) [s]."""
 LAST = 0.5
-"""[s] of the run in which chatter is looked for."""
+"""Length of the end of the run in which ripple is measured [s]."""
 
 Array = NDArray[np.float64]
 
 
 def ripple(force: Array, rate: float) -> float | None:
-    """Rms of the fast part of the force over its mean, at the end of the run; None when there was no contact then.
+    """Return the rms of the fast part of the force over its mean, in the last `LAST` seconds of the run.
 
-    Not asked of a scene whose force moves by itself, a wave: what is fast there is meant.
+    `force` has the shape `(n_periods,)`, `rate` is in Hz. None when the run is too short, or without contact in some
+    period of that time. It has no meaning for a scene whose force moves by itself, such as a wave.
     """
     last = force[-round(LAST * rate) :]
     window = max(1, round(AVERAGED * rate))
     if len(last) <= window or not last.all():
         return None
     slow = np.convolve(last, np.full(window, 1.0 / window), mode="valid")
+    # "valid" keeps full windows only: value i of `slow` belongs to the centre of its window, `window // 2` later.
     middle = last[window // 2 : window // 2 + len(slow)]
     return float(np.sqrt(np.mean((middle - slow) ** 2)) / np.abs(slow).mean())
 
@@ -34,7 +36,11 @@ def ripple(force: Array, rate: float) -> float | None:
 def verdict_of(
     *, scene: str, effort: str, stable: bool, contact: float | None, ripple: float | None, missed: int
 ) -> str:
-    """The sentence; `contact` is rms(error) / rms(ideal) in contact, None without contact; `effort` force or torque."""
+    """Return the verdict on a simulated run as one sentence.
+
+    `effort` is "force" or "torque"; `contact` is rms(error) / rms(ideal) in contact, None without contact; `ripple` is
+    None when not measured; `missed` counts the periods skipped.
+    """
     if not stable:
         return f"Unstable: a {scene} beyond this bench's limit, which a hand may hold down but not the drive alone."
     if contact is None:
@@ -48,6 +54,7 @@ def verdict_of(
 
 
 def _felt(scene: str, effort: str, contact: float) -> str:
+    # Two digits; from 100 % on whole percents, since ".2g" would turn to an exponent.
     share = f"error {100 * contact:{'.2g' if contact < 1.0 else '.0f'}} % of the {effort}"
     limit = f"the {100 * JUST_NOTICEABLE:.0f} % a hand can tell"
     if contact < JUST_NOTICEABLE:

@@ -1,4 +1,4 @@
-"""What elements with virtual states would have done: imported only for scenes that have one."""
+"""Ideal response of elements with virtual states; imported only for scenes that contain such an element."""
 
 from collections.abc import Mapping
 
@@ -12,14 +12,17 @@ from haptic_fieldbus.signals import Signal
 
 
 def exact_response(element: DynamicElement, times_ns: Times, motion: Mapping[Signal, Array]) -> ExactResponse:
-    """The continuous solution on a trajectory that is known at these times."""
+    """Return the solution in continuous time on a motion known at `times_ns`, `(n_times,)`."""
     return ExactResponse(element.dynamics, times_ns, motion[Signal.POSITION], motion[Signal.VELOCITY])
 
 
 def response_to_error(
     element: DynamicElement, real: Mapping[Signal, Array], true: Mapping[Signal, Array], period: float
 ) -> Array:
-    """What an element adds, being linear, for the difference of its inputs from the truth: straight between samples."""
+    """Return the force that a linear element adds for the difference of its inputs from the true ones, `(n_periods,)`.
+
+    The difference is taken as straight lines between samples (first-order hold) and begins at rest; `period` in s.
+    """
     error = np.stack([real[signal] - true[signal] for signal in (Signal.POSITION, Signal.VELOCITY)], axis=-1)
     space = element.dynamics
     return sequence_response(integrators.discrete(space, period, "exact-foh"), integrators.rest(space)[1], error)

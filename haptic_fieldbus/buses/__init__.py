@@ -1,1 +1,1 @@
-"""Input and output: one folder a protocol, each behind the same `Bus`."""
+"""Input and output: one folder for each protocol, all behind the same `Bus`."""

@@ -1,4 +1,4 @@
-"""How the buses of one protocol are opened, and what is asked of a drive before a plan is made."""
+"""Opening the buses of one protocol, and the questions to a drive that come before a plan."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -11,15 +11,21 @@ from haptic_fieldbus.drive.rig import BusSection, RigAxis
 
 
 class BusAccess(Protocol):
-    """The half of a protocol that does I/O; a log is its own kind of value, passed on unseen."""
+    """The half of a protocol that does I/O.
+
+    Each protocol has its own type of traffic log. Callers only pass a log from `logs` to `open_bus`.
+    """
 
     def logs(self, record: Path | None, buses: Sequence[str]) -> AbstractContextManager[Mapping[str, Any]]:
-        """What takes down the traffic of each of these buses; nothing where the file holds something else."""
+        """Open a traffic log for each named bus; an empty mapping when `record` is not a file of traffic."""
         return nullcontext({})
 
     def open_bus(self, section: BusSection, clock: Clock, log: Any) -> Bus:
-        """A real bus; raises UsageError or BusError."""
+        """Open a real bus; raises UsageError for impossible settings, BusError when it cannot be opened."""
 
     def rated_torque(self, section: BusSection, name: str, axis: RigAxis) -> float | None:
-        """What the drive itself says [N·m]; None where it has no such object. Raises BusError."""
+        """Read the rated torque from the drive [N·m]; None when its profile names no object for it.
+
+        Raises UsageError or BusError, as `open_bus` does, and BusError when the drive does not answer.
+        """
         return None

@@ -1,7 +1,7 @@
-"""What every bus does for the loop, alone or in a group, and what it found out about the drives.
+"""The contract of a bus towards the loop, and the facts that a bus reads from its drives.
 
-The loop uses `open`, `read`, `write`, `stop` and `close`. A group of buses does each of the others on all of its buses
-before the next, so that they run side by side.
+The loop calls `open`, `read`, `write`, `stop` and `close`. The other methods are parts of `open`, `read` and `stop`. A
+group of buses calls each part on all of its buses before the next part, so that the buses work side by side.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from haptic_fieldbus.planning.plan import Plan
 
 @dataclass(frozen=True)
 class DriveFacts:
-    """What a drive said about itself while it was configured; None where it has no such object."""
+    """Facts that a drive reported when it was inspected; None for an object that it lacks."""
 
     axis: str
     node: int
@@ -22,82 +22,92 @@ class DriveFacts:
     revision: int | None
     serial: int | None
     rated_torque: float | None
-    """[N·m]; as the drive states it."""
+    """[N·m]; from the drive's own object."""
     link_loss: str
-    """What happens when the master is gone, as the drive confirmed it."""
+    """Sentence for people: the reaction that is configured for the loss of the master, and its deadline."""
 
 
 class Bus(Protocol):
-    """Moves process images; faults of the link are flags in the input image, and only a dead bus raises."""
+    """Exchange of process images with the drives of one bus, or of a group of buses.
+
+    Faults of the link to one axis are flags in the input image. During the exchange only a dead bus raises.
+    """
 
     @property
     def facts(self) -> dict[str, DriveFacts]:
-        """By axis; filled by `inspect`."""
+        """Facts of each drive by the name of its axis; filled by `inspect`."""
 
     @property
     def warnings(self) -> list[str]:
-        """What went wrong without stopping anything, as sentences."""
+        """Faults that stopped nothing, one sentence each."""
 
     @property
     def restarted(self) -> frozenset[str]:
-        """Axes whose device restarted since it was configured."""
+        """Names of the axes whose device restarted since it was configured."""
 
     @property
     def fresh(self) -> bool:
-        """Did all feedback of the last exchange come?"""
+        """True when all feedback of the last exchange arrived."""
 
     @property
     def latch_ns(self) -> int:
-        """When the drives latched the feedback of the last exchange."""
+        """Instant at which the drives latched the feedback of the last exchange [ns]."""
 
     def open(self, plan: Plan) -> None:
-        """Configure and start the drives, torque-free; raises BusError or DriveFaultError, nothing half done."""
+        """Configure the drives and start them, torque-free.
+
+        Raises BusError or DriveFaultError; no drive then takes part in the exchange.
+        """
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
-        """Look at the drives and write nothing; of `image`, the process image, this bus fills its own places."""
+        """Check the drives without writing to them.
+
+        `image` is the input image of the whole plan; later exchanges fill in the part of this bus.
+        Raises BusError or DriveFaultError.
+        """
 
     def configure(self, plan: Plan) -> None:
-        """The drives that were inspected; from here on there is something to undo."""
+        """Configure the inspected drives; from here on `stop` has something to undo. Raises BusError."""
 
     def start(self) -> None:
-        """Let the drives take part in the exchange, torque-free."""
+        """Let the drives take part in the exchange, torque-free; raises BusError."""
 
     def read(self, deadline_ns: int) -> bytearray:
-        """One exchange of feedback; the image is reused, and is returned at the deadline at the latest."""
+        """Exchange feedback once and return the input image, by the deadline [ns]; the buffer is reused."""
 
     def prepare(self, deadline_ns: int) -> None:
-        """Take in what came since the last exchange."""
+        """Process all that arrived since the last exchange, until the deadline [ns] at the latest."""
 
     def begin(self) -> None:
-        """Ask for feedback."""
+        """Request feedback from the drives."""
 
     def collect(self, deadline_ns: int) -> bytearray:
-        """Take it in, and write the headers."""
+        """Receive the feedback until the deadline [ns], write the headers, and return the input image."""
 
     def write(self, image: bytes | bytearray) -> None:
-        """Send the output image; what cannot be sent is dropped, never queued."""
+        """Send the output image; set-points that cannot be sent are dropped, never queued."""
 
     def stop(self) -> bool:
-        """A torque-free image on the wire now, then disable; True when every drive confirmed. Raises no BusError."""
+        """Send a torque-free image now, then disable the drives; True when all confirmed. Raises no BusError."""
 
     def release(self) -> None:
-        """A torque-free image on the wire now, and no more; raises no BusError."""
+        """Send a torque-free image now, and do nothing else; raises no BusError."""
 
     def close(self) -> None:
-        """Stop, if that was not done, and let go of the bus; raises no BusError."""
+        """Stop unless already stopped, and release the bus; raises no BusError."""
 
 
 class InSteps:
-    """`open` and `read` made of the verbs that a group uses."""
+    """Mixin with `open` and `read`, composed of the parts that a group calls one by one."""
 
     def open(self: Bus, plan: Plan) -> None:
-        """Inspect, configure, start."""
+        """Inspect the drives, configure them and start them; raises BusError or DriveFaultError."""
         self.inspect(plan, bytearray(plan.image.input_size))
         self.configure(plan)
         self.start()
 
     def read(self: Bus, deadline_ns: int) -> bytearray:
-        """Prepare, begin, collect; raises BusError only when the bus itself is dead."""
+        """Exchange feedback once and return the input image; raises BusError only when the bus itself is dead."""
         self.prepare(deadline_ns)
         self.begin()
         return self.collect(deadline_ns)

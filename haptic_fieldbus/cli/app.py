@@ -1,4 +1,4 @@
-"""All commands and how they are grouped."""
+"""Typer application: all commands and groups of commands."""
 
 from typing import Annotated
 
@@ -24,6 +24,7 @@ app = typer.Typer(
 
 
 def _version(asked: bool) -> None:
+    """Print the version and exit when `--version` is given."""
     if asked:
         from importlib.metadata import version
 
@@ -37,9 +38,10 @@ def root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Options of the program itself; the commands follow."""
+    """Accept the options of the program itself."""
 
 
+# `--help` lists the commands in this order.
 app.command()(run)
 app.command()(plan)
 app.command()(stability)

@@ -1,4 +1,4 @@
-"""What `profiles check` and `scenes check` have in common."""
+"""Common part of `profiles check` and `scenes check`."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
@@ -14,7 +14,10 @@ Told = tuple[str, Fault]
 
 
 def check(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
-    """Load each file and list all faults of all of them."""
+    """Load each file and print the faults of all of them, as lines or as one JSON object.
+
+    Raises `typer.Exit` with status 2 when any file has a fault.
+    """
     found = {name: list(_faults(name, load)) for name in names}
     if as_json:
         print_json({"errors": plain(faults_to_json(told for faults in found.values() for told in faults))})
@@ -28,6 +31,7 @@ def check(names: Sequence[str], load: Callable[[str], object], as_json: bool) ->
 
 
 def _faults(name: str, load: Callable[[str], object]) -> Iterator[Told]:
+    """Yield each fault of a file with the path of that file, or with `name` when no file was found."""
     try:
         load(name)
     except (DocumentError, UsageError) as error:
@@ -35,7 +39,7 @@ def _faults(name: str, load: Callable[[str], object]) -> Iterator[Told]:
 
 
 def faults_of(name: str, error: DocumentError | UsageError) -> Iterator[Told]:
-    """What is wrong with a file; a wrong name is told under itself."""
+    """Yield each fault of a file with its path, or the fault of a name with that name."""
     if isinstance(error, DocumentError):
         yield from ((error.source, fault) for fault in error.faults)
     else:
@@ -43,7 +47,7 @@ def faults_of(name: str, error: DocumentError | UsageError) -> Iterator[Told]:
 
 
 def faults_to_json(told: Iterable[Told]) -> list[dict[str, str | int | None]]:
-    """As `--json` lists them."""
+    """Return the faults as `--json` lists them."""
     return [
         {"source": source, "key": fault.key or None, "line": fault.line, "message": fault.message}
         for source, fault in told

@@ -1,4 +1,4 @@
-"""How each error ends the program: exit status, and the word in front of its sentence."""
+"""Table of errors: the exit status of each, and the word in front of its message."""
 
 import sys
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from haptic_fieldbus.errors import (
 
 @dataclass(frozen=True)
 class ExitStatus:
-    """An exit status, and the key of the line that says why; None where the sentence stands alone."""
+    """Exit status, and the key in front of the message; None when the message stands without a key."""
 
     status: int
     key: str | None
@@ -30,18 +30,20 @@ OUTCOMES: dict[type[HapticFieldbusError], ExitStatus] = {
     SafetyTripError: ExitStatus(3, "tripped"),
     PlanError: ExitStatus(4, "refused"),
 }
+"""Outcome of each class of errors; a subclass without an entry has that of its nearest base."""
 
 
 def outcome_of(error: type[HapticFieldbusError]) -> ExitStatus:
-    """That of the error's class or of its nearest base."""
+    """Return the outcome of the error's class or of its nearest base; 1 ("failed") when none is in the table."""
     return next((OUTCOMES[kind] for kind in error.__mro__ if kind in OUTCOMES), ExitStatus(1, "failed"))
 
 
 def tell(error: HapticFieldbusError) -> int:
-    """Say on standard error what went wrong; returns the exit status."""
+    """Print the error's message and notes to standard error, and return the exit status."""
     from haptic_fieldbus.cli.screen import show
 
     outcome = outcome_of(type(error))
     lines = [*str(error).splitlines(), *getattr(error, "__notes__", ())]
+    # Lines after the first go on below it: under the empty key when there is a key column, else without one.
     show([(outcome.key if number == 0 else outcome.key and "", line) for number, line in enumerate(lines)], sys.stderr)
     return outcome.status

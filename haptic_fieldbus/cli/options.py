@@ -1,4 +1,8 @@
-"""The options that commands share, each declared once, and the value of the API that they make together."""
+"""Options that commands share, each declared once, and their conversion to arguments of the API.
+
+The options of a command are the fields of a dataclass, which a further command extends. `options_of` makes Typer see
+the fields as parameters; `given` turns their values into the dataclass that the API takes.
+"""
 
 import inspect
 from collections.abc import Callable
@@ -23,11 +27,11 @@ SHOWN = (
     "scene", "input", "amplitude", "drive", "bus", "node", "rig", "profiles",
     "rate", "duration", "settings", "change", "method", "estimator",
 )  # fmt: skip
-"""The first options of the help, in their order; others follow as their command lists them."""
+"""Options that the help lists first, in this order; others follow in the order of their dataclass."""
 
 
 def option(metavar: str | None, text: str, panel: str | None = None, *names: str) -> object:
-    """An option with its help; without names it is called as its field."""
+    """Return an option with its help text, in a panel of the help; without `names` it has the name of its field."""
     return typer.Option(*names, metavar=metavar, help=text, rich_help_panel=panel)
 
 
@@ -40,7 +44,7 @@ ProfilesOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """A scene and how it is rendered."""
+    """Options of a scene and its rendering."""
 
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
@@ -55,9 +59,13 @@ class SceneOptions:
     as_json: JsonOption = False
 
     def given(self, asked: type[Asked]) -> Asked:
-        """The value of the API; what was not given is left to its defaults. Raises UsageError."""
+        """Return `asked` made from the options; options that were not given keep its defaults.
+
+        Raises UsageError when a `--set` is malformed.
+        """
         from haptic_fieldbus.planning.request import parse_settings
 
+        # Options such as --plot and --json concern the command alone, and are no fields of `asked`.
         names = {field.name for field in fields(asked)}
         values = {name: value for name, value in vars(self).items() if name in names and value is not None}
         return asked(**{**values, "settings": parse_settings(self.settings or [])})
@@ -65,7 +73,7 @@ class SceneOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class BenchOptions(SceneOptions):
-    """A scene on a bench."""
+    """Options of a scene on a bench."""
 
     drive: Annotated[
         str | None, option("PROFILE", r"Drive profile by name or path. \[default: maxon_epos4]", BENCH)
@@ -79,7 +87,7 @@ class BenchOptions(SceneOptions):
     profiles: ProfilesOption = None
 
     def given(self, asked: type[Asked]) -> Asked:
-        """As for a scene; options that exclude one another are refused."""
+        """Return `asked` as for a scene; raises UsageError also when `--rig` meets `--drive` or `--node`."""
         named = {"--drive": self.drive, "--node": self.node}
         wrong = [name for name, value in named.items() if value is not None]
         if self.rig is not None and wrong:
@@ -88,7 +96,7 @@ class BenchOptions(SceneOptions):
 
 
 def options_of(make: Callable[P, Options]) -> Callable[[Callable[[Options], None]], Callable[P, None]]:
-    """Decorate a command of one value: the fields of `make` are its options, in the order of `SHOWN`."""
+    """Return a decorator for a command that takes one dataclass: the fields of `make` become its options."""
 
     def decorated(command: Callable[[Options], None]) -> Callable[P, None]:
         options = inspect.signature(make).parameters.values()
@@ -97,6 +105,7 @@ def options_of(make: Callable[P, Options]) -> Callable[[Callable[[Options], None
         def call(*args: P.args, **kwargs: P.kwargs) -> None:
             command(make(*args, **kwargs))
 
+        # Typer reads the signature. The sort is stable, and a name outside SHOWN is found at its end: others follow.
         ordered = sorted(options, key=lambda each: (*SHOWN, each.name).index(each.name))
         vars(call)["__signature__"] = inspect.Signature(ordered)
         return call
@@ -105,7 +114,10 @@ def options_of(make: Callable[P, Options]) -> Callable[[Callable[[Options], None
 
 
 def note_assumed_bitrate(bus: str | None) -> list[tuple[str, str]]:
-    """A line about a bit rate that nobody told and no interface tells."""
+    """Return a note about an assumed bit rate of the bus; no line when the bit rate is given or known.
+
+    Raises UsageError for an unknown bus.
+    """
     from haptic_fieldbus.protocols.registry import parse_bus
 
     assumed = "" if bus is None else parse_bus(bus).assumed

@@ -1,4 +1,4 @@
-"""The option `--plot`: checked before anything is done, drawn after it."""
+"""Option `--plot`: checked before a command does anything, drawn when it is done."""
 
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -12,7 +12,10 @@ PlotOption = Annotated[Path | None, option("PATH", "A picture: .png, .svg or .pd
 
 
 def check_plot(path: Path | None) -> None:
-    """Before anything moves: where the picture goes, and that it can be drawn."""
+    """Check that the picture can be drawn and its file written; call it before anything moves.
+
+    Raises UsageError that lists all faults.
+    """
     from haptic_fieldbus.planning.request import PLOT_SUFFIXES, file_faults
 
     wrong = file_faults("plot", path, PLOT_SUFFIXES)
@@ -23,7 +26,7 @@ def check_plot(path: Path | None) -> None:
 
 
 def draw(path: Path, plot: Callable[[Path], None]) -> None:
-    """Raises UsageError when the file cannot be written."""
+    """Draw a picture into a file by calling `plot`; raises UsageError when the file cannot be written."""
     try:
         plot(path)
     except OSError as error:

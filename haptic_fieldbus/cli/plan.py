@@ -1,4 +1,4 @@
-"""`plan`: compile a scene for a bench and explain it; nothing is opened."""
+"""Command `plan`: compile a scene for a bench and explain the plan; no bus is opened."""
 
 import sys
 
@@ -8,7 +8,7 @@ from haptic_fieldbus.cli.screen import KEY_WIDTH, print_json, show
 
 @options_of(BenchOptions)
 def plan(options: BenchOptions) -> None:
-    """Compile SCENE for a drive and explain what would run each period, and what is left out."""
+    """Compile SCENE for a drive and explain the plan: the steps of each period, and all that is left out."""
     from haptic_fieldbus import api
     from haptic_fieldbus.assessing.result import plan_json
     from haptic_fieldbus.planning.explain import explain
@@ -20,4 +20,5 @@ def plan(options: BenchOptions) -> None:
     if options.as_json:
         print_json(plan_json(compiled))
     else:
+        # `explain` writes the same column of keys; taken apart, the keys become bold and long lines are wrapped.
         show((line[:KEY_WIDTH].strip(), line[KEY_WIDTH:]) for line in explain(compiled).splitlines())

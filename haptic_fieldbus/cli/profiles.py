@@ -1,4 +1,4 @@
-"""`profiles`: what the drive profiles say, and where each value comes from."""
+"""Commands `profiles list|show|check`: the drive profiles, and the source of each value."""
 
 import sys
 from collections.abc import Iterator, Mapping
@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="The drive profiles: list, show, check.", no_args_is_help=True)
 
+# Order of the sections in `profiles show`.
 SECTIONS = ("identity", "torque", "position", "velocity", "pdo", "link_loss", "timing", "simulation")
 IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", "absent", "supported_modes")
+"""Keys whose whole numbers are written as in vendors' manuals: indices, identities and bit fields."""
 
 
 @app.command("list")
 def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) -> None:
-    """List the profiles that are shipped and your own; one that is broken is told of, and the others are listed."""
+    """List the shipped profiles and your own. One that is broken is told of, and the others are listed."""
     from haptic_fieldbus.cli.checking import faults_of, faults_to_json
     from haptic_fieldbus.protocols.catalogue import profile_summaries
 
@@ -42,6 +44,7 @@ def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) 
 
 
 def _row(summary: Mapping[str, str | bool]) -> tuple[str, ...]:
+    """Return the cells of a profile in the list."""
     from haptic_fieldbus.protocols.folders import profile_folder
 
     source = Path(str(summary["source"]))
@@ -65,7 +68,7 @@ def show_profile(
     profiles: ProfilesOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a profile: each value with its source. From the path of a vendor's EDS: the profile that it makes."""
+    """Show each value of a profile with its source. For the path of a vendor's EDS, show the profile made from it."""
     from haptic_fieldbus.protocols.catalogue import load_profile
 
     profile = load_profile(name, profiles)
@@ -94,7 +97,7 @@ def check_profiles(
     profiles: ProfilesOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check profiles, or vendors' EDS files: all faults of each, with line and key."""
+    """Check profiles or vendors' EDS files, and list all faults of each with line and key."""
     from haptic_fieldbus.cli.checking import check
     from haptic_fieldbus.protocols.folders import known_names
 
@@ -103,7 +106,10 @@ def check_profiles(
 
 
 def _check_profile(profiles: str | None, name: str) -> None:
-    """Load it; of an EDS, from which only what is needed must be right, all faults count."""
+    """Load a profile; raises DocumentError or UsageError.
+
+    A profile can be made from an EDS with faults in parts that it does not need. Here all faults of an EDS count.
+    """
     from haptic_fieldbus.errors import EdsError
     from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
     from haptic_fieldbus.protocols.catalogue import load_profile
@@ -114,7 +120,7 @@ def _check_profile(profiles: str | None, name: str) -> None:
 
 
 def _write_eds(profile: "DriveProfile", path: Path) -> None:
-    """UsageError when the file cannot be written."""
+    """Write the EDS of the profile's simulated drive; raises UsageError when the file cannot be written."""
     from haptic_fieldbus.eds import eds_text
     from haptic_fieldbus.errors import UsageError
     from haptic_fieldbus.sim.canopen.sheet import sheet
@@ -131,24 +137,27 @@ def _write_eds(profile: "DriveProfile", path: Path) -> None:
         "CreatedBy": "haptic-fieldbus",
     }
     try:
+        # newline="": `eds_text` has the line ends that the format asks for.
         path.write_text(eds_text(replace(sheet(profile), file_info=made)), encoding="utf-8", newline="")
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
 def _json(profile: "DriveProfile") -> "dict[str, Json]":
-    """The profile without the vendor's file that it may have been made from."""
+    """Return the profile as a JSON object, without the vendor's EDS from which it may have been made."""
     plain_fields = {field.name: getattr(profile, field.name) for field in fields(profile) if field.name != "eds"}
     return {name: _plain(value) for name, value in plain_fields.items()}
 
 
 def _plain(value: object) -> "Json":
+    """Return a field of the profile as JSON has it, dataclasses as objects."""
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value, dict_factory=lambda pairs: {key: plain(member) for key, member in pairs})
     return plain(value)
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
+    """Yield key, value and source of each value that is given; of the simulation, only values other than the usual."""
     from haptic_fieldbus.protocols.canopen.profile import SimulationSection
 
     usual = vars(SimulationSection())
@@ -161,14 +170,15 @@ def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
 
 
 def _source(name: str, sources: Mapping[str, str]) -> str:
-    """That of the key, of what it holds, or of its section."""
+    """Return the source of a key: its own, else those of its inner keys, else that of its section, else "default"."""
     inner = "; ".join(text for key, text in sources.items() if key.startswith(f"{name}."))
     return sources.get(name) or inner or sources.get(name.partition(".")[0], "default")
 
 
 def _text(key: str, value: object) -> str:
-    """A value as people write it: indices and identities in hexadecimal."""
+    """Return a value as people write it, with indices and identities in hexadecimal."""
     if is_dataclass(value):
+        # Subindex 0 is left out: most objects of a drive have no other.
         parts = {
             name: member for name, member in vars(value).items() if member != "" and (name, member) != ("subindex", 0)
         }

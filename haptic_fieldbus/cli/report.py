@@ -1,4 +1,4 @@
-"""`report`: error against run time, stability of stiff and extreme cases, and what each part costs."""
+"""Command `report`: error against run time, stability of stiff and extreme cases, and the cost of each part."""
 
 import sys
 from contextlib import contextmanager
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 LABEL_WIDTH = 44
+"""Longest label beside the progress bar [characters]."""
 
 
 def report(
@@ -26,13 +27,14 @@ def report(
     only: Annotated[str | None, typer.Option(metavar="NAME", help="One section, problem or case by its name.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure error against run time, in both senses: what accuracy costs, and how error grows along a run."""
+    """Measure the cost of accuracy, the growth of error in a run, stability in stiff cases, and the cost of parts."""
     if find_spec("matplotlib") is None:
         raise UsageError("report needs matplotlib: pip install matplotlib")
     from haptic_fieldbus import api
     from haptic_fieldbus.study.make_report import finite, make_report
     from haptic_fieldbus.study.measure.bench import Tools
 
+    # The page shows the command with which it can be made again.
     words = ["haptic-fieldbus report", f"--out {out}", "--quick" * quick, f"--only {only}" * (only is not None)]
     with _progress() as progress:
         found = make_report(
@@ -52,7 +54,7 @@ def report(
 
 @contextmanager
 def _progress() -> "Iterator[Callable[[str, float], None] | None]":
-    """A bar on a terminal, nothing in a pipe."""
+    """Yield a function that moves a progress bar to a label and a share from 0 to 1; None outside a terminal."""
     if not sys.stderr.isatty():
         yield None
         return

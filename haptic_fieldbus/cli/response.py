@@ -1,4 +1,4 @@
-"""`response`: what a scene answers to a prescribed motion, without a drive."""
+"""Command `response`: the force of a scene for a prescribed motion, without a drive."""
 
 import sys
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class ResponseOptions(SceneOptions):
 
 @options_of(ResponseOptions)
 def response(options: ResponseOptions) -> None:
-    """Simulate the open loop: the force of SCENE for a prescribed motion of the puck, by any method."""
+    """Simulate the open loop: compute the force of SCENE for a prescribed motion of the puck, by any integrator."""
     check_plot(options.plot)
     from haptic_fieldbus import api
     from haptic_fieldbus.api.open_loop import OpenLoop

@@ -1,4 +1,4 @@
-"""`run`: render a scene on a drive."""
+"""Command `run`: render a scene on a drive."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -54,10 +54,11 @@ class RunOptions(BenchOptions):
 
 @options_of(RunOptions)
 def run(options: RunOptions) -> None:
-    """Render SCENE on a drive, and say how well it went."""
+    """Render SCENE on a drive, and report how well it went."""
     from haptic_fieldbus import api
     from haptic_fieldbus.planning.request import parse_changes
 
+    # Every option is checked before the first bus is opened.
     trial = options.given(api.Trial)
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
@@ -73,14 +74,17 @@ def run(options: RunOptions) -> None:
     with _object_of_failure(options.as_json):
         try:
             result = api.run.of(trial)
-        finally:
+        finally:  # before any line is printed: the bar is drawn over its own line
             if progress is not None:
                 progress.close()
     _finish(result, options.plot, options.as_json)
 
 
 def _ask(text: str) -> bool:
-    """Put the question of a real drive, the last line of the text, to a person; without one, only --yes answers it."""
+    """Print a warning and return the answer of a person to its last line, the question before a real drive is enabled.
+
+    Raises UsageError when standard input is no terminal: a script must give `--yes`.
+    """
     *warning, question = text.splitlines()
     show([(None, line) for line in warning], sys.stderr)
     if not sys.stdin.isatty():
@@ -91,23 +95,24 @@ def _ask(text: str) -> bool:
 def _announcer(
     as_json: bool, progress: Bar | None, changes: Sequence[tuple[float, dict[str, str]]]
 ) -> Callable[["Plan"], None]:
-    """Tell what is about to run; on a real bus the loop then draws nothing, for its time belongs to the drive."""
+    """Return a function that prints the plan that is about to run."""
 
     def announce(plan: "Plan") -> None:
         from haptic_fieldbus.report.words import announcement
 
+        # On a real bus the bar is not drawn: drawing takes time of a period, in which the drive waits.
         if progress is not None and not plan.simulated:
             progress.silent = True
         if not as_json:
             show(announcement(plan, changes))
-            sys.stdout.flush()
+            sys.stdout.flush()  # in a pipe, too, the plan is read before the run and not after it
 
     return announce
 
 
 @contextmanager
 def _object_of_failure(as_json: bool) -> Iterator[None]:
-    """What is known of a run that failed, as lines or as the JSON object, before its error is told."""
+    """Print the partial result of a run that failed, as lines or as the JSON object, and raise its error again."""
     try:
         yield
     except HapticFieldbusError as error:
@@ -120,6 +125,7 @@ def _object_of_failure(as_json: bool) -> Iterator[None]:
 
 
 def _finish(result: "Result", plot: Path | None, as_json: bool) -> None:
+    """Draw the picture if asked for, and print the result as lines or as the JSON object."""
     _draw(result, plot)
     if as_json:
         print_json(result.to_json())
@@ -130,6 +136,7 @@ def _finish(result: "Result", plot: Path | None, as_json: bool) -> None:
 
 
 def _tell(result: "Result") -> None:
+    """Print a result as lines; flushed, so that it precedes a message on standard error."""
     from haptic_fieldbus.report.words import outcome
 
     show(outcome(result))

@@ -1,4 +1,4 @@
-"""`scenes`: what the library offers to a hand, and what can be set."""
+"""Commands `scenes list|show|check`: the scene library, and the parameters of each scene."""
 
 import sys
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ app = typer.Typer(help="The scene library: list, show, check.", no_args_is_help=
 
 @app.command("list")
 def list_scenes(as_json: JsonOption = False) -> None:
-    """List the scenes that are shipped, and the elements that other packages add."""
+    """List the shipped scenes, and the elements that other packages add."""
     from haptic_fieldbus.scenes.catalogue import scene_summaries
     from haptic_fieldbus.scenes.registry import own_elements
 
@@ -42,7 +42,7 @@ def show_scene(
     name: Annotated[str, typer.Argument(metavar="NAME", help="A scene by name, or the path of its file.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Show a scene: its axes, and every parameter that --set can change."""
+    """Show the axes of a scene, and every parameter that --set can change."""
     from haptic_fieldbus.scenes.catalogue import load_scene
 
     scene = load_scene(name)
@@ -72,7 +72,7 @@ def check_scenes(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check scenes: all faults of each file, with line and key."""
+    """Check scenes, and list all faults of each file with line and key."""
     from haptic_fieldbus.cli.checking import check
     from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 
@@ -80,15 +80,16 @@ def check_scenes(
 
 
 def _recommended(scene: "Scene") -> Iterator[str]:
-    """The stiffness that each shipped profile's limits leave, on the shipped bench."""
+    """Yield the recommended upper limit of stiffness for each usable shipped profile on the shipped bench."""
     from haptic_fieldbus.api import plan
     from haptic_fieldbus.protocols.catalogue import load_profile
     from haptic_fieldbus.protocols.folders import profile_folder, profile_names
 
     for name in profile_names():
-        path = str(profile_folder() / f"{name}.toml")  # whatever one's own folder has of that name
+        path = str(profile_folder() / f"{name}.toml")  # an own profile may have the same name
         if load_profile(path).drive.usable:
             compiled = plan(scene, drive=path)
+            # The advice is about the axis with the smallest margin; without any judgement, about the first.
             found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
             if found is None or found.recommended is None:
                 yield (
@@ -100,13 +101,15 @@ def _recommended(scene: "Scene") -> Iterator[str]:
 
 
 def _element_json(element: "AnyElement") -> Any:
+    """Return an element as JSON has it, with its kind; None for the kind of an element that no scene file can name."""
     from haptic_fieldbus.scenes.registry import kind_of
 
     return {"kind": kind_of(type(element)), **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
 
 
 def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
-    from haptic_fieldbus.scenes.catalogue import parameters, quantities
+    """Yield name, value and unit of each parameter that `--set` can change."""
+    from haptic_fieldbus.scenes.parameters import parameters, quantities
     from haptic_fieldbus.scenes.scene import axes_of
 
     workspaces = {axis.name: axis.workspace for axis in scene.axes}
@@ -119,7 +122,7 @@ def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
 
 
 def _shown(value: object) -> str:
-    """As a scene file would give it; nothing is a hyphen."""
+    """Return a value as a scene file has it; a hyphen for None."""
     if value is None:
         return "-"
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,6 +1,6 @@
-"""What goes to the terminal: aligned lines, tables, JSON, a progress bar.
+"""Output to the terminal: aligned lines, tables, JSON, a progress bar.
 
-Colours and the bar appear on a terminal only; long lines are wrapped to its width, and left whole in a pipe or a file.
+Colours and the bar appear on a terminal only. Long lines are wrapped to its width; in a pipe or a file they stay whole.
 """
 
 import json
@@ -17,14 +17,16 @@ if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
 
 KEY_WIDTH = 11
-"""Columns of the keys, the space after them included."""
+"""Width of the column of keys, including the space after it [characters]."""
 UNWRAPPED = 100_000
+"""Width of a pipe or file [characters]; larger than any line, so that Rich wraps none."""
 REDRAW = 0.05
-"""[s] between two drawings of the bar."""
+"""Least time between two drawings of the bar [s]."""
 KEY_STYLES = {"refused": "bold red", "tripped": "bold red", "failed": "bold red", "verdict": "bold green"}
 
 
 def console(stream: TextIO) -> "Console":
+    """Return a Rich console for a stream; texts are printed as they are, without markup."""
     from rich.console import Console
 
     return Console(
@@ -33,21 +35,25 @@ def console(stream: TextIO) -> "Console":
 
 
 def show(lines: Iterable[tuple[str | None, str]], stream: TextIO | None = None) -> None:
-    """Lines of a key and a text beside it; an empty key goes on with the line before, None has no key column."""
+    """Print lines of a key and a text beside it, to standard output or a given stream.
+
+    An empty key continues the line before; a key of None leaves out the column of keys.
+    """
     from rich.text import Text
 
     screen = console(stream or sys.stdout)
+    # Rich would wrap below the key; here each wrapped part stands beside it, at least 20 columns wide.
     for key, text in lines:
         indent = 0 if key is None else KEY_WIDTH
         for part in Text(text).wrap(screen, max(20, screen.width - indent)):
             part.rstrip()
             head = f"{key or '':{indent}}" if indent else ""
             screen.print(Text.assemble((head, KEY_STYLES.get(key or "", "bold")), part), soft_wrap=True)
-            key = key and ""
+            key = key and ""  # the key stands beside the first part only; None stays None
 
 
 def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Columns as wide as their longest entry, under their headings."""
+    """Print a table under its headings; a column is as wide as its longest entry."""
     table = [tuple(headings), *(tuple(row) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     lines = ["  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in table]
@@ -55,21 +61,22 @@ def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def print_json(value: "Mapping[str, Json]") -> None:
-    """One object on standard output; numbers that JSON does not know are an error, not NaN."""
+    """Print one JSON object to standard output; raises ValueError for NaN and infinities, which JSON does not have."""
     print(json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False))
 
 
 class Bar:
-    """A progress bar on standard error, drawn by whoever reports progress: no thread beside the loop."""
+    """Progress bar on standard error, drawn in the thread that reports progress: no thread disturbs the loop."""
 
     def __init__(self, rate: float) -> None:
         self.silent = False
+        """Set it to True to draw nothing."""
         self._rate = rate
         self._progress: Progress | None = None
         self._drawn = 0.0
 
     def __call__(self, done: int, total: int) -> None:
-        """Periods done and asked for."""
+        """Draw the bar after `done` of `total` periods, unless it was drawn less than `REDRAW` ago."""
         now = monotonic()
         if self.silent or (done < total and now - self._drawn < REDRAW):
             return
@@ -92,17 +99,18 @@ class Bar:
         return self._progress
 
     def close(self) -> None:
+        """Remove the bar from the terminal."""
         if self._progress is not None:
             self._progress.stop()
 
 
 def bar(rate: float) -> Bar | None:
-    """None where nobody would see it."""
+    """Return a bar for a loop of this rate [Hz]; None when standard error is no terminal."""
     return Bar(rate) if sys.stderr.isatty() else None
 
 
 def plain(value: object) -> "Json":
-    """A value of dataclasses as JSON has it: names instead of enums, lists instead of tuples."""
+    """Return a value as JSON has it: enums by value, tuples as lists, mappings as objects, all else as text."""
     if isinstance(value, Enum):
         return plain(value.value)
     if isinstance(value, Mapping):

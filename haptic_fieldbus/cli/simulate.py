@@ -1,4 +1,4 @@
-"""`simulate`: host simulated drives on a bus that other programs join, in real time."""
+"""Command `simulate`: host simulated drives in real time on a bus that other programs join."""
 
 import json
 import signal
@@ -31,7 +31,7 @@ def simulate(
     faults: Annotated[Path | None, option("FILE", "Faults of the drives.", SIMULATION)] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Host simulated drives in real time until Ctrl-C; one line a drive when it is ready."""
+    """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
     from haptic_fieldbus.sim.canopen.hosting import HostRequest, check, host
     from haptic_fieldbus.sim.faults import load_faults
 
@@ -46,7 +46,10 @@ def simulate(
 
 @contextmanager
 def _until_asked_to_stop() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C and SIGTERM are a request, answered within 0.1 s; what they did before is put back."""
+    """Yield a function that returns True after Ctrl-C or SIGTERM; restore the former signal handlers at the end.
+
+    The signals raise nothing, so the drives end in order; the host looks at the function every 0.1 s.
+    """
     asked: list[int] = []
     before = {
         number: signal.signal(number, lambda number, _frame: asked.append(number))
@@ -60,11 +63,13 @@ def _until_asked_to_stop() -> Iterator[Callable[[], bool]]:
 
 
 def _teller(bus: str, as_json: bool) -> Callable[["Slot"], None]:
+    """Return a function that prints one line for a drive that is ready."""
+
     def tell(slot: "Slot") -> None:
         if as_json:
             print(json.dumps({"drive": slot.axis.profile, "node": slot.node, "bus": bus}, ensure_ascii=False))
         else:
             show([("ready", f"{slot.axis.profile}, node {slot.node}, on {bus}")])
-        sys.stdout.flush()
+        sys.stdout.flush()  # a program that started this one waits for the line
 
     return tell

@@ -1,4 +1,4 @@
-"""`stability`: the limits of a scene before anything moves."""
+"""Command `stability`: the stability limits of a scene, computed before anything moves."""
 
 import sys
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class StabilityOptions(BenchOptions):
 
 @options_of(StabilityOptions)
 def stability(options: StabilityOptions) -> None:
-    """Judge SCENE: up to which stiffness it is passive, stable, and at rest between encoder counts."""
+    """Compute up to which stiffness SCENE is passive, stable, and at rest between encoder counts."""
     from haptic_fieldbus.api.judging import Inquiry, judge_scene
     from haptic_fieldbus.report import limits
 

@@ -1,7 +1,9 @@
-"""One axis of a running plan, as closures over its feedback: *observe* every period, *render* while force is permitted.
+"""One axis of a running plan, as three closures over its feedback, called in this order in each period.
 
-Each is a straight line for the period in which nothing is wrong; whatever is out of the ordinary is a call on the side.
-Between the two `sense` works out what else the scene needs, where it needs anything beside positions.
+`observe` runs every period: it decodes the input image and follows link, power state and position. `sense` and
+`render` run only while force is permitted: `sense` derives velocity, time and torque actual, as far as the scene needs
+them; `render` computes and encodes the target torque. Each closure is a straight line for a period in which nothing is
+wrong. A link flag, a changed statusword or a motion beyond the limits is handled by a separate call.
 """
 
 import math
@@ -22,14 +24,18 @@ Observe = Callable[[bytes | bytearray], None]
 
 FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 HALF_TURN_OF_INT32, INT32 = 0x8000_0000, 0xFFFF_FFFF
+"""Half the range and the mask of the INT32 position actual value, which wraps around."""
 T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD, POSITION_COUNTS = range(6)
-"""Places in the feedback of an axis; what else is mapped follows. Without a position the last is the velocity."""
+"""Indices into the decoded feedback of an axis; further mapped signals follow.
+
+Index 5 holds the velocity reading when the drive offers no position.
+"""
 COMPUTED = ("position", "velocity", "force", "gain", "command")
-"""Columns that an axis adds to the decoded ones."""
+"""Columns of a row that the axis computes; they follow the decoded ones."""
 
 
 class Owner(Protocol):
-    """The cycle, as far as its axes know it."""
+    """The part of a cycle that its axes use."""
 
     trip: Trip | None
     enabled: bool
@@ -38,7 +44,7 @@ class Owner(Protocol):
 
 
 class AxisCycle:
-    """Binds one axis of a plan; `output` is the output image of all axes."""
+    """One axis of a running plan; `output` is the output image, shared by all axes."""
 
     def __init__(self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float) -> None:
         self.state, self.sensed = AxisState(), Sensed()
@@ -47,30 +53,32 @@ class AxisCycle:
         self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
         self.sense = self._bind_sense()
-        """Works out velocity, time and torque, once a period; None where the scene needs none of them."""
+        """Step that updates velocity, time and torque actual, once a period; None when the scene needs none of them."""
         self._fields = [self.field_of(element) for element in axis.elements]
-        """One for each element in their order; the couplings, where the axis has any, stand last."""
+        """Force field of each element in order; the sum of all couplings is the last field, if the axis has any."""
         if axis.couplings:
+            # The cycle adds up the couplings before any axis renders, so their field only reads the sum.
             self._fields.append(lambda position: self.sensed.coupled)
         self.render, self._exchange = self._bind_render()
 
     @property
     def feedback(self) -> tuple[int, ...]:
-        """What was decoded last; its first is t_ns."""
+        """Feedback decoded last; its first value is t_ns."""
         return self._feedback
 
     def row(self) -> tuple[float, ...]:
-        """The columns of this axis: what was decoded, `COMPUTED`, and what was sent."""
+        """Return the columns of this axis: decoded values without t_ns, `COMPUTED`, controlword and target torque."""
         state, unit = self.state, self._axis.effort_unit
         computed = (state.position, self.sensed.velocity, state.force, state.gain, state.target * unit)
         return (*self._feedback[1:], *computed, state.controlword, self._axis.rig.mechanism.sign * state.target)
 
     def begin(self) -> None:
-        """The first rendered period: where zero is, and where the handle is then."""
-        counts = self._feedback[POSITION_COUNTS]
+        """Set the zero and the position of the handle, in the first rendered period."""
+        counts = self._feedback[POSITION_COUNTS]  # where the drive offers velocity only: its reading
         zero = self._axis.rig.mechanism.zero
         self.state.began_ns = self._feedback[T_NS]
         if self._axis.integrates:
+            # There is no encoder count to begin at; any number in `zero_counts` makes `observe` follow from now on.
             self._follow(self._feedback[T_NS], counts)
             self.state.zero_counts = 0
             return
@@ -78,34 +86,41 @@ class AxisCycle:
         self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
 
     def release(self, *, tripped: bool) -> None:
-        """No torque; after a trip no voltage either."""
+        """Encode target torque 0; after a trip also the controlword that disables the voltage."""
         self.state.target = 0
         if tripped:
             self.state.controlword = self._axis.power.off
         self._image.output.pack_into(self._output, self._image.outputs[0], self.state.controlword, 0)
 
     def field_of(self, element: Element) -> Field:
-        """A fresh law of an element that needs no signal beyond those of the plan; made in any thread."""
+        """Return a fresh force field of `element`, which needs no signal beyond those of the plan.
+
+        May be called from any thread.
+        """
         return field_of(element, self._period, self._axis.method, self.sensed)
 
     def exchange(self, fields: Mapping[int, Field], periods: int) -> None:
-        """Go over to other fields at these places within so many periods; the others go on as they are."""
+        """Replace the fields at these places along a ramp of `periods`; the other fields keep their state."""
         for place, field in fields.items():
             self._fields[place] = blended(self._fields[place], field, periods)
         self._exchange(summed(self._fields))
 
     def reader(self, needs: Sequence[Signal]) -> Callable[[], list[float]]:
-        """Reads the signals that a coupling needs of this axis, in their order."""
+        """Return a function that reads the signals `needs` of this axis, in their order."""
         state, sensed, readers = self.state, self.sensed, [READERS[signal] for signal in needs]
         return lambda: [read(state.position, sensed) for read in readers]
 
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
+        """Record the first trip of the run and withdraw the permission; later trips are ignored."""
         if self._owner.trip is None:
             self._owner.trip = Trip(kind, self._axis.name, self._feedback[T_NS], value, limit, detail)
             self._owner.enabled = False
 
     def _bind_observe(self) -> Observe:
-        """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
+        """Return `observe` for a drive that offers its position: decode, check link and power state, counts → position.
+
+        The power state is evaluated only when a bit of the statusword that it depends on has changed.
+        """
         state, axis, unpack, link, power, check = (
             self.state,
             self._axis,
@@ -116,12 +131,14 @@ class AxisCycle:
         )
         unit, mask = axis.position_unit, axis.power.mask
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
+        # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
-        bits_before = -1
+        bits_before = -1  # differs from every statusword, so that the first one is evaluated
 
         def observe(image: bytes | bytearray) -> None:
             nonlocal bits_before
             self._feedback = feedback = unpack(image)
+            # After a gap `link` is needed once more without any flag, to restore the gain.
             if feedback[FLAGS] or not state.settled:
                 link()
             bits = feedback[STATUSWORD] & mask
@@ -131,6 +148,7 @@ class AxisCycle:
             zero = state.zero_counts
             if zero is not None:
                 counts = feedback[POSITION_COUNTS] - zero
+                # The encoder may wrap around between zero and here; the difference modulo 2³² is still right.
                 if not -HALF_TURN_OF_INT32 <= counts < HALF_TURN_OF_INT32:
                     counts = (counts + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32
                 here = counts * unit
@@ -141,8 +159,8 @@ class AxisCycle:
         return observe
 
     def _bind_observe_velocity(self) -> Observe:
-        """The same for a drive that offers velocity only: velocity → position."""
-        from haptic_fieldbus.cycle.tachometer import bind_follow
+        """Return `observe` for a drive that offers velocity only, from which the position is integrated."""
+        from haptic_fieldbus.cycle.tachometer import bind_follow  # a drive with a position does without it
 
         state, unpack, link, power = self.state, self._image.input.unpack_from, self._link, self._power
         mask = self._axis.power.mask
@@ -159,39 +177,48 @@ class AxisCycle:
                 bits_before = bits
                 power()
             if state.zero_counts is not None:
-                follow(feedback[T_NS], feedback[POSITION_COUNTS])
+                follow(feedback[T_NS], feedback[POSITION_COUNTS])  # here the velocity reading
 
         return observe
 
     def _link(self) -> None:
-        """Staleness and faults of the link: hold one period, fade the second, stop at the third."""
+        """Evaluate the link flags: trip on a fault; without feedback hold one period, fade the second, then trip."""
         state, feedback = self.state, self._feedback
         flags = feedback[FLAGS]
         for flag, kind in LINK_TRIPS.items():
             if flags & flag:
                 self._trip(kind, feedback[EMERGENCY])
+        # Before `stale_periods` changes: in the first fresh period it still holds the length of the gap.
         state.periods_apart = state.stale_periods + 1
         state.stale_periods = state.stale_periods + 1 if flags & LinkFlag.STALE else 0
         state.settled = state.stale_periods == 0 and state.periods_apart == 1
         gain = hold_gain(state.stale_periods)
+        # Before operation enabled there is no torque to take away.
         if gain is None and self._owner.enabled:
             self._trip(TripKind.FEEDBACK_LOST, feedback[AGE_NS] * 1e-9)
         state.gain = gain or 0.0
 
     def _power(self) -> None:
-        """Statusword → power state → the controlword that asks for the next transition."""
+        """Derive the power state from the statusword, and the controlword that requests the next transition.
+
+        Trips on a fault state, and when the drive leaves operation enabled.
+        """
         state, statusword = self.state, self._feedback[STATUSWORD]
         table = self._axis.power
         before, state.power = state.power, table.state(statusword)
         state.controlword = table.answer(state.power)
         if state.power in FAULT_STATES:
             self._trip(TripKind.DRIVE_FAULT, statusword, detail=state.power.value)
+        # A chained comparison: it was operation enabled, and is not any more.
         elif before is PowerState.OPERATION_ENABLED is not state.power:
             self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
         self._owner.update_enabled()
 
     def _check_motion(self, here: float, way: float) -> None:
-        """Called when the handle seems to be too fast, or outside; after held periods a longer way is allowed."""
+        """Trip when the handle is too fast or outside its position limits; `way` [m or rad] is its last step.
+
+        After periods without feedback the permitted way is that of the whole gap.
+        """
         limits = self._axis.limits
         largest_way = limits.speed * self._period + abs(self._axis.position_unit)
         lowest, highest = limits.position or (-math.inf, math.inf)
@@ -201,7 +228,7 @@ class AxisCycle:
             self._trip(TripKind.POSITION, here, lowest if here < lowest else highest)
 
     def _bind_sense(self) -> Step | None:
-        """Only what the scene needs is worked out, and an estimator imported only where one is."""
+        """Return the step that derives the signals needed beside position; None when the scene needs none."""
         needs, state, sensed = self._axis.needs, self.state, self.sensed
         steps: list[Step] = []
         if Signal.VELOCITY in needs and not self._axis.integrates:
@@ -213,20 +240,21 @@ class AxisCycle:
             steps.append(velocity)
         if Signal.ELAPSED_NS in needs:
 
-            def elapsed() -> None:
+            def elapsed() -> None:  # whole nanoseconds, so that a wave keeps its exact phase
                 sensed.elapsed_ns = self._feedback[T_NS] - state.began_ns
 
             steps.append(elapsed)
         if Signal.TORQUE_ACTUAL in needs:
             unit = self._axis.effort_unit * self._axis.rig.mechanism.sign
             signals = [mapped.signal for mapped in self._axis.incoming]
+            # Both lists are in the order of the cycle, in which the statusword is the first signal.
             place = STATUSWORD + signals.index(Signal.TORQUE_ACTUAL)
 
             def torque() -> None:
                 sensed.torque_actual = self._feedback[place] * unit
 
             steps.append(torque)
-        if len(steps) < 2:
+        if len(steps) < 2:  # a single step is called directly, without a loop
             return steps[0] if steps else None
 
         def sense() -> None:
@@ -236,6 +264,8 @@ class AxisCycle:
         return sense
 
     def _estimator(self) -> Callable[[float], float]:
+        """Return a fresh velocity estimator: position [m or rad] → velocity [m/s or rad/s]."""
+        # Imported here, because a scene without velocity needs no estimator.
         from haptic_fieldbus.numerics.estimators import DEFAULT_ESTIMATOR, bind, is_timed
 
         name = self._axis.estimator or DEFAULT_ESTIMATOR
@@ -243,7 +273,7 @@ class AxisCycle:
         return (lambda position: estimate(position, self._feedback[T_NS])) if is_timed(name) else estimate
 
     def _bind_render(self) -> tuple[Step, Callable[[Field], None]]:
-        """Position → force → permitted force → target torque; and what exchanges the field that it renders."""
+        """Return `render` (position → force → permitted force → target torque), and a function that sets its field."""
         state, axis, trip = self.state, self._axis, self._trip
         field, limit = summed(self._fields), bind_limiter(axis.limits, self._period)
         pack_into, output, offset = self._image.output.pack_into, self._output, self._image.outputs[0]
@@ -252,7 +282,7 @@ class AxisCycle:
         def render() -> None:
             state.force = force = field(state.position)
             permitted = limit(force)
-            if permitted != permitted:
+            if permitted != permitted:  # true for NaN alone, and faster than a call of math.isnan
                 trip(TripKind.NOT_FINITE, force)
                 return
             state.target = target = round(permitted * state.gain / effort_unit)

@@ -1,8 +1,9 @@
 """The running plan: one input image in, one output image out, once a period.
 
-A cycle has no I/O and no clock. Every period all axes *observe* (decode, link, power state, position); only while all
-of them are in operation enabled and nothing has tripped they *sense* what else the scene needs, couplings act, and they
-*render*. Otherwise every target is zero. `row` tells all that was decoded, computed and sent, when it is asked for.
+A cycle has no I/O and no clock. In every period all axes *observe*: they decode the image and follow link, power state
+and position. While every axis is in operation enabled and nothing has tripped, the axes then *sense* the other signals
+that the scene needs, the couplings add their forces, and the axes *render*. Otherwise every target torque is 0. `row`
+puts together the decoded, computed and sent values of the period; a run that is not recorded does not pay for it.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,11 +18,14 @@ from haptic_fieldbus.scenes.element import CouplingElement
 from haptic_fieldbus.signals import Signal
 
 DECODED_NAMES = {Signal.POSITION: "position counts", Signal.VELOCITY: "velocity reading"}
-"""Of what is computed from them the plain names are."""
+"""Column names of the raw readings; the plain names belong to the quantities computed from them."""
 
 
 def decoded_columns(plan: Plan) -> tuple[str, ...]:
-    """What the input image holds: `t_ns`, then `axis.quantity` for headers and mapped signals."""
+    """Return the names of the values in the input image: `t_ns`, then `axis.quantity` of headers and mapped signals.
+
+    The mapped signals of an axis stand in the order of their octets.
+    """
     headers = [f"{axis.name}.{field}" for axis in plan.axes for field in AXIS_HEADER_FIELDS]
     mapped = [
         f"{axis.name}.{DECODED_NAMES.get(mapped.signal, mapped.signal.value)}"
@@ -32,7 +36,10 @@ def decoded_columns(plan: Plan) -> tuple[str, ...]:
 
 
 def columns(plan: Plan) -> tuple[str, ...]:
-    """Names of a row: `t_ns`, then of each axis what is decoded, computed and sent."""
+    """Return the names of the values in a row: `t_ns`, then for each axis decoded, computed and sent values.
+
+    The mapped signals of an axis stand in the order of the cycle.
+    """
     names = ["t_ns"]
     for axis in plan.axes:
         decoded = [DECODED_NAMES.get(mapped.signal, mapped.signal.value) for mapped in axis.incoming]
@@ -42,7 +49,10 @@ def columns(plan: Plan) -> tuple[str, ...]:
 
 
 class Cycle:
-    """`cycle(image)` → output image (one buffer, reused); `row`, `trip`, `enabled` tell what happened."""
+    """A running plan: `cycle(image)` returns the output image of the period, in one buffer that is reused.
+
+    `row`, `trip` and `enabled` describe the period.
+    """
 
     def __init__(self, plan: Plan) -> None:
         self.columns = columns(plan)
@@ -54,26 +64,28 @@ class Cycle:
             axis.name: AxisCycle(self, axis, image, self._output, plan.period)
             for axis, image in zip(plan.axes, plan.image.axes, strict=True)
         }
+        # Every axis decodes the t_ns of the image, so that of any axis will do.
         self._first = next(iter(self._axes.values()))
         self._pairs = [self._pair(element, plan.period) for element in plan.scene.couplings]
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
         self._render = self._begin
         self.step = self._bind_step()
-        """The cycle as a plain function, which Python calls faster than an object."""
+        """The cycle as a plain function, because Python calls a function faster than an object."""
 
     def __call__(self, image: bytes | bytearray) -> bytearray:
-        """One period; after a trip the output stays torque-free."""
+        """Compute one period and return the output image; after a trip it stays torque-free."""
         return self.step(image)
 
     def _bind_step(self) -> Callable[[bytes | bytearray], bytearray]:
         output, observers = self._output, tuple(axis.observe for axis in self._axes.values())
 
         def step(image: bytes | bytearray) -> bytearray:
+            # All axes observe before any renders: a coupling needs the positions of both of its axes.
             for observe in observers:
                 observe(image)
             if self.enabled:
                 self._render()
-            if not self.enabled:
+            if not self.enabled:  # no `else`: rendering may have tripped
                 for axis in self._axes.values():
                     axis.release(tripped=self.trip is not None)
             return output
@@ -82,32 +94,33 @@ class Cycle:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """One number for each of `columns`."""
+        """One number for each name in `columns`."""
         return (self.t_ns, *[value for axis in self._axes.values() for value in axis.row()])
 
     @property
     def t_ns(self) -> int:
-        """The instant at which the drives latched this period's feedback."""
+        """Instant at which the drives latched the feedback of this period [ns]."""
         return self._first.feedback[0]
 
     @property
     def age_ns(self) -> int:
-        """Of the oldest feedback when it was used."""
+        """Age of the oldest feedback when it was used [ns]."""
         return max([axis.feedback[1] for axis in self._axes.values()])
 
     def power_state(self, axis: str) -> PowerState:
-        """The last power state that the drive of an axis reported."""
+        """Return the power state that the drive of `axis` reported last."""
         return self._axes[axis].state.power
 
     def zero_counts(self, axis: str) -> int:
-        """The encoder count at which the handle's position is zero; 0 before the first enabled period."""
+        """Return the encoder count at which the handle's position is 0; before the first rendered period 0."""
         return self._axes[axis].state.zero_counts or 0
 
     def prepare(self, before: Plan, after: Plan, periods: int) -> Callable[[], None]:
-        """What goes over from the elements of one plan to those of another of the same loop, along a ramp.
+        """Return a function that begins the ramp from the elements of `before` to those of `after`.
 
-        It is made in any thread, and called between two periods. Elements that stay go on as they are; those that
-        change begin afresh, and the old fade.
+        Both are plans of this loop. `prepare` may be called from any thread; its result must be called between two
+        periods. Elements that are equal in both plans keep their state. Each changed element starts afresh and is
+        faded in over `periods`, while the old one is faded out.
         """
         exchanges = []
         for old, new in zip(before.axes, after.axes, strict=True):
@@ -126,19 +139,20 @@ class Cycle:
         return change
 
     def drift(self, axis: str) -> float:
-        """How far the handle's position may be off [m or rad]; 0 where the drive offers a position."""
+        """Return the bound on the error of the handle's position [m or rad]; 0 when the drive offers a position."""
         return self._axes[axis].state.drift
 
     def update_enabled(self) -> None:
-        """After a power state changed."""
+        """Set `enabled` after a power state has changed."""
         states = [axis.state.power for axis in self._axes.values()]
         self.enabled = self.trip is None and all(state is PowerState.OPERATION_ENABLED for state in states)
 
     def _begin(self) -> None:
-        """The first period in operation enabled; from then on `_render` is what the plan needs, and no more."""
+        """Render the first period in operation enabled, and bind `_render` to the steps that the plan needs."""
         for axis in self._axes.values():
             axis.begin()
         axes = self._axes.values()
+        # Coupling forces must be complete before any axis renders, and every coupling may read any sensed signal.
         before: list[Callable[[], None]] = [axis.sense for axis in axes if axis.sense is not None]
         if self._couplings:
             before.append(self._uncouple)
@@ -147,24 +161,24 @@ class Cycle:
         self._render()
 
     def _pair(self, element: CouplingElement, period: float) -> Pair:
-        """The element's law between its two axes, fresh."""
+        """Return a fresh law of the coupling, which reads the signals of its two axes itself."""
         law = element.begin(period)
         read_first, read_second = (self._axes[name].reader(element.needs) for name in element.axes)
         return lambda: law(*read_first(), *read_second())
 
     def _coupled(self, place: int, element: CouplingElement) -> Callable[[], None]:
-        """What a coupling gives is added to the force of each of its axes."""
+        """Return the step that adds the forces of a coupling to its two axes."""
         pairs, (first, second) = self._pairs, (self._axes[name] for name in element.axes)
 
         def couple() -> None:
-            on_first, on_second = pairs[place]()
+            on_first, on_second = pairs[place]()  # looked up in each period, because a change replaces the pair
             first.sensed.coupled += on_first
             second.sensed.coupled += on_second
 
         return couple
 
     def _uncouple(self) -> None:
-        """Couplings add up from zero."""
+        """Reset the coupling force of each axis to 0, before the couplings of the period add to it."""
         for axis in self._axes.values():
             axis.sensed.coupled = 0.0
 

@@ -1,7 +1,7 @@
-"""From the elements of one axis to its force field: position of the handle → force on it, in the workspace.
+"""Force field of an axis, made from its elements: position of the handle → force on it, in the workspace.
 
-Each element gets exactly the signals that it declared. A scene that needs positions alone gets its law directly; what
-else is needed is sensed once a period before (`Sensed`), whoever asks.
+Each element receives exactly the signals that it declared. The law of an element that needs the position alone is its
+field, without a wrapper. Other signals are derived once a period, before any field is called, and stored in `Sensed`.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,14 +11,18 @@ from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, 
 from haptic_fieldbus.signals import Signal
 
 Field = Callable[[float], float]
-"""Position of the handle → force of all elements on it, in the workspace."""
+"""Position of the handle [m or rad] → force on it [N or N·m]; of one element or of a sum of elements."""
 Pair = Callable[[], tuple[float, float]]
-"""The forces of a coupling on its two axes, each in its workspace."""
+"""Forces of a coupling on its two axes [N or N·m], each in the workspace of its axis."""
 
 
 def law_of(element: AnyElement, period: float, method: str | None = None) -> Law:
-    """The element as a function of the signals that it needs, fresh; only virtual states import an integrator."""
+    """Return a fresh law of `element`: the signals in its `needs` → force [N or N·m]; `period` in s.
+
+    Raises TypeError for an element that is neither static, memory nor dynamic, UsageError for an unknown method.
+    """
     if isinstance(element, DynamicElement):
+        # Imported here, because only virtual states need an integrator.
         from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, bind
 
         return bind(element.dynamics, period, method or DEFAULT_METHOD)
@@ -30,7 +34,8 @@ def law_of(element: AnyElement, period: float, method: str | None = None) -> Law
 
 
 def with_signals(law: Law, needs: tuple[Signal, ...], sensed: Sensed) -> Field:
-    """The law as a function of the position, its other signals taken from `sensed`."""
+    """Return `law` as a function of the position alone; its other signals are read from `sensed`."""
+    # Common combinations are written out: a direct call is faster than the list of the general case.
     if needs == (Signal.POSITION,):
         return law
     if needs == (Signal.POSITION, Signal.VELOCITY):
@@ -51,15 +56,17 @@ READERS: dict[Signal, Callable[[float, Sensed], float]] = {
     Signal.TORQUE_ACTUAL: lambda position, sensed: sensed.torque_actual,
     Signal.ELAPSED_NS: lambda position, sensed: sensed.elapsed_ns,
 }
+"""Signal → function that reads its present value."""
 
 
 def field_of(element: Element, period: float, method: str | None, sensed: Sensed) -> Field:
-    """One element, its law fresh."""
+    """Return the force field of one element with a fresh law; `period` in s."""
     return with_signals(law_of(element, period, method), element.needs, sensed)
 
 
 def summed(fields: Sequence[Field]) -> Field:
-    """All of them at once."""
+    """Return the sum of all fields as one field."""
+    # One or two fields need no list, which would cost time in every period.
     if len(fields) == 1:
         return fields[0]
     if len(fields) == 2:
@@ -70,17 +77,18 @@ def summed(fields: Sequence[Field]) -> Field:
 
 
 def blended(before: Field, after: Field, periods: int) -> Field:
-    """From one field f to another g along a straight ramp of N periods: no jump, and nothing beyond both.
+    """Return a field that goes from `before` to `after` along a straight ramp of `periods` calls.
 
-    F_k = (1 − w_k)·f_k + w_k·g_k with w_k = k/N, so F_{k+1} − F_k = (1 − w_{k+1})·Δf + w_{k+1}·Δg + (g_k − f_k)/N: what
-    the handle's own motion does to either field, and an N-th of what lies between them.
+    With the fields f and g, N periods and w_k = k/N the force is F_k = (1 − w_k)·f_k + w_k·g_k, which lies between f_k
+    and g_k. It changes by F_{k+1} − F_k = (1 − w_{k+1})·Δf + w_{k+1}·Δg + (g_k − f_k)/N from one period to the next:
+    by the changes of both fields under the motion of the handle, and by an N-th of their difference. It does not jump.
     """
     done = 0
 
     def field(position: float) -> float:
         nonlocal before, done
         if done >= periods:
-            before = after  # the old one, and what it remembers, is let go
+            before = after  # frees the old field and its memory
             return after(position)
         done += 1
         old = before(position)
@@ -90,7 +98,7 @@ def blended(before: Field, after: Field, periods: int) -> Field:
 
 
 def blended_pair(before: Pair, after: Pair, periods: int) -> Pair:
-    """The same for the two forces of a coupling."""
+    """Return the same ramp for the two forces of a coupling."""
     done = 0
 
     def pair() -> tuple[float, float]:

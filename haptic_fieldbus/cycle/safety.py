@@ -1,7 +1,7 @@
-"""What stands between a scene and a hand: limits, fade-in, staleness, trips.
+"""Protection of the hand from the scene: effort limit, slew limit, fade-in, stale feedback, trips.
 
-A trip is final: torque is zero from that period on, and only a new run enables again. Slew, fade and staleness count
-periods, so they need no clock.
+A trip is final: torque is 0 from that period on, and only a new run enables the drives again. Slew, fade-in and
+staleness are counted in periods, so they need no clock.
 """
 
 import math
@@ -13,11 +13,11 @@ from haptic_fieldbus.planning.limits import EffortLimits
 from haptic_fieldbus.signals import LinkFlag
 
 HOLD_GAIN = (1.0, 1.0, 0.5)
-"""Gain on the held force by the number of periods without new feedback; beyond it: zero and stop."""
+"""Gain on the force, by the number of periods in a row without new feedback; a longer gap trips."""
 
 
 class TripKind(Enum):
-    """What stopped the run; the value is the name that people and scripts see."""
+    """Reason for a trip; the value is the name that users and scripts see."""
 
     EMERGENCY = "emergency"
     DRIVE_FAULT = "drive fault"
@@ -42,12 +42,12 @@ LINK_TRIPS = {
     LinkFlag.NOT_OPERATIONAL: TripKind.NODE_NOT_OPERATIONAL,
     LinkFlag.EXCEPTION: TripKind.BUS_EXCEPTION,
 }
-"""What a fault of the link is as a trip, the first the most telling."""
+"""Trip of each link flag. Only the first trip of a run is kept, so the most telling causes stand first."""
 
 
 @dataclass(frozen=True)
 class Trip:
-    """Why and when torque was taken away: `value` passed `limit` (where there is one) on `axis` at `t_ns`."""
+    """Reason and instant of the loss of torque: `value` exceeded `limit` (None: no limit) on `axis` at `t_ns`."""
 
     kind: TripKind
     axis: str
@@ -58,15 +58,15 @@ class Trip:
 
 
 def hold_gain(stale_periods: int) -> float | None:
-    """Gain on the held force; None: stop."""
+    """Return the gain on the force after so many periods without new feedback; None when the run must trip."""
     return HOLD_GAIN[stale_periods] if stale_periods < len(HOLD_GAIN) else None
 
 
 def bind_limiter(limits: EffortLimits, period: float) -> Callable[[float], float]:
-    """A limiter for one run: fade-in, then effort, then slew [effort → effort].
+    """Return a limiter for one run, called once a `period` [s]: asked effort → permitted effort [N or N·m].
 
-    What is not finite comes out as not-a-number, for the loop to stop: no comparison holds for it, so it never passes
-    for a force within its limits.
+    It applies the fade-in, then the effort limit, then the slew limit. Infinity and NaN come out as NaN, for the caller
+    to trip.
     """
     effort, largest_change = limits.effort, limits.slew * period
     growth = period / limits.fade_in
@@ -75,6 +75,7 @@ def bind_limiter(limits: EffortLimits, period: float) -> Callable[[float], float
 
     def limit(asked: float) -> float:
         nonlocal before
+        # The ordinary period. NaN fails every comparison, so it needs no test of its own here.
         if fade >= 1.0 and -effort <= asked <= effort and -largest_change <= asked - before <= largest_change:
             before = asked
             return asked
@@ -84,7 +85,7 @@ def bind_limiter(limits: EffortLimits, period: float) -> Callable[[float], float
         nonlocal fade, before
         if not math.isfinite(asked):
             return math.nan
-        if fade < 1.0:
+        if fade < 1.0:  # counted in calls, because the limiter is called in enabled periods only
             fade = min(1.0, fade + growth)
             asked *= fade
         if not -effort <= asked <= effort:

@@ -1,4 +1,4 @@
-"""What one axis of a running plan remembers between periods, and what others may ask of it."""
+"""Memory of one axis of a running plan, which the cycle and its couplings read too."""
 
 from dataclasses import dataclass
 
@@ -7,33 +7,41 @@ from haptic_fieldbus.drive.power import PowerState
 
 @dataclass(slots=True)
 class AxisState:
-    """What one axis remembers between periods, and others may ask."""
+    """Values that an axis keeps from one period to the next."""
 
     power: PowerState = PowerState.UNKNOWN
     controlword: int = 0
     stale_periods: int = 0
+    """Periods in a row without new feedback."""
     periods_apart: int = 1
-    """Between this feedback and the one before."""
+    """Periods between this feedback and the fresh one before it."""
     settled: bool = True
-    """Whether both this feedback and the one before are fresh."""
+    """True when this feedback and the one before it are both fresh."""
     gain: float = 1.0
+    """Factor on the permitted force; below 1 after more than one period without feedback."""
     zero_counts: int | None = None
+    """Encoder count at which the position is 0; None until the first rendered period."""
     began_ns: int = 0
+    """Latch instant of the first rendered period."""
     position: float = 0.0
+    """Position of the handle [m or rad]."""
     drift: float = 0.0
-    """How far the position may be off [m or rad]; only a position that is integrated is."""
+    """Bound on the error of the position [m or rad]; 0 unless the position is integrated from a velocity."""
     force: float = 0.0
+    """Force of the scene, before any limit [N or N·m]."""
     target: int = 0
+    """Target torque in steps of the drive, without the sign of the mechanism."""
 
 
 @dataclass(slots=True)
 class Sensed:
-    """Feedback of one axis beside its position, and what couplings add to its force."""
+    """Signals of one axis beside its position, and the force that couplings add to it."""
 
     velocity: float = 0.0
     """[m/s or rad/s]"""
     torque_actual: float = 0.0
     """[N or N·m], in the workspace."""
     elapsed_ns: int = 0
+    """Time since the first rendered period."""
     coupled: float = 0.0
     """Force of all couplings on this axis [N or N·m]."""

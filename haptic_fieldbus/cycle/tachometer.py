@@ -1,7 +1,8 @@
 """Feedback of an axis whose drive offers velocity only: position and velocity of the handle from one reading a period.
 
-The position counts from where the handle was enabled and drifts (`numerics.estimators.tachometer`); it is trusted up to
-the drift limit of the axis. A position limit is kept by the place where the handle may be in the worst case.
+The position counts from where the handle was enabled, and drifts (`numerics.estimators.tachometer`). When its error may
+exceed the drift limit of the axis, the run trips. Position limits are compared with the worst case: position plus or
+minus that error.
 """
 
 import math
@@ -14,17 +15,20 @@ from haptic_fieldbus.numerics.estimators.tachometer import VelocityIntegrator
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 
 Follow = Callable[[int, int], None]
-"""(t_ns, reading); without a new reading the one before."""
+"""Function of (t_ns, reading), called once a period; without new feedback the reading is repeated."""
 
 
 class TripOff(Protocol):
-    """Takes the torque away."""
+    """Function that records a trip, which takes the torque away."""
 
     def __call__(self, kind: TripKind, value: float, limit: float | None = None) -> None: ...
 
 
 def bind_follow(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float, trip: TripOff) -> Follow:
-    """What follows the handle from now on: the first call, where it is enabled, is zero."""
+    """Return a function that updates velocity, position and drift from one reading a period; `period` in s.
+
+    Its first call sets the position to 0. It trips when speed, position or drift exceeds its limit.
+    """
     unit, limits = axis.velocity_unit, axis.limits
     integrator = VelocityIntegrator(period, abs(unit))
     lowest, highest = limits.position or (-math.inf, math.inf)
@@ -36,10 +40,11 @@ def bind_follow(axis: AxisPlan, state: AxisState, sensed: Sensed, period: float,
         if began_ns is None:
             began_ns = t_ns
             integrator.start(velocity)
-        elif state.stale_periods:
+        elif state.stale_periods:  # a repeated reading: extrapolate, and replace that by the next real one
             integrator.hold((t_ns - began_ns) * 1e-9)
         else:
             integrator.step(velocity, (t_ns - began_ns) * 1e-9)
+        # A stale period ends here too: while no reading comes, the position runs on and the limits still hold.
         here, drift = integrator.position, integrator.drift
         state.position, state.drift = here, drift
         if not -limits.speed <= velocity <= limits.speed:

@@ -1,4 +1,4 @@
-"""A trip as an exception: whose fault it was, and a sentence that says what, by how much and when."""
+"""Conversion of a trip to an exception, whose class names the origin and whose message gives cause, value and time."""
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -24,42 +24,48 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.POSITION: SafetyTripError,
     TripKind.DRIFT: SafetyTripError,
 }
-"""Whose fault it was: the drive's, the bus', or a limit of ours."""
+"""Exception class of each kind of trip: a fault of the drive, a fault of the bus, or a limit of this package."""
 
 
 SILENCES = (TripKind.FEEDBACK_LOST, TripKind.NO_SIGN_OF_LIFE)
-"""What a restart looks like before the node can say that it restarted."""
+"""Trips that a restarting node causes before its boot-up message arrives."""
 
 
 def explained(trip: Trip, restarted: Collection[str]) -> Trip:
-    """The trip as it is known when torque is off: a node that fell silent may have restarted."""
+    """Return the trip, as NODE_RESET when the axis fell silent and is among the `restarted`.
+
+    To be called after the bus was stopped, because the boot-up message may arrive later than the trip.
+    """
     return replace(trip, kind=TripKind.NODE_RESET) if trip.kind in SILENCES and trip.axis in restarted else trip
 
 
 def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticFieldbusError:
-    """The exception for a trip; `enabled_at_ns` is None before operation enabled."""
+    """Return the exception for a trip; `enabled_at_ns` is None before operation enabled."""
     axis = next(axis for axis in plan.axes if axis.name == trip.axis)
     cause, when = CAUSES[trip.kind](trip, axis), moment(trip.t_ns, enabled_at_ns)
     return TRIP_ERRORS[trip.kind](f"axis {trip.axis}: {cause}, {when}. Torque was taken away")
 
 
 def moment(t_ns: int, enabled_at_ns: int | None) -> str:
-    """When something happened, as messages say it."""
+    """Return an instant in words, relative to operation enabled; `enabled_at_ns` is None before it."""
     if enabled_at_ns is None:
         return "before operation enabled"
     return f"{(t_ns - enabled_at_ns) * 1e-9:.3f} s after operation enabled"
 
 
 def _told_by_bus(flag: LinkFlag) -> "Cause":
-    """In the words of its protocol."""
+    """Return the cause of a link trip, worded by the protocol of the axis."""
+    # The value of a link trip is the emergency code in the header, which has a meaning for EMERGENCY alone.
     return lambda trip, axis: axis.traffic.fault_text(flag, int(trip.value))
 
 
 def _power(trip: Trip, axis: AxisPlan) -> str:
+    # The value of these trips is the statusword.
     return f"node {axis.node} went to {trip.detail} by itself (statusword {int(trip.value):04X}h)"
 
 
 def _feedback(trip: Trip, axis: AxisPlan) -> str:
+    # The value of this trip is the age of the feedback [s].
     return f"no feedback from node {axis.node}: the last is {trip.value * 1e3:.1f} ms old"
 
 
@@ -78,7 +84,7 @@ def _position(trip: Trip, axis: AxisPlan) -> str:
 
 
 def _drift(trip: Trip, axis: AxisPlan) -> str:
-    """What to do is a part of it: a new run finds zero anew."""
+    """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
     return (
         f"the position may be off by {trip.value:.3g} {unit}, the limit is {trip.limit:.3g} {unit}: what is rounded "
@@ -88,6 +94,7 @@ def _drift(trip: Trip, axis: AxisPlan) -> str:
 
 
 Cause = Callable[[Trip, AxisPlan], str]
+"""Function that words the cause of a trip, as a part of a sentence."""
 CAUSES: dict[TripKind, Cause] = {
     **{kind: _told_by_bus(flag) for flag, kind in LINK_TRIPS.items()},
     TripKind.DRIVE_FAULT: _power,

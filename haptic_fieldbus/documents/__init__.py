@@ -1,8 +1,8 @@
 """TOML files read into frozen dataclasses, with all faults of a file at once.
 
-Each fault has its key and its line. It is looked at from three sides: what stands in the file (`document`), what the
-schema expected (`expected`) and in which line (`positions`). Pydantic is imported when a file is validated, the parser
-with positions once there is a fault.
+Each fault has its key and its line. Three modules contribute to it: `document` has the content of the file, `expected`
+the schema in plain words, and `positions` the lines. Pydantic is imported when a file is validated, the parser with
+positions only when there is a fault.
 """
 
 from haptic_fieldbus.documents.document import Document, knows, read_document, schema_of

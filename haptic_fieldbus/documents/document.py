@@ -1,8 +1,8 @@
 """A TOML file while it is read: its data, and the faults found so far.
 
 Validation runs on JSON in Pydantic's strict mode, where lists become tuples and words become enums, but a text is never
-taken for a number and a float never for an integer. Only a number that stands in a `Literal` is compared by equality,
-so that true and 1.0 would pass for 1: `integers` refuses them.
+taken for a number and a float never for an integer. There is one exception: a number in a `Literal` is compared by
+equality, so that true and 1.0 would pass for 1. `integers` refuses them.
 """
 
 import json
@@ -32,16 +32,19 @@ _SHOWN_LENGTH = 60
 
 
 class Document:
-    """The data of one file; `fault` collects, `checked` raises what was collected."""
+    """The data of one TOML file: `fault` notes a fault, `checked` raises all that are noted.
+
+    Raises `error` when the text is not TOML.
+    """
 
     def __init__(self, source: str, text: str, error: type[DocumentError]) -> None:
         self.source = source
         self.text = text
         self.error = error
         self.labels: dict[KeyPath, str] = {}
-        """Values that are not the file's own, and what to call them in a fault."""
+        """Names for values that do not come from the file; a fault has them in the place of key and line."""
         self.faults: dict[KeyPath, list[str]] = {}
-        """What is wrong so far, by key."""
+        """Messages noted so far, by key."""
         self.data = self._parse()
 
     @property
@@ -49,42 +52,45 @@ class Document:
         return bool(self.faults)
 
     def value(self, *path: str | int) -> object:
-        """What the file gives at a key, unchecked; None when there is nothing."""
+        """Return the unchecked value at a key; None when there is none."""
         value: object = self.data
         for step in path:
             value = child(value, step)
         return value
 
     def table(self, *path: str | int) -> dict[str, object]:
-        """The table at a key, empty when there is none."""
+        """Return the table at a key; empty when there is none."""
         value = self.value(*path)
         return value if isinstance(value, dict) else {}
 
     def fault(self, path: KeyPath, message: str, *, also: bool = False) -> None:
-        """Note what is wrong at a key; the first message of a key stays alone, unless this one is true `also`."""
+        """Note a fault at a key; a further message for the same key is dropped unless it has `also`."""
         messages = self.faults.setdefault(path, [])
         if also or not messages:
             messages.append(message)
 
     def refuse(self, path: KeyPath, expected: str) -> None:
-        """Note that the value at a key is not what was expected."""
+        """Note that the value at a key is not as expected."""
         self.fault(path, f"{self._shown(path)}; expected {expected}")
 
     def integers(self, *paths: KeyPath) -> None:
-        """Refuse true and 1.0 where a `Literal` has numbers."""
+        """Refuse true, false and floats where a `Literal` has whole numbers."""
         for path in paths:
             if isinstance(self.value(*path), bool | float):
                 self.refuse(path, "a whole number")
 
     def checked(self, value: T | None) -> T:
-        """What `validate` gave; raises all faults noted so far, in the order of their lines."""
+        """Return a value that `validate` gave; raises `error` with all noted faults, by line, if there are any."""
         if value is None or self.faults:
             faults = [self._fault(path, message) for path, messages in self.faults.items() for message in messages]
             raise self.error(self.source, sorted(faults, key=lambda fault: fault.line or math.inf))
         return value
 
     def validate(self, schema: type[T], path: KeyPath = (), *, loaded: Sequence[str] = ()) -> T | None:
-        """The table at `path` as a dataclass, or None with all its faults noted; `loaded` fields must not be given."""
+        """Return the table at `path` as a dataclass; None when it has faults, which are noted.
+
+        A file must not give the `loaded` fields, which the program fills in.
+        """
         from pydantic import ValidationError
 
         value, kind = self.value(*path), cast(Hashable, schema)
@@ -103,7 +109,8 @@ class Document:
         return None
 
     def _rule(self, message: str, path: KeyPath) -> None:
-        """Note a fault that a dataclass found itself, at the key that its sentence begins with."""
+        """Note a ValueError that a dataclass raised, at the key with which its message begins."""
+        # Rules across fields begin with a field, as in "lower 3: expected less than upper, 2".
         name = re.split(r"[\s.:\[]", message, maxsplit=1)[0]
         rest = message.removeprefix(name).lstrip(" :")
         if name in self.table(*path):
@@ -112,7 +119,7 @@ class Document:
             self.fault(path, message)
 
     def _translate(self, kind: str, location: KeyPath, schema: Hashable, at: KeyPath, loaded: Sequence[str]) -> None:
-        """Note a fault found by Pydantic in our words."""
+        """Note a fault that Pydantic found, in our own words."""
         root = self.value(*at)
         path = _follow(root, location)
         expectation = _expectation(schema)
@@ -123,8 +130,10 @@ class Document:
             path = (*path, location[-1])
             self.fault(at + path, f"missing; expected {expectation.describe(path, root)}")
         elif kind == "json_invalid":
+            # The JSON is our own, so nothing but its depth can be invalid.
             self.fault(at, "nested too deeply")
         elif kind.startswith("union_tag"):
+            # The tag that chooses the member of a union is its `kind`.
             self._expect(expectation, (*path, "kind"), root, at)
         else:
             self._expect(expectation, path, root, at)
@@ -133,13 +142,14 @@ class Document:
         shown = self._shown(at + path)
         described = expectation.describe(path, root, hexadecimal=shown.startswith("0x"))
         value = self.value(*at, *path)
+        # A plain number takes every float but infinity and not-a-number.
         if described == "a number" and isinstance(value, float):
             described = "a finite number"
         words = expectation.choices(path, root) if isinstance(value, str) else []
         self.fault(at + path, f"{shown}; expected {described}{_nearest_of(value, words)}")
 
     def _shown(self, path: KeyPath) -> str:
-        """A value as the file writes it, when that is short; else what it is."""
+        """Return a value as the file writes it when that is short, else its kind or its beginning."""
         value = self.value(*path)
         if value is None:
             return "missing"
@@ -152,6 +162,7 @@ class Document:
         return shown if len(shown) <= _SHOWN_LENGTH else shown[:_SHOWN_LENGTH] + "…"
 
     def _fault(self, path: KeyPath, message: str) -> Fault:
+        # A label also covers the keys below its own.
         for length in range(len(path), 0, -1):
             if path[:length] in self.labels:
                 return Fault(self.labels[path[:length]], message)
@@ -166,17 +177,21 @@ class Document:
     def _parse(self) -> dict[str, object]:
         try:
             data: dict[str, object] = tomllib.loads(self.text)
+            # Validation writes the data as JSON. Data for which that fails must be refused here, as a fault of the
+            # file.
             json.dumps(data, default=_no_date)
         except tomllib.TOMLDecodeError as cause:
             raise self.error(self.source, self._syntax_faults(str(cause))) from None
+        # tomllib and json recurse for nested values.
         except RecursionError:
             raise self.error(self.source, [Fault("", "nested too deeply")]) from None
+        # Python refuses to convert an integer of several thousand digits.
         except ValueError:
             raise self.error(self.source, [Fault("", "a number has too many digits")]) from None
         return data
 
     def _syntax_faults(self, message: str) -> list[Fault]:
-        """Keys given twice, all of them; else what the parser stopped at."""
+        """Return a fault for each key that is given twice, else the place at which the parser stopped."""
         if message.startswith(("Cannot overwrite", "Cannot declare")) and self._positions.duplicates:
             return [
                 Fault(key_text(twice.path), f"given twice; first in line {twice.first}", twice.line)
@@ -190,12 +205,13 @@ class Document:
 
 
 def read_document(path: Path, error: type[DocumentError]) -> Document:
-    """Read a TOML file; raises `error` when it cannot be read, is not UTF-8 or not TOML."""
+    """Read a TOML file; raises `error` when it cannot be read, is not UTF-8 or is not TOML."""
     try:
         octets = path.read_bytes()
     except FileNotFoundError:
         raise error(path, [Fault("", "no such file")]) from None
     except (OSError, ValueError) as cause:
+        # A path with a NUL raises ValueError.
         reason = (isinstance(cause, OSError) and cause.strerror) or str(cause)
         raise error(path, [Fault("", f"cannot be read: {reason}")]) from cause
     try:
@@ -208,7 +224,7 @@ def read_document(path: Path, error: type[DocumentError]) -> Document:
 
 
 def schema_of(schema: type, *, loaded: Sequence[str] = ()) -> Schema:
-    """The JSON Schema of a file that is read into `schema`."""
+    """Return the JSON Schema of a file that is read into `schema`, without the `loaded` fields."""
     tree: Schema = _adapter(cast(Hashable, schema)).json_schema()
     for name in loaded:
         tree["properties"].pop(name)
@@ -216,24 +232,25 @@ def schema_of(schema: type, *, loaded: Sequence[str] = ()) -> Schema:
 
 
 def knows(schema: Hashable, path: KeyPath) -> bool:
-    """Whether a file of this schema may have the key."""
+    """Return whether a file of this schema may have the key."""
     return bool(_expectation(schema).nodes(path, {}))
 
 
 def key_text(path: KeyPath) -> str:
-    """A path as TOML would write it, list elements counted from 0: `element[0].stiffness`."""
+    """Return a path as TOML would write it, list elements counted from 0: `element[0].stiffness`."""
     text = ""
     for step in path:
         if isinstance(step, int):
             text += f"[{step}]"
         else:
+            # TOML forbids a bare DEL in a text, JSON does not.
             quoted = json.dumps(step, ensure_ascii=False).replace("\x7f", "\\u007F")
             text += "." * bool(text) + (step if _BARE_KEY.fullmatch(step) else quoted)
     return text
 
 
 def _follow(value: object, location: KeyPath) -> KeyPath:
-    """The path of a location in the data: Pydantic's marks for the members of a union are left out."""
+    """Return the part of a Pydantic location that the data has; marks for the members of a union are left out."""
     path: KeyPath = ()
     for step in location:
         inner = child(value, step)
@@ -245,12 +262,13 @@ def _follow(value: object, location: KeyPath) -> KeyPath:
 def _nearest_of(value: object, words: list[str]) -> str:
     if not isinstance(value, str):
         return ""
+    # The message lists all words already, so only the nearest are worth adding.
     near = suggestion(value, words)
     return near if near.startswith("; nearest") else ""
 
 
 def _no_date(_: object) -> dict[str, None]:
-    """Dates, which JSON has not, as something that no field takes."""
+    """Return something that no field takes in the place of a date, which JSON does not have."""
     return {"": None}
 
 

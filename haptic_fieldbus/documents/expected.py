@@ -1,6 +1,6 @@
-"""What a schema expects at a key, in plain words.
+"""The values that a schema allows at a key, in plain words.
 
-The schema is the JSON Schema of a dataclass as Pydantic makes it; this reads the part of it that dataclasses use.
+The schema is the JSON Schema that Pydantic makes of a dataclass; only the keywords that occur in these are read.
 """
 
 from typing import Any
@@ -12,13 +12,13 @@ _PLAIN = {"string": "text", "boolean": "true or false", "object": "a table", "nu
 
 
 class Expectation:
-    """The schema of one kind of table."""
+    """The schema of one kind of table, searched by key."""
 
     def __init__(self, schema: Schema) -> None:
         self._root = schema
 
     def nodes(self, path: KeyPath, value: object) -> list[Schema]:
-        """The alternatives allowed at `path`; `value` is the whole table, whose `kind`s choose between unions."""
+        """Return the schemas allowed at `path`; `value` is the whole table, whose `kind`s choose between unions."""
         nodes = self._alternatives(self._root, value)
         for step in path:
             value = child(value, step)
@@ -27,15 +27,16 @@ class Expectation:
         return nodes
 
     def names(self, path: KeyPath, value: object) -> list[str]:
-        """The keys of the table at `path`."""
+        """Return the keys that the table at `path` may have."""
         return [name for node in self.nodes(path, value) for name in node.get("properties", {})]
 
     def choices(self, path: KeyPath, value: object) -> list[str]:
-        """The words allowed at `path`."""
+        """Return the words allowed at `path`; empty when it takes no words or any text."""
         allowed = [choice for node in self.nodes(path, value) for choice in _constants(node)]
         return [choice for choice in allowed if isinstance(choice, str)]
 
     def describe(self, path: KeyPath, value: object, *, hexadecimal: bool = False) -> str:
+        """Return the values allowed at `path` in words, such as "a number above 0"; "a value" for an unknown key."""
         described = [_describe(node, hexadecimal) for node in self.nodes(path, value)]
         return " or ".join(dict.fromkeys(described)) or "a value"
 
@@ -49,11 +50,12 @@ class Expectation:
             chosen = node["discriminator"]["mapping"].get(str(child(value, node["discriminator"]["propertyName"])))
             union = [{"$ref": chosen}] if chosen else union
         leaves = [leaf for option in union for leaf in self._alternatives(option, value)]
+        # TOML has no null: None is a key that is left out.
         return [leaf for leaf in leaves if leaf.get("type") != "null"]
 
 
 def child(value: object, step: str | int) -> object:
-    """The value below `step`; None when there is none."""
+    """Return the value below `step`; None when there is none."""
     if isinstance(value, dict):
         return value.get(step)
     if isinstance(value, list) and isinstance(step, int) and step < len(value):
@@ -98,6 +100,7 @@ def _describe(node: Schema, hexadecimal: bool) -> str:
 def _describe_list(node: Schema, hexadecimal: bool) -> str:
     fixed = node.get("prefixItems", [])
     if fixed:
+        # The members of the tuples in use are described alike.
         return f"a list of {len(fixed)}, each {_describe(fixed[0], hexadecimal)}"
     least, most = node.get("minItems"), node.get("maxItems")
     count = f" of {most}" if least == most and most else f" of at least {least}" if least else ""
@@ -126,5 +129,5 @@ def _bounds(node: Schema, hexadecimal: bool) -> str:
 
 
 def listed(words: list[str], last: str) -> str:
-    """«a, b or c»."""
+    """Return words as «a, b or c», with `last` before the last word."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"

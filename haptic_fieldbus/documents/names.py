@@ -1,4 +1,4 @@
-"""Files by name, and the names that somebody may have meant."""
+"""Shipped files by name, and suggestions for names that do not exist."""
 
 import difflib
 from collections.abc import Iterable
@@ -7,14 +7,15 @@ from pathlib import Path
 from haptic_fieldbus.errors import UsageError
 
 LISTED = 12
-"""So many names are listed when none is near; more would hide the message."""
+"""The longest list of names that is shown when none is near; a longer one would hide the message."""
 
 _EDS_SUFFIXES = (".eds", ".dcf")
 _SUFFIXES = (".toml", *_EDS_SUFFIXES)
 
 
 def nearest(name: str, names: Iterable[str]) -> list[str]:
-    """Up to three of `names` that are nearly `name`, or contain it; the nearest first."""
+    """Return up to three of `names` that are similar to `name` or contain it, the nearest first."""
+    # In reverse, so that of names that differ in case alone the first stays.
     by_lower = {candidate.lower(): candidate for candidate in sorted(names, reverse=True)}
     wanted = name.lower()
     close = difflib.get_close_matches(wanted, by_lower, n=3, cutoff=0.6)
@@ -23,7 +24,7 @@ def nearest(name: str, names: Iterable[str]) -> list[str]:
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:
-    """The end of a sentence about an unknown name: the nearest ones, or all when none is near and they are few."""
+    """Return the end of a sentence about an unknown name: the nearest names, else all if they are few, else nothing."""
     known = sorted(names)
     near = nearest(name, known)
     if near:
@@ -32,24 +33,24 @@ def suggestion(name: str, names: Iterable[str]) -> str:
 
 
 def file_names(folder: Path) -> list[str]:
-    """The names of the TOML files of a folder, sorted."""
+    """Return the names of the TOML files in a folder, sorted."""
     return sorted(path.stem for path in folder.glob("*.toml"))
 
 
 def is_path(name: str | Path) -> bool:
-    """Whether a file is meant, and not the name of a shipped one."""
+    """Return whether `name` is the path of a file, and not the name of a shipped one."""
     return isinstance(name, Path) or name.lower().endswith(_SUFFIXES) or "/" in name or "\\" in name
 
 
 def is_eds(name: str | Path) -> bool:
-    """Whether an EDS or DCF is meant."""
+    """Return whether `name` is that of an EDS or DCF."""
     return str(name).lower().endswith(_EDS_SUFFIXES)
 
 
 def file_of(kind: str, name: str | Path, folder: Path, others: Iterable[str] = ()) -> Path:
-    """The file of a shipped profile or scene (`kind`), or the path itself when one is given; raises UsageError.
+    """Return the file of a shipped profile or scene (`kind`), or the path itself when `name` is one.
 
-    `others` are names that are known from elsewhere, for the sentence.
+    Raises UsageError when `folder` has no such file; the sentence suggests names of the folder and of `others`.
     """
     if is_path(name):
         return Path(name)

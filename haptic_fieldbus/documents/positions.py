@@ -1,6 +1,6 @@
-"""Where each key of a TOML text stands.
+"""The line of each key of a TOML text.
 
-`tomllib` forgets positions, so the text is parsed a second time by tree-sitter; only once there is a fault. Paths are
+`tomllib` does not keep positions, so tree-sitter parses the text a second time, only when there is a fault. Paths are
 those of the data: ("element", 0, "stiffness"). Lines count from 1.
 """
 
@@ -16,31 +16,36 @@ from haptic_fieldbus.documents.expected import KeyPath
 
 @dataclass(frozen=True)
 class Position:
+    """The line of a key, and its value as it is written."""
+
     line: int
     text: str = ""
-    """The value as it is written; empty for a table."""
+    """Empty for a table."""
 
 
 @dataclass(frozen=True)
 class Duplicate:
+    """A key that is given twice: the line of the second, and of the first."""
+
     path: KeyPath
     line: int
     first: int
 
 
 class Positions:
-    """The lines of all keys of a text, also of one that breaks the rules of TOML."""
+    """The lines of all keys of a text, even of a text that breaks the rules of TOML."""
 
     def __init__(self, text: str) -> None:
         self.duplicates: list[Duplicate] = []
         self._written: dict[KeyPath, Position] = {}
+        # Tables without a header of their own, at the line of the first key or header below them.
         self._implied: dict[KeyPath, Position] = {}
         self._array_sizes: dict[KeyPath, int] = {}
         parser = tree_sitter.Parser(tree_sitter.Language(tree_sitter_toml.language()))
         self._read_document(parser.parse(text.encode()).root_node)
 
     def line(self, path: KeyPath) -> int | None:
-        """The line of the key, or of the innermost table around it that is written; None when there is none."""
+        """Return the line of a key, or of the innermost written table around it; None when there is none."""
         for length in range(len(path), 0, -1):
             position = self._position(path[:length])
             if position is not None:
@@ -48,6 +53,7 @@ class Positions:
         return None
 
     def text(self, path: KeyPath) -> str:
+        """Return the value of a key as it is written; empty for a table and for a missing key."""
         position = self._position(path)
         return position.text if position is not None else ""
 
@@ -62,6 +68,8 @@ class Positions:
                 self._read_table(node)
 
     def _read_table(self, node: tree_sitter.Node) -> None:
+        """Note a header and the pairs below it."""
+        # A broken header may have no children; then the node itself is no key either, and is passed over.
         header, *rest = [child for child in node.named_children if child.type != "comment"] or [node]
         keys = _keys(header)
         if not keys:
@@ -79,7 +87,7 @@ class Positions:
         self._read_pairs([(child, path) for child in rest if child.type == "pair"])
 
     def _resolve(self, keys: list[str]) -> KeyPath:
-        """A header's keys as a path: a table below an array of tables belongs to the array's last element."""
+        """Return the path of a header; a table below an array of tables belongs to the last element of the array."""
         path: KeyPath = ()
         for key in keys:
             path = (*path, key)
@@ -88,7 +96,7 @@ class Positions:
         return path
 
     def _read_pairs(self, pairs: list[tuple[tree_sitter.Node, KeyPath]]) -> None:
-        """Pairs, and by a stack instead of recursion all that their values contain."""
+        """Note pairs and all that their values contain, by a stack, as nesting may be deeper than recursion allows."""
         stack = list(reversed(pairs))
         while stack:
             node, path = stack.pop()
@@ -117,7 +125,7 @@ class Positions:
 
 
 def _contents(value: tree_sitter.Node, path: KeyPath) -> Iterator[tuple[tree_sitter.Node, KeyPath]]:
-    """What an array or an inline table holds, last first, for a stack."""
+    """Yield the contents of an array or an inline table, last first, for a stack."""
     if value.type == "array":
         items = [child for child in value.named_children if child.type not in ("comment", "ERROR")]
         yield from ((item, (*path, index)) for index, item in reversed(list(enumerate(items))))
@@ -126,10 +134,11 @@ def _contents(value: tree_sitter.Node, path: KeyPath) -> Iterator[tuple[tree_sit
 
 
 def _keys(node: tree_sitter.Node) -> list[str]:
-    """The parts of a bare, quoted or dotted key; empty when it is none."""
+    """Return the parts of a bare, quoted or dotted key; empty when the node is no key."""
     if node.type not in ("bare_key", "quoted_key", "dotted_key"):
         return []
     try:
+        # tomllib removes quotes and splits dots by the rules of TOML.
         data: object = tomllib.loads(f"{(node.text or b'').decode(errors='replace')} = 0")
     except (tomllib.TOMLDecodeError, RecursionError):
         return []

@@ -1,1 +1,1 @@
-"""What a drive offers, whatever its protocol: profile, rig, power table, units."""
+"""Drives and benches in any protocol: profile, rig, power table, units."""

@@ -1,4 +1,4 @@
-"""A drive with the objects of CiA 402, whatever carries them: which object is which signal, and its option codes.
+"""Profile of a drive with the objects of CiA 402, on any protocol: the object of each signal, and option codes.
 
 Reference: IEC 61800-7-201 (CiA 402-2).
 """
@@ -14,6 +14,7 @@ from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.signals import Signal
 
 Index = Annotated[int, Ge(0x1000), Le(0xFFFF)]
+"""Index of an object; the indices below 1000h are those of data types."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class MappedObject:
 
     @property
     def entry(self) -> ObjectEntry:
+        """The object as an entry of the object dictionary."""
         return ObjectEntry(self.object, self.type, self.subindex, self.unit)
 
 
@@ -36,13 +38,13 @@ class OptionCode:
     """An option object and the value that it must hold while force is rendered."""
 
     object: Index
-    value: Annotated[int, Ge(-32768), Le(32767)]
+    value: Annotated[int, Ge(-32768), Le(32767)]  # option codes are of the type INTEGER16
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class IdentitySection:
-    """Compared with 1018h before anything is written; None is not compared."""
+    """Identity that is compared with 1018h before anything is written; None, or no codes: not compared."""
 
     vendor_id: UInt32 | None = None
     product_codes: tuple[UInt32, ...] = ()
@@ -51,6 +53,8 @@ class IdentitySection:
 
 @dataclass(frozen=True)
 class TorqueSection:
+    """Torque objects, and the mode of operation in which the drive follows its target torque."""
+
     mode_of_operation: Annotated[int, Ge(-128), Le(127)]
     target: MappedObject
     actual: MappedObject | None = None
@@ -60,19 +64,23 @@ class TorqueSection:
 
 @dataclass(frozen=True)
 class PositionSection:
+    """Object of the position actual value."""
+
     actual: MappedObject
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class VelocitySection:
+    """Object of the velocity actual value."""
+
     actual: MappedObject
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinkLoss:
-    """What the drive does when its master is gone."""
+    """Options that decide how the drive reacts when its master is gone; None: the drive has no such object."""
 
     abort_connection_option: OptionCode | None = None
     fault_reaction_option: OptionCode | None = None
@@ -81,18 +89,19 @@ class LinkLoss:
 
 @dataclass(frozen=True, kw_only=True)
 class Cia402Profile(DriveProfile):
-    """A drive model by its objects."""
+    """A drive model described by its objects."""
 
     torque: TorqueSection
     position: PositionSection | None = None
     velocity: VelocitySection | None = None
-    """What the drive measures itself; read only where there is no position."""
+    """Velocity measured by the drive; read only when the drive offers no position."""
     identity: IdentitySection = field(default_factory=IdentitySection)
     link_loss: LinkLoss = field(default_factory=LinkLoss)
     __pydantic_config__: ClassVar = STRICT
 
     def entries(self) -> dict[Signal, ObjectEntry]:
-        """The objects that carry each signal."""
+        """Return the object that carries each signal which the drive offers."""
+        # The standard fixes the objects of statusword and controlword; a profile gives all others.
         entries = {
             Signal.STATUSWORD: ObjectEntry(0x6041, DataType.UINT16),
             Signal.CONTROLWORD: ObjectEntry(0x6040, DataType.UINT16),
@@ -107,7 +116,7 @@ class Cia402Profile(DriveProfile):
         return entries
 
     def offers(self) -> dict[Signal, MappedSignal]:
-        """The same without what only CANopen needs to know."""
+        """Return each signal as the drive carries it, in the form that is common to all protocols."""
         return {
             signal: MappedSignal(signal, str(entry), entry.type, entry.unit) for signal, entry in self.entries().items()
         }

@@ -1,6 +1,7 @@
-"""What a simulated bench has beyond a rigid shaft: `[axis.NAME.simulation]` of a rig, each part off unless asked.
+"""Mechanics of a simulated bench beyond a rigid shaft: `[axis.NAME.simulation]` of a rig, each part optional.
 
-For the simulation only: no plan and no stability limit looks at it. Everything at the motor shaft, SI.
+Only the simulation uses these values; plans and stability limits ignore them. All are at the motor shaft and SI, unless
+a field says otherwise.
 """
 
 from dataclasses import dataclass
@@ -13,16 +14,16 @@ from haptic_fieldbus.drive.fields import STRICT, NonNegativeFloat, PositiveFloat
 
 @dataclass(frozen=True)
 class CompliantCoupling:
-    """A shaft, belt or gear that gives way: spring and damper between motor and load, the encoder on the motor."""
+    """A compliant shaft, belt or gear: spring and damper between motor and load, with the encoder on the motor."""
 
     stiffness: PositiveFloat
     """[N·m/rad]"""
     load_inertia: PositiveFloat
-    """[kg·m²], the part of the axis' inertia that lies behind the spring."""
+    """Part of the axis' inertia that lies behind the spring [kg·m²]."""
     damping: NonNegativeFloat = 0.0
-    """[N·m·s/rad], in the spring."""
+    """Damping parallel to the spring [N·m·s/rad]."""
     backlash: NonNegativeFloat = 0.0
-    """[rad], from one flank to the other."""
+    """Play from one flank to the other [rad]."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -31,15 +32,18 @@ class Weight:
     """A weight on the handle."""
 
     torque: float
-    """[N·m]. Linear mechanism: the torque, positive towards positive angles. Rotary: the largest, lever horizontal."""
+    """Torque of the weight [N·m].
+
+    Linear mechanism: constant, positive towards positive angles. Rotary mechanism: the largest, at a horizontal lever.
+    """
     hanging_at: float = 0.0
-    """[rad] of the handle, counted from the simulated encoder's zero: where the lever of a rotary handle hangs down."""
+    """Angle of a rotary handle at which its lever hangs down [rad], counted from the zero of the simulated encoder."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class Cogging:
-    """Torque −torque·sin(periods·θ) of the motor's slots, at rest at θ = 0."""
+    """Cogging torque of the motor: −torque·sin(periods_per_revolution·θ), with a stable rest at θ = 0."""
 
     torque: NonNegativeFloat
     """[N·m]"""
@@ -49,18 +53,18 @@ class Cogging:
 
 @dataclass(frozen=True)
 class Stribeck:
-    """Friction beyond Coulomb's and viscous, that fades as the shaft slips: torque·exp(−(ω/velocity)²)."""
+    """Friction in addition to Coulomb and viscous friction, falling with speed: torque·exp(−(ω/velocity)²)."""
 
     torque: NonNegativeFloat
-    """[N·m]: the shaft breaks away at Coulomb friction and this."""
+    """Friction at rest beyond Coulomb friction [N·m]; the shaft breaks away at the sum of both."""
     velocity: PositiveFloat
-    """[rad/s]"""
+    """Speed at which the additional friction has fallen to 1/e [rad/s]."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class Mechanics:
-    """The optional parts; `None` is not simulated and costs nothing."""
+    """Optional parts of the simulated mechanics; a part that is `None` is not simulated and costs no time."""
 
     coupling: CompliantCoupling | None = None
     gravity: Weight | None = None
@@ -70,5 +74,5 @@ class Mechanics:
 
     @property
     def is_rigid(self) -> bool:
-        """Whether nothing is asked for."""
+        """True when no optional part is given."""
         return self == Mechanics()

@@ -1,4 +1,4 @@
-"""Entries of a CANopen object dictionary: data types, names, and how they are written.
+"""Entries of a CANopen object dictionary: data types, names, encoding, notation.
 
 References: CiA 301 4.2 (data types), CiA 402-2 (object names).
 """
@@ -20,29 +20,33 @@ class DataType(Enum):
 
     @property
     def code(self) -> str:
-        """The type's character in a `struct` format."""
+        """Character of the type in a `struct` format."""
         return _STRUCT_CODES[self]
 
     @property
     def size(self) -> int:
-        """Octets on the wire."""
+        """Size on the wire [octets]."""
         return struct.calcsize("<" + self.code)
 
     @property
     def limits(self) -> tuple[int, int]:
+        """Smallest and largest value."""
         bits = 8 * self.size
+        # In a `struct` format signed integers have small letters.
         return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.code.islower() else (0, (1 << bits) - 1)
 
     def pack(self, value: int) -> bytes:
+        """Return the little-endian octets of a value; raises struct.error when it is out of range."""
         return struct.pack("<" + self.code, value)
 
     def unpack(self, data: bytes) -> int:
+        """Return the value of little-endian octets; raises struct.error when their number is wrong."""
         value: int = struct.unpack("<" + self.code, data)[0]
         return value
 
 
 class Order(Enum):
-    """How the octets of a value follow each other on the wire; the value is the name in profile files."""
+    """Order of the octets of a value on the wire; the value is the name in profile files."""
 
     LITTLE = "little"
     BIG = "big"
@@ -83,6 +87,7 @@ NAMES = {
     0x60C2: "interpolation time period",
     0x6502: "supported drive modes",
 }
+"""Names of the objects that the package uses, by index."""
 
 PDO_NAMES = {
     0x1400: "RPDO communication parameter",
@@ -90,12 +95,12 @@ PDO_NAMES = {
     0x1800: "TPDO communication parameter",
     0x1A00: "TPDO mapping parameter",
 }
-"""By the first of each 512 objects."""
+"""Names of the PDO objects, by the first index of each range of 512."""
 
 
 @dataclass(frozen=True)
 class ObjectEntry:
-    """One entry of the object dictionary, with the unit of its value where it has one."""
+    """One entry of the object dictionary, with the unit of its value; empty when there is none."""
 
     object: int
     type: DataType
@@ -104,11 +109,13 @@ class ObjectEntry:
 
     @property
     def name(self) -> str:
+        """Name of the object in the standard, `object` when it is not listed here."""
+        # The lower 9 bits number the 512 PDOs of a range.
         return NAMES.get(self.object) or PDO_NAMES.get(self.object & ~0x1FF, "object")
 
     @property
     def mapping(self) -> int:
-        """The value of a PDO mapping entry: index, sub-index, length in bits (CiA 301, 7.5.2.36)."""
+        """Value of a PDO mapping entry: index, sub-index, length in bits (CiA 301, 7.5.2.36)."""
         return self.object << 16 | self.subindex << 8 | 8 * self.type.size
 
     def __str__(self) -> str:

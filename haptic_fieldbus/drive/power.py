@@ -1,9 +1,10 @@
-"""The power state of a drive as seen and commanded by the master: a table, one row a state.
+"""Power states of a drive as the master reads and commands them: a table with one row for each state.
 
-The drive owns the automaton; the master reads the state from the statusword and answers with the controlword that asks
-for the next transition on the way to *operation enabled*. It never resets a fault and never leaves *quick stop active*
-upwards: those are for a person to ask for. `protocols.cia402` has the standard's table; a drive with a mode register or
-an opcode instead has another one, and its status and command are called statusword and controlword all the same.
+The automaton is in the drive. The master derives the state from the statusword, and answers with the controlword that
+requests the next transition on the way to *operation enabled*. It never resets a fault, and it never goes from *quick
+stop active* back to *operation enabled*: both are decisions of a person. The table of the standard is in
+`protocols.cia402`. A drive with a mode register or an opcode has a table of its own; its status and command are called
+statusword and controlword all the same.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from haptic_fieldbus.drive.fields import STRICT, UInt32
 
 
 class PowerState(Enum):
-    """The states of the standard, by their names there."""
+    """Power states, by their names in the standard."""
 
     NOT_READY = "not ready to switch on"
     SWITCH_ON_DISABLED = "switch on disabled"
@@ -33,35 +34,35 @@ class PowerState(Enum):
 
 @dataclass(frozen=True)
 class PowerRow:
-    """The statusword bits under `mask` that make up a state, and the controlword that is answered in it."""
+    """A state, the statusword `bits` under `mask` that stand for it, and the controlword to be sent in it."""
 
     mask: UInt32
     bits: UInt32
     state: PowerState
     controlword: UInt32
     transition: int | None = None
-    """The standard's number of the transition that the answer asks for."""
+    """Number in the standard of the transition that the controlword requests; None when it requests none."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class PowerTable:
-    """All states of a drive; a statusword that no row fits is *unknown*, and is answered with `off`."""
+    """All power states of a drive; a statusword that fits no row is *unknown*, and is answered with `off`."""
 
     rows: Annotated[tuple[PowerRow, ...], Len(1)]
     off: UInt32 = 0
-    """The controlword that takes voltage away in every state."""
+    """Controlword that disables the voltage in every state."""
     __pydantic_config__: ClassVar = STRICT
 
     @cached_property
     def mask(self) -> int:
-        """The bits of a statusword that matter to any row."""
+        """Bits of a statusword that any row depends on."""
         return reduce(or_, (row.mask for row in self.rows))
 
     def state(self, statusword: int) -> PowerState:
-        """The state that a statusword names; bits outside the masks do not matter."""
+        """Return the state of a statusword, by the first row that fits; UNKNOWN when none does."""
         return next((row.state for row in self.rows if statusword & row.mask == row.bits), PowerState.UNKNOWN)
 
     def answer(self, state: PowerState) -> int:
-        """The controlword on the way to *operation enabled*."""
+        """Return the controlword for a state, on the way to *operation enabled*; `off` when no row has the state."""
         return next((row.controlword for row in self.rows if row.state is state), self.off)

@@ -1,8 +1,8 @@
 """A drive profile: how one drive model offers torque and position, or velocity alone, on a fieldbus.
 
-A profile is a TOML file of `profiles/`. What every protocol needs is here; each protocol adds tables of its own, and
-says which object or register carries which signal (`protocols`). `protocols.catalogue.load_profile` reads it.
-Units are SI unless a name or an entry's `unit` says otherwise.
+A profile is a TOML file in `profiles/`, read by `protocols.catalogue.load_profile`. This module has the tables that all
+protocols share. Each protocol (`protocols`) adds tables of its own, which tell the object or register of each signal.
+Units are SI, unless a name or the `unit` of an entry says otherwise.
 """
 
 from abc import ABC, abstractmethod
@@ -19,11 +19,11 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class MappedSignal:
-    """A signal as a drive carries it: where, in which type and unit."""
+    """A signal as a drive carries it: address, type, unit and order of octets."""
 
     signal: Signal
     address: str
-    """As the protocol writes it: `6064h:00 position actual value`, `register 0x0102`."""
+    """Address in the notation of the protocol: `6064h:00 position actual value`, `register 0x0102`."""
     type: DataType
     unit: str = ""
     order: Order = Order.LITTLE
@@ -31,11 +31,13 @@ class MappedSignal:
 
 @dataclass(frozen=True)
 class DriveSection:
+    """Drive model, its protocol, and the evidence for the profile."""
+
     vendor: Annotated[str, Len(1)]
     model: Annotated[str, Len(1)]
     protocol: Annotated[str, Len(1)]
     evidence: Literal["hardware", "vendor-data", "third-party-code", "standard"]
-    """The best that the values rest on; "standard": on CiA 301 and CiA 402 alone, no device was looked at."""
+    """Best evidence for the values; "standard": CiA 301 and CiA 402 alone, without any particular device."""
     usable: bool = True
     """False: the profile only documents why the drive cannot render force."""
     __pydantic_config__: ClassVar = STRICT
@@ -43,31 +45,38 @@ class DriveSection:
 
 @dataclass(frozen=True)
 class TimingSection:
+    """Times of a drive: torque loop, controller, change of mode."""
+
     torque_bandwidth: PositiveFloat
-    """[Hz]; the torque loop is taken as first order."""
+    """Bandwidth of the torque loop, which is taken as first order [Hz]."""
     control_period: NonNegativeFloat
-    """[s]; a new target is taken over at the next multiple of it, counted from the latch; 0: at once."""
+    """Period of the drive's controller [s].
+
+    A new target acts at the next multiple of it, counted from the latch of the feedback; with 0 it acts at once.
+    """
     mode_change_timeout: PositiveFloat = 1.0
+    """Longest time that the drive may take to change its mode of operation [s]."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveProfile(ABC):
-    """One drive model; `name` is the file's name without suffix, `source` its path."""
+    """Profile of one drive model; `name` is the name of the file without suffix, `source` its path."""
 
     schema: Literal[1]
     drive: DriveSection
     timing: TimingSection
     sources: dict[str, Annotated[str, Len(1)]] = field(default_factory=dict)
-    """Where each value comes from, by key; the source of a table covers all in it."""
+    """Origin of each value, by key; the source of a table covers all values in it."""
     name: str = ""
     source: str = ""
     __pydantic_config__: ClassVar = STRICT
 
     @property
     def title(self) -> str:
+        """Vendor and model, as messages name the drive."""
         return f"{self.drive.vendor} {self.drive.model}"
 
     @abstractmethod
     def offers(self) -> Mapping[Signal, MappedSignal]:
-        """What carries each signal."""
+        """Return the signals that the drive offers, each as it is carried."""

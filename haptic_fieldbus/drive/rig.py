@@ -1,6 +1,6 @@
 """A rig: the drives, motors and mechanics of one bench.
 
-Everything is at the motor shaft and SI, except `limits`, which are in the workspace of the axis (N or N·m, m or rad).
+All values are at the motor shaft and SI, except `limits`, which are in the workspace of the axis (N or N·m, m or rad).
 """
 
 import math
@@ -18,37 +18,40 @@ if TYPE_CHECKING:
 
 
 class ByKind:
-    """Marks a union whose member is chosen by its `kind`, so that a faulty table is held against that member alone."""
+    """Mark of a union whose member is chosen by `kind`, so that a faulty table is checked against that member alone."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: "GetCoreSchemaHandler") -> Any:
-        from pydantic import Field
+        """Return the schema of a union discriminated by `kind`, for Pydantic."""
+        from pydantic import Field  # a rig that is made in Python does without it
 
         return handler.generate_schema(Annotated[source, Field(discriminator="kind")])
 
 
 @dataclass(frozen=True)
 class BusSection:
-    """A bus as every protocol has one; what else its table may say is the protocol's own."""
+    """A bus of a rig, with the keys that all protocols share; each protocol may add keys of its own."""
 
     interface: Annotated[str, Len(1)]
     channel: Annotated[str, Len(1)]
     protocol: ClassVar[str] = ""
+    # Further keys are checked by the section of the protocol, which is chosen by `interface`.
     __pydantic_config__: ClassVar[dict[str, object]] = {"extra": "ignore"}
 
     @property
     def simulated(self) -> bool:
+        """True when the bus is simulated."""
         return False
 
 
 @dataclass(frozen=True)
 class LinearMechanism:
-    """Capstan, belt or screw: the handle moves `metres_per_revolution` a turn of the motor."""
+    """A capstan, belt or screw: the handle moves by `metres_per_revolution` for each turn of the motor."""
 
     kind: Literal["linear"]
     metres_per_revolution: PositiveFloat
     sign: Literal[-1, 1] = 1
     zero: Literal["start"] | int = "start"
-    """Where the handle is zero: where it is when the drive is enabled, or at this encoder count."""
+    """Zero of the handle: its place when the drive is enabled, or an encoder count."""
     __pydantic_config__: ClassVar = STRICT
 
     @property
@@ -63,7 +66,7 @@ class LinearMechanism:
 
 @dataclass(frozen=True)
 class RotaryMechanism:
-    """The motor turns `gear_ratio` times as far as the handle."""
+    """A gear, or none: the motor turns `gear_ratio` times as far as the handle."""
 
     kind: Literal["rotary"]
     gear_ratio: PositiveFloat = 1.0
@@ -83,13 +86,13 @@ class RotaryMechanism:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the handle may do, in its workspace; `None`: derived (effort, speed, drift), or not limited (position)."""
+    """Limits of the handle, in its workspace; `None`: derived (effort, speed, drift), or not limited (position)."""
 
     effort: PositiveFloat | None = None
     speed: PositiveFloat | None = None
     position: tuple[float, float] | None = None
     drift: PositiveFloat | None = None
-    """How far a position that is integrated from velocity may be uncertain; no other position is."""
+    """Largest permitted error of a position that is integrated from velocity; without effect on other positions."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -99,20 +102,25 @@ class RigAxis:
 
     bus: str
     node: Annotated[int, Ge(0)]
-    """On its bus; which numbers there are, its protocol says."""
+    """Number of the drive on its bus, in the range of the protocol."""
     profile: str
     mechanism: Annotated[LinearMechanism | RotaryMechanism, ByKind()]
     encoder_counts_per_revolution: Annotated[int, Gt(0)]
     rated_torque: PositiveFloat | None = None
+    """[N·m]"""
     torque_constant: PositiveFloat | None = None
-    """[N·m/A]; only of drives whose torque is told in current."""
+    """[N·m/A]; needed only for drives whose torque is given as a current."""
     inertia: PositiveFloat | None = None
+    """[kg·m²]"""
     viscous_damping: NonNegativeFloat | None = None
+    """[N·m·s/rad]"""
     coulomb_friction: NonNegativeFloat = 0.0
+    """[N·m]"""
     on_link_loss: Literal["free", "brake"] = "free"
+    """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""
     limits: Limits = field(default_factory=Limits)
     simulation: Mechanics = field(default_factory=Mechanics)
-    """What a simulated bench has beyond a rigid shaft; nothing else looks at it."""
+    """Mechanics of a simulated bench beyond a rigid shaft; without effect on anything but the simulation."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -127,10 +135,7 @@ class Rig:
 
 
 def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
-    """The shipped bench: what is simulated when no rig file is given.
-
-    Its speed limit lies above what the simulated hand reaches when nothing holds it back: 6 N against the damping.
-    """
+    """Return an axis of the shipped bench, which is simulated when no rig file is given."""
     mechanism: LinearMechanism | RotaryMechanism = (
         LinearMechanism("linear", metres_per_revolution=0.05)
         if workspace is Workspace.LINEAR
@@ -147,5 +152,6 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         inertia=4.0e-5,
         viscous_damping=1.0e-4,
         coulomb_friction=2.0e-3,
+        # Above the speed that the simulated hand reaches in free space, where only damping holds back its 6 N.
         limits=Limits(speed=10.0 if workspace is Workspace.LINEAR else 1.0e4),
     )

@@ -1,6 +1,7 @@
-"""Data sheets of CANopen devices (EDS, DCF): read tolerantly, and written.
+"""Electronic data sheets of CANopen devices (EDS, DCF), read and written.
 
-Reference: CiA 306-1 (EDS and DCF), CiA 301 4.2 (data types, object codes).
+The reader is tolerant: it takes what is usable and lists the rest as faults. Reference: CiA 306-1 (EDS and DCF), CiA
+301 4.2 (data types, object codes).
 """
 
 from haptic_fieldbus.eds.model import (

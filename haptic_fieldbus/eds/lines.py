@@ -1,7 +1,7 @@
-"""The lines of an EDS: sections and their keys, each with its line; whatever else stands there becomes a fault.
+"""Split an EDS into sections and keys, each with its line; any other line becomes a fault.
 
 Keys and section names do not depend on case (CiA 306-1, 4.2). The text is UTF-8, UTF-16 with a byte order mark, or
-Windows-1252, which some vendors' editors write and which no octet can contradict.
+Windows-1252, which some vendors' editors write. Windows-1252 comes last, as it gives a meaning to almost any octet.
 """
 
 import re
@@ -12,13 +12,14 @@ from haptic_fieldbus.errors import Fault
 
 _HEAD = re.compile(r"\[([^\]]*)\]\s*(;.*)?$")
 _LINE_END = re.compile(r"\r\n?|\n")
+# A semicolon without a blank in front may belong to the value.
 _COMMENT = re.compile(r"\s+;.*$")
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
 @dataclass(frozen=True)
 class Item:
-    """One `key=value` with its line; `key` as it is written."""
+    """One `key=value` with its line; `key` is spelt as in the file."""
 
     key: str
     value: str
@@ -27,19 +28,19 @@ class Item:
 
 @dataclass
 class FileSection:
-    """One `[name]`; the items by their keys in lower case."""
+    """One section `[name]`; the items are found by their keys in lower case."""
 
     name: str
     line: int
     items: dict[str, Item] = field(default_factory=dict)
 
     def text(self, key: str) -> str:
-        """The value, empty when the key is missing or its value is."""
+        """Return the value of a key; empty when the key is missing or has no value."""
         item = self.items.get(key.lower())
         return item.value if item is not None else ""
 
     def line_of(self, key: str) -> int:
-        """The key's line, or the section's."""
+        """Return the line of a key, or of the section when the key is missing."""
         item = self.items.get(key.lower())
         return item.line if item is not None else self.line
 
@@ -48,7 +49,7 @@ class FileSection:
 
 
 def text_of_octets(data: bytes, faults: list[Fault]) -> str:
-    """The text, whatever its encoding."""
+    """Return the text of a file; notes a fault when it has to be read as Windows-1252."""
     if data.startswith(_UTF16_MARKS):
         return data.decode("utf-16", errors="replace")
     try:
@@ -61,7 +62,7 @@ def text_of_octets(data: bytes, faults: list[Fault]) -> str:
 
 
 def sections_of(text: str, faults: list[Fault]) -> Mapping[str, FileSection]:
-    """All sections by their names in lower case; one that stands twice is taken together."""
+    """Return all sections by their names in lower case, those of one name merged into the first."""
     sections: dict[str, FileSection] = {}
     present: FileSection | None = None
     for number, raw in enumerate(_LINE_END.split(text), start=1):
@@ -79,6 +80,7 @@ def sections_of(text: str, faults: list[Fault]) -> Mapping[str, FileSection]:
 
 
 def _opened(name: str, number: int, sections: dict[str, FileSection], faults: list[Fault]) -> FileSection:
+    """Return the section of this name, a new one or the one that is already there; notes the second case."""
     found = sections.get(name.lower())
     if found is None:
         return sections.setdefault(name.lower(), FileSection(name, number))
@@ -87,6 +89,7 @@ def _opened(name: str, number: int, sections: dict[str, FileSection], faults: li
 
 
 def _add(section: FileSection, line: str, number: int, faults: list[Fault]) -> None:
+    """Add the item of a line to the section. A key that stands twice has its last value."""
     key, equals, value = (part.strip() for part in line.partition("="))
     if not equals or not key:
         faults.append(Fault(f"[{section.name}]", f'"{line}" is no key with a value', number))

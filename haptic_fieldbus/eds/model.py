@@ -1,4 +1,4 @@
-"""What an EDS or DCF says of a device, as values: the result of reading, and what is written.
+"""The content of an EDS or DCF as values: the result of reading, and the input of writing.
 
 Reference: CiA 306-1, object description and device information; CiA 301 4.2, table 42 (object codes).
 """
@@ -11,24 +11,26 @@ from haptic_fieldbus.eds.types import EdsType
 from haptic_fieldbus.errors import Fault
 
 ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")
-"""rwr: readable and writable by SDO, as a mapped object only sent (TPDO); rww: only received (RPDO)."""
+"""rwr and rww: readable and writable by SDO; as a mapped object rwr is only sent (TPDO), rww only received (RPDO)."""
 
 
 @dataclass(frozen=True)
 class NodeOffset:
-    """A value that follows the node-ID: `$NODEID+0x180`."""
+    """A value that depends on the node-ID: `$NODEID+0x180`."""
 
     offset: int
 
     def at(self, node: int) -> int:
+        """Return the value for a device with this node-ID."""
         return self.offset + node
 
 
 Value = int | float | str | bytes | NodeOffset
+"""A value of an entry as the file gives it, before the node-ID is known."""
 
 
 class ObjectCode(IntEnum):
-    """What an object is; the value is what stands behind `ObjectType=`."""
+    """The kind of an object (CiA 301 4.2, table 42); the value stands behind `ObjectType=`."""
 
     DOMAIN = 0x02
     DEFTYPE = 0x05
@@ -40,38 +42,38 @@ class ObjectCode(IntEnum):
 
 @dataclass(frozen=True)
 class EdsEntry:
-    """One sub-index; None where the file says nothing (usable)."""
+    """One sub-index of an object; None where the file gives nothing usable."""
 
     index: int
     subindex: int
     name: str
     type: EdsType | None
-    """None: missing, or a structure that only the device knows."""
+    """None when it is missing, or no basic data type, so that only the device has its structure."""
     access: str
     """One of `ACCESS_TYPES`."""
     default: Value | None = None
     parameter: Value | None = None
-    """What a DCF, or a tool that wrote into an EDS, gives as the configured value."""
+    """Configured value (`ParameterValue`): of a DCF, or of a tool that wrote it into an EDS."""
     low: int | float | None = None
     high: int | float | None = None
     mappable: bool = False
-    """`PDOMapping=1`."""
+    """Whether a PDO may carry the entry (`PDOMapping=1`)."""
     line: int | None = None
 
     @property
     def formula(self) -> Value | None:
-        """What stands there after power-on: the configured value, or the default."""
+        """The value after power-on for any node-ID: the configured value, else the default, else None."""
         return self.parameter if self.parameter is not None else self.default
 
     def value(self, node: int) -> int | float | str | bytes | None:
-        """The same for the device with this node-ID."""
+        """Return the value after power-on of the device with this node-ID; None when the file gives none."""
         chosen = self.formula
         return chosen.at(node) if isinstance(chosen, NodeOffset) else chosen
 
 
 @dataclass(frozen=True)
 class EdsObject:
-    """One object with its sub-indices; a simple variable has sub-index 0 only."""
+    """One object and its entries by sub-index; a simple variable has sub-index 0 only."""
 
     index: int
     name: str
@@ -81,13 +83,13 @@ class EdsObject:
 
     @property
     def is_simple(self) -> bool:
-        """Described by its own section, without those of sub-indices."""
+        """Whether the object's own section describes it, without sections of sub-indices."""
         return self.code not in (ObjectCode.ARRAY, ObjectCode.RECORD, ObjectCode.DEFSTRUCT)
 
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """`[DeviceInfo]`; None where the file says nothing."""
+    """The section `[DeviceInfo]`; None where the file gives nothing usable."""
 
     vendor_name: str = ""
     vendor_number: int | None = None
@@ -96,30 +98,31 @@ class DeviceInfo:
     revision_number: int | None = None
     order_code: str = ""
     bit_rates: tuple[int, ...] = ()
-    """[kbit/s]"""
+    """Supported bit rates [kbit/s]."""
     rpdos: int | None = None
     tpdos: int | None = None
     granularity: int = 8
-    """Bits: the unit of mapping."""
+    """Unit of PDO mapping [bit]."""
     lss: bool = False
 
 
 @dataclass(frozen=True)
 class Eds:
-    """One file; `faults` lists what is wrong in it, none of which kept it from being read."""
+    """One file; `faults` lists its mistakes, none of which prevented it from being read."""
 
     objects: Mapping[int, EdsObject]
     device: DeviceInfo = field(default_factory=DeviceInfo)
     node: int | None = None
-    """Node-ID of a DCF."""
+    """Node-ID of a DCF; None in an EDS."""
     dummies: tuple[int, ...] = ()
-    """Data types that may be mapped as space that is not used."""
+    """Indices of data types that may be mapped as unused space."""
     file_info: Mapping[str, str] = field(default_factory=dict)
     comments: tuple[str, ...] = ()
     source: str = ""
     faults: tuple[Fault, ...] = ()
 
     def __iter__(self) -> Iterator[EdsEntry]:
+        """Yield all entries of all objects."""
         for item in self.objects.values():
             yield from item.entries.values()
 
@@ -127,6 +130,6 @@ class Eds:
         return index in self.objects
 
     def find(self, index: int, subindex: int = 0) -> EdsEntry | None:
-        """The entry, or None when the device does not have it."""
+        """Return the entry; None when the device does not have it."""
         found = self.objects.get(index)
         return found.entries.get(subindex) if found is not None else None

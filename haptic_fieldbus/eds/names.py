@@ -1,4 +1,4 @@
-"""Names of the standards' objects, as an EDS gives them in `ParameterName`.
+"""Names of the objects of the standards, as an EDS gives them in `ParameterName`.
 
 Reference: CiA 301 4.2, 7.5 (communication profile area), CiA 402-2 (drive profile), object descriptions.
 """
@@ -118,6 +118,7 @@ PARAMETERS: Mapping[int, str] = {
     0x6502: "Supported drive modes",
     0x67FF: "Single device type",
 }
+"""Names of the objects by index; those of PDOs are in `_RECORDS`."""
 
 _RECORDS: tuple[tuple[range, str], ...] = (
     (range(0x1400, 0x1600), "RPDO communication parameter"),
@@ -133,6 +134,7 @@ _COMMUNICATION = {
     5: "Event timer",
     6: "SYNC start value",
 }
+# Sub-indices of 1010h and 1011h.
 _GROUPS = {1: "all", 2: "communication", 3: "application", 4: "manufacturer"}
 _SUBINDICES: Mapping[int, Mapping[int, str]] = {
     0x1010: {number: f"Save {group} parameters" for number, group in _GROUPS.items()},
@@ -153,7 +155,7 @@ MAPPED_COUNT = "Number of mapped application objects in PDO"
 
 
 def parameter_name(index: int) -> str:
-    """The name of an object; that of a manufacturer's is its index."""
+    """Return the name of an object, such as "Object 2000h" for one without a name here."""
     for records, name in _RECORDS:
         if index in records:
             return f"{name} {index - records.start + 1}"
@@ -161,7 +163,8 @@ def parameter_name(index: int) -> str:
 
 
 def member_name(index: int, subindex: int) -> str:
-    """The name of a sub-index of a record or an array."""
+    """Return the name of a sub-index of a record or an array."""
+    # The parameters of the 512 PDOs of a direction fill a block of 200h objects.
     record = index & ~0x1FF
     if record in (0x1600, 0x1A00):
         return f"Application object {subindex}" if subindex else MAPPED_COUNT

@@ -1,4 +1,4 @@
-"""The objects of an EDS out of their sections; what is missing or wrong is told and replaced by the nearest sense.
+"""Build the objects of an EDS from its sections; a missing or wrong key becomes a fault and gets the nearest meaning.
 
 Reference: CiA 306-1, object description (ParameterName, ObjectType, DataType, AccessType, LowLimit, HighLimit,
 DefaultValue, PDOMapping, SubNumber, CompactSubObj) and, in a DCF, ParameterValue.
@@ -13,12 +13,12 @@ from haptic_fieldbus.eds.values import value_of, whole_number
 from haptic_fieldbus.errors import Fault
 
 DEFAULT_ACCESS = "ro"
-"""Of an entry that does not say: nothing can be broken by it."""
+"""Access of an entry that gives none: read-only does no harm."""
 _TYPES = {type.value: type for type in EdsType}
 
 
 class ObjectReader:
-    """Reads one object; `sections` are all of the file, for names and values of compact arrays."""
+    """Reads one object and notes its faults; `sections` are all of the file, for compact arrays."""
 
     def __init__(self, index: int, sections: Mapping[str, FileSection], faults: list[Fault]) -> None:
         self._index = index
@@ -26,7 +26,7 @@ class ObjectReader:
         self._faults = faults
 
     def read(self, head: FileSection | None, members: Mapping[int, FileSection]) -> EdsObject:
-        """The object from its own section, if any, and those of its sub-indices."""
+        """Return the object from its own section, None if there is none, and the sections of its sub-indices."""
         if head is None:
             first = next(iter(members.values()))
             self._fault(first, "", f"[{self._index:04X}], the object itself, is missing: taken as a record")
@@ -44,7 +44,7 @@ class ObjectReader:
         return EdsObject(found.index, found.name, found.code, dict(sorted(entries.items())), found.line)
 
     def entry(self, section: FileSection, subindex: int, code: ObjectCode = ObjectCode.VAR) -> EdsEntry:
-        """One sub-index as its section describes it."""
+        """Return one sub-index from the section that describes it."""
         type = self._type(section, code)
         return EdsEntry(
             index=self._index,
@@ -67,6 +67,7 @@ class ObjectReader:
         }
 
     def _check_members(self, head: FileSection, found: EdsObject, count: int) -> None:
+        """Note sub-indices of a simple variable, or a wrong number of them."""
         if found.is_simple:
             self._fault(head, "ObjectType", "a variable with sub-indices: they are read, it is taken as a record")
             return
@@ -75,9 +76,10 @@ class ObjectReader:
             self._fault(head, "SubNumber", f"{head.text('SubNumber') or 'missing'}, but {count} sub-indices are there")
 
     def _compact(self, head: FileSection, count: int) -> dict[int, EdsEntry]:
-        """`CompactSubObj`: so many like elements, and sub-index 0 with their number."""
+        """Return the entries of `CompactSubObj`: `count` equal elements, and sub-index 0 with their number."""
         names = self._sections.get(f"{self._index:04x}name")
         values = self._sections.get(f"{self._index:04x}value")
+        # The object's own section describes all of its elements.
         pattern = self.entry(head, 1)
         length = EdsEntry(
             self._index, 0, "Number of entries", EdsType.UNSIGNED8, DEFAULT_ACCESS, default=count, line=head.line
@@ -99,7 +101,7 @@ class ObjectReader:
         return name
 
     def _code(self, section: FileSection) -> ObjectCode:
-        """A missing object type is that of a variable (CiA 306-1), an unknown one too."""
+        """Return the object code; a variable when it is missing (CiA 306-1) or unknown."""
         number = self._number(section, "ObjectType")
         if number is None:
             return ObjectCode.VAR
@@ -110,7 +112,7 @@ class ObjectReader:
             return ObjectCode.VAR
 
     def _type(self, section: FileSection, code: ObjectCode) -> EdsType | None:
-        """The data type; that of a domain need not be given."""
+        """Return the data type; None when it is missing or not basic. A domain need not give one."""
         if not section.text("DataType"):
             if code is not ObjectCode.DOMAIN:
                 self._fault(section, "DataType", "missing: the length of the value is not known")
@@ -118,6 +120,7 @@ class ObjectReader:
             return EdsType.DOMAIN
         number = self._number(section, "DataType")
         if number is None or number in _TYPES:
+            # No type has the index 0, so a number that is not understood gives None; its fault is noted already.
             return _TYPES.get(number or 0)
         self._fault(section, "DataType", f"{number:04X}h is no basic data type: its length is not known")
         return None
@@ -132,11 +135,12 @@ class ObjectReader:
         return DEFAULT_ACCESS
 
     def _limit(self, section: FileSection, key: str, type: EdsType | None) -> int | float | None:
+        """Return a limit; None for texts and octets, which have none."""
         value = self._value(section, key, type) if type is None or type.is_integer or type.size else None
         return value if isinstance(value, int | float) else None
 
     def _value(self, section: FileSection, key: str, type: EdsType | None) -> Value | None:
-        """A value of the type; None when it is missing, empty or not understood."""
+        """Return a value of the type; None when it is missing, empty or not understood."""
         text = section.text(key)
         if not text:
             return None
@@ -147,6 +151,7 @@ class ObjectReader:
             return None
 
     def _number(self, section: FileSection, key: str) -> int | None:
+        """Return the number of a key; None when it is missing, empty or not understood."""
         try:
             return whole_number(section.text(key)) if section.text(key) else None
         except ValueError as error:

@@ -1,9 +1,9 @@
-"""Read an EDS or DCF as it comes from vendors: everything usable is taken, everything wrong is listed with its line.
+"""Read an EDS or DCF as vendors ship it: usable content is taken, every mistake is listed with its line.
 
-Theory (CiA 306-1): `[1018]` describes an object, `[1018sub1]` one of its sub-indices; an array of like elements may be
+Theory (CiA 306-1): `[1018]` describes an object, `[1018sub1]` one of its sub-indices. An array of equal elements may be
 written by `CompactSubObj`, with names in `[1018Name]` and configured values in `[1018Value]`. The three lists
-`[MandatoryObjects]`, `[OptionalObjects]` and `[ManufacturerObjects]` say which objects there are; a section that none
-of them lists is read all the same. Only a file without a single object is refused.
+`[MandatoryObjects]`, `[OptionalObjects]` and `[ManufacturerObjects]` give the objects of the device; a section that
+none of them lists is read all the same. Only a file without a single object is refused.
 """
 
 import re
@@ -19,15 +19,17 @@ from haptic_fieldbus.errors import EdsError, Fault
 LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
 BIT_RATES = (10, 20, 50, 100, 125, 250, 500, 800, 1000)
 COMMISSIONING = ("devicecomissioning", "devicecommissioning")
-"""CiA 306 spells it with one m."""
+"""Names of the section with the node-ID: CiA 306 spells it with one m, some files with two."""
 DUMMY_TYPES = range(1, 8)
+"""Indices of the basic data types for which `[DummyUsage]` has a key."""
+# The standard names sections without 0x; it is tolerated.
 _OBJECT = re.compile(r"(?:0x)?([0-9a-f]{4})$")
 _SUBINDEX = re.compile(r"(?:0x)?([0-9a-f]{4})sub(?:0x)?([0-9a-f]{1,3})$")
 _HIGHEST_SUBINDEX = 0xFF
 
 
 def load_eds(path: str | Path) -> Eds:
-    """The file of a device; EdsError when it cannot be read or holds no object."""
+    """Read the file of a device; raises EdsError when it cannot be read or holds no object."""
     try:
         data = Path(path).read_bytes()
     except OSError as error:
@@ -36,7 +38,7 @@ def load_eds(path: str | Path) -> Eds:
 
 
 def read_eds(data: bytes, source: str = "") -> Eds:
-    """The content of a file; EdsError when it holds no object."""
+    """Read the content of a file, named `source` in errors; raises EdsError when it holds no object."""
     faults: list[Fault] = []
     sections = sections_of(text_of_octets(data, faults), faults)
     objects = _objects(sections, faults)
@@ -51,12 +53,13 @@ def read_eds(data: bytes, source: str = "") -> Eds:
         file_info=_texts(sections.get("fileinfo")),
         comments=_comments(sections.get("comments")),
         source=source,
+        # A key that is read twice, such as SupportedObjects, notes its fault twice.
         faults=tuple(sorted(dict.fromkeys(faults), key=lambda fault: fault.line or 0)),
     )
 
 
 def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[int, EdsObject]:
-    """All objects in the order of their indices, each with its sub-indices."""
+    """Return all objects in the order of their indices, each with its sub-indices."""
     heads: dict[int, FileSection] = {}
     members: dict[int, dict[int, FileSection]] = {}
     for name, section in sections.items():
@@ -72,7 +75,7 @@ def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[i
 
 
 def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsObject], faults: list[Fault]) -> None:
-    """Every listed object is described, every described one is listed."""
+    """Note every listed object without a description, and every described object that no list has."""
     listed: set[int] = set()
     for name in LISTS:
         section = sections.get(name.lower())
@@ -127,6 +130,7 @@ def _device(section: FileSection | None, faults: list[Fault]) -> DeviceInfo:
 
 
 def _node(sections: Mapping[str, FileSection], faults: list[Fault]) -> int | None:
+    """Return the node-ID of a DCF; None when there is none."""
     for name in COMMISSIONING:
         if name in sections:
             return _number(sections[name], "NodeID", faults)
@@ -134,6 +138,7 @@ def _node(sections: Mapping[str, FileSection], faults: list[Fault]) -> int | Non
 
 
 def _dummies(section: FileSection | None, faults: list[Fault]) -> tuple[int, ...]:
+    """Return the data types that may be mapped as unused space."""
     if section is None:
         return ()
     return tuple(number for number in DUMMY_TYPES if _number(section, f"Dummy{number:04d}", faults))
@@ -144,12 +149,13 @@ def _texts(section: FileSection | None) -> dict[str, str]:
 
 
 def _comments(section: FileSection | None) -> tuple[str, ...]:
+    """Return the lines of `[Comments]`; its key `Lines` is only their number."""
     items = section.items.values() if section is not None else ()
     return tuple(item.value for item in items if item.key.lower().startswith("line") and item.key.lower() != "lines")
 
 
 def _number(section: FileSection, key: str, faults: list[Fault]) -> int | None:
-    """The number of a key; None when it is missing, empty or none."""
+    """Return the number of a key; None when it is missing, empty or not understood, which is noted."""
     return _understood(whole_number, section, key, faults) if section.text(key) else None
 
 

@@ -1,4 +1,4 @@
-"""The data types of CANopen by their index in the object dictionary, as an EDS names them.
+"""Data types of CANopen by their index in the object dictionary, as an EDS names them.
 
 Reference: CiA 301 4.2, table 44 (object dictionary data types) and 7.1 (encoding).
 """
@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class EdsType(IntEnum):
-    """A basic data type; the value is what stands behind `DataType=`."""
+    """A basic data type; the value stands behind `DataType=`."""
 
     BOOLEAN = 0x01
     INTEGER8 = 0x02
@@ -37,7 +37,7 @@ class EdsType(IntEnum):
 
     @property
     def size(self) -> int | None:
-        """Octets in an SDO; None: as many as the value has."""
+        """Number of octets in an SDO; None when it depends on the value."""
         return _SIZES.get(self)
 
     @property
@@ -46,12 +46,12 @@ class EdsType(IntEnum):
 
     @property
     def is_integer(self) -> bool:
-        """Whether values are whole numbers, those of times and BOOLEAN included."""
+        """Whether values are whole numbers; times and BOOLEAN count as such."""
         return self.size is not None and self not in REALS
 
     @property
     def limits(self) -> tuple[int, int] | None:
-        """The lowest and highest whole number; None for what is no number."""
+        """The lowest and the highest whole number; None for a type whose values are none."""
         if not self.is_integer:
             return None
         if self is EdsType.BOOLEAN:

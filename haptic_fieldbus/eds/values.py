@@ -1,9 +1,10 @@
 """Numbers and other values as EDS files write them.
 
-Theory (CiA 306-1, 4.3): decimal, hexadecimal with 0x, octal with a leading 0; the word $NODEID stands for the device's
-node-ID and may be added to. Negative numbers are written with a sign or as two's complement of the type's size. Found
-in files beside that: `$NodeID + 0x200` with blanks, $NODEID alone, a sign before 0x, REAL32 as the octets of its
-IEEE 754 form. Everything that is understood raises nothing; ValueError says in words what is not.
+Theory (CiA 306-1, 4.3): a number is decimal, hexadecimal with 0x, or octal with a leading 0. The word $NODEID stands
+for the node-ID of the device, and a number may be added to it. Negative numbers have a sign, or are the two's
+complement in the size of their type. Files have other forms too, which are understood as well: `$NodeID + 0x200` with
+blanks, $NODEID alone, a sign before 0x, REAL32 as the octets of its IEEE 754 form. A text that is not understood raises
+ValueError with a message for the user.
 """
 
 import struct
@@ -15,13 +16,14 @@ NODE_ID = "$nodeid"
 
 
 def whole_number(text: str) -> int:
-    """A number in decimal, hexadecimal or octal; ValueError in words."""
+    """Return the number of a decimal, hexadecimal or octal text; raises ValueError when it is none."""
     digits = text.strip().lower()
     sign = -1 if digits.startswith("-") else 1
     digits = digits.lstrip("+-").strip()
     try:
         if digits.startswith("0x"):
             return sign * int(digits[2:], 16)
+        # With an 8 or a 9 a number cannot be octal: its zero is taken as padding.
         if digits.startswith("0") and digits.isdecimal() and not set(digits) & {"8", "9"}:
             return sign * int(digits, 8)
         return sign * int(digits, 10)
@@ -30,7 +32,7 @@ def whole_number(text: str) -> int:
 
 
 def formula(text: str) -> int | NodeOffset:
-    """A number, or a sum with $NODEID in it; ValueError in words."""
+    """Return a number, or the offset of a sum with $NODEID; raises ValueError when the text is neither."""
     if NODE_ID not in text.lower():
         return whole_number(text)
     terms = [term.strip() for term in text.split("+")]
@@ -41,7 +43,7 @@ def formula(text: str) -> int | NodeOffset:
 
 
 def value_of(text: str, type: EdsType | None) -> Value:
-    """A default, configured value or limit of this type; ValueError in words."""
+    """Return a default, configured value or limit of this type; raises ValueError when the text is none."""
     if type in TEXTS:
         return text
     if type in OCTETS:
@@ -49,13 +51,14 @@ def value_of(text: str, type: EdsType | None) -> Value:
     if type in REALS:
         return _real(text, type)
     number = formula(text)
+    # Without a node-ID or a type there is no range to check.
     if isinstance(number, NodeOffset) or type is None:
         return number
     return _fitted(number, type, text)
 
 
 def text_of(value: Value, type: EdsType | None) -> str:
-    """How a value is written so that `value_of` reads it back."""
+    """Return the text of a value from which `value_of` reads it back."""
     if isinstance(value, NodeOffset):
         return f"$NODEID+0x{value.offset:X}" if value.offset else "$NODEID"
     if isinstance(value, bytes):
@@ -67,7 +70,10 @@ def text_of(value: Value, type: EdsType | None) -> str:
 
 
 def _fitted(number: int, type: EdsType, text: str) -> int:
-    """The number in the type's range: two's complement of its size, or of a larger one, is taken as negative."""
+    """Return the number in the range of its type; raises ValueError when it does not fit.
+
+    The two's complement of a negative number may have the size of the type, 32 or 64 bits.
+    """
     low, high = type.limits or (number, number)
     if type.signed and number > high:
         for bits in (8 * (type.size or 0), 32, 64):
@@ -80,10 +86,12 @@ def _fitted(number: int, type: EdsType, text: str) -> int:
 
 
 def _real(text: str, type: EdsType) -> float:
+    """Return a REAL32 or REAL64; raises ValueError when the text is none."""
     if text.strip().lower().startswith("0x"):
         number, size = whole_number(text), type.size or 0
         if number >= 1 << 8 * size:
             raise ValueError(f'"{text}" does not fit into {type.name}')
+        # The digits begin with the most significant octet.
         value: float = struct.unpack(">f" if size == 4 else ">d", number.to_bytes(size, "big"))[0]
         return value
     try:
@@ -93,6 +101,7 @@ def _real(text: str, type: EdsType) -> float:
 
 
 def _octets(text: str) -> bytes:
+    """Return octets from pairs of hexadecimal digits; raises ValueError when the text is none."""
     try:
         return bytes.fromhex(text.strip().lower().removeprefix("0x"))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Write an EDS: the text of what `reader` reads, complete in the keys that CiA 306-1 asks for.
+"""Write an EDS that `reader` reads back, complete in the keys that CiA 306-1 requires.
 
 Objects go into the list of their range: mandatory 1000h, 1001h and 1018h; manufacturer 2000h to 5FFFh; the rest
 optional. The same `Eds` gives the same text; dates come from `file_info`.
@@ -15,11 +15,11 @@ BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
 MANDATORY = (0x1000, 0x1001, 0x1018)
 MANUFACTURER = range(0x2000, 0x6000)
 _LINE_END = "\r\n"
-"""CiA 306-1: EDS files are texts of MS-DOS."""
+"""End of a line: EDS files are texts of MS-DOS (CiA 306-1)."""
 
 
 def eds_text(eds: Eds) -> str:
-    """The whole file; its octets are UTF-8."""
+    """Return the text of the whole file, to be encoded as UTF-8."""
     indices = sorted(eds.objects)
     lists = {
         "MandatoryObjects": [index for index in indices if index in MANDATORY],
@@ -42,6 +42,7 @@ def eds_text(eds: Eds) -> str:
 
 def _device(device: DeviceInfo) -> Iterator[tuple[str, object]]:
     yield "VendorName", device.vendor_name
+    # Keys that CiA 306-1 requires: a number that is not known becomes 0.
     yield "VendorNumber", f"0x{device.vendor_number or 0:08X}"
     yield "ProductName", device.product_name
     yield "ProductNumber", f"0x{device.product_number or 0:08X}"
@@ -59,6 +60,7 @@ def _object(item: EdsObject) -> Iterator[str]:
     if item.is_simple and set(item.entries) == {0}:
         yield from _section(name, _entry(item.entries[0], item.code))
         return
+    # A variable with sub-indices is written as the record that the reader takes it for.
     code = ObjectCode.RECORD if item.is_simple else item.code
     yield from _section(
         name,
@@ -87,6 +89,7 @@ def _entry(entry: EdsEntry, code: ObjectCode) -> Iterator[tuple[str, object]]:
 
 
 def _numbered(values: Iterable[object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Return the values with the keys 1, 2, 3 …, behind a prefix."""
     return ((f"{prefix}{number}", value) for number, value in enumerate(values, start=1))
 
 

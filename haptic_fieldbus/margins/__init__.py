@@ -1,6 +1,6 @@
-"""How far a sampled loop is stable and passive, before anything moves.
+"""Limits of stability and passivity of a sampled loop, before anything moves.
 
-What only coupled axes need is in `coupled`, which a scene without couplings does not import.
+Code for coupled axes alone is in `coupled`, which a scene without couplings does not import.
 """
 
 from haptic_fieldbus.margins.linear import EnvironmentOf

@@ -1,15 +1,16 @@
-"""A device that is more than one mass: a load behind a compliant transmission, a hand that holds the handle.
+"""A device of more than one mass: a load behind a compliant transmission, a hand that holds the handle.
 
-Motor and encoder are on the first body, the plant; each further one hangs on the one before by a spring and a damper.
-A hand adds mass and damping, and hides an instability that appears when it lets go: the limit to quote is that of the
-released handle, and the limit of the pair is the smaller of both.
+Motor and encoder are on the first body, the plant. Each further body is connected to the body before it by a spring and
+a damper. A hand adds mass and damping, and hides an instability that appears when it lets go. The limit to quote is
+therefore that of the released handle. A handle that is both held and released has the smaller of both limits.
 
-Passivity has no bodies in it. It is asked for *any* passive hand, and seen from the motor, where encoder and torque
-are, all that hangs there is one: a passive load on a passive transmission, whatever holds it. So the motor is passive
-with all of it up to `passivity.passive_limit_of(plant, …)`, the plant being the motor alone with its own damping. Where
-transmission and load lose nothing that is also the most: their motion follows from the motor's and takes no energy. A
-loss in them helps only where they move: a load rigidly on the motor may be counted in with mass and damping, and a soft
-one may not, although slow motions would bear it.
+Passivity does not depend on the bodies. It is required for *any* passive hand. Encoder and torque are at the motor, and
+seen from there a passive load on a passive transmission, whatever holds it, is again a passive hand. The motor is
+therefore passive with all bodies up to `passivity.passive_limit_of(plant, …)`, where the plant is the motor alone with
+its own damping. When transmission and load have no losses this limit is also the largest possible, because their motion
+follows from that of the motor and takes no energy. Losses in them help only when they move: a load that is rigidly on
+the motor may be added to the plant with its mass and damping. A soft load may not, although it would help in slow
+motions.
 """
 
 from collections.abc import Sequence
@@ -27,7 +28,10 @@ from haptic_fieldbus.numerics.sampled import SampledPlant
 
 @dataclass(frozen=True)
 class HungBody:
-    """A mass [kg] on a spring [N/m] and damper [N·s/m], or their rotary counterparts."""
+    """A mass [kg] on a spring [N/m] and damper [N·s/m], or their rotary counterparts.
+
+    Raises UsageError for a value that is not a finite number from 0 up, and for a mass of 0.
+    """
 
     mass: float
     stiffness: float
@@ -46,11 +50,15 @@ class HungBody:
 
 
 HAND = HungBody(mass=0.1, stiffness=300.0, damping=4.0)
-"""What the simulation's hand holds a linear handle with."""
+"""Hand of the simulation on a linear handle."""
 
 
 def dynamics(plant: Plant, bodies: Sequence[HungBody]) -> tuple[Matrix, Matrix]:
-    """(A, B) of ξ̇ = A ξ + B F, ξ = (position, velocity) of each, the plant's first."""
+    """Return (A, B) of ξ̇ = A ξ + B F with ξ = (position, velocity) of each body, the plant's first.
+
+    With n bodies beside the plant the shapes are (2n + 2, 2n + 2) and (2n + 2, 1). Raises UsageError for a plant
+    without mass.
+    """
     if not plant.mass:
         raise UsageError("mass 0: bodies hang on a mass above 0")
     a = np.zeros((2 * len(bodies) + 2,) * 2)
@@ -58,6 +66,7 @@ def dynamics(plant: Plant, bodies: Sequence[HungBody]) -> tuple[Matrix, Matrix]:
     for place, mass in enumerate(masses):
         a[2 * place, 2 * place + 1] = 1.0
         a[2 * place + 1, 2 * place : 2 * place + 2] -= _to_ground(plant, bodies, place) / mass
+    # A link acts on both its ends, with opposite signs.
     for place, body in enumerate(bodies):
         for mass, here, there in ((masses[place], place, place + 1), (body.mass, place + 1, place)):
             link = np.array([body.stiffness, body.damping]) / mass
@@ -69,14 +78,17 @@ def dynamics(plant: Plant, bodies: Sequence[HungBody]) -> tuple[Matrix, Matrix]:
 
 
 def _to_ground(plant: Plant, bodies: Sequence[HungBody], place: int) -> Matrix:
-    """Stiffness and damping to the ground."""
+    """Return (stiffness, damping) to the ground of one body, (2,)."""
     if place == 0:
         return np.array([0.0, plant.damping])
     return np.array([bodies[place - 1].anchor, bodies[place - 1].drag])
 
 
 def sample_with(plant: Plant, bodies: Sequence[HungBody], period: float, delay: float) -> SampledPlant:
-    """Plant and bodies under the delayed hold, torque loop included; UsageError for a plant with a tachometer."""
+    """Discretise plant, bodies and torque loop under the delayed hold, `period` and `delay` in s.
+
+    Raises UsageError for impossible times, a plant without mass, and a plant with a tachometer.
+    """
     check_times(period, delay)
     if plant.tachometer:
         raise UsageError("a tachometer does not tell where the bodies are: expected a plant whose position is sampled")
@@ -86,7 +98,10 @@ def sample_with(plant: Plant, bodies: Sequence[HungBody], period: float, delay: 
 def limit_with(
     plant: Plant, bodies: Sequence[HungBody], period: float, delay: float, environment_of: EnvironmentOf
 ) -> float:
-    """The stiffness [N/m or N·m/rad] up to which the loop with these bodies is stable; 0 or ∞ as ever."""
+    """Return the stiffness [N/m or N·m/rad] up to which the loop with these bodies is stable.
+
+    0 and ∞ have the meaning of `linear.limit_of`. Raises the errors of `sample_with`.
+    """
     device = sample_with(plant, bodies, period, delay)
     return limit_of(
         lambda stiffness: sampled.growth(device, environment_of(stiffness)),

@@ -1,4 +1,4 @@
-"""The elements of an axis in sustained contact: one discrete environment, and one stiffness to vary."""
+"""The elements of an axis in sustained contact as one discrete environment, with one stiffness that varies."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -12,19 +12,19 @@ Kind = TypeVar("Kind", bound=AnyElement)
 
 
 def stiffness_of(element: AnyElement) -> float:
-    """The element's own stiffness [N/m or N·m/rad]; 0 when it has none."""
+    """Return the element's own stiffness [N/m or N·m/rad]; 0 when it has none."""
     return float(getattr(element, "stiffness", 0.0))
 
 
 def stiffest_of(elements: Iterable[Kind]) -> Kind | None:
-    """The element whose stiffness is the largest; None when none has any."""
+    """Return the element with the largest stiffness; None when no element has a stiffness."""
     return max(filter(stiffness_of, elements), key=stiffness_of, default=None)
 
 
 def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
-    """The element in sustained contact, changed as far as it has what changes.
+    """Return the element in sustained contact, after those `changes` for which it has a parameter.
 
-    A stiffness that follows from other parameters scales all force.
+    A stiffness that follows from other parameters cannot be set; it is changed by a factor on the whole force.
     """
     known = {name: value for name, value in changes.items() if hasattr(element, name)}
     if isinstance(element, Graded) and "stiffness" in known:
@@ -35,16 +35,17 @@ def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
 
 
 def damping_of(elements: Iterable[AnyElement]) -> float:
-    """Virtual damping of all elements together [N·s/m or N·m·s/rad]."""
+    """Return the virtual damping of all elements together [N·s/m or N·m·s/rad]."""
     return sum(float(getattr(element, "damping", 0.0)) for element in elements)
 
 
 def environment_of(
     elements: tuple[Element, ...], period: float, method: str | None, estimator: str | None, **changes: float
 ) -> StateSpace:
-    """The linearised elements as the loop runs them, x_k → F_k, the stiffest one changed.
+    """Return the linearised elements as the loop runs them, x_k → F_k, with `changes` to the stiffest element.
 
-    An element with a memory of its own steps it exactly, whatever the method of virtual states.
+    `method` applies to elements whose virtual states the loop integrates. An element with a memory of its own steps it
+    exactly. Raises UsageError as `numerics.sampled.environment`.
     """
     stiffest = stiffest_of(elements)
     steps = []

@@ -1,13 +1,13 @@
 """Axes that a coupling ties together: a virtual shaft, a bilateral coupling of two drives.
 
-The loop is that of one axis, several times over: each device under its own delayed hold, all closed over one
-environment (`numerics.coupled`), nobody holding a handle. The coupling's stiffness is varied, all else is kept, the
-elements that each axis has of its own included. Passivity is asked with any passive hands on all handles
-(`numerics.coupled_passivity`).
+The loop consists of several axes: each device is under its own delayed hold, and all are closed over one environment
+(`numerics.coupled`). Nobody holds a handle. The stiffness of the coupling varies; everything else is kept, including
+the axes' own elements. Passivity is required with any passive hands on all handles (`numerics.coupled_passivity`).
 
-Encoder and Coulomb friction are asked of each handle while the others are held: a count of D_i changes its own force by
-κ_i·K·D_i, κ_i the coupling's force per stiffness there (1 and n² for a spring between x1 and n·x2), and friction
-bridges half of it up to K = 2·fc_i/(κ_i·D_i); the smallest counts.
+Encoder and Coulomb friction are judged at each handle while the others are held. A count D_i changes the force at its
+own handle by κ_i·K·D_i, where κ_i is the force there per stiffness of the coupling and position (1 and n² for a spring
+between x1 and n·x2). Friction bridges half of this force up to K = 2·fc_i/(κ_i·D_i). The smallest of these limits
+counts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,14 +24,14 @@ from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, par
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
 
 SMALLEST, PRECISION = 1e-9, 1e-8
-"""Of the limit of passivity: where the search begins, in m/T² + b/T, and how close it comes."""
+"""Search for the limit of passivity: its first stiffness as a share of m/T² + b/T, and its relative precision."""
 
 
 class CoupledAxes(Loop):
-    """Axes whose environment is a coupling (x_1 … x_n)_k → (F_1 … F_n)_k; what each has of its own is added to it."""
+    """Axes whose environment is a coupling (x_1 … x_n)_k → (F_1 … F_n)_k; the axes' own elements are added to it."""
 
     def together(self, coupling: StateSpace) -> StateSpace:
-        """The coupling and all elements of the axes' own."""
+        """Return the coupling in parallel with the own elements of all axes."""
         own = [
             coupled.embedded(axis.environment, place, len(self.axes))
             for place, axis in enumerate(self.axes)
@@ -43,13 +43,16 @@ class CoupledAxes(Loop):
         return coupled.loop_matrix(self.devices, self.together(environment))
 
     def growth(self, environment: StateSpace) -> float:
-        """Undamped devices that drift together do so for ever: their eigenvalues of 1 are no growth by rounding."""
+        """Return the largest modulus of the loop's eigenvalues, free shifts left out; below 1 is stable."""
+        # Undamped devices can drift together at a constant speed for ever. The eigenvalue 1 of this drift must not
+        # count as growth when rounding puts it above 1.
         found = coupled.growth(self.devices, self.together(environment))
         drifts = not any(axis.plant.damping for axis in self.axes)
         return 1.0 if drifts and abs(found - 1.0) <= ROUNDING else found
 
     def damping_share(self, environment: StateSpace) -> float:
-        """A tachometer's readings say nothing of the motion between two: what damping there is counts for nothing."""
+        """Return the share of the devices' dampings that any passive hands need; ∞ when no damping is enough."""
+        # The readings of a tachometer do not show the motion between them, so the damping of its device counts as 0.
         ports = [
             PassivityPort(0.0 if axis.plant.tachometer else axis.plant.damping, axis.delay, axis.plant.torque_lag)
             for axis in self.axes
@@ -57,9 +60,11 @@ class CoupledAxes(Loop):
         return damping_share(self.together(environment), ports, self.period)
 
     def passive_limit(self, environment_of: EnvironmentOf, stable: float) -> float:
-        """Where the forces are proportional to the stiffness, a base aside, the passive stiffnesses are one interval.
+        """Return the stiffness [N/m or N·m/rad] up to which any passive hands are safe; `stable` bounds it.
 
-        The form of `numerics.coupled_passivity` is affine in them. An undamped virtual mode is passive at no stiffness.
+        The search assumes that the passive stiffnesses are one interval. This holds when the forces are a fixed part
+        plus a part proportional to the stiffness, because the share s of the dampings is then the largest eigenvalue of
+        a matrix that is affine in the stiffness, which is convex. An undamped virtual mode is passive at no stiffness.
         """
         return searched(
             lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0,
@@ -70,7 +75,7 @@ class CoupledAxes(Loop):
         )
 
     def felt(self, environment_of: EnvironmentOf) -> list[float]:
-        """1 and n² for a shaft."""
+        """Return the force at each handle per stiffness and position with the others held; 1 and n² for a shaft."""
 
         def at_rest(environment: StateSpace) -> Matrix:
             states = equilibrium(environment.a - np.eye(environment.order), environment.b)
@@ -87,7 +92,11 @@ def between(
     estimators: Mapping[str, str],
     period: float,
 ) -> StateSpace:
-    """The couplings as the loop runs them, one of them changed, on the axes that the estimators are named by."""
+    """Return the couplings as the loop runs them, with `changes` to the coupling `varied`.
+
+    `estimators` maps the name of each axis to its estimator and gives the order of the axes. Raises UsageError for a
+    coupling with virtual states, and for an unknown estimator.
+    """
     places = list(estimators)
     spaces = [
         coupled.among(

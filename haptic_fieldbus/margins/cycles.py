@@ -1,15 +1,17 @@
 """Limit cycles predicted by describing functions: chatter over the edge of an encoder count, and saturated torque.
 
-The environment's force is taken ν times, ν the gain of the nonlinearity; where the loop with ν is on the border of
-stability it oscillates at the frequency of its critical eigenvalue, with the amplitude at which the gain is ν.
+The environment's force is multiplied by the gain ν of the nonlinearity. When the loop with ν is on the border of
+stability, it oscillates at the frequency of its critical eigenvalue, with the amplitude at which the gain is ν.
 
-- A handle pressed against a wall, between two counts: encoder and wall are a relay, ν(A) = 2·D/(π·A). Without Coulomb
-  friction there always is such a cycle. Friction acts as damping 4·fc/(π·ω·A), and above K ≤ 2·fc/D or so ends it.
-- Saturated torque: ν falls from 1 as A grows. Where the loop becomes stable as ν falls, chatter settles at that
-  amplitude; where it becomes unstable, motions larger than that amplitude grow though small ones decay.
+- A handle pressed against a wall, between two counts: encoder and wall are a relay with ν(A) = 2·D/(π·A). Without
+  Coulomb friction such a cycle always exists. Friction acts as damping 4·fc/(π·ω·A), and ends the cycle for stiffnesses
+  up to about K = 2·fc/D.
+- Saturated torque: ν falls from 1 as A grows. If the loop becomes stable as ν falls, chatter settles at that amplitude.
+  If it becomes unstable, motions larger than that amplitude grow although small motions decay.
 
-Predictions are as good as the loop is a low-pass filter: amplitude and frequency are right within 20 % at periods of 24
-samples and more, as tests hold against simulation, and only in order of magnitude at two or four.
+The predictions are as good as the loop is a low-pass filter. Amplitude and frequency are right within 20 % for cycles
+of 24 samples and more, which tests verify by simulation, and only in order of magnitude for cycles of two or four
+samples.
 """
 
 import math
@@ -26,23 +28,23 @@ from haptic_fieldbus.numerics.passivity import response
 from haptic_fieldbus.numerics.sampled import SampledPlant
 
 GAINS = np.geomspace(1.0, 1e-3, 121)
-"""Of saturation, looked at one after the other."""
+"""Gains ν of the saturation between which a change of stability is searched, in falling order."""
 MOST_DAMPING = 1e6
-"""Times the device's own, or m/T: friction that would have to act like more than this ends a cycle."""
+"""Largest damping that friction may act like, as a multiple of the device's own or of m/T; beyond it is no cycle."""
 
 
 @dataclass(frozen=True)
 class LimitCycle:
-    """Position A·sin(ωt) around where it is pressed to [m or rad, rad/s]."""
+    """A motion A·sin(ωt) around the position of contact; amplitude [m or rad], angular frequency [rad/s]."""
 
     amplitude: float
     angular_frequency: float
     attracts: bool
-    """True: motions settle to it; False: larger ones grow and smaller ones decay."""
+    """True when motions settle to the cycle; False when larger motions grow and smaller motions decay."""
 
 
 def _critical(plant: Plant, period: float, delay: float, environment: StateSpace) -> tuple[float, float]:
-    """(ν, ω): the part of the environment's force at which the loop begins to oscillate, and how fast."""
+    """Return (ν, ω [rad/s]): the share of the environment's force at which the loop oscillates, and the frequency."""
     device = sample(plant, period, delay)
     scale = (plant.mass / period**2 + plant.damping / period) / abs(float(environment.d[0, 0]))
     gain = limit_of(lambda part: sampled.growth(device, sampled.scaled(environment, part)), scale)
@@ -55,10 +57,11 @@ def _frequency(device: SampledPlant, environment: StateSpace, period: float) -> 
 
 
 def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSpace) -> LimitCycle | None:
-    """The cycle of a handle pressed to the edge between two counts; None where friction holds it.
+    """Return the cycle of a handle pressed to the edge between two counts; None when there is none.
 
-    The environment is that of the contact, x_k → F_k, with a direct force. None also without quantisation, with a
-    tachometer, which has no edges, and where the loop is unstable, whose motions grow beyond a count.
+    The environment is that of the contact, x_k → F_k, with a direct force. There is no cycle when friction holds the
+    handle, without quantisation, with a tachometer (its velocity has no edges of position), and in an unstable loop,
+    whose motions grow beyond a count.
     """
     if not plant.resolution or plant.tachometer or _critical(plant, period, delay, environment)[0] <= 1.0:
         return None
@@ -71,9 +74,10 @@ def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSp
         amplitude, turn = cycle(damping)
         return plant.damping + describing.coulomb(amplitude, turn, plant.coulomb) - damping
 
+    # Find the damping that equals the device's own plus that of friction in the cycle which this damping leaves.
     low = high = plant.damping
     if plant.coulomb:
-        high = max(plant.damping, 1e-3 * plant.mass / period)
+        high = max(plant.damping, 1e-3 * plant.mass / period)  # above 0, to be doubled
         while lacking(high) > 0.0:
             low, high = high, 2.0 * high
             if high > MOST_DAMPING * max(plant.damping, plant.mass / period):
@@ -88,7 +92,7 @@ def edge_chatter(plant: Plant, period: float, delay: float, environment: StateSp
 def saturated_cycles(
     plant: Plant, period: float, delay: float, environment: StateSpace, force: float
 ) -> tuple[LimitCycle, ...]:
-    """The cycles of a contact from both sides whose force is cut off at `force` [N or N·m], the smallest first."""
+    """Return the cycles of a two-sided contact whose force saturates at `force` [N or N·m], the smallest first."""
     device = sample(plant, period, delay)
     return tuple(_saturated(device, period, environment, force))
 
@@ -98,6 +102,7 @@ def _saturated(device: SampledPlant, period: float, environment: StateSpace, for
         return sampled.growth(device, sampled.scaled(environment, gain)) - 1.0
 
     values = [excess(gain) for gain in GAINS.tolist()]
+    # Each pair of neighbouring gains with a change of stability between them gives a cycle.
     for above, below, before, after in zip(GAINS[:-1], GAINS[1:], values[:-1], values[1:], strict=True):
         if before > 0.0 >= after or before <= 0.0 < after:
             gain = _border(excess, float(above), float(below))
@@ -108,7 +113,7 @@ def _saturated(device: SampledPlant, period: float, environment: StateSpace, for
 
 
 def _border(excess: Callable[[float], float], above: float, below: float) -> float:
-    """Where `excess` changes its sign between two gains."""
+    """Return the gain between two gains at which `excess` changes its sign."""
     grows = excess(above) > 0.0
     for _ in range(50):
         middle = 0.5 * (above + below)

@@ -1,7 +1,7 @@
-"""Axes that hang together: their devices, their own elements in sustained contact, and the couplings between them.
+"""Groups of coupled axes: their devices, their own elements in sustained contact, and the couplings between them.
 
-One axis by itself is a group of one. The stiffness that is varied is that of the stiffest coupling, of an axis without
-couplings that of its stiffest element; all else is kept.
+A single axis is a group of one. The stiffness that varies is that of the stiffest coupling, or of the stiffest element
+of an axis without couplings. Everything else is kept.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,7 +20,7 @@ from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element
 
 @dataclass(frozen=True)
 class Member:
-    """One of the axes: its device, its delay [s], and its own elements as the loop runs them."""
+    """An axis of a group: its device, its delay [s], and its own elements with their method and estimator."""
 
     name: str
     plant: Plant
@@ -31,7 +31,7 @@ class Member:
 
 
 def connected(names: Iterable[str], couplings: Sequence[CouplingElement]) -> Iterator[tuple[str, ...]]:
-    """The axes that hang together, in the order of `names`; one that nothing couples is by itself."""
+    """Yield groups of axes that couplings connect, in the order of `names`; an uncoupled axis is a group of one."""
     rest = list(names)
     while rest:
         group = {rest[0]}
@@ -42,7 +42,7 @@ def connected(names: Iterable[str], couplings: Sequence[CouplingElement]) -> Ite
 
 
 def groups_of(members: Sequence[Member], couplings: Sequence[CouplingElement], period: float) -> Iterator["Group"]:
-    """The members as they hang together; where one that they are tied to is missing, they are left out."""
+    """Yield the groups that couplings make of the members; a group with a missing member is left out."""
     known = {member.name: member for member in members}
     for names in connected(known, couplings):
         tied = tuple(each for each in couplings if {*each.axes} & {*names})
@@ -52,68 +52,71 @@ def groups_of(members: Sequence[Member], couplings: Sequence[CouplingElement], p
 
 @dataclass(frozen=True)
 class Group:
-    """All axes that hang together, and what couples them; `period` in s."""
+    """Axes that couplings connect, and these couplings; `period` in s."""
 
     members: tuple[Member, ...]
     couplings: tuple[CouplingElement, ...]
-    """Without any there is one member."""
+    """Empty for a single member."""
     period: float
 
     @property
     def varied(self) -> tuple[AnyElement, ...]:
-        """The couplings, or the elements of a single axis; the stiffest of them is varied."""
+        """The couplings, or the elements of a single axis; the stiffness of the stiffest varies."""
         return self.couplings or self.members[0].elements
 
     @cached_property
     def stiffest(self) -> AnyElement | None:
-        """The coupling or element whose stiffness is varied; None when none has any."""
+        """The coupling or element whose stiffness varies; None when none has a stiffness."""
         return contact.stiffest_of(self.varied)
 
     @property
     def told_by(self) -> str:
-        """The axis in whose units the verdict is: the first of the stiffest coupling."""
+        """Name of the axis whose units the verdict uses: the first axis of the stiffest coupling."""
         coupling = contact.stiffest_of(self.couplings)
         return self.members[0].name if coupling is None else coupling.axes[0]
 
     def judged(self) -> dict[str, Stability]:
-        """The one verdict on all of them, told for each axis by its name."""
+        """Return the common judgement for each axis by its name, with the plant and delay of that axis.
+
+        Raises UsageError for a stiffness that is not a finite number from 0 up.
+        """
         stiffness = None if self.stiffest is None else contact.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, contact.damping_of(self.varied))
         return dict(zip((member.name for member in self.members), verdicts, strict=True))
 
     @property
     def told(self) -> Stability:
-        """The verdict by the axis in whose units it is."""
+        """The judgement of the axis whose units it uses."""
         return self.judged()[self.told_by]
 
     def uncoupled(self) -> tuple["Group", ...]:
-        """Each axis by itself, its couplings left out; empty where there are none."""
+        """Return each axis as a group of one without its couplings; empty when the group has no couplings."""
         return tuple(replace(self, members=(each,), couplings=()) for each in self.members if self.couplings)
 
     def weakened(self, share: float) -> "Group":
-        """The same axes with that share of their friction."""
+        """Return the same axes with this share of their friction."""
         members = tuple(replace(member, plant=weakened(member.plant, share)) for member in self.members)
         return replace(self, members=members)
 
     def growth(self) -> float:
-        """Largest modulus of the loop's eigenvalues, free shifts of the handles left out."""
+        """Return the largest modulus of the loop's eigenvalues, free shifts of the handles left out."""
         return self.loop.growth(self.environment())
 
     def limit(self, damping: float) -> float:
-        """The limit of stability [N/m or N·m/rad] with so much damping in the stiffest."""
+        """Return the limit of stability [N/m or N·m/rad] when the stiffest has this damping [N·s/m or N·m·s/rad]."""
         return self.loop.limit(self._varied(damping=damping))
 
     def passive_limit(self, damping: float, stable: float) -> float:
-        """The same of passivity, below that of stability."""
+        """Return the limit of passivity [N/m or N·m/rad] with this damping; `stable` bounds it."""
         return self.loop.passive_limit(self._varied(damping=damping), stable)
 
     @property
     def largest_damping(self) -> float:
-        """The smallest m/T [N·s/m or N·m·s/rad] as the stiffest meets it."""
+        """Smallest m/T of the devices [N·s/m or N·m·s/rad], referred to the stiffest coupling or element."""
         return self.loop.largest_damping(self._varied())
 
     def suggested(self) -> Suggestion:
-        """Round values that make an unstable group stable."""
+        """Return round values that make an unstable group stable; all None when there is no stiffness to vary."""
         if self.stiffest is None:
             return Suggestion(None, None, None)
         return suggest(
@@ -125,17 +128,17 @@ class Group:
 
     @cached_property
     def loop(self) -> Loop:
-        """The axes under their delayed holds, with the elements that are not varied."""
+        """The axes under their delayed holds, with the elements that do not vary."""
         own = [self._own(member) if self.couplings and member.elements else None for member in self.members]
         axes = [Axis(member.plant, member.delay, each) for member, each in zip(self.members, own, strict=True)]
         if len(axes) == 1:
             return OneAxis(axes, self.period)
-        from haptic_fieldbus.margins.coupled import CoupledAxes
+        from haptic_fieldbus.margins.coupled import CoupledAxes  # a scene without couplings does without it
 
         return CoupledAxes(axes, self.period)
 
     def environment(self, **changes: float) -> StateSpace:
-        """What the loop is closed over: the elements of a single axis, or the couplings of several, changed."""
+        """Return the environment of the loop after `changes`: the elements of one axis, or the couplings of several."""
         if not self.couplings:
             return self._own(self.members[0], **changes)
         from haptic_fieldbus.margins.coupled import between

@@ -1,4 +1,4 @@
-"""The largest stable stiffness of the sampled loop: eigenvalues of one exact period, and bisection."""
+"""Largest stable stiffness of a sampled loop, by the eigenvalues of one exact period and bisection."""
 
 import math
 from collections.abc import Callable
@@ -6,24 +6,26 @@ from collections.abc import Callable
 from haptic_fieldbus.numerics.linear import StateSpace
 
 EnvironmentOf = Callable[[float], StateSpace]
-"""Stiffness → the discrete environment x_k → F_k."""
+"""Function from a stiffness to the discrete environment x_k → F_k."""
 
 SMALLEST, LARGEST = 1e-9, 1e4
-"""Of m/T² + b/T, which moves the handle by about its own deflection in a period: the stiffnesses looked at.
+"""Range of the search, as multiples of m/T² + b/T.
 
-What is stable at ten thousand times that is stable at any: force no longer follows from stiffness there, as that of a
-virtual mass by backward Euler, and further up the eigenvalues would tell of rounding alone.
+A stiffness of m/T² + b/T moves the handle by about its own deflection in a period. A loop that is stable at ten
+thousand times this stiffness is stable at any: its force no longer depends on the stiffness, as with a virtual mass by
+backward Euler. For larger stiffnesses the eigenvalues would show rounding only.
 """
 SCAN_FACTOR = math.sqrt(2.0)
+"""Ratio of neighbouring stiffnesses of the search."""
 ROUNDING = 1e-11
-"""A spectral radius this little above 1 may be the rounding of 1."""
+"""Excess of a spectral radius over 1 that may be rounding."""
 
 
 def limit_of(growth: Callable[[float], float], scale: float) -> float:
-    """The stiffness at which `growth`, largest modulus of a loop's eigenvalues, first passes 1.
+    """Return the stiffness at which `growth`, the largest modulus of a loop's eigenvalues, first exceeds 1.
 
-    0 when the smallest stiffness already is not stable, ∞ when any is.
-    Looked for from `SMALLEST` to `LARGEST` times `scale`, an m/T² + b/T.
+    0 when the smallest stiffness is not stable, ∞ when every stiffness is. The search goes from `SMALLEST` to `LARGEST`
+    times `scale`, an m/T² + b/T.
     """
 
     def excess(stiffness: float) -> float:

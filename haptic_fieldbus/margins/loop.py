@@ -1,7 +1,8 @@
-"""A sampled loop as its margins ask it: one axis, or several that couplings tie together.
+"""A sampled loop for limits and verdicts: one axis, or several axes that couplings tie together.
 
-Limits and verdicts are the same questions of both (`Loop`, `verdict`, `suggestion`); what answers differs. One axis has
-closed forms, six times as fast as the matrices of several (ADR 0013). Those are in `coupled`; `group` chooses.
+Limits, verdicts and suggestions need the same methods of both (`Loop`), but the computation differs. A single axis has
+closed forms, which are several times faster than the matrices of several axes (ADR 0013). The matrices are in
+`coupled`; `group` chooses between both.
 """
 
 import math
@@ -21,20 +22,20 @@ from haptic_fieldbus.numerics.sampled import SampledPlant
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """One of the axes of a loop."""
+    """An axis of a loop."""
 
     plant: Plant
     delay: float
-    """From sampling to acting [s]."""
+    """Time from sampling to acting [s]."""
     environment: StateSpace | None = None
-    """x_k → F_k of the elements of its own that stay as they are while a coupling is varied; None: it has none."""
+    """Environment x_k → F_k of the axis' own elements, kept while a coupling varies; None when it has none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loop(ABC):
     """Axes under their delayed holds, closed over (x_1 … x_n)_k → (F_1 … F_n)_k; `period` in s.
 
-    Raises UsageError for times that no loop has.
+    Raises UsageError for a period that is not above 0, and for a negative delay.
     """
 
     axes: Sequence[Axis]
@@ -50,30 +51,30 @@ class Loop(ABC):
 
     @abstractmethod
     def matrix(self, environment: StateSpace) -> Matrix:
-        """One period of the closed loop."""
+        """Return the square matrix of one period of the closed loop."""
 
     @abstractmethod
     def growth(self, environment: StateSpace) -> float:
-        """Largest modulus of the loop's eigenvalues, free shifts of the handles left out; below 1 is stable."""
+        """Return the largest modulus of the eigenvalues, without free shifts of the handles; below 1 is stable."""
 
     @abstractmethod
     def damping_share(self, environment: StateSpace) -> float:
-        """The share of the devices' dampings that any passive hands need: passive up to 1; ∞ where none is enough."""
+        """Return the share of the devices' dampings that passive hands need: passive up to 1, ∞ if none is enough."""
 
     @abstractmethod
     def passive_limit(self, environment_of: EnvironmentOf, stable: float) -> float:
-        """The stiffness [N/m or N·m/rad] up to which any passive hands are safe; `stable` bounds it."""
+        """Return the stiffness [N/m or N·m/rad] up to which any passive hands are safe; `stable` bounds it."""
 
     @abstractmethod
     def felt(self, environment_of: EnvironmentOf) -> list[float]:
-        """The force at each handle while the others are held, per stiffness and way."""
+        """Return the force at each handle per stiffness and position while the others are held, for each axis."""
 
     def limit(self, environment_of: EnvironmentOf) -> float:
-        """The stiffness [N/m or N·m/rad] up to which the loop is stable; 0 when the smallest already is not, or ∞."""
+        """Return the stiffness [N/m or N·m/rad] up to which the loop is stable; 0 and ∞ as in `limit_of`."""
         return limit_of(lambda stiffness: self.growth(environment_of(stiffness)), self.scale(environment_of))
 
     def quantisation_limit(self, environment_of: EnvironmentOf) -> float | None:
-        """The stiffness up to which friction holds each handle between two counts; None without quantisation."""
+        """Return the stiffness up to which friction holds each handle between two counts; None without quantisation."""
         limits = [
             limit / felt
             for axis, felt in zip(self.axes, self.felt(environment_of), strict=True)
@@ -82,20 +83,24 @@ class Loop(ABC):
         return min(limits, default=None)
 
     def scale(self, environment_of: EnvironmentOf) -> float:
-        """The smallest m/T² + b/T as the stiffness meets it."""
+        """Return the smallest m/T² + b/T of the devices [N/m or N·m/rad], referred to the varied stiffness."""
         return self._least(environment_of, lambda plant: plant.mass / self.period**2 + plant.damping / self.period)
 
     def largest_damping(self, environment_of: EnvironmentOf) -> float:
-        """The smallest m/T so met, about which virtual damping moves a device by as much in a period as it moved."""
+        """Return the smallest m/T of the devices [N·s/m or N·m·s/rad], referred to the varied stiffness.
+
+        At about this virtual damping the force of a period moves a device by as much as it moved in the period before.
+        """
         return self._least(environment_of, lambda plant: plant.mass / self.period)
 
     def _least(self, environment_of: EnvironmentOf, value: Callable[[Plant], float]) -> float:
         felt = self.felt(environment_of)
+        # A handle at which the varied stiffness gives no force counts as it is, instead of dividing by 0.
         return min(value(axis.plant) / (share or 1.0) for axis, share in zip(self.axes, felt, strict=True))
 
 
 class OneAxis(Loop):
-    """A single axis, by the closed forms of `sampled` and `passivity`."""
+    """A single axis, with the closed forms of `numerics.sampled` and `numerics.passivity`."""
 
     def matrix(self, environment: StateSpace) -> Matrix:
         return sampled.loop_matrix(self.devices[0], environment)
@@ -104,11 +109,12 @@ class OneAxis(Loop):
         return sampled.growth(self.devices[0], environment)
 
     def damping_share(self, environment: StateSpace) -> float:
-        """With a tachometer any force at all asks for infinitely much.
+        """Return the needed damping over the device's own; ∞ for a device without damping that needs any.
 
-        A reading says nothing of the motion between two: a hand that is fast only at the instants of the readings sets
-        the force as it likes, at a cost of b·∫v² that goes to 0 as these instants get shorter, and lets the force work
-        on it in between.
+        With a tachometer no damping is enough for any force: the result is ∞, or 0 without a force. The readings do not
+        show the motion between them. A hand that is fast only at the instants of the readings sets the force as it
+        likes, at a cost of b·∫v² that goes to 0 as these instants get shorter, and lets the force work on it in
+        between.
         """
         (axis,) = self.axes
         if axis.plant.tachometer:
@@ -123,15 +129,18 @@ class OneAxis(Loop):
         return passive_limit_of(axis.plant, self.period, axis.delay, environment_of, stable)
 
     def felt(self, environment_of: EnvironmentOf) -> list[float]:
-        """All of it, whatever follows behind a virtual mass: a count is felt before anything has moved."""
+        """Return [1.0]: a count changes the force by the full stiffness, even if a virtual mass follows later."""
         return [1.0]
 
 
 def alone(plant: Plant, period: float, delay: float) -> Loop:
-    """The loop of a single axis [s]."""
+    """Return the loop of a single axis; `period` and `delay` in s. Raises UsageError for impossible times."""
     return OneAxis((Axis(plant, delay),), period)
 
 
 def stiffness_limit(plant: Plant, period: float, delay: float, environment_of: EnvironmentOf) -> float:
-    """The limit of stability of a single axis [N/m or N·m/rad]; 0 or ∞ as for any loop."""
+    """Return the limit of stability of a single axis [N/m or N·m/rad]; 0 and ∞ as in `limit_of`.
+
+    Raises UsageError for impossible times [s].
+    """
     return alone(plant, period, delay).limit(environment_of)

@@ -1,4 +1,4 @@
-"""The largest stiffness that is passive with any hand (theory: `numerics.passivity`)."""
+"""Largest stiffness that is passive with any hand; the theory is in `numerics.passivity`."""
 
 import math
 from collections.abc import Callable
@@ -12,16 +12,17 @@ from haptic_fieldbus.numerics.linear import parallel
 from haptic_fieldbus.numerics.passivity import SMALLEST_ANGLE, damping_needed, hold, largest_gain, response
 
 PROBES = np.array([1e-3, 0.1, 1.0, math.pi])
-"""[rad]; where an environment is looked at to see how it depends on its stiffness."""
+"""Angles [rad] at which the dependence of an environment on its stiffness is checked."""
 LOSSLESS = 1e-9
-"""A mode that loses less than this in a period is undamped."""
+"""Loss per period below which a mode counts as undamped."""
 
 
 def passive_limit(plant: Plant, period: float, delay: float) -> float:
-    """The stiffness [N/m or N·m/rad] up to which a spring is passive.
+    """Return the stiffness [N/m or N·m/rad] up to which a spring is passive; `period` and `delay` in s.
 
-    K = 2·b/(g + √(g² + S)), g = T/2 + td + λ the mean age of the motor's force and S its spread within a period,
-    δ·(T − δ) without a torque loop: low frequencies are the hardest.
+    K = 2·b/(g + √(g² + S)), where g = T/2 + td + λ is the mean age of the motor's force and S its spread within a
+    period, δ·(T − δ) without a torque loop. Low frequencies need the most damping and decide. Raises UsageError for
+    impossible times.
     """
     check_times(period, delay)
     centre = 0.5 * period + delay + plant.torque_lag
@@ -30,15 +31,15 @@ def passive_limit(plant: Plant, period: float, delay: float) -> float:
 
 
 def passive_limit_of(plant: Plant, period: float, delay: float, environment_of: EnvironmentOf, stable: float) -> float:
-    """The stiffness up to which any environment is passive; `stable` bounds it. None is with a tachometer.
+    """Return the stiffness [N/m or N·m/rad] up to which an environment is passive; `stable` bounds a search for it.
 
-    An environment with an undamped mode is passive at no stiffness: at its resonance the delay turns the force against
-    every damping.
+    0 with a tachometer, and for an environment with an undamped mode: at its resonance the delay makes the force act
+    against any damping.
     """
     if plant.tachometer:
         return 0.0
     base, one = environment_of(0.0), environment_of(1.0)
-    if _is_proportional(environment_of):
+    if _is_proportional(environment_of):  # then the limit has a closed form at each angle
         added = parallel([one, sampled.scaled(base, -1.0)])
         return largest_gain(base, added, plant.damping, period, delay, plant.torque_lag)
 
@@ -54,9 +55,10 @@ def passive_limit_of(plant: Plant, period: float, delay: float, environment_of: 
 def searched(
     passive: Callable[[float], bool], scale: float, stable: float, *, smallest: float, precision: float
 ) -> float:
-    """The stiffness at which `passive` is first left on the way up, `stable` at most; 0 when the smallest is not.
+    """Return the largest stiffness before `passive` first fails on the way up, at most `stable`.
 
-    Looked for from `smallest` to `LARGEST` times `scale`, an m/T² + b/T, and told within a share of `precision`.
+    0 when the smallest stiffness is not passive. The search goes from `smallest` to `LARGEST` times `scale`, an
+    m/T² + b/T, to a relative precision of `precision`.
     """
     low, high, largest = 0.0, smallest * min(stable, scale), min(stable, LARGEST * scale)
     while passive(high):
@@ -70,7 +72,7 @@ def searched(
 
 
 def _is_proportional(environment_of: EnvironmentOf) -> bool:
-    """Whether the force is a part without stiffness plus stiffness times another, and no mode is undamped."""
+    """Return True when the force is a fixed part plus the stiffness times another part, and no mode is undamped."""
     environments = [environment_of(stiffness) for stiffness in (0.0, 1.0, 2.0)]
     if any(sampled.spectral_radius(environment.a) > 1.0 - LOSSLESS for environment in environments):
         return False

@@ -1,8 +1,9 @@
 """Stability when frames are missing in a pattern that repeats.
 
-Where a frame is missing the last force is held, and the environment stands still. A pattern of N periods is one linear
-map, the product of its periods; the modulus of its largest eigenvalue decides (Floquet). A held force is the older the
-longer it is held, and the gaps count by their squares: with T_i the times between samples, light damping and no delay,
+When a frame is missing, the last force is held and the states of the environment keep their values. A pattern of N
+periods is one linear map, the product of the maps of its periods, and its eigenvalue of the largest modulus decides
+(Floquet). A force is older the longer it is held, so the gaps count by their squares. With the times T_i between
+samples, light damping and no delay,
 
     K < 2·b·ΣT_i/ΣT_i².
 """
@@ -19,17 +20,18 @@ from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import SampledPlant
 
 Pattern = Sequence[bool]
-"""One entry a period: whether its frame arrives; repeats for ever. The first must."""
+"""One entry for each period, True when its frame arrives; repeats for ever. The first entry must be True."""
 
 
 def gaps(lengths: Sequence[int]) -> tuple[bool, ...]:
-    """The pattern whose forces are held for so many periods one after the other: (1, 1, 3) loses two frames of five."""
+    """Return the pattern whose forces are held for these numbers of periods: (1, 1, 3) loses two frames of five."""
     return tuple(place == 0 for length in lengths for place in range(length))
 
 
 def pattern_matrix(device: SampledPlant, environment: StateSpace, pattern: Pattern) -> Matrix:
-    """The map of a whole pattern, on the states of `sampled.loop_matrix`."""
+    """Return the square matrix of a whole pattern on the states of `sampled.loop_matrix`."""
     periods = {
+        # The force of the period before must be a state, to be held when a frame is missing.
         received: sampled.loop_matrix(device, environment, received=received, least_memory=1)
         for received in set(pattern)
     }
@@ -40,13 +42,16 @@ def pattern_matrix(device: SampledPlant, environment: StateSpace, pattern: Patte
 
 
 def pattern_growth(device: SampledPlant, environment: StateSpace, pattern: Pattern) -> float:
-    """By how much the loop's slowest motion grows in a period, on average; below 1 is stable."""
+    """Return the mean growth of the loop in a period of the pattern, free shifts left out; below 1 is stable."""
     matrix = sampled.without_shift(pattern_matrix(device, environment, pattern), device, environment)
     return float(sampled.spectral_radius(matrix) ** (1.0 / len(pattern)))
 
 
 def pattern_limit(plant: Plant, period: float, delay: float, environment_of: EnvironmentOf, pattern: Pattern) -> float:
-    """The stiffness [N/m or N·m/rad] up to which the loop with these missing frames is stable; 0 or ∞ as ever."""
+    """Return the stiffness [N/m or N·m/rad] up to which the loop with these missing frames is stable.
+
+    0 and ∞ have the meaning of `linear.limit_of`. Raises UsageError for impossible times [s].
+    """
     device = sample(plant, period, delay)
     return limit_of(
         lambda stiffness: pattern_growth(device, environment_of(stiffness), pattern),
@@ -55,7 +60,7 @@ def pattern_limit(plant: Plant, period: float, delay: float, environment_of: Env
 
 
 def pattern_bound(damping: float, period: float, pattern: Pattern) -> float:
-    """K = 2·b·ΣT_i/ΣT_i²: what the limit tends to for light damping, without delay."""
+    """Return K = 2·b·ΣT_i/ΣT_i² [N/m or N·m/rad], which the limit approaches for light damping without delay."""
     starts = [place for place, received in enumerate(pattern) if received] + [len(pattern)]
     times = [period * (after - before) for before, after in pairwise(starts)]
     return 2.0 * damping * sum(times) / sum(time**2 for time in times)

@@ -13,17 +13,21 @@ from haptic_fieldbus.numerics.sampled import SampledPlant
 
 @dataclass(frozen=True)
 class Plant:
-    """The device in the workspace of its axis: kg, N·s/m, N, m — or kg·m², N·m·s/rad, N·m, rad."""
+    """Device in the workspace of its axis: kg, N·s/m, N, m — or kg·m², N·m·s/rad, N·m, rad.
+
+    Raises UsageError for a value that is not a finite number from 0 up, for a device with neither mass nor damping, and
+    for a tachometer on a device without mass.
+    """
 
     mass: float
     damping: float
     coulomb: float = 0.0
     resolution: float = 0.0
-    """One encoder count; with a tachometer one step of the position integrated from it."""
+    """One encoder count; with a tachometer one step of the position that is integrated from its readings."""
     torque_lag: float = 0.0
     """Time constant of the torque loop [s]."""
     tachometer: bool = False
-    """Whether its velocity is sampled, and the position integrated from it, instead of its position."""
+    """True when the velocity is sampled and the position integrated from it; False when the position is sampled."""
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -36,7 +40,7 @@ class Plant:
 
 
 def check_times(period: float, delay: float) -> None:
-    """Raises UsageError for times [s] that no loop has."""
+    """Check the times [s] of a loop; raises UsageError unless the period is above 0 and the delay from 0 up."""
     if not 0.0 < period < math.inf:
         raise UsageError(f"period {period:g}: expected a time above 0 s")
     if not 0.0 <= delay < math.inf:
@@ -44,7 +48,10 @@ def check_times(period: float, delay: float) -> None:
 
 
 def dynamics(plant: Plant) -> tuple[Matrix, Matrix]:
-    """(A, B) of ξ̇ = A ξ + B F with ξ = (position, velocity), without a mass (position,)."""
+    """Return (A, B) of ξ̇ = A ξ + B F with ξ = (position, velocity), or (position,) for a device without mass.
+
+    Shapes: (n, n) and (n, 1).
+    """
     if plant.mass:
         a = np.array([[0.0, 1.0], [0.0, -plant.damping / plant.mass]])
         return a, np.array([[0.0], [1.0 / plant.mass]])
@@ -52,7 +59,10 @@ def dynamics(plant: Plant) -> tuple[Matrix, Matrix]:
 
 
 def through_torque_loop(a: Matrix, b: Matrix, lag: float) -> tuple[Matrix, Matrix]:
-    """The same behind a first-order torque loop with time constant `lag` [s]; the motor's force is the last state."""
+    """Put a first-order torque loop with time constant `lag` [s] before a device; the motor's force is the last state.
+
+    Return (A, B) of shapes (n + 1, n + 1) and (n + 1, 1), or `a` and `b` unchanged without a lag.
+    """
     if not lag:
         return a, b
     order, rate = len(a), 1.0 / lag
@@ -61,21 +71,24 @@ def through_torque_loop(a: Matrix, b: Matrix, lag: float) -> tuple[Matrix, Matri
 
 
 def sample(plant: Plant, period: float, delay: float) -> SampledPlant:
-    """The device under the delayed hold; its states are position, velocity (with a mass), motor force (with a lag)."""
+    """Discretise the device under the delayed hold, `period` and `delay` in s; raises UsageError for impossible times.
+
+    The states are position, velocity (with a mass), motor force (with a lag).
+    """
     check_times(period, delay)
     device = sampled.sample(*through_torque_loop(*dynamics(plant), plant.torque_lag), period, delay)
     return sampled.integrated(device, period) if plant.tachometer else device
 
 
 def weakened(plant: Plant, share: float = 0.7) -> Plant:
-    """The same device with so much less friction: what is known of friction is rarely known better."""
+    """Return the same device with this share of its friction, because friction is rarely known more precisely."""
     return replace(plant, damping=share * plant.damping, coulomb=share * plant.coulomb)
 
 
 def quantisation_limit(plant: Plant) -> float | None:
-    """2·fc/D: the stiffness up to which friction holds the handle between two counts; None without quantisation.
+    """Return 2·fc/D, the stiffness up to which friction holds the handle between two counts; None without quantisation.
 
-    With a step D every force is a multiple of K·D; a handle pushed by a force between two multiples rests only if
-    friction bridges K·D/2 (Abbott & Okamura, IEEE Trans. Robotics 21(5), 2005, 952). The bound has no T.
+    With a step D every force is a multiple of K·D. A handle that is pushed by a force between two multiples rests only
+    if friction bridges K·D/2 (Abbott & Okamura, IEEE Trans. Robotics 21(5), 2005, 952). The limit does not depend on T.
     """
     return 2.0 * plant.coulomb / plant.resolution if plant.resolution else None

@@ -1,4 +1,4 @@
-"""What would be stable instead of an unstable scene."""
+"""Suggestion of stable values for an unstable scene."""
 
 import math
 from collections.abc import Callable
@@ -11,23 +11,23 @@ from haptic_fieldbus.numerics.linear import StateSpace
 
 @dataclass(frozen=True)
 class Suggestion:
-    """What would be stable instead; None where nothing sensible is."""
+    """Values that would be stable; None for a value that does not exist or makes no sense."""
 
     stiffness: float | None
-    """With the damping kept."""
+    """Stable stiffness [N/m or N·m/rad], with the damping kept."""
     damping: float | None
-    """With the stiffness kept."""
+    """Stabilising damping [N·s/m or N·m·s/rad], with the stiffness kept."""
     damping_limit: float | None
-    """The limit of stability with that damping."""
+    """Limit of stability [N/m or N·m/rad] with that damping."""
 
 
 def suggest(
     loop: Loop, environment_of: Callable[[float, float], StateSpace], stiffness: float, damping: float | None
 ) -> Suggestion:
-    """Round values that make an unstable scene stable; `damping` None: the scene has none to vary.
+    """Return round values that make an unstable scene stable; `damping` is None when the scene has none to vary.
 
-    `environment_of` takes (stiffness, damping). The stiffness is 0.7 of its limit, the damping the smallest whose limit
-    is 1.2 of the stiffness asked for.
+    `environment_of` takes (stiffness, damping). The suggested stiffness is 0.7 of its limit. The suggested damping is
+    the smallest with a limit of at least 1.2 times the present stiffness.
     """
 
     def damped(value: float) -> EnvironmentOf:
@@ -39,6 +39,7 @@ def suggest(
     for candidate in _round_values(largest):
         if (
             candidate > (damping or 0.0)
+            # One growth is much quicker to compute than a limit, and rules out most candidates.
             and loop.growth(environment_of(1.2 * stiffness, candidate)) <= 1.0
             and (limit := loop.limit(damped(candidate))) >= 1.2 * stiffness
         ):
@@ -47,13 +48,14 @@ def suggest(
 
 
 def _two_digits(value: float) -> float:
-    """Rounded down, never up: it is a promise."""
+    """Return a value with two digits, rounded down: a suggested stiffness must not exceed its limit."""
+    # The factor just above 1 keeps rounding from lowering a value that already has two digits.
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.2g}")
 
 
 def _round_values(largest: float) -> list[float]:
-    """Four decades of values with one or two digits, up to `largest`."""
+    """Return values with one or two digits over four decades, up to `largest`, in rising order."""
     top = math.floor(math.log10(largest)) if largest else 0
     values = [float(f"{digit}e{decade}") for decade in range(top - 4, top + 1) for digit in (1, 1.5, 2, 3, 4, 5, 7)]
     return [value for value in values if value <= largest]

@@ -1,18 +1,20 @@
-"""Limits of a sampled haptic loop before anything moves: numbers in, limits and a verdict out.
+"""Limits and verdict of a sampled haptic loop, before anything moves.
 
-The loop. A device of mass m and viscous damping b moves freely (no hand: a hand's damping hides instability that
-appears on release). Its position is sampled every T, and the environment's force is held from td after the sample
-until td after the next. `numerics.sampled` discretises this exactly, fractional delay and torque loop included, and
-the eigenvalues of one period decide. A loop whose environment never opposes a slow shift (a sprung mass, a damper) has
-an eigenvalue of exactly 1, the handle staying where it is left: that is no instability and is left out.
+Stability. A device of mass m and viscous damping b moves freely, without a hand, because the damping of a hand hides an
+instability that appears on release. Its position is sampled every T. The environment's force is held from td after the
+sample until td after the next sample. `numerics.sampled` discretises this exactly, with fractional delay and torque
+loop, and the eigenvalues of one period decide. A loop whose environment never opposes a slow shift (a sprung mass, a
+damper) has an eigenvalue of exactly 1: the handle stays where it is left. This is no instability and is left out.
 
-Passivity is asked of the same loop with *any* passive hand: the condition of Colgate & Schenkel, extended to fractional
-delays and to the torque loop (`numerics.passivity`).
+Passivity is required of the same loop with *any* passive hand, by the condition of Colgate & Schenkel, extended to
+fractional delays and to the torque loop (`numerics.passivity`).
 
-Encoder and Coulomb friction (Abbott & Okamura, IEEE Trans. Robotics 21(5), 2005, 952): with a step D every force is a
-multiple of K·D; a handle pushed by a force between two multiples rests only if friction bridges K·D/2, K ≤ 2·fc/D.
-Above, it moves to and fro over the edge of a count for ever. The verdicts are the regions of Diolaiti et al. (2006,
-doi:10.1109/TRO.2005.862487) in the plane β = b/(K·T), σ = fc/(K·D), with the exact linear limit in place of theirs:
+Encoder and Coulomb friction (Abbott & Okamura, IEEE Trans. Robotics 21(5), 2005, 952). With a step D every force is a
+multiple of K·D. A handle that is pushed by a force between two multiples rests only if friction bridges K·D/2, that is
+up to K = 2·fc/D. Above this stiffness it moves to and fro over the edge of a count for ever.
+
+The verdicts are the regions of Diolaiti et al. (2006, doi:10.1109/TRO.2005.862487) in the plane β = b/(K·T),
+σ = fc/(K·D), with the exact linear limit in place of theirs:
 
 | verdict     | linear limit (β)   | friction (σ)  |
 |-------------|--------------------|---------------|
@@ -34,7 +36,7 @@ from haptic_fieldbus.numerics import sampled
 
 
 class Verdict(Enum):
-    """What a loop does; the value is the name on the command line."""
+    """Behaviour of a loop; the value is the name on the command line."""
 
     PASSIVE = "passive"
     STABLE = "stable"
@@ -44,7 +46,10 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class StiffnessLimit:
-    """Virtual stiffness [N/m or N·m/rad] at which the loop stops being so, all else kept; None: does not apply."""
+    """Largest virtual stiffness [N/m or N·m/rad] for each property of the loop, all else kept; None: does not apply.
+
+    `quantisation` is the limit up to which friction holds the handle between two encoder counts.
+    """
 
     passive: float | None
     stable: float | None
@@ -53,25 +58,26 @@ class StiffnessLimit:
 
 @dataclass(frozen=True)
 class Stability:
-    """The judgement of one axis; the fields are the keys of `--json`."""
+    """Judgement of one axis; the fields are the keys of `--json`."""
 
     period_s: float
     delay_s: float
-    """From sampling to acting; the torque loop's lag is in the plant, the hold's T/2 in neither."""
+    """Time from sampling to acting; the torque loop's lag is in the plant, the hold's mean delay T/2 in neither."""
     plant: Plant
     stiffness: float | None
     damping: float
     stiffness_limit: StiffnessLimit
     spectral_radius: float
     margin: float | None
-    """Limit of stability over stiffness."""
+    """Limit of stability divided by the stiffness."""
     verdict: Verdict
 
     @property
     def recommended(self) -> float | None:
-        """The stiffness up to which the margin is two, and the handle rests between counts where friction lets it.
+        """Stiffness up to which the margin is two and friction holds the handle between counts; None without a limit.
 
-        That of passivity where any stiffness is stable.
+        A limit of 0 is left out. When any stiffness is stable, the limit of passivity replaces half the limit of
+        stability.
         """
         limit = self.stiffness_limit
         half = limit.passive if limit.stable is None or math.isinf(limit.stable) else 0.5 * limit.stable
@@ -79,7 +85,7 @@ class Stability:
         return found if math.isfinite(found) else None
 
     def to_json(self) -> dict[str, object]:
-        """The contract of the command line; what is not finite is null."""
+        """Return the judgement as JSON values, with null for a limit or margin that is not finite."""
         limits = {name: _finite(value) for name, value in asdict(self.stiffness_limit).items()}
         return {
             **asdict(self),
@@ -96,10 +102,10 @@ def _finite(value: float | None) -> float | None:
 def judge(
     loop: Loop, environment_of: EnvironmentOf, stiffness: float | None, damping: float = 0.0
 ) -> tuple[Stability, ...]:
-    """Limits and verdict of a loop, told for each of its axes with its plant and delay.
+    """Judge a loop and return its limits and verdict for each axis, with the plant and delay of that axis.
 
-    `stiffness` None: there is none to vary, and `environment_of` is given 0. Raises UsageError for a stiffness that is
-    none, naming the limit.
+    `stiffness` is None when the loop has none to vary; `environment_of` is then called with 0. Raises UsageError for a
+    stiffness that is not a finite number from 0 up, with the limit in its message.
     """
     stable = None if stiffness is None else loop.limit(environment_of)
     if stiffness is not None and not 0.0 <= stiffness < math.inf:
@@ -113,6 +119,7 @@ def judge(
     else:
         passive, quantisation = loop.passive_limit(environment_of, stable), loop.quantisation_limit(environment_of)
         limit = StiffnessLimit(passive, stable, quantisation)
+        # Above its first limit a loop may be stable again, so the growth at this stiffness counts too.
         is_stable = stiffness <= stable or growth < 1.0 - ROUNDING
         is_passive, is_bridged = stiffness <= passive, quantisation is None or stiffness <= quantisation
     radius = sampled.spectral_radius(loop.matrix(asked))
@@ -125,7 +132,7 @@ def judge(
 
 
 def verdict_of(is_stable: bool, is_bridged: bool, is_passive: bool) -> Verdict:
-    """The table of this module."""
+    """Return the verdict by the table of this module."""
     if not is_stable:
         return Verdict.UNSTABLE
     if not is_bridged:

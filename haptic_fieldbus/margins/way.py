@@ -1,9 +1,9 @@
-"""On the way from one set of elements to another: the loop while old forces fade and new ones come.
+"""Transition from one set of elements to another: the loop while old forces fade out and new forces fade in.
 
-With the share w of the new and 1 − w of the old, the force is that of both side by side: the loop is again linear, and
-judged as any other. For a wall the mix is a wall of the stiffness and damping in between; with virtual states it has
-those of both. The share is held while it is judged: a ramp of a tenth of a second is slow beside the loop, but this is
-no proof for a share that moves.
+With the share w of the new elements and 1 − w of the old, the force is the sum of both. The loop is again linear and is
+judged as any other. For two walls the mix is a wall with a stiffness and damping in between; elements with virtual
+states contribute the states of both. The share is constant for each judgement. A ramp of a tenth of a second is slow
+beside the loop, but this is no proof for a share that changes.
 """
 
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ from haptic_fieldbus.scenes.element import AnyElement, DynamicElement
 from haptic_fieldbus.signals import Signal
 
 SHARES = tuple(eighth / 8 for eighth in range(1, 8))
-"""At which the way is looked at."""
+"""Shares of the new elements at which the transition is judged."""
 
 
 @dataclass(frozen=True)
 class Faded:
-    """An element, or a coupling, with a share of its force: as far as stability asks."""
+    """An element, or a coupling, with a share of its force, for the judgement of stability alone."""
 
     element: Any
     share: float
@@ -42,7 +42,7 @@ class Faded:
 
 @dataclass(frozen=True)
 class FadedDynamic(Faded):
-    """One whose virtual states an integrator steps."""
+    """A faded element whose virtual states an integrator steps."""
 
     @property
     def dynamics(self) -> StateSpace:
@@ -50,7 +50,10 @@ class FadedDynamic(Faded):
 
 
 def mixed(before: Sequence[AnyElement], after: Sequence[AnyElement], share: float) -> tuple[Any, ...]:
-    """The elements on their way: those that stay, and of those that change both, the new with this share."""
+    """Return the mixed elements: unchanged elements once, changed elements twice, the new one with this share.
+
+    `before` and `after` have the same length and order.
+    """
     mix: list[Any] = []
     for old, new in zip(before, after, strict=True):
         if new == old:

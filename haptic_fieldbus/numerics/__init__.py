@@ -1,1 +1,1 @@
-"""Mathematics without hardware: integrators, estimators, exact discretisation."""
+"""Pure mathematics: integrators, estimators, exact discretisation, passivity."""

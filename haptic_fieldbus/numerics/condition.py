@@ -1,15 +1,16 @@
-"""Condition effects: a force that depends on a metric, such as a position, beyond a dead band and up to a saturation.
+"""Condition effects: a force that depends on a metric, such as a position, outside a dead band and up to a saturation.
 
-With the metric q, its neutral value q₀ (CP offset), the dead band w on either side of it and d = q − q₀:
+The metric is q, its neutral value q₀ (CP offset), the dead band w on either side of it. With d = q − q₀:
 
     d > w    F = −c₊·(d − w) − b₊·r, limited to |F| ≤ s₊ (positive coefficient, positive saturation)
     d < −w   F = −c₋·(d + w) − b₋·r, limited to |F| ≤ s₋ (negative coefficient, negative saturation)
     else     F = 0
 
-where r is the rate of the metric, for a spring that damps too. c, s and w are those of the USB Device Class Definition
-for Physical Interface Devices (PID) 1.0; the sign here is that of a force that opposes.
+r is the rate of the metric, for a spring that also damps. c, s and w are defined in the USB Device Class Definition for
+Physical Interface Devices (PID) 1.0. With the signs used here a positive coefficient opposes the metric.
 
-Limiting is monotone, so the limited force with damping never gives more power than the limited force without.
+Limiting is monotone, so the limited force with damping never delivers more power than the limited force without
+damping.
 """
 
 import math
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Side:
-    """One side of the neutral value: force by metric, force by rate, and the largest force (∞: there is none)."""
+    """One side of the neutral value: force per metric, force per rate, and the largest force (∞ without a limit)."""
 
     coefficient: float
     damping: float = 0.0
@@ -27,12 +28,15 @@ class Side:
 
     @classmethod
     def limited(cls, coefficient: float, damping: float, saturation: float | None) -> "Side":
-        """With a saturation that may be left out."""
+        """Return a side whose saturation may be None, for no limit."""
         return cls(coefficient, damping, math.inf if saturation is None else saturation)
 
 
 def check_coefficients(positive: float, negative: float, largest: str) -> None:
-    """Raises ValueError unless one of both shares is 1, so that `largest` names the value of the stronger side."""
+    """Check that one of the two shares is 1; raises ValueError otherwise.
+
+    `largest` names the parameter that is the value of the stronger side.
+    """
     if max(positive, negative) != 1.0:
         raise ValueError(
             f"positive_coefficient {positive:g}, negative_coefficient {negative:g}: expected one of them to be 1, as "
@@ -41,7 +45,10 @@ def check_coefficients(positive: float, negative: float, largest: str) -> None:
 
 
 def bind(neutral: float, dead_band: float, positive: Side, negative: Side) -> Callable[..., float]:
-    """(metric[, rate]) → force, as short as these parameters allow; not-a-number in gives not-a-number out."""
+    """Return a function from (metric[, rate]) to force, the shortest that these parameters allow.
+
+    Not-a-number gives not-a-number. Pass the rate exactly when a side has damping.
+    """
     if dead_band or positive != negative or positive.saturation < math.inf:
         return _sided(neutral, dead_band, positive, negative)
     coefficient, damping = positive.coefficient, positive.damping

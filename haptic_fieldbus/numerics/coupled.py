@@ -1,15 +1,15 @@
 """Several sampled plants under delayed holds, closed over one discrete environment: matrices and growth.
 
-All positions are sampled at t_k = k·T, the environment gives all forces, (x_1 … x_n)_k → (F_1 … F_n)_k, and the force
-of each axis is held from its own t_k + td until t_{k+1} + td. Each axis is a `sampled.SampledPlant`, and one period of
-all is as exact as that of one.
+All positions are sampled at t_k = k·T. The environment computes all forces, (x_1 … x_n)_k → (F_1 … F_n)_k. The force of
+each axis is held from t_k + td until t_{k+1} + td with the delay td of that axis. Each axis is a
+`sampled.SampledPlant`; the map of one period is exact, as for a single axis.
 
-Where a motion of the handles together meets no force (both ends of a virtual shaft turned alike) the loop has an
-eigenvalue of exactly 1 for each such direction: the handles stay where they are left. That is no instability.
+Some motions of the handles together may meet no force, for example both ends of a virtual shaft turned alike. For each
+such direction the loop has an eigenvalue of exactly 1: the handles stay where they are left. This is no instability.
 
-Two axes tied by a spring-damper, F1 = −K·u − B·u̇ and F2 = −n·F1 with u = x1 − n·x2: devices with the same b/m, delay
-and torque loop leave one equation for u, that of one device of mass 1/(1/m1 + n²/m2) at a wall of K and B. Two equal
-axes at n = 1 are the device itself at 2·K and 2·B.
+Example: a spring-damper ties two axes, F1 = −K·u − B·u̇ and F2 = −n·F1 with u = x1 − n·x2. For devices with the same
+b/m, delay and torque loop, u follows the equation of one device of mass 1/(1/m1 + n²/m2) at a wall of K and B. Two
+equal axes at n = 1 behave as the device itself at 2·K and 2·B.
 """
 
 from collections.abc import Sequence
@@ -22,25 +22,25 @@ from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, gai
 from haptic_fieldbus.numerics.sampled import SampledPlant, discretised, estimated_by, spectral_radius
 
 FORCELESS = 1e-9
-"""Of the forces that cancel: less than this is none."""
+"""Share of the cancelling forces below which their sum counts as no force."""
 ROUNDING = 1e-13
-"""Of what cancels within the environment's states."""
+"""Share of the cancelling terms in the environment's states that may be rounding."""
 
 
 def spring_damper(stiffness: float, damping: float = 0.0, ratio: float = 1.0) -> StateSpace:
-    """The coupling (x1, v1, x2, v2) → (F1, F2) of a virtual shaft between x1 and `ratio`·x2."""
+    """Return the coupling (x1, v1, x2, v2) → (F1, F2) of a virtual shaft between x1 and `ratio`·x2."""
     one = np.array([stiffness, damping])
     first = np.concatenate([-one, ratio * one])
     return gain([first.tolist(), (-ratio * first).tolist()])
 
 
 def embedded(space: StateSpace, place: int, axes: int) -> StateSpace:
-    """A system of one axis among so many: it takes that axis' inputs and acts on it alone."""
+    """Return a system of one axis as a system of all `axes` that uses the inputs of that axis and acts on it alone."""
     return among(space, (place,), axes)
 
 
 def among(space: StateSpace, places: Sequence[int], axes: int) -> StateSpace:
-    """A system of some axes among so many: it takes their inputs, in the order of `places`, and acts on them alone."""
+    """Return a system of some axes as a system of all `axes`; its inputs and outputs are in the order of `places`."""
     inputs = space.b.shape[1] // len(places)
     take, act = np.zeros((space.b.shape[1], inputs * axes)), np.zeros((axes, len(places)))
     for number, place in enumerate(places):
@@ -52,10 +52,10 @@ def among(space: StateSpace, places: Sequence[int], axes: int) -> StateSpace:
 def environment(
     space: StateSpace, *, period: float, method: str | None, estimators: Sequence[str | None]
 ) -> StateSpace:
-    """The loop's environment (x_1 … x_n)_k → (F_1 … F_n)_k of a continuous system with inputs (x_1, v_1, x_2, v_2, …).
+    """Return the environment (x_1 … x_n)_k → (F_1 … F_n)_k of a continuous system with inputs (x_1, v_1, x_2, v_2, …).
 
-    One estimator an axis; as for one axis, `method` may be None without virtual states and an estimator where that
-    velocity does not matter, else UsageError.
+    `estimators` holds one name for each axis. `method` may be None without virtual states, and an estimator when the
+    velocity of its axis is not used. Raises UsageError for a missing or unknown method or estimator.
     """
     if space.order and method is None:
         raise UsageError("a coupling with virtual states needs an integrator")
@@ -64,7 +64,7 @@ def environment(
 
 
 def _velocities(space: StateSpace, period: float, estimators: Sequence[str | None]) -> StateSpace:
-    """(x_1 … x_n)_k → (v_1 … v_n)_k, 0 where a velocity does not matter."""
+    """Return the system (x_1 … x_n)_k → (v_1 … v_n)_k; a velocity that is not used is 0."""
     axes = len(estimators)
     found = gain(np.zeros((axes, axes)).tolist())
     for place, name in enumerate(estimators):
@@ -72,14 +72,14 @@ def _velocities(space: StateSpace, period: float, estimators: Sequence[str | Non
             continue
         if name is None:
             raise UsageError("a coupling that uses velocity needs an estimator on each of its axes")
-        from haptic_fieldbus.numerics.estimators import judged
+        from haptic_fieldbus.numerics.estimators import judged  # only couplings that use velocity need it
 
         found = parallel([found, embedded(judged(name, period), place, axes)])
     return found
 
 
 def loop_matrix(plants: Sequence[SampledPlant], environment: StateSpace) -> Matrix:
-    """One period of the closed loop on the states (ξ_1 … ξ_n, environment, F_1 of before and earlier, F_2 …)."""
+    """Return the matrix of one period of the closed loop on the states (ξ_1 … ξ_n, environment, earlier F_1, F_2 …)."""
     starts, inner, queues = _layout(plants, environment)
     size, axes = queues[-1].stop, range(len(plants))
     positions = np.zeros((len(plants), size))
@@ -102,7 +102,7 @@ def loop_matrix(plants: Sequence[SampledPlant], environment: StateSpace) -> Matr
 
 
 def _layout(plants: Sequence[SampledPlant], environment: StateSpace) -> tuple[list[slice], slice, list[slice]]:
-    """Where the states of each plant, of the environment, and the forces of each axis stand."""
+    """Return the places of the states of each plant, of the environment, and of the earlier forces of each axis."""
     orders = [len(plant.transition) for plant in plants]
     memories = [plant.whole + bool(plant.fraction) for plant in plants]
     ends = np.cumsum([*orders, environment.order, *memories]).tolist()
@@ -111,9 +111,9 @@ def _layout(plants: Sequence[SampledPlant], environment: StateSpace) -> tuple[li
 
 
 def shift_modes(plants: Sequence[SampledPlant], environment: StateSpace) -> tuple[Matrix, Matrix]:
-    """(directions, states): the independent shifts of the handles that meet no force, one a column.
+    """Return (directions, states): the independent shifts of the handles that meet no force, one in each column.
 
-    A direction has an entry for each axis; beside it stands the state of an environment that has followed it.
+    `directions` is (n_axes, n_shifts). `states` is (order, n_shifts), the state of an environment that has followed.
     """
     step = environment.a - np.eye(environment.order)
     states = equilibrium(step, environment.b)
@@ -121,10 +121,12 @@ def shift_modes(plants: Sequence[SampledPlant], environment: StateSpace) -> tupl
     forces, moves = environment.c @ states + environment.d, step @ states + environment.b
     terms = [np.abs(environment.c) @ np.abs(states) + np.abs(environment.d)]
     terms += [np.abs(step) @ np.abs(states) + np.abs(environment.b), held]
-    # A state that is 0 at rest is the rounding of what cancels in it, and may be all that a force is made of.
+    # A state that is exactly 0 at rest is computed as the rounding of its cancelling terms. A force may consist of
+    # nothing else, and must then count as 0.
     rounding = ROUNDING * np.abs(environment.c) @ np.abs(np.linalg.pinv(step)) @ terms[1]
     found = np.vstack([np.where(np.abs(forces) > rounding, forces, 0.0), moves, held])
     size = np.vstack(terms)
+    # Rows and columns are scaled by the sizes of their cancelling terms, so that one tolerance holds in all units.
     rows = _not_zero(size.max(axis=1, keepdims=True))
     columns = _not_zero((size / rows).max(axis=0, keepdims=True))
     _, values, basis = np.linalg.svd(found / rows / columns)
@@ -137,14 +139,15 @@ def _not_zero(size: Matrix) -> Matrix:
 
 
 def without_shifts(matrix: Matrix, plants: Sequence[SampledPlant], environment: StateSpace) -> Matrix:
-    """A loop's matrix, an eigenvalue 1 left out for each direction in which the handles may be left anywhere.
+    """Return a loop's matrix without the eigenvalue 1 of each direction in which the handles may be left anywhere.
 
-    With R the modes of these shifts, scaled to 1 at as many positions, the other states minus R times these positions
-    evolve by themselves.
+    The columns of R are the modes of these shifts, scaled to the identity at as many positions. The other states minus
+    R times these positions evolve by themselves.
     """
     directions, states = shift_modes(plants, environment)
     starts, inner, _ = _layout(plants, environment)
     axes, count = directions.shape
+    # The positions by which the shifts are told apart best: their part of the directions is inverted below.
     chosen = max(combinations(range(axes), count), key=lambda rows: abs(np.linalg.det(directions[list(rows)])))
     modes = np.zeros((len(matrix), count))
     modes[inner] = states
@@ -159,5 +162,5 @@ def without_shifts(matrix: Matrix, plants: Sequence[SampledPlant], environment: 
 
 
 def growth(plants: Sequence[SampledPlant], environment: StateSpace) -> float:
-    """Spectral radius of the loop without its shift modes, where it has some: below 1 is stable."""
+    """Return the spectral radius of the loop without its shift modes, if it has any; below 1 is stable."""
     return spectral_radius(without_shifts(loop_matrix(plants, environment), plants, environment))

@@ -1,25 +1,31 @@
 """Passivity of coupled axes: sampled forces behind delayed holds and torque loops, for any passive hands on them.
 
-The forces F_k = H x_k, H an n × n matrix, are held and filtered axis by axis as in `passivity`, whose P_i and S_i are
-those of axis i here. The devices of damping b_i are passive with them when Σ b_i·∫v_i² ≥ Σ ∫f_i·v_i for all motions.
-At a frequency θ = ωT let X be the sampled positions. Each v_i is a constant speed (z − 1)·X_i/T, which the samples see,
-and a rest of mean zero, which they do not. Completing the square in the rest, f̃_i/(2·b_i), and dividing by |z − 1|²/T
-leaves X*·M·X ≥ 0 with the Hermitian
+The forces are F_k = H x_k with an n × n matrix H. They are held and filtered axis by axis as in `passivity`; P_i and
+S_i are the P and S of that module for axis i. Devices of damping b_i are passive with these forces when, for all
+motions, Σ b_i·∫v_i² ≥ Σ ∫f_i·v_i. At a frequency θ = ωT let X be the sampled positions. Each v_i is the sum of a
+constant speed (z − 1)·X_i/T, which appears in the samples, and a rest of mean zero, which does not. Completing the
+square in the rest, f̃_i/(2·b_i), and dividing by |z − 1|²/T leaves X*·M·X ≥ 0 with the Hermitian
 
     M(θ) = diag(b) − ½·(diag(P)·H + H*·diag(P)*) − H*·diag(S/(4·b))·H,    0 < θ ≤ π.
 
-The pair is passive if and only if M ⪰ 0 at every θ and the forces at rest, H(1), are those of a spring that stores:
-symmetric, with −H(1) ⪰ 0 (else a slow motion around a loop, or ever further away, takes energy without end). Then no
-passive hands make it unstable, be they two or those of one body. Where it fails some motion of all handles together
-takes energy for ever; hands that are known to be apart, each passive by itself, may ask for less.
+Devices and forces are passive if and only if two conditions hold:
 
-The share s of the dampings that is needed, M ⪰ 0 with s·b in the place of b, is by Schur's complement the largest
-eigenvalue of [[A, R*], [R, 0]], A the Hermitian part above and R = ½·diag(√S)·H, rows and columns divided by √b.
+- M ⪰ 0 at every θ.
+- The forces at rest, H(1), are those of a spring that stores energy: symmetric, with −H(1) ⪰ 0. Otherwise a slow motion
+  around a loop, or ever further away, takes energy without end.
 
-For a spring-damper between x1 and n·x2 and equal delays H = −h·g·gᵀ, g = (1, −n), and M ⪰ 0 says no more than that one
-device of damping 1/(1/b1 + n²/b2) is passive with h: without delay K·T/2 + |B| ≤ 1/(1/b1 + n²/b2) (Colgate & Schenkel,
-J. Robotic Systems 14(1), 1997, 37, for one device), and for equal axes at n = 1 and B = 0, K ≤ b/T: the difference of
-the handles meets 2·K.
+Then no passive hands make the system unstable, whether the hands are separate or belong to one body. If a condition
+fails, some motion of all handles together takes energy for ever. This is stricter than necessary for hands that are
+known to be separate, each passive by itself.
+
+The needed share s of the dampings is the smallest s for which M ⪰ 0 with s·b in place of b. By Schur's complement it is
+the largest eigenvalue of [[A, R*], [R, 0]], where A is the Hermitian part ½·(diag(P)·H + H*·diag(P)*) and
+R = ½·diag(√S)·H, with rows and columns divided by √b.
+
+Example: a spring-damper between x1 and n·x2 with equal delays has H = −h·g·gᵀ, g = (1, −n). M ⪰ 0 then means that one
+device of damping 1/(1/b1 + n²/b2) is passive with h. Without delay this is K·T/2 + |B| ≤ 1/(1/b1 + n²/b2) (Colgate &
+Schenkel, J. Robotic Systems 14(1), 1997, 37, for one device). For equal axes, n = 1 and B = 0 it is K ≤ b/T, because
+the difference of the handles meets 2·K.
 """
 
 import math
@@ -33,23 +39,23 @@ from haptic_fieldbus.numerics.passivity import Array, Complex, hold, responses, 
 from haptic_fieldbus.numerics.sampled import spectral_radius
 
 LOSSLESS = 1e-9
-"""A mode that loses less than this in a period is undamped, and passive with nothing."""
+"""Loss per period below which a mode counts as undamped; no damping makes an undamped mode passive."""
 ROUNDING = 1e-9
-"""Of the largest force at rest."""
+"""Share of the largest force at rest that may be rounding."""
 
 
 @dataclass(frozen=True)
 class PassivityPort:
-    """What stands between one force of the environment and the hand [N·s/m, s, s, or rotary]."""
+    """Device between one force of the environment and the hand: damping [N·s/m or N·m·s/rad], delay [s], lag [s]."""
 
     damping: float
     delay: float
     lag: float = 0.0
-    """Of the torque loop."""
+    """Time constant of the torque loop."""
 
 
 def stores(environment: StateSpace) -> bool:
-    """Whether its forces at rest are those of a spring whose energy is never below 0."""
+    """Return True when the forces at rest are those of a spring whose energy is never below 0."""
     states = equilibrium(environment.a - np.eye(environment.order), environment.b)
     stiffness = -(environment.c @ states + environment.d)
     least = -ROUNDING * float(np.abs(stiffness).max(initial=0.0))
@@ -58,7 +64,11 @@ def stores(environment: StateSpace) -> bool:
 
 
 def damping_share(environment: StateSpace, ports: Sequence[PassivityPort], period: float) -> float:
-    """The share of the devices' dampings that any passive hands need: passive up to 1; ∞ where none is enough."""
+    """Return the share of the devices' dampings that passivity with any hands needs; ∞ when no damping is enough.
+
+    The system is passive up to a share of 1. The environment maps positions (n_axes,) to forces (n_axes,); `ports`
+    holds one device for each axis, `period` is in s.
+    """
     touched = [
         bool(
             any(np.any(part) for part in (environment.b[:, i], environment.c[i], environment.d[i], environment.d[:, i]))
@@ -69,7 +79,7 @@ def damping_share(environment: StateSpace, ports: Sequence[PassivityPort], perio
         return math.inf
     if any(is_touched and not port.damping for port, is_touched in zip(ports, touched, strict=True)):
         return math.inf
-    root = np.sqrt([port.damping or 1.0 for port in ports])
+    root = np.sqrt([port.damping or 1.0 for port in ports])  # an undamped port is untouched here, its rows are 0
 
     def needed(angle: Array) -> Array:
         holds = [hold(angle, period, port.delay, port.lag) for port in ports]

@@ -1,20 +1,25 @@
 """Describing functions: the gain of a nonlinearity for the first harmonic of a sine of amplitude A.
 
-Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, McGraw-Hill 1968, appendix B. They
-predict a limit cycle well where the loop around is a low-pass filter, and say nothing about its higher harmonics.
+They predict a limit cycle well when the loop around the nonlinearity is a low-pass filter. They give no higher
+harmonics.
+
+Reference: Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, McGraw-Hill 1968,
+appendix B.
 """
 
 import math
 
 
 def edge(amplitude: float, step: float) -> float:
-    """Rounding to multiples of `step`, for a sine centred on the edge between two and not wider than a step: a relay of
-    ±step/2."""
+    """Return the gain of rounding to multiples of `step`, for a sine around the edge between two multiples.
+
+    The sine must not be wider than a step. Rounding is then a relay of ±step/2.
+    """
     return 2.0 * step / (math.pi * amplitude)
 
 
 def saturation(amplitude: float, limit: float) -> float:
-    """Cut off at ±limit."""
+    """Return the gain of a saturation at ±`limit`; 1 when the amplitude does not reach it."""
     if amplitude <= limit:
         return 1.0
     ratio = limit / amplitude
@@ -22,7 +27,8 @@ def saturation(amplitude: float, limit: float) -> float:
 
 
 def saturated_amplitude(gain: float, limit: float) -> float:
-    """The amplitude at which `saturation` is this gain, 0 < gain < 1."""
+    """Return the amplitude at which `saturation` has this gain, 0 < gain < 1."""
+    # Bisection; a large amplitude is cut to a square wave, whose gain 4·limit/(π·A) bounds the amplitude from above.
     low, high = limit, 4.0 * limit / (math.pi * gain)
     while high - low > 1e-14 * high:
         middle = 0.5 * (low + high)
@@ -31,5 +37,5 @@ def saturated_amplitude(gain: float, limit: float) -> float:
 
 
 def coulomb(amplitude: float, angular_frequency: float, friction: float) -> float:
-    """Coulomb friction as viscous damping, for a motion A·sin(ωt): 4·fc/(π·ω·A)."""
+    """Return the viscous damping 4·fc/(π·ω·A) [N·s/m or N·m·s/rad] equivalent to Coulomb friction in A·sin(ωt)."""
     return 4.0 * friction / (math.pi * angular_frequency * amplitude)

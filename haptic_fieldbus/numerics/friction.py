@@ -1,9 +1,9 @@
-"""A mass with viscous damping and Coulomb friction under a constant force, exactly, many at once.
+"""Exact motion of a mass with viscous damping and Coulomb friction under a constant force, for many masses at once.
 
-Slipping in direction s with the force F, m·v′ = G − b·v, G = F − fc·s. With u = −b·v/G the handle stands after
-t = −m·v/G·ln(1 + u)/u, having gone m·v²/G·(ln(1 + u) − u)/u². It then sticks when |F| ≤ fc, else it slips to where F
-pushes, and does not stop again. From rest over t, with w = b·t/m, it gains G·t/m·(1 − e⁻ʷ)/w and goes
-G·t²/m·(w − 1 + e⁻ʷ)/w². The quotients are written as series where u and w are small.
+A mass that slips in the direction s under the force F follows m·v′ = G − b·v with G = F − fc·s. With u = −b·v/G it
+comes to rest after the time t = −m·v/G·ln(1 + u)/u, at the distance m·v²/G·(ln(1 + u) − u)/u². It then sticks when |F|
+≤ fc. Otherwise it slips in the direction of F and does not stop again. From rest, with w = b·t/m, it gains the velocity
+G·t/m·(1 − e⁻ʷ)/w and moves by G·t²/m·(w − 1 + e⁻ʷ)/w². For small u and w the quotients are computed as series.
 """
 
 from dataclasses import dataclass
@@ -13,28 +13,31 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 SMALL = 0.02
-"""Below, nine terms of a series have all digits."""
+"""Largest argument of the series; below it nine terms give all digits."""
 TERMS = 9
 
 
 @dataclass(frozen=True, eq=False)
 class SampledMass:
-    """Mass [kg], damping [N·s/m] and Coulomb friction [N], or their rotary counterparts; shape (n,) each."""
+    """Many masses: mass [kg], damping [N·s/m] and Coulomb friction [N], or the rotary counterparts; shape (n,) each."""
 
     mass: Array
     damping: Array
     coulomb: Array
 
     def part(self, rows: NDArray[np.bool_]) -> "SampledMass":
+        """Return the masses for which `rows`, shape (n,), is true."""
         return SampledMass(self.mass[rows], self.damping[rows], self.coulomb[rows])
 
 
 def slide(device: SampledMass, position: Array, velocity: Array, force: Array, span: Array) -> tuple[Array, Array]:
-    """Position and velocity after `span` [s] under a constant force; all shapes (n,)."""
+    """Return position and velocity after `span` [s] under a constant force; all arrays (n,)."""
     pushes = np.sign(force) * (np.abs(force) > device.coulomb)
+    # A mass at rest moves only when the force exceeds friction; direction 0 means that it sticks.
     direction = np.where(velocity != 0.0, np.sign(velocity), pushes)
     net = np.where(direction != 0.0, force - direction * device.coulomb, 0.0)
     x, v = _slip(device, position, velocity, net, span)
+    # A mass whose velocity has reversed came to rest within the span, and friction changed its sign there.
     reverses = (velocity != 0.0) & (v * direction < 0.0)
     if reverses.any():
         x[reverses], v[reverses] = _through_rest(
@@ -44,7 +47,7 @@ def slide(device: SampledMass, position: Array, velocity: Array, force: Array, s
 
 
 def _through_rest(device: SampledMass, x: Array, v: Array, force: Array, span: Array) -> tuple[Array, Array]:
-    """To a standstill within the span, and on from there."""
+    """Return position and velocity of masses that come to rest within the span."""
     net = force - np.sign(v) * device.coulomb
     u = -device.damping * v / net
     duration = -device.mass * v / net * _logarithm(u)
@@ -55,6 +58,7 @@ def _through_rest(device: SampledMass, x: Array, v: Array, force: Array, span: A
 
 
 def _slip(device: SampledMass, x: Array, v: Array, net: Array, span: Array) -> tuple[Array, Array]:
+    """Return position and velocity under the force `net`, friction included, without a change of direction."""
     w = device.damping * span / device.mass
     first, second = _mean_decay(w), _mean_decay_rest(w)
     rate = net * span / device.mass
@@ -62,6 +66,7 @@ def _slip(device: SampledMass, x: Array, v: Array, net: Array, span: Array) -> t
 
 
 def _series(x: Array, factors: Array) -> Array:
+    """Return the polynomial with these factors, the constant first."""
     total = np.full_like(x, factors[-1])
     for factor in factors[-2::-1]:
         total = total * x + factor
@@ -78,24 +83,25 @@ def _choose(x: Array, small: Array, large: Array) -> Array:
 
 
 def _logarithm(u: Array) -> Array:
-    """ln(1 + u)/u"""
+    """Return ln(1 + u)/u."""
+    # Here and below, small arguments are replaced before the division, as `np.where` evaluates both branches.
     safe = np.where(np.abs(u) < SMALL, 1.0, u)
     return _choose(u, _series(u, _SIGNS / (_N + 1)), np.log1p(safe) / safe)
 
 
 def _logarithm_rest(u: Array) -> Array:
-    """(ln(1 + u) − u)/u²"""
+    """Return (ln(1 + u) − u)/u²."""
     safe = np.where(np.abs(u) < SMALL, 1.0, u)
     return _choose(u, _series(u, -_SIGNS / (_N + 2)), (np.log1p(safe) - safe) / safe**2)
 
 
 def _mean_decay(w: Array) -> Array:
-    """(1 − e⁻ʷ)/w"""
+    """Return (1 − e⁻ʷ)/w."""
     safe = np.where(w < SMALL, 1.0, w)
     return _choose(w, _series(w, _SIGNS / _FACTORIALS[1 : TERMS + 1]), -np.expm1(-safe) / safe)
 
 
 def _mean_decay_rest(w: Array) -> Array:
-    """(w − 1 + e⁻ʷ)/w²"""
+    """Return (w − 1 + e⁻ʷ)/w²."""
     safe = np.where(w < SMALL, 1.0, w)
     return _choose(w, _series(w, _SIGNS / _FACTORIALS[2 : TERMS + 2]), (safe + np.expm1(-safe)) / safe**2)

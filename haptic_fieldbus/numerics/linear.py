@@ -10,7 +10,7 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """ẋ = A x + B u, y = C x + D u (or x⁺ = …, where said so).
+    """Linear system ẋ = A x + B u, y = C x + D u; with x⁺ in place of ẋ where it is called discrete.
 
     Shapes: a (n, n), b (n, n_in), c (n_out, n), d (n_out, n_in); n may be 0.
     """
@@ -26,19 +26,19 @@ class StateSpace:
 
     @property
     def uses_velocity(self) -> bool:
-        """Whether the second input of a (position, velocity) system matters."""
+        """True when the second input of a (position, velocity) system has an effect."""
         return bool(np.any(self.b[:, 1]) or np.any(self.d[:, 1]))
 
 
 def gain(d: list[list[float]]) -> StateSpace:
-    """A memoryless system y = D u."""
+    """Return a system without states, y = D u; `d` holds n_out rows of n_in numbers."""
     matrix = np.array(d, dtype=float)
     n_out, n_in = matrix.shape
     return StateSpace(np.zeros((0, 0)), np.zeros((0, n_in)), np.zeros((n_out, 0)), matrix)
 
 
 def parallel(systems: list[StateSpace]) -> StateSpace:
-    """The sum of systems that share their inputs."""
+    """Return the sum of systems with the same inputs; the states follow in the order of the systems."""
     order = sum(system.order for system in systems)
     a = np.zeros((order, order))
     row = 0
@@ -54,7 +54,7 @@ def parallel(systems: list[StateSpace]) -> StateSpace:
 
 
 def equilibrium(a: Matrix, b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The z with A z + b = 0; the smallest where it is not unique."""
+    """Return the z with A z + b = 0, shaped as `b`, (n,) or (n, m); the smallest of the best fits for a singular A."""
     try:
         return np.asarray(np.linalg.solve(a, -b), dtype=np.float64)
     except np.linalg.LinAlgError:

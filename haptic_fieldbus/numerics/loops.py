@@ -1,4 +1,4 @@
-"""The parameters of many closed loops side by side, as `batch` runs them."""
+"""Parameters of many closed loops for `batch`."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ Numbers = float | Sequence[float] | Array | Flags
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """N loops; every array (N,) in SI, the environment's (N, k, k), (N, k), (N, k), (N,)."""
+    """Parameters of N loops in SI; arrays (N,), the environment's a, b, c, d (N, k, k), (N, k), (N, k), (N,)."""
 
     mass: Array
     damping: Array
@@ -30,15 +30,15 @@ class Loops:
     lag: Array
     coulomb: Array
     resolution: Array
-    """One encoder count; 0: none."""
+    """One encoder count; 0 without an encoder."""
     phase: Array
-    """Where within a count its zero lies."""
+    """Position of the encoder's zero within a count, as a share of a count."""
     unilateral: Flags
-    """Contact for positions above 0 only, and no pulling."""
+    """True for contact at positions above 0 only, without pulling."""
     saturation: Array
-    """Largest force; ∞: none."""
+    """Largest force; ∞ without saturation."""
     push: Array
-    """A constant force of the hand, beside the environment's."""
+    """Constant force of the hand, in addition to the environment's."""
     position: Array
     velocity: Array
 
@@ -46,7 +46,7 @@ class Loops:
         return len(self.mass)
 
     def part(self, rows: NDArray[np.int64]) -> "Loops":
-        """Some of them."""
+        """Return the loops with these row numbers, (n,)."""
         return replace(self, **{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
 
@@ -69,11 +69,10 @@ def loops(
     velocity: Numbers = 0.0,
     environments: list[StateSpace] | None = None,
 ) -> Loops:
-    """Loops from numbers or arrays that broadcast; `environments` replace the spring and its damper.
+    """Return loops from numbers or arrays, broadcast to N loops.
 
-    The damper works on the backward difference.
-
-    Raises UsageError for numbers that no loop has, naming the first loop that has them.
+    `environments`, discrete systems of equal order, replace the spring and its damper. The damper acts on the backward
+    difference. Raises UsageError for impossible numbers, naming the first loop that has them.
     """
     given = (mass, damping, period, delay, stiffness, virtual_damping, lag, coulomb, resolution, phase, saturation,
              push, position, velocity, unilateral)  # fmt: skip
@@ -83,6 +82,7 @@ def loops(
         row.astype(np.float64) for row in rows[:14]
     )
     if environments is None:
+        # A period that is not above 0 is refused below; until then it must not divide.
         a, by, c, d = _spring_damper(k, virtual, np.where(span > 0.0, span, 1.0))
     else:
         a, by, c, d = _stack(environments)
@@ -92,7 +92,7 @@ def loops(
 
 
 def _spring_damper(k: Array, virtual: Array, period: Array) -> tuple[Array, Array, Array, Array]:
-    """F = −K·x − B·(x − x before)/T; without any damping there is no state."""
+    """Return F_k = −K·x_k − B·(x_k − x_{k−1})/T as (a, b, c, d); without any damping it has no state."""
     order = 1 if virtual.any() else 0
     slope = virtual / period
     ones = np.ones((len(k), order))

@@ -1,16 +1,20 @@
 """Springs that relax: parallel branches of spring and damper under a free surface, stepped exactly.
 
-A branch (k, τ) is a Maxwell element: q̇ = (s − q)/τ, its force k·(s − q), where s is the dent of the surface. While s
-runs on a straight line from s₀ to s₁ over a step T, with r = T/τ exactly
+A branch (k, τ) is a Maxwell element: q̇ = (s − q)/τ with the force k·(s − q), where s is the dent of the surface. When
+s follows a straight line from s₀ to s₁ over a step T, the exact solution with r = T/τ is
 
     q₁ = φ·q₀ + (g − φ)·s₀ + (1 − g)·s₁,    φ = e⁻ʳ,    g = (1 − e⁻ʳ)/r,
 
-all three weights from 0 to 1 and their sum 1: a branch neither explodes nor rings, however much faster than T it is.
+All three weights lie between 0 and 1 and their sum is 1. A branch therefore neither explodes nor rings, even when it is
+much faster than T.
 
-The surface. All branches and a spring k₀ carry it together: P(s₁) = k₀·s₁ + Σ k·(s₁ − q₁) rises with s₁ by G = k₀ + Σ
-k·g. Touched at the depth d, the surface is at d if P(d) ≥ 0; else it comes back by itself, slower than the tool leaves,
-to the s_f with P(s_f) = 0. So s₁ = max(d, s_f), and the push is G·(s₁ − s_f): never below 0. What is stored, k₀·s²/2 +
-Σ k·(s − q)²/2, is only ever fed by a push on a moving surface: passive in continuous time.
+The surface is carried by all branches and a spring k₀ together. The pressure P(s₁) = k₀·s₁ + Σ k·(s₁ − q₁) rises with
+s₁ at the slope G = k₀ + Σ k·g. With the tool at the depth d there are two cases. If P(d) ≥ 0, the surface is at d. If
+not, the tool leaves faster than the surface returns, and the surface is at the s_f with P(s_f) = 0. So s₁ = max(d,
+s_f), and the push G·(s₁ − s_f) is never below 0.
+
+The stored energy k₀·s²/2 + Σ k·(s − q)²/2 grows only by a push on a moving surface, so the model is passive in
+continuous time.
 """
 
 import math
@@ -22,14 +26,15 @@ from haptic_fieldbus.numerics.linear import StateSpace
 
 
 def decay_and_mean(ratio: float) -> tuple[float, float]:
-    """(φ, g) of a branch for r = T/τ from 0 to ∞: e⁻ʳ, and its mean over the step."""
+    """Return (φ, g) of a branch for `ratio` r = T/τ from 0 to ∞: e⁻ʳ, and its mean over the step."""
     return math.exp(-ratio), -math.expm1(-ratio) / ratio if ratio else 1.0
 
 
 def bind_surface(rest: float, branches: Sequence[tuple[float, float]], period: float) -> Callable[[float], float]:
-    """Depth [m or rad] → push ≥ 0 [N or N·m] of k₀ = `rest` > 0 [N/m] and branches (k [N/m], τ [s]), once a period [s].
+    """Return a step, called once a period [s], that maps the depth [m or rad] to the push ≥ 0 [N or N·m].
 
-    The first call finds it at rest: all branches relaxed. Not-a-number in gives not-a-number out, from then on.
+    `rest` is k₀ > 0 [N/m or N·m/rad], `branches` are pairs (k [N/m or N·m/rad], τ [s]). At the first call all branches
+    are relaxed. Not-a-number gives not-a-number from then on.
     """
     weights = [(k, *decay_and_mean(period / tau)) for k, tau in branches]
     updates = [(phi, g - phi, 1.0 - g) for _, phi, g in weights]
@@ -46,7 +51,7 @@ def bind_surface(rest: float, branches: Sequence[tuple[float, float]], period: f
             return rest * surface
         left = [phi * q + early * surface for (phi, early, _), q in zip(updates, inner, strict=True)]
         free = sum(map(float.__mul__, stiffnesses, left)) / slope
-        surface = free if depth <= free else depth
+        surface = free if depth <= free else depth  # unlike `max`, this passes not-a-number on
         inner = [q + late * surface for (_, _, late), q in zip(updates, left, strict=True)]
         return slope * (surface - free)
 
@@ -54,7 +59,10 @@ def bind_surface(rest: float, branches: Sequence[tuple[float, float]], period: f
 
 
 def pressed(rest: float, branches: Sequence[tuple[float, float]]) -> StateSpace:
-    """The same in sustained contact: states q, inputs (position, velocity), output the force on the tool [N or N·m]."""
+    """Return the surface in sustained contact: states q, inputs (position, velocity), output force on the tool.
+
+    With n branches the shapes are a (n, n), b (n, 2), c (1, n), d (1, 2).
+    """
     k, tau = np.array(branches, dtype=float).T
     b = np.stack([1.0 / tau, np.zeros(len(tau))], axis=1)
     return StateSpace(np.diag(-1.0 / tau), b, k[None, :], np.array([[-(rest + k.sum()), 0.0]]))

@@ -1,7 +1,7 @@
-"""Responses of linear systems to whole motions at once: the reference that the loop's steps are held against.
+"""Responses of linear systems to whole motions at once: the reference for the steps of the loop.
 
-The exact response takes the motion between two instants as the cubic that has the right position and velocity at both
-(Hermite), and solves the system exactly for it: the error is that of the cubic, fourth order in the distance.
+The exact response replaces the motion between two instants by the cubic with the right position and velocity at both
+(Hermite) and solves the system exactly for it. Its error is that of the cubic: fourth order in the time between them.
 """
 
 import math
@@ -16,14 +16,16 @@ from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 TERMS_OF_A_PIECE = 20
-"""Of a Taylor series over at most a radian of the fastest mode."""
+"""Terms of the Taylor series over a piece, which is at most a radian of the fastest mode long."""
 
 
 def recursion(transition: Matrix, drive: Matrix, start: Array) -> Matrix:
-    """z_0 = start, z_{i+1} = Φ z_i + drive_i: shape (N + 1, n) from drive (N, n).
+    """Return the sequence z_0 = start, z_{i+1} = Φ z_i + drive_i, shape (N + 1, n).
 
-    Done in about √N blocks side by side, then once over the blocks.
+    `transition` Φ is (n, n), `drive` (N, n), `start` (n,).
     """
+    # A Python loop over N steps would be slow. About √N blocks of √N steps each start from zero and run together; a
+    # second loop over the blocks finds their true starts, whose free motion is added.
     steps, order = drive.shape
     length = max(1, math.isqrt(steps))
     blocks = -(-steps // length)
@@ -46,8 +48,10 @@ def recursion(transition: Matrix, drive: Matrix, start: Array) -> Matrix:
 
 
 def sequence_response(system: StateSpace, stiffness: float, inputs: Matrix) -> Array:
-    """Output of a discrete (position, velocity) system, one row of `inputs` a period, as `integrators.bind` begins it:
-    at rest, with force `stiffness` times position, where the handle is first."""
+    """Return the output (N,) of a discrete (position, velocity) system for `inputs` (N, 2), one row for each period.
+
+    The start is that of `integrators.bind`: at rest at the first position, with the force `stiffness` times position.
+    """
     moved = inputs - np.array([inputs[0, 0], 0.0])
     states = recursion(system.a, moved[:-1] @ system.b.T, np.zeros(system.order))
     output: Array = stiffness * inputs[0, 0] + states @ system.c[0] + moved @ system.d[0]
@@ -57,8 +61,8 @@ def sequence_response(system: StateSpace, stiffness: float, inputs: Matrix) -> A
 class ExactResponse:
     """Virtual states of a continuous (position, velocity) system along a motion, from rest at its first instant.
 
-    `nodes_ns` (N,) rise, equally spaced but for the first interval; `position` and `velocity` (N,) are those of the
-    motion there [m, m/s or rad, rad/s].
+    `nodes_ns` (N,) are rising instants, equally spaced except for the first interval. `position` [m or rad] and
+    `velocity` [m/s or rad/s], both (N,), describe the motion at these nodes.
     """
 
     def __init__(self, space: StateSpace, nodes_ns: Times, position: Array, velocity: Array) -> None:
@@ -66,7 +70,8 @@ class ExactResponse:
         self._position, self._velocity = position, velocity
         start = rest(space)[0] * position[0]
         self.states: Matrix = start[None]
-        """At the nodes, (N, order)."""
+        """Virtual states at the nodes, (N, order)."""
+        # The first interval may have another length, so it is stepped by itself.
         first = self._advance(np.array([0]), (nodes_ns[1:2] - nodes_ns[0]) * 1e-9, position[1:2], velocity[1:2])[0]
         span = float(nodes_ns[-1] - nodes_ns[-2]) * 1e-9
         increment, gammas = polynomial_step(space.a, space.b, span, 3)
@@ -82,20 +87,24 @@ class ExactResponse:
 
     @property
     def force(self) -> Array:
-        """At the nodes [N or N·m], (N,)."""
+        """Force at the nodes [N or N·m], (N,)."""
         return self._output(self.states, self._position, self._velocity)
 
     def force_at(self, times_ns: Times, position: Array, velocity: Array) -> Array:
-        """At other times between the nodes, or up to one interval after; position, velocity: of the motion."""
+        """Return the force [N or N·m], (M,), at times between the nodes or up to one interval after the last.
+
+        `position` and `velocity`, (M,) each, describe the motion at these times.
+        """
         node = np.searchsorted(self._nodes_ns, times_ns, side="right") - 1
         span: Array = (times_ns - self._nodes_ns[node]).astype(np.float64) * 1e-9
         states = self._advance(node, span, position, velocity)
         return self._output(states, position, velocity)
 
     def _advance(self, node: Times, span: Array, position: Array, velocity: Array) -> Matrix:
-        """States a span [s] after the nodes, where the motion has this position and velocity; a span for each.
+        """Return the states (M, order) a `span` [s] after each node, where the motion has this position and velocity.
 
-        Taylor series of the autonomous system of states and input, in so many pieces that it converges at once.
+        All arguments are (M,). The spans differ, so a Taylor series of the autonomous system of states and input takes
+        the place of a matrix exponential. It is used in pieces that are short enough for it to converge at once.
         """
         system = polynomial_system(self._space.a, self._space.b, 3)
         inputs = _cubic(self._position[node], self._velocity[node], position, velocity, span)
@@ -116,7 +125,8 @@ class ExactResponse:
 
 
 def _cubic(x: Array, v: Array, x_end: Array, v_end: Array, span: Array | float) -> list[Matrix]:
-    """(position, velocity) and its derivatives by time, to the third, at the start of a cubic: shape (n, 2) each."""
+    """Return (position, velocity) and its first three derivatives by time at the start of a cubic, (n, 2) each."""
+    # At a span of 0 both differences are 0, and any divisor serves.
     safe = np.where(np.asarray(span) > 0.0, span, 1.0)
     way, gain = (x_end - x) / safe - v, v_end - v
     second, third = (6.0 * way - 2.0 * gain) / safe, (6.0 * gain - 12.0 * way) / safe**2

@@ -1,11 +1,12 @@
-"""Two states of a body that is linear outside a surface and linear inside it, stepped exactly, crossings included.
+"""A body of two states that is linear outside a surface and linear inside it, stepped exactly, crossings included.
 
-In each of its two modes a period is exact for inputs on a straight line (`exact.foh`). The body is inside while its
-first state, measured from the surface, is above 0. A period at whose end it is on the other side is halved again and
-again: a half in which it stays is stepped, the one in which it crosses is not, and from the last of them on the other
-mode has the rest of the period. So modes change at most 2⁻ᴺ of a period too early: with N = 10 the energy that a spring
-of K at the surface makes of nothing there is at most K·(v·T/1024)²/2. A visit that begins and ends within one period
-is not seen, and makes none.
+In each of its two modes a period is exact for inputs on a straight line (`exact.foh`). The body is inside when its
+first state, measured from the surface, is above 0. When the body is on the other side at the end of a period, the
+instant of crossing is searched by halving the period N times. A half in which the body stays on its side is stepped; a
+half in which it crosses is halved again. From the last of these halves on, the other mode has the rest of the period.
+
+Modes therefore change at most 2⁻ᴺ of a period too early. With N = 10, a spring K at the surface creates at most the
+energy K·(v·T/1024)²/2 by this. A visit that begins and ends within one period is not noticed, and creates no energy.
 """
 
 from collections.abc import Callable
@@ -14,16 +15,18 @@ from haptic_fieldbus.numerics.exact import foh
 from haptic_fieldbus.numerics.linear import StateSpace
 
 HALVINGS = 10
+"""Number N of halvings."""
 
 Pair = tuple[float, float]
 Advance = Callable[[float, float, Pair, Pair], Pair]
-"""(first state, second state, inputs of the last sample, inputs of this one) → the states at this one."""
+"""Step from (first state, second state, inputs of the last sample, inputs of this sample) to the states now."""
 _Rows = tuple[tuple[float, ...], tuple[float, ...]]
 _SIZES = [0.5**number for number in range(1, HALVINGS + 1)]
 
 
 def bind_switched(outside: StateSpace, inside: StateSpace, period: float) -> Advance:
-    """One period [s] of two systems of two states and two inputs; where the surface is crossed, of both."""
+    """Return a step of one period [s] that switches between two systems, each of two states and two inputs."""
+    # Maps for a whole period and for each of its halves are made once; the mode, False or True, is their index.
     whole = [_rows(space, period) for space in (outside, inside)]
     parts = [[_rows(space, period * size) for size in _SIZES] for space in (outside, inside)]
 
@@ -41,6 +44,7 @@ def bind_switched(outside: StateSpace, inside: StateSpace, period: float) -> Adv
                 (first, second), time = tried, time + size
             else:
                 left.append(number)
+        # The parts in which the body would have crossed, and the smallest part again: together the rest of the period.
         for number in (*left, HALVINGS - 1):
             end = time + _SIZES[number]
             inputs = (*_between(before, now, time), *_between(before, now, end))
@@ -51,7 +55,7 @@ def bind_switched(outside: StateSpace, inside: StateSpace, period: float) -> Adv
 
 
 def bind_linear(space: StateSpace, period: float) -> Advance:
-    """The same of one system, where there is no surface."""
+    """Return a step of one period [s] of a single system of two states and two inputs, without a surface."""
     rows = _rows(space, period)
     return lambda first, second, before, now: _moved(rows, (first, second, *before, *now))
 

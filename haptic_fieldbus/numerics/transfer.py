@@ -1,16 +1,16 @@
-"""Transfer functions and difference equations of the systems that are elsewhere given as matrices.
+"""Transfer functions and difference equations of systems that other modules give as matrices.
 
-A discrete system has three forms, which tests hold against one another:
+A discrete system has three forms, which tests compare with each other:
 
 - matrices: x⁺ = A x + B u, y = C x + D u
-- transfer function: H(z) = (b_0 zⁿ + b_1 zⁿ⁻¹ + …)/(zⁿ + a_1 zⁿ⁻¹ + …), poles the roots of the denominator
+- transfer function: H(z) = (b_0 zⁿ + b_1 zⁿ⁻¹ + …)/(zⁿ + a_1 zⁿ⁻¹ + …); the poles are the roots of the denominator
 - difference equation: y_n = b_0 u_n + b_1 u_{n−1} + … − a_1 y_{n−1} − …
 
 From rest they give the same numbers; Z{y_{k+n}} = zⁿ·Y holds only from rest. The loop uses matrices in increments, for
-a reason that is plain here: at h = T·ω the denominator of an oscillator is z² − (2 − h²)·z + …, and of a small h²
-nothing is left beside the 2.
+numerical reasons: at h = T·ω the denominator of an oscillator is z² − (2 − h²)·z + …, and rounding removes a small h²
+beside the 2.
 
-Substitution makes a discrete transfer function of a continuous one without matrices: an integrator 1/s becomes
+Substitution turns a continuous transfer function into a discrete one without matrices. An integrator 1/s becomes:
 
 | rule        | 1/s →            | s →               | method         |
 |-------------|------------------|-------------------|----------------|
@@ -30,24 +30,24 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.linear import StateSpace
 
 Polynomial = tuple[float, ...]
-"""Coefficients, the highest power first."""
+"""Coefficients of a polynomial, the highest power first."""
 
 
 @dataclass(frozen=True)
 class TransferFunction:
-    """A rational function of s or z, its denominator monic; proper."""
+    """Proper rational function of s or z with a monic denominator."""
 
     num: Polynomial
     den: Polynomial
 
     @property
     def poles(self) -> NDArray[np.complex128]:
-        """Roots of the denominator; the spectral radius is the largest modulus of those in z."""
+        """Roots of the denominator, (n,); for a function of z their largest modulus is the spectral radius."""
         return np.roots(self.den).astype(np.complex128)
 
     @property
     def zeros(self) -> NDArray[np.complex128]:
-        """Roots of the numerator."""
+        """Roots of the numerator, at most (n,)."""
         return np.roots(self.num).astype(np.complex128)
 
     def __call__(self, at: complex) -> complex:
@@ -55,10 +55,10 @@ class TransferFunction:
 
 
 def transfer_function(system: StateSpace, source: int = 0, output: int = 0) -> TransferFunction:
-    """From one input to one output of a continuous or discrete system.
+    """Return the transfer function from input `source` to output `output` of a continuous or discrete system.
 
-    Faddeev and LeVerrier: with N_1 = I, a_k = −tr(A N_k)/k and N_{k+1} = A N_k + a_k I, the coefficients of C·adj·B are
-    C N_k B.
+    The method is that of Faddeev and LeVerrier: with N_1 = I, a_k = −tr(A N_k)/k and N_{k+1} = A N_k + a_k I, the
+    denominator has the coefficients a_k, and C·adj·B has the coefficients C N_k B.
     """
     a, b, c = system.a, system.b[:, source], system.c[output]
     direct = float(system.d[output, source])
@@ -79,11 +79,14 @@ RULES: dict[str, Callable[[float], tuple[Polynomial, Polynomial]]] = {
     "backward": lambda period: ((1.0, -1.0), (period, 0.0)),
     "trapezoidal": lambda period: ((2.0, -2.0), (period, period)),
 }
-"""Rule → (numerator, denominator) of what s becomes."""
+"""By the name of a rule: (numerator, denominator) of the function of z that replaces s, from the period [s]."""
 
 
 def substituted(continuous: TransferFunction, period: float, rule: str) -> TransferFunction:
-    """The z-domain function of an s-domain one, by a rule of RULES; raises UsageError for another."""
+    """Return the function of z that a rule of RULES makes of a function of s.
+
+    Raises UsageError for an unknown rule, a period [s] that is not above 0, and a pole that goes to infinity.
+    """
     if rule not in RULES:
         raise UsageError(f'no substitution "{rule}"; there are: {", ".join(RULES)}')
     if not 0.0 < period < math.inf:
@@ -97,7 +100,7 @@ def substituted(continuous: TransferFunction, period: float, rule: str) -> Trans
 
 
 def _in_place_of_s(part: Polynomial, degree: int, above: Polynomial, below: Polynomial) -> NDArray[np.float64]:
-    """Σ p_k s^k with s = above/below, times below^degree: all terms are of that degree in z."""
+    """Return Σ p_k s^k·below^degree with s = above/below: a polynomial in z of this degree."""
     total = np.zeros(degree + 1)
     for power, coefficient in enumerate(reversed(part)):
         term = np.ones(1)
@@ -108,7 +111,7 @@ def _in_place_of_s(part: Polynomial, degree: int, above: Polynomial, below: Poly
 
 
 def bind_difference_equation(function: TransferFunction) -> Callable[[float], float]:
-    """y_n = b_0 u_n + … − a_1 y_{n−1} − … in plain floats, from rest."""
+    """Return a step from u_n to y_n = b_0 u_n + … − a_1 y_{n−1} − … in plain floats, from rest."""
     weights = (*_padded(function), *(-coefficient for coefficient in function.den[1:]))
     order = len(function.den) - 1
     inputs, outputs = [0.0] * order, [0.0] * order
@@ -123,7 +126,7 @@ def bind_difference_equation(function: TransferFunction) -> Callable[[float], fl
 
 
 def difference_equation(function: TransferFunction, source: str = "u", output: str = "y") -> str:
-    """The difference equation as text, for people."""
+    """Return the difference equation as text for people."""
     terms = [_term(value, source, lag) for lag, value in enumerate(_padded(function)) if value]
     terms += [_term(-value, output, lag) for lag, value in enumerate(function.den) if lag and value]
     return f"{output}[n] = " + (" ".join(terms).removeprefix("+ ") or "0")

@@ -1,10 +1,10 @@
-"""Effects in time: where in its period a wave is, its form, its envelope, and when it plays.
+"""Effects in time: the position of a wave in its period, its form, its envelope, and the time in which it plays.
 
-Time is a whole number of nanoseconds and a frequency is the exact rational number that its float stands for, so the
-turn t·f + φ modulo 1 is found in whole numbers: after thirty years it is as exact as in the first period.
+Time is a whole number of nanoseconds, and a frequency is the exact rational number that its float represents. The turn
+t·f + φ modulo 1 is therefore computed in whole numbers: after thirty years it is as exact as in the first period.
 
-The terms are those of the USB Device Class Definition for Physical Interface Devices (PID) 1.0. Where on its form an
-effect begins for a phase of 0 follows DirectInput (Microsoft, "Periodic Effects"):
+The terms are those of the USB Device Class Definition for Physical Interface Devices (PID) 1.0. The value of a form at
+a turn, and thus the beginning of an effect with a phase of 0, follows DirectInput (Microsoft, "Periodic Effects"):
 
 | waveform | 0    | ¼       | ½    | ¾       |
 |----------|------|---------|------|---------|
@@ -14,8 +14,8 @@ effect begins for a phase of 0 follows DirectInput (Microsoft, "Periodic Effects
 | saw_up   | −1   | −½      | 0    | ½       |
 | saw_down | 1    | ½       | 0    | −½      |
 
-The envelope moves the amplitude on a straight line from the attack level to the magnitude within the attack time, and
-from the magnitude to the fade level within the fade time, at whose end the effect ends.
+The envelope changes the amplitude linearly from the attack level to the magnitude within the attack time, and from the
+magnitude to the fade level within the fade time. The effect ends with the fade time.
 """
 
 import math
@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 InTime = Callable[[int], float]
-"""Elapsed time [ns] → a number."""
+"""Function of the elapsed time [ns]."""
 
 SECOND = 1_000_000_000
 """[ns]"""
@@ -35,16 +35,17 @@ WAVEFORMS: dict[str, Callable[[float], float]] = {
     "saw_up": lambda turn: 2.0 * turn - 1.0,
     "saw_down": lambda turn: 1.0 - 2.0 * turn,
 }
-"""Turn from 0 to 1 → −1 to 1."""
+"""Forms by name; each maps the turn, from 0 to 1, to a value from −1 to 1."""
 
 
 def nanoseconds(seconds: float) -> int:
-    """The nearest whole number of them."""
+    """Return a time [s] as the nearest whole number of nanoseconds."""
     return round(Fraction(seconds) * SECOND)
 
 
 def turns(frequency: float, phase: float) -> InTime:
-    """The turn of a wave from 0 to 1, correctly rounded; frequency in Hz, phase as a share of a period."""
+    """Return the turn of a wave, from 0 to 1 and correctly rounded; frequency in Hz, phase as a share of a period."""
+    # Both fractions over one common denominator: time and phase then add as whole numbers, and one division rounds.
     rate, start = Fraction(frequency) / SECOND, Fraction(phase)
     whole = math.lcm(rate.denominator, start.denominator)
     step, first = int(rate * whole), int(start * whole) % whole
@@ -53,7 +54,10 @@ def turns(frequency: float, phase: float) -> InTime:
 
 @dataclass(frozen=True)
 class Envelope:
-    """How the amplitude of an effect changes while it plays; levels in the unit of the magnitude, times in s."""
+    """Amplitude of an effect while it plays; levels in the unit of the magnitude, times in s.
+
+    Raises ValueError for levels without their times, a fade without a duration, and times that exceed the duration.
+    """
 
     magnitude: float
     duration: float | None = None
@@ -81,11 +85,11 @@ class Envelope:
 
     @property
     def peak(self) -> float:
-        """The largest amplitude."""
+        """Largest amplitude."""
         return max(self.magnitude, self.attack_level, self.fade_level)
 
     def amplitude(self) -> InTime:
-        """The amplitude at a time since the effect began."""
+        """Return the amplitude as a function of the time since the effect began."""
         magnitude, attack_level, fade_level = self.magnitude, self.attack_level, self.fade_level
         attack, fade = nanoseconds(self.attack_time), nanoseconds(self.fade_time)
         end = math.inf if self.duration is None else nanoseconds(self.duration)
@@ -102,9 +106,13 @@ class Envelope:
 
 
 def played(effect: InTime, start_delay: float, duration: float | None) -> InTime:
-    """The effect with its own time, from the delay on and for its duration; 0 before and after [s]."""
+    """Return the effect shifted by `start_delay` [s] and limited to `duration` [s]; it is 0 before and after.
+
+    None as the duration sets no limit.
+    """
     if not start_delay and duration is None:
         return effect
     begin = nanoseconds(start_delay)
+    # Without a duration the end is ∞, with which whole numbers of nanoseconds compare exactly.
     end = math.inf if duration is None else begin + nanoseconds(duration)
     return lambda elapsed: effect(elapsed - begin) if begin <= elapsed < end else 0.0

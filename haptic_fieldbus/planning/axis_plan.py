@@ -1,4 +1,4 @@
-"""One axis of a plan: what it maps, its limits, and whether its sampled loop is stable."""
+"""One axis of a plan: mapped signals, units, limits, delay, and the verdict on its sampled loop."""
 
 import math
 from collections.abc import Mapping
@@ -29,18 +29,24 @@ from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
 
 UNKNOWN_BENCH_EFFORT = 0.05
-"""Share of rated torque that is allowed on a bench whose plant is unknown."""
+"""Share of the rated torque that is permitted when inertia or damping of the bench is unknown."""
 ALWAYS_OUT = (Signal.CONTROLWORD, Signal.TARGET_TORQUE)
+"""Signals sent to each drive, whatever the scene."""
 PROVIDERS = {
     Signal.POSITION: (Signal.POSITION, Signal.VELOCITY),
     Signal.VELOCITY: (Signal.POSITION, Signal.VELOCITY),
     Signal.TORQUE_ACTUAL: (Signal.TORQUE_ACTUAL,),
 }
-"""What gives a signal that a drive may offer, the best first: a velocity estimated from position has dynamics that are
-known, a drive's own has a filter that is not; a position integrated from velocity drifts."""
+"""Signal → signals of the drive that can provide it, the best first.
+
+A velocity estimated from position has known dynamics, while the filter behind the drive's own velocity is unknown. A
+position integrated from velocity drifts.
+"""
 DEFAULT_ESTIMATOR = "backward-difference"
 DEFAULT_METHOD = "exact-foh"
-"""Here, not imported from `numerics`: a scene that needs neither must not import them. Tests compare."""
+"""Both names stand here instead of being imported from `numerics`, because a scene that needs neither an estimator nor
+an integrator must not import one. A test compares them with the originals.
+"""
 
 
 @dataclass(frozen=True)
@@ -56,36 +62,39 @@ class AxisPlan:
     traffic: AxisTraffic
     elements: tuple[Element, ...]
     couplings: tuple[CouplingElement, ...]
-    """Those of the scene that act on this axis and another."""
+    """Couplings of the scene that act on this axis and another one."""
     estimator: str | None
-    """`TACHOMETER` where the drive's own velocity is read; None where the scene needs no velocity."""
+    """Velocity estimator; `TACHOMETER` when the drive's own velocity is read, None when no velocity is needed."""
     method: str | None
+    """Name of the integrator; None when no element has virtual states."""
     limits: EffortLimits
     effort_unit: float
     """One step of the drive's target torque in the workspace [N or N·m]."""
     rated_effort: float
-    """What the motor may give for ever, in the workspace [N or N·m]."""
+    """Effort at the motor's rated torque, in the workspace [N or N·m]."""
     steps_per_revolution: float
-    """Of the drive's position, for one of the motor; of a drive without one, encoder counts."""
+    """Position steps of the drive in one revolution of the motor; encoder counts when it offers no position."""
     delay: Delay
     plant: Plant | None
+    """Motor and mechanism in the workspace; None when inertia or damping is unknown."""
     stability: Stability | None = None
+    """Verdict on `group`, in the units of this axis; None when a bench of the group is unknown."""
     group: Group | None = None
-    """The axes that hang together with this one, which `stability` is about; None where a bench is unknown."""
+    """This axis and all axes coupled with it; None when a bench among them is unknown."""
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        """What elements and couplings ask for, each once."""
+        """Signals that elements and couplings need, each once."""
         return tuple(dict.fromkeys(signal for each in (*self.elements, *self.couplings) for signal in each.needs))
 
     @property
     def incoming(self) -> tuple[MappedSignal, ...]:
-        """What is mapped, in the order of the cycle."""
+        """Signals received from the drive, in the order of the cycle."""
         return canonical(self.traffic.incoming)
 
     @property
     def outgoing(self) -> tuple[MappedSignal, ...]:
-        """The same of what is sent."""
+        """Signals sent to the drive, in the order of the cycle."""
         return canonical(self.traffic.outgoing)
 
     @property
@@ -95,17 +104,17 @@ class AxisPlan:
 
     @property
     def position_unit(self) -> float:
-        """The same with the mechanism's sign."""
+        """One step of position in the workspace, with the sign of the mechanism [m or rad]."""
         return self.resolution * self.rig.mechanism.sign
 
     @property
     def integrates(self) -> bool:
-        """Whether the drive offers no position, so that it is integrated from its velocity."""
+        """True when the drive offers no position, so that the position is integrated from its velocity."""
         return Signal.POSITION not in self.profile.offers()
 
     @property
     def velocity_unit(self) -> float:
-        """One step of the drive's own velocity in the workspace, with the mechanism's sign [m/s or rad/s]."""
+        """One step of the drive's own velocity in the workspace, with the sign of the mechanism [m/s or rad/s]."""
         mechanism, unit = self.rig.mechanism, self.profile.offers()[Signal.VELOCITY].unit
         return velocity_step(unit, self.rig.encoder_counts_per_revolution) * mechanism.ratio * mechanism.sign
 
@@ -118,7 +127,12 @@ def draft_axis(
     method: str | None,
     estimator: str | None,
 ) -> AxisPlan:
-    """All but delay and stability, which need the traffic of all axes: `judging` adds them."""
+    """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `judging`.
+
+    Raises PlanError when the rig lacks the axis or a value that torque is scaled by, or when the drive cannot render
+    the scene (SignalUnavailableError, ImageTooLargeError); SceneError when rig and scene differ in the workspace;
+    RigError for a fixed zero of a drive without a position; UsageError for an unknown protocol.
+    """
     axis = rig.axis.get(scene_axis.name)
     if axis is None:
         raise PlanError(
@@ -150,12 +164,13 @@ def draft_axis(
         effort_unit=effort_unit,
         rated_effort=rated,
         steps_per_revolution=steps,
-        delay=Delay(0.0, 0.0, 0.0, 0.0),
+        delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
         plant=plant,
     )
 
 
 def _check_usable(profile: DriveProfile) -> None:
+    """Refuse a profile that only documents why its drive cannot render force."""
     if not profile.drive.usable:
         raise PlanError(f"{profile.title} is not usable for force: {profile.sources.get('drive.usable', profile.name)}")
 
@@ -170,7 +185,7 @@ def _check_workspace(scene: Scene, scene_axis: SceneAxis, axis: RigAxis) -> None
 
 
 def _check_zero(name: str, rig: Rig, profile: DriveProfile) -> None:
-    """An integrated position counts from where it began."""
+    """Refuse an encoder count as zero for a drive without a position: an integrated position has its own start."""
     zero = rig.axis[name].mechanism.zero
     if not _offers_position(profile) and zero != "start":
         message = f'{zero}; expected "start": {profile.title} offers velocity only, and no encoder count to begin at'
@@ -178,7 +193,7 @@ def _check_zero(name: str, rig: Rig, profile: DriveProfile) -> None:
 
 
 def _check_coupled(name: str, couplings: tuple[CouplingElement, ...], profile: DriveProfile) -> None:
-    """What drifts against another axis pulls at it, and neither hand could tell from what."""
+    """Refuse a coupling to a position that drifts: it would pull at both hands for no reason that they could find."""
     if couplings and not _offers_position(profile):
         raise PlanError(
             f"{couplings[0].name} ties axis {name} to another one, but {profile.title} offers velocity only, and a "
@@ -199,12 +214,13 @@ def _needed(elements: tuple[AnyElement, ...], signal: Signal) -> bool:
 
 
 def _incoming(elements: tuple[AnyElement, ...], axis: str, profile: DriveProfile) -> tuple[Signal, ...]:
-    """What must be mapped: statusword, and what provides the position that safety needs and what elements ask for."""
+    """Return the signals to map: statusword, and providers of position and of each signal that elements need."""
     offered, incoming = profile.offers(), [Signal.STATUSWORD]
+    # The position is always mapped, because the limits of the axis are checked against it.
     asking = {Signal.POSITION: "the position check"}
     for element in elements:
         asking.update({signal: element.name for signal in element.needs if signal not in asking})
-    for signal in filter(asking.__contains__, PROVIDERS):
+    for signal in filter(asking.__contains__, PROVIDERS):  # ELAPSED_NS comes from the header, not from the drive
         provider = next((each for each in PROVIDERS[signal] if each in offered), None)
         if provider is None:
             needing = f"{asking[signal]} on axis {axis} needs {signal.value}"
@@ -214,7 +230,7 @@ def _incoming(elements: tuple[AnyElement, ...], axis: str, profile: DriveProfile
 
 
 def _protocol(profile: DriveProfile, rig: Rig, axis: RigAxis) -> FieldbusProtocol:
-    """Of the axis' bus, which its drive must speak."""
+    """Return the protocol of the axis' bus; raises PlanError when the drive speaks another one or the bus has none."""
     section = rig.bus[axis.bus]
     if not section.protocol:
         raise PlanError(f"the bus {axis.bus} of the rig is of no protocol; in Python a CAN bus is a CanSection")
@@ -227,7 +243,7 @@ def _protocol(profile: DriveProfile, rig: Rig, axis: RigAxis) -> FieldbusProtoco
 
 
 def _effort_unit(profile: DriveProfile, axis: RigAxis) -> float:
-    """One step of target torque in the workspace; the unit of the profile with what the rig says of the motor."""
+    """Return one step of target torque in the workspace [N or N·m]; raises PlanError when the rig lacks its scale."""
     unit = profile.offers()[Signal.TARGET_TORQUE].unit
     if unit not in TORQUE_UNITS:
         raise PlanError(f"{profile.title}: torque unit {unit!r} is not supported")
@@ -242,16 +258,17 @@ def _effort_unit(profile: DriveProfile, axis: RigAxis) -> float:
 def _rated_effort(axis: RigAxis) -> float:
     if axis.rated_torque is None:
         raise PlanError(f"the rig's rated_torque of node {axis.node} is unknown: torque cannot be limited without it")
-    return 1000.0 * (axis.rated_torque / 1000.0 / axis.mechanism.ratio)  # as the steps of most drives count it
+    return 1000.0 * (axis.rated_torque / 1000.0 / axis.mechanism.ratio)  # exactly 1000 steps of 1 ‰
 
 
 def _steps(profile: DriveProfile, axis: RigAxis) -> float:
+    """Return the position steps in one revolution of the motor; encoder counts when the drive offers no position."""
     offered = profile.offers().get(Signal.POSITION)
     return steps_per_revolution(offered.unit if offered else COUNTS, axis.encoder_counts_per_revolution)
 
 
 def _limits(axis: RigAxis, most: float, workspace: Workspace) -> EffortLimits:
-    """Effort is bounded by the rig's limit, and by what the motor may give."""
+    """Return the limits of the rig, with defaults for the missing ones; the effort never exceeds `most` [N or N·m]."""
     effort = min(axis.limits.effort or math.inf, most)
     return EffortLimits(
         effort=effort,
@@ -263,9 +280,10 @@ def _limits(axis: RigAxis, most: float, workspace: Workspace) -> EffortLimits:
 
 
 def _plant(axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None:
-    """The bench in the workspace; None when inertia or damping is unknown."""
+    """Return motor and mechanism in the workspace; None when inertia or damping is unknown."""
     if axis.inertia is None or axis.viscous_damping is None:
         return None
+    # With x = ratio·θ and F = τ/ratio: J·θ̈ = τ becomes (J/ratio²)·ẍ = F.
     ratio = axis.mechanism.ratio
     return Plant(
         mass=axis.inertia / ratio**2,

@@ -1,6 +1,7 @@
-"""From a scene, a rig and a rate to the smallest loop that renders it.
+"""Compilation of a scene, a rig and a rate to the smallest loop that renders the scene.
 
-needs → providers → prune → lay out → budget → stability → steps.
+The order is: needs → providers → prune → lay out → budget → stability → steps. Needs are the union over the elements
+and the position, which safety always needs; a signal that nothing needs is neither mapped nor decoded nor estimated.
 """
 
 from collections.abc import Iterator, Mapping
@@ -27,11 +28,14 @@ def compile_plan(
     method: str | None = None,
     estimator: str | None = None,
 ) -> Plan:
-    """Compile `scene` for `rig` at `rate` [Hz]; `profiles` holds those that the rig names.
+    """Return the plan of `scene` on `rig` at `rate` [Hz]; `profiles` maps the names in the rig to their profiles.
 
-    Raises PlanError (and its kinds) when it cannot be rendered, SceneError when the scene does not fit the rig.
+    Raises PlanError (SignalUnavailableError, ImageTooLargeError, BusOverloadError) when the scene cannot be rendered,
+    SceneError when its workspace is not that of the rig, RigError for a zero that the drive cannot have, UsageError for
+    an unknown protocol, method or estimator and for a negative stiffness. A loop that is unstable is returned all the
+    same: `refusal.check_stable` refuses it.
     """
-    period = round(1e9 / rate) * 1e-9
+    period = round(1e9 / rate) * 1e-9  # whole nanoseconds, as the loop keeps it
     scene = scene.at_period(period)
     drafts = [draft_axis(scene, axis, rig, profiles, method, estimator) for axis in scene.axes]
     buses = _buses(drafts, rig, rate)
@@ -51,14 +55,16 @@ def compile_plan(
 
 
 def _buses(drafts: list[AxisPlan], rig: Rig, rate: float) -> tuple[BusPlan, ...]:
-    """In the order in which the axes name them; all start together, and who has its feedback first waits for the last.
+    """Return the buses with their traffic, in the order in which the axes name them; raises BusOverloadError.
 
-    Raises BusOverloadError; only the fullest bus need be looked at, for a rate that it can carry fits all.
+    All buses begin together, and computing begins when the slowest has its feedback; the others wait for it.
     """
     names = dict.fromkeys(draft.rig.bus for draft in drafts)
+    # First without any wait, because the waits follow from the feedback times.
     alone = {name: _traffic(name, drafts, rig, rate, 0.0) for name in names}
     last = max(traffic.feedback_time for traffic in alone.values())
     together = {name: _traffic(name, drafts, rig, rate, last - alone[name].feedback_time) for name in names}
+    # A rate that the fullest bus can carry fits all, so the rate that its error proposes is right for all.
     fullest = min(together, key=lambda name: together[name].highest_rate)
     together[fullest].check(fullest if len(together) > 1 else "")
     return tuple(
@@ -68,12 +74,13 @@ def _buses(drafts: list[AxisPlan], rig: Rig, rate: float) -> tuple[BusPlan, ...]
 
 
 def _traffic(name: str, drafts: list[AxisPlan], rig: Rig, rate: float, waiting: float) -> BusTraffic:
+    """Return the traffic of one bus at `rate` [Hz]; its feedback waits so long for that of other buses [s]."""
     members = {draft.name: (draft.profile, draft.traffic) for draft in drafts if draft.rig.bus == name}
     return protocol_named(rig.bus[name].protocol).bus_traffic(rig.bus[name], members, rate, waiting)
 
 
 def _steps(axis: AxisPlan, prefix: str) -> Iterator[str]:
-    """The straight line from decode to encode, as `cycle` binds it."""
+    """Yield the steps of an axis from decoding to encoding in words, in the order in which `cycle` binds them."""
     yield f"{prefix}link: trip on lost feedback, emergency or restart"
     yield f"{prefix}power state: statusword → controlword"
     yield from (f"{prefix}{step}" for step in (_integrated(axis) if axis.integrates else _estimated(axis)))
@@ -85,14 +92,15 @@ def _steps(axis: AxisPlan, prefix: str) -> Iterator[str]:
 
 
 def _estimated(axis: AxisPlan) -> Iterator[str]:
-    """Motion of the handle from the encoder."""
+    """Yield the steps that derive the handle's motion from the encoder."""
     yield f"position: counts → {axis.workspace.length_unit}, speed check"
     if axis.estimator:
         yield f"velocity: {axis.estimator}{_judged_as(axis.estimator)}"
 
 
 def _integrated(axis: AxisPlan) -> Iterator[str]:
-    """Motion of the handle from the drive's own velocity."""
+    """Yield the steps that derive the handle's motion from the drive's own velocity."""
+    # The drift grows by half a step of velocity for all the time that passes, so it takes 2·drift/step seconds.
     unit, step, drift = axis.workspace.length_unit, abs(axis.velocity_unit), axis.limits.drift
     yield f"velocity: as the drive reads it, in steps of {step:.3g} {unit}/s, speed check"
     yield (
@@ -102,7 +110,8 @@ def _integrated(axis: AxisPlan) -> Iterator[str]:
 
 
 def _judged_as(estimator: str) -> str:
-    """A remark where the estimator is no linear system, so that its stability is judged with another."""
+    """Return a remark when the estimator is not linear, so that stability is judged with another one; else empty."""
+    # Imported here, because a plan without velocity needs no estimator.
     from haptic_fieldbus.numerics.estimators import judged_as
 
     other = judged_as(estimator)
@@ -110,6 +119,7 @@ def _judged_as(estimator: str) -> str:
 
 
 def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
+    """Yield the parts that the plan does without, each with the reason."""
     for axis in axes:
         offered = axis.profile.offers()
         if Signal.VELOCITY in offered and not axis.integrates:
@@ -132,11 +142,12 @@ def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
 
 
 def _estimates(axis: AxisPlan) -> bool:
+    """Return True when the velocity is estimated from the position, and not read from the drive."""
     return axis.estimator is not None and not axis.integrates
 
 
 def _modules(axes: tuple[AxisPlan, ...]) -> tuple[str, ...]:
-    """Modules of this package that only some scenes need, as far as this one does."""
+    """Return the names of the optional modules of this package that the plan imports, sorted."""
     modules = {type(element).__module__ for axis in axes for element in (*axis.elements, *axis.couplings)}
     if any(_estimates(axis) for axis in axes):
         modules.add("haptic_fieldbus.numerics.estimators")

@@ -1,6 +1,6 @@
-"""How old the forces of a coupling are on the axes that it ties together.
+"""Age of the feedback behind the forces of a coupling, when they act on its two axes.
 
-Imported only where a scene has a coupling.
+Imported only when a scene has a coupling.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,17 +12,17 @@ from haptic_fieldbus.scenes.element import CouplingElement
 
 @dataclass(frozen=True)
 class CouplingAges:
-    """How old what a coupling answers to is when its force acts [s]; the hold's T/2 is not part of it."""
+    """Age of the motions that a coupling answers, when its forces act [s]; the hold's T/2 is not part of it."""
 
     name: str
     ages: Mapping[str, Mapping[str, float]]
-    """By the axis that the force acts on, and by the axis whose motion it answers."""
+    """Axis that the force acts on → axis whose motion it answers → age [s]."""
 
     def __str__(self) -> str:
         return f"{self.name}: force {', '.join(f'on {axis} {self._behind(axis)}' for axis in self.ages)}"
 
     def _behind(self, axis: str) -> str:
-        """The ages of both motions, or the one of both where they are the same [ms]."""
+        """Return the ages of both motions in words, as one number [ms] when they are equal."""
         texts = {name: f"{1e3 * age:.2f} ms" for name, age in self.ages[axis].items()}
         if len(set(texts.values())) == 1:
             return f"{texts[axis]} behind both motions"
@@ -32,7 +32,7 @@ class CouplingAges:
 def ages(
     couplings: Sequence[CouplingElement], axes: Sequence[AxisPlan], latch: Mapping[str, float]
 ) -> Iterator[CouplingAges]:
-    """Both axes of a coupling are latched when their bus lets them [s], which a slow bus does later."""
+    """Yield the ages for each coupling; `latch` is the latch instant of each axis [s], later on a slower bus."""
     known = {axis.name: axis for axis in axes}
     for coupling in couplings:
         acts = {name: latch[name] + known[name].delay.total for name in coupling.axes}

@@ -1,6 +1,6 @@
-"""A plan in words: what is mapped, what runs each period, what was left out, what it costs.
+"""A plan in words: mapped objects, steps of a period, parts left out, load, delay and stability.
 
-Golden files keep this text of each scene, and of each profile.
+Golden files keep this text for each scene, and for each profile.
 """
 
 import math
@@ -13,7 +13,7 @@ KEY_WIDTH = 11
 
 
 def explain(plan: Plan) -> str:
-    """Several lines, a key and a text each; ends without a newline."""
+    """Return the plan in words: lines of a key and a text each, without a final newline."""
     return "\n".join(f"{key:{KEY_WIDTH}}{text}".rstrip() for key, text in _lines(plan))
 
 
@@ -39,18 +39,19 @@ def _axis(axis: AxisPlan) -> str:
 
 
 def _bus(plan: Plan, bus: BusPlan) -> str:
-    """Named where there are several."""
+    """Return the line of a bus; its name and axes are given only when the plan has several buses."""
     name, axes = (f"{bus.name}: ", f", axes {', '.join(bus.axes)}") if len(plan.buses) > 1 else ("", "")
     return f"{name}{bus.traffic.line()}{axes}"
 
 
 def _listed(key: str, texts: list[str]) -> Iterator[tuple[str, str]]:
+    """Yield one line for each text, with the key on the first line only."""
     for position, text in enumerate(texts):
         yield (key if position == 0 else ""), text
 
 
 def delay_text(plan: Plan) -> str:
-    """The delay budget in one line [ms]."""
+    """Return the delay budget in one line [ms]."""
     delay = plan.delay
     parts = ", ".join(
         f"{name} {1e3 * part:.2f}"
@@ -61,10 +62,12 @@ def delay_text(plan: Plan) -> str:
             ("torque loop", delay.torque_loop),
         )
     )
+    # 500·T is T/2 in ms.
     return f"{1e3 * delay.total:.2f} ms: {parts}; the hold adds T/2 = {500 * plan.period:.2f}"
 
 
 def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
+    """Yield the verdict on the weakest axis, with its limits when a stiffness can be varied."""
     axis, stability = plan.weakest, plan.stability
     if axis is None or stability is None:
         yield "stability", "unknown: the rig does not give inertia and viscous_damping"

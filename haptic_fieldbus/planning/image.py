@@ -1,12 +1,13 @@
-"""The process image: one row of octets in, one out, each packed and unpacked by one precompiled codec.
+"""The process image: a buffer of octets in and one out, each with precompiled codecs.
 
-Input:  HEADER (t_ns, the instant at which the drives latched this period's data, of several buses the last), then for
-        each axis AXIS_HEADER (age_ns of the data, link flags, emergency code), then for each axis the octets of its
-        incoming signals as they came.
+Input:  HEADER with t_ns, the instant at which the drives latched the data of this period (with several buses the last
+        of them); then for each axis an AXIS_HEADER with age_ns of the data, link flags and emergency code; then for
+        each axis the octets of its incoming signals, as they were received.
 Output: for each axis the octets of its outgoing signals.
 
-The bus writes the header and copies payloads; it decodes nothing. Faults therefore reach the cycle as data. The header
-is little-endian; where all signals are so too, as on CANopen, a codec is a plain `struct.Struct`.
+The bus writes the headers and copies payloads; it decodes nothing. Faults of the link therefore reach the cycle as
+data. The headers are little-endian. When all signals are little-endian too, as on CANopen, a codec is a plain
+`struct.Struct`.
 """
 
 import struct
@@ -23,11 +24,13 @@ HEADER = struct.Struct("<q")
 AXIS_HEADER = struct.Struct("<IHH")
 AXIS_HEADER_FIELDS = ("age_ns", "flags", "emergency")
 LARGEST_AGE_NS = 0xFFFF_FFFF
+"""Largest age that its field of 32 bits holds; also the age of an axis that never had feedback."""
 _RANKS = {signal: rank for rank, signal in enumerate(Signal)}
+"""Place of each signal in the order of the cycle, which is that of the enum."""
 
 
 class Codec(Protocol):
-    """What is used of a `struct.Struct`."""
+    """The part of the interface of `struct.Struct` that the image uses."""
 
     @property
     def size(self) -> int: ...
@@ -43,24 +46,24 @@ class Codec(Protocol):
 
 @dataclass(frozen=True)
 class AxisImage:
-    """Where one axis lies: offset of its header, (offset, size) of its signals; and how to read and write them."""
+    """Places and codecs of one axis: offset of its header, (offset, size) of its incoming and outgoing signals."""
 
     header: int
     inputs: tuple[int, int]
     outputs: tuple[int, int]
     input: Codec
-    """Unpacks t_ns, this axis' header and its signals (`canonical`) from the whole input image."""
+    """Codec of t_ns, the header of this axis and its signals in `canonical` order; it reads the whole input image."""
     output: Codec
-    """Packs controlword and target torque at the offset of `outputs`."""
+    """Codec of controlword and target torque, to be used at the offset in `outputs`."""
 
 
 @dataclass(frozen=True)
 class ImageLayout:
-    """Sizes, places and codecs of a plan's process image."""
+    """Places and codecs of the process image of a plan."""
 
     axes: tuple[AxisImage, ...]
     input: Codec
-    """Of the whole image, in the order of its octets; the cycle reads each axis by its own codec."""
+    """Codec of the whole image, in the order of its octets; the cycle uses the codecs of the axes instead."""
     output: Codec
 
     @property
@@ -73,13 +76,14 @@ class ImageLayout:
 
 
 def lay_out_image(axes: Sequence[AxisTraffic]) -> ImageLayout:
-    """Place the signals of each axis one after another."""
+    """Return the layout in which the axes, and the signals of each axis, follow one another."""
     header = HEADER.size
     inputs_at = HEADER.size + len(axes) * AXIS_HEADER.size
     outputs_at = 0
     images = []
     for axis in axes:
         inputs, outputs = (inputs_at, size_of(axis.incoming)), (outputs_at, size_of(axis.outgoing))
+        # Pad octets in place of the other axes let one call decode t_ns, this header and these signals together.
         before, between = header - HEADER.size, inputs_at - header - AXIS_HEADER.size
         start = f"{HEADER.format}{before}x{AXIS_HEADER.format[1:]}{between}x"
         images.append(
@@ -99,17 +103,21 @@ def lay_out_image(axes: Sequence[AxisTraffic]) -> ImageLayout:
 
 
 def size_of(signals: Sequence[MappedSignal]) -> int:
-    """Octets on the wire."""
+    """Return the size of the signals on the wire [octets]."""
     return sum(mapped.type.size for mapped in signals)
 
 
 def canonical(signals: Sequence[MappedSignal]) -> tuple[MappedSignal, ...]:
-    """In the order in which the cycle has them, whatever their order on the wire."""
+    """Return the signals in the order of the cycle, whatever their order on the wire."""
     return tuple(sorted(signals, key=lambda mapped: _RANKS[mapped.signal]))
 
 
 def _codec(start: str, signals: Sequence[MappedSignal], values: Sequence[MappedSignal]) -> Codec:
-    """Of the little-endian fields of `start` and then these signals; their values are in the order of `values`."""
+    """Return a codec for the little-endian fields `start`, followed on the wire by `signals`.
+
+    Its values are those of `start`, then those of the signals in the order of `values`.
+    """
+    # On CANopen both orders are the same and all octets little-endian: a plain struct is the fastest codec.
     straight = tuple(signals) == tuple(values)
     if straight and all(mapped.order is Order.LITTLE for mapped in signals):
         return struct.Struct(start + "".join(mapped.type.code for mapped in signals))
@@ -117,13 +125,14 @@ def _codec(start: str, signals: Sequence[MappedSignal], values: Sequence[MappedS
 
 
 class WireCodec:
-    """A codec for octets in any order: each signal is turned by itself."""
+    """A codec for any order of octets and signals; it costs a Python call for each signal."""
 
     def __init__(self, start: str, signals: Sequence[MappedSignal], places: Sequence[int]) -> None:
         self._struct = struct.Struct(start + "".join(f"{mapped.type.size}s" for mapped in signals))
         self._signals, self._places = tuple(signals), tuple(places)
         self._first = struct.Struct(start)
         self.size = self._struct.size
+        # The number of fields in `start`; its length would count pad octets too.
         self._fields = len(self._first.unpack(bytes(self._first.size)))
 
     def pack(self, *values: int) -> bytes:
@@ -154,9 +163,10 @@ def _from_wire(mapped: MappedSignal, octets: bytes) -> int:
 
 
 def _turned(mapped: MappedSignal, octets: bytes) -> bytes:
-    """Little-endian octets in the order of the wire, or back: both are the same turn."""
+    """Return little-endian octets in the order of the wire, or the reverse: either conversion is its own inverse."""
     if mapped.order is Order.LITTLE:
         return octets
     if mapped.order is Order.BIG:
         return octets[::-1]
+    # The low word first, and in each word the high octet first.
     return b"".join(octets[at : at + 2][::-1] for at in range(0, len(octets), 2))

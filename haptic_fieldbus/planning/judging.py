@@ -1,4 +1,4 @@
-"""Delays and verdicts of a plan's axes: each is judged with all that hangs together with it."""
+"""Delays and verdicts of the axes of a plan; axes that are coupled are judged together."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -11,19 +11,23 @@ from haptic_fieldbus.protocols.traffic import Delay
 
 
 def delayed(draft: AxisPlan, delay: Delay, period: float) -> AxisPlan:
-    """The axis with its delay, and its bench as the loop sees it."""
+    """Return the axis with its delay, and with its plant as the loop samples it; `period` in s."""
     return replace(draft, delay=delay, plant=_seen(draft, period))
 
 
 def _seen(axis: AxisPlan, period: float) -> Plant | None:
-    """At rest a position that is integrated is a multiple of a velocity step's way."""
+    """Return the plant as the loop samples it; None when it is unknown."""
     if axis.plant is None or not axis.integrates:
         return axis.plant
+    # At rest an integrated position is a multiple of the way of one velocity step in one period.
     return replace(axis.plant, resolution=abs(axis.velocity_unit) * period, tachometer=True)
 
 
 def judged(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
-    """The axes with the verdict on all that hang together; without one where a bench among them is unknown."""
+    """Return the axes with the verdicts on their groups; an axis has none when a bench in its group is unknown.
+
+    Raises UsageError for a stiffness, method or estimator that cannot be judged.
+    """
     found = {axis.name: axis for axis in axes}
     for each in grouped(axes, period):
         for name, verdict in each.judged().items():
@@ -32,7 +36,7 @@ def judged(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
 
 
 def grouped(axes: Sequence[AxisPlan], period: float) -> Iterator[Group]:
-    """The axes as they hang together, but for those tied to one whose bench is unknown."""
+    """Yield the groups of coupled axes; a group in which a bench is unknown is left out."""
     members = [
         Member(axis.name, axis.plant, axis.delay.transport, axis.elements, axis.method, _estimator(axis))
         for axis in axes
@@ -42,5 +46,5 @@ def grouped(axes: Sequence[AxisPlan], period: float) -> Iterator[Group]:
 
 
 def _estimator(axis: AxisPlan) -> str:
-    """The estimator that stability is judged with; where the axis has none, the one that it would have."""
+    """Return the estimator that stability is judged with; an axis without one gets the default."""
     return axis.estimator or (TACHOMETER if axis.integrates else DEFAULT_ESTIMATOR)

@@ -1,4 +1,4 @@
-"""A plan: everything that one period needs, decided before the first. A value; nothing here talks to a drive."""
+"""A plan: all decisions about a period, made before the first one. A plan is a value and does no I/O."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # a scene without couplings does without it
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Something that this scene does without, and why."""
+    """A part that a plan does without, and the reason."""
 
     what: str
     why: str
@@ -25,7 +25,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class BusPlan:
-    """One bus of a plan, by its name in the rig: its traffic, and the names of the axes on it."""
+    """One bus of a plan: its name in the rig, its protocol, its traffic, and the names of the axes on it."""
 
     name: str
     protocol: str
@@ -35,41 +35,49 @@ class BusPlan:
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that one period needs, decided before the first."""
+    """All decisions about a period, made before the first one."""
 
     scene: Scene
     rig: Rig = field(repr=False)
     rate: float
+    """Periods a second [Hz]."""
     buses: tuple[BusPlan, ...] = field(repr=False)
-    """In the order in which the axes name them."""
+    """Buses, in the order in which the axes name them."""
     axes: tuple[AxisPlan, ...] = field(repr=False)
+    """Axes, in the order of the scene."""
     image: ImageLayout = field(repr=False)
+    """Layout of the process image."""
     left_out: tuple[LeftOut, ...] = field(repr=False)
+    """Parts that the plan does without."""
     steps: tuple[str, ...] = field(repr=False)
+    """Steps of a period in words."""
     modules: tuple[str, ...] = field(repr=False)
+    """Names of the optional modules of this package that the plan imports."""
     compute_ns: int = COMPUTE_NS
+    """Computing time granted to the host in each period [ns]."""
 
     @property
     def period(self) -> float:
-        """[s]."""
+        """Length of a period [s]."""
         return self.period_ns * 1e-9
 
     @property
     def period_ns(self) -> int:
+        """Length of a period in whole nanoseconds."""
         return round(1e9 / self.rate)
 
     @property
     def bus_load(self) -> float:
-        """Of the fullest bus."""
+        """Load of the fullest bus, worst case, as a share of its capacity."""
         return max(bus.traffic.load for bus in self.buses)
 
     @property
     def simulated(self) -> bool:
-        """Whether all of its buses are."""
+        """True when all buses are simulated."""
         return all(self.rig.bus[bus.name].simulated for bus in self.buses)
 
     def on(self, bus: BusPlan) -> "Plan":
-        """The part of one bus: its axes, and their places in the one process image."""
+        """Return the part of the plan on one bus: its axes, at their places in the process image of the whole plan."""
         at = [position for position, axis in enumerate(self.axes) if axis.name in bus.axes]
         image = replace(self.image, axes=tuple(self.image.axes[position] for position in at))
         return replace(self, buses=(bus,), axes=tuple(self.axes[position] for position in at), image=image)
@@ -82,18 +90,19 @@ class Plan:
 
     @property
     def delay(self) -> Delay:
-        """The longest of all axes."""
+        """Delay of the axis with the longest one."""
         return max((axis.delay for axis in self.axes), key=lambda delay: delay.total)
 
     @property
     def stability(self) -> Stability | None:
-        """That of `weakest`."""
+        """Verdict on `weakest`; None when a bench is unknown."""
         return None if self.weakest is None else self.weakest.stability
 
     @property
     def weakest(self) -> AxisPlan | None:
-        """The axis with the smallest margin, told by the first of those that are judged together; None when a bench is
-        unknown."""
+        """Axis with the smallest margin, for coupled axes the one in whose units their verdict is given; None when a
+        bench is unknown."""
+        # A group without a stiffness has no margin; as an infinite one it is the weakest only for want of another.
         told = [
             (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.told_by)
             for axis in self.axes
@@ -104,14 +113,15 @@ class Plan:
         return self.axis(min(told, key=lambda each: each[0])[1])
 
     def axis(self, name: str) -> AxisPlan:
-        """The axis of that name."""
+        """Return the axis of that name, which must exist."""
         return next(each for each in self.axes if each.name == name)
 
     @property
     def coupling_ages(self) -> "tuple[CouplingAges, ...]":
-        """How old the forces of each coupling are on its axes."""
+        """Ages of the motions that each coupling answers; empty without couplings."""
         if not self.scene.couplings:
             return ()
+        # Imported here, because a scene without couplings does without it.
         from haptic_fieldbus.planning.coupled_plan import ages
 
         latch = {name: bus.traffic.latch for bus in self.buses for name in bus.axes}

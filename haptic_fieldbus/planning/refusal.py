@@ -1,18 +1,18 @@
-"""No: a loop that would be unstable is refused before anything moves, with its limit and what would be stable."""
+"""Refusal of an unstable loop before anything moves, with its limit and with settings that would be stable."""
 
 from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import AnyElement, Graded
-from haptic_fieldbus.scenes.files import parameters
+from haptic_fieldbus.scenes.parameters import parameters
 from haptic_fieldbus.signals import Signal
 
 
 def check_stable(plan: Plan, *, running: bool = False) -> None:
-    """Raises UnstableSceneError for the first axis that is; one whose bench is unknown has no verdict.
+    """Raise UnstableSceneError for the first axis with the verdict unstable; an axis of an unknown bench has none.
 
-    To a loop that is `running` no damping is proposed where it estimates no velocity.
+    With `running` the message proposes no damping to a loop that has no velocity, because it could not render it.
     """
     for axis in plan.axes:
         if axis.group is not None and axis.stability is not None and axis.stability.verdict is Verdict.UNSTABLE:
@@ -21,7 +21,7 @@ def check_stable(plan: Plan, *, running: bool = False) -> None:
 
 
 def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> str:
-    """What is unstable, where the limit lies, and what would be stable."""
+    """Return the message: the unstable stiffness, its limit, and settings that would be stable."""
     axis = plan.axis(group.told_by)
     per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     asked = "this scene" if stability.stiffness is None else f"{stability.stiffness:g} {per}"
@@ -38,7 +38,7 @@ def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> s
 
 
 def _uncoupled(plan: Plan, group: Group) -> str:
-    """Which of the coupled axes are unstable by themselves, so that no coupling of theirs is stable."""
+    """Return the coupled axes that are unstable by themselves, in words; their coupling cannot be stable either."""
     parts = []
     for each in group.uncoupled():
         found, element, space = each.told, each.stiffest, plan.axis(each.told_by).workspace
@@ -49,12 +49,13 @@ def _uncoupled(plan: Plan, group: Group) -> str:
 
 
 def _softer(element: AnyElement, stiffness: float) -> str:
-    """The settings that give an element this stiffness; where it follows from other parameters, those."""
+    """Return the `--set` options that give an element this stiffness, by way of the parameters that it follows from."""
     if not isinstance(element, Graded):
         return f"--set {element.name}.stiffness={stiffness:g}"
     softer = element.with_stiffness(stiffness)
     changed = {name: getattr(softer, name) for name in parameters(type(element)) if name != "stiffness"}
     changed = {name: value for name, value in changed.items() if value != getattr(element, name)}
+    # A list of stiffnesses cannot be written as one setting.
     if not all(isinstance(value, float) for value in changed.values()):
         return f"{element.name} with {stiffness / element.stiffness:.2g} times its stiffnesses"
     settings = [f"{name}={value:g}" for name, value in changed.items()]
@@ -62,7 +63,7 @@ def _softer(element: AnyElement, stiffness: float) -> str:
 
 
 def _hints(group: Group) -> list[str]:
-    """Settings that would make the group stable, all else as it is."""
+    """Return settings that would make the group stable, each by itself; empty when nothing can be varied."""
     element, found = group.stiffest, group.suggested()
     if element is None:
         return []

@@ -1,6 +1,6 @@
-"""What a caller may ask for, checked before anything is opened: all faults at once, in one `UsageError`.
+"""Checks of a request before anything is opened; all faults are reported at once, in one `UsageError`.
 
-The Python API and the command line both pass through here, so both are equally safe and say the same sentences.
+The Python API and the command line both use these functions, so both refuse the same requests in the same words.
 """
 
 import math
@@ -14,14 +14,14 @@ from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.registry import DEFAULT_PROTOCOL, parse_bus, protocol_named
 
 MAXIMUM_RATE = 100_000.0
-"""[Hz]; far above what any bus here carries, so that a period is never shorter than the clock resolves."""
+"""Highest rate accepted [Hz]: far above the rate of any bus here, and low enough for the clock to resolve a period."""
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 RECORD_SUFFIXES = (".log", ".blf", ".csv")
 
 
 def parse_settings(texts: Iterable[str]) -> dict[str, str]:
-    """`element.parameter=value` texts as a mapping; raises one UsageError that lists all malformed ones."""
+    """Return `element.parameter=value` texts as a mapping; raises one UsageError for all malformed or repeated ones."""
     settings: dict[str, str] = {}
     faults = []
     for text in texts:
@@ -37,9 +37,9 @@ def parse_settings(texts: Iterable[str]) -> dict[str, str]:
 
 
 def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
-    """`SECONDS:element.parameter=value` texts in the order of their times, those of one time together.
+    """Return `SECONDS:element.parameter=value` texts as (time [s], settings), sorted by time, one entry for each time.
 
-    Raises one UsageError that lists all malformed ones.
+    Raises one UsageError for all malformed or repeated texts.
     """
     changes: dict[float, dict[str, str]] = {}
     faults = []
@@ -48,7 +48,7 @@ def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
         try:
             time = float(when)
             ((key, value),) = parse_settings([setting]).items()
-        except ValueError:
+        except ValueError:  # of `float`, or a UsageError of `parse_settings`, which is one too
             faults.append(
                 f'--change "{text}": expected SECONDS:element.parameter=value, for example 2.5:wall.stiffness=400'
             )
@@ -63,13 +63,17 @@ def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
 
 @dataclass(frozen=True)
 class Choice:
-    """A name out of a table: what it is called, what was given, what there is."""
+    """A name that must be one of a table."""
 
     what: str
+    """Word for the kind of name, used in messages."""
     given: str | None
+    """Name to be checked; None: none was given."""
     names: Collection[str]
+    """Known names."""
 
     def faults(self) -> list[str]:
+        """Return the fault of an unknown name with the nearest ones; empty when there is none."""
         if self.given is None or self.given in self.names:
             return []
         return [f'no {self.what} "{self.given}"{suggestion(self.given, self.names)}']
@@ -86,7 +90,10 @@ def check_request(
     record: Path | None = None,
     plot: Path | None = None,
 ) -> BusName:
-    """Check all that was asked for (rate in Hz, duration in s); raises one UsageError that lists every fault."""
+    """Check a request and return its bus; `rate` in Hz, `duration` in s.
+
+    Raises one UsageError that lists every fault.
+    """
     faults = _number_faults(rate, duration, seed)
     faults += [fault for choice in choices for fault in choice.faults()]
     faults += file_faults("record", record, RECORD_SUFFIXES)
@@ -94,24 +101,27 @@ def check_request(
     try:
         name = parse_bus(bus)
     except UsageError as error:
+        # The bus is unknown, and so is its protocol; the node is checked by the default one.
         raise UsageError("\n".join([str(error), *_node_faults(DEFAULT_PROTOCOL, node), *faults])) from None
     _raise([*_node_faults(name.section.protocol, node), *faults])
     return name
 
 
 def _node_faults(protocol: str, node: int) -> list[str]:
-    """Of a bus that cannot be told, the nodes are those of the default protocol."""
+    """Return the fault of a node-ID outside of those of `protocol`; empty when there is none."""
     nodes = protocol_named(protocol).nodes
     return [] if node in nodes else [f"node {node}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}"]
 
 
 def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
+    """Return the faults of rate [Hz], duration [s] and seed; the comparisons also refuse NaN."""
     good_rate = 0.0 < rate <= MAXIMUM_RATE
     good_duration = math.isfinite(duration) and duration > 0.0
     checks = [
         (good_rate, f"rate {rate:g}: expected a rate above 0 and up to {MAXIMUM_RATE:g} Hz"),
         (good_duration, f"duration {duration:g}: expected a time above 0 s"),
         (
+            # Only if both are good by themselves: one fault is not to be reported twice.
             not (good_rate and good_duration) or rate * duration >= 1.0,
             f"duration {duration:g} s: less than one period at {rate:g} Hz",
         ),
@@ -121,13 +131,14 @@ def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
 
 
 def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list[str]:
-    """Why a file could not be written, known before the run rather than after it."""
+    """Return the reason why a file cannot be written, before the run rather than after it; empty when it can."""
     if path is None:
         return []
     if path.suffix not in suffixes:
         return [f'{option} "{path}": the suffix must be one of {", ".join(suffixes)}']
     if not path.parent.is_dir():
         return [f'{option} "{path}": there is no folder {path.parent}']
+    # Opening to append tries the permissions without changing a file that is there.
     existed = path.exists()
     try:
         path.open("ab").close()

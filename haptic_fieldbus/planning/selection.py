@@ -1,4 +1,4 @@
-"""From a task (scene, bench, settings) to a compiled plan, in one line: load, check, compile."""
+"""The way from a task (scene, bench, settings) to a compiled plan: load, check, compile."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from haptic_fieldbus.signals import Workspace
 
 @dataclass(frozen=True)
 class Loaded:
-    """What a task names, loaded: its scene with settings, the bench, and the bus."""
+    """A task with all that it names loaded: the scene with its settings, the bench, and the bus."""
 
     task: Task
     settled: Settled
@@ -30,23 +30,24 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Selection:
-    """A plan and the bus it is for."""
+    """A compiled plan and the bus that it is for."""
 
     plan: Plan
     bus: BusName
 
 
 def select(task: Task) -> Selection:
-    """Load, check and compile; raises DocumentError, UsageError or PlanError."""
+    """Load, check and compile a task; raises DocumentError, UsageError or PlanError."""
     loaded = load(task)
     check_known(loaded)
     return compiled(loaded)
 
 
 def load(task: Task) -> Loaded:
-    """Load what the task names, without judging it; raises DocumentError or UsageError."""
+    """Load all that the task names, except profiles, and judge nothing; raises DocumentError or UsageError."""
     check_rendering(task)
     rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig
+    # A bus that is named replaces the buses of the rig; without either it is the simulation.
     bus = parse_bus(task.bus or SIMULATION) if rig is None or task.bus is not None else _bus_of(rig)
     if rig is not None and task.bus is not None:
         rig = _on_bus(rig, bus)
@@ -57,17 +58,18 @@ def load(task: Task) -> Loaded:
 
 
 def _with_own_profiles(rig: Rig, profiles: str | Path | None) -> Rig:
-    """The rig with the path of each own profile in the place of its name, so that whoever loads it needs no folder."""
+    """Return the rig with paths in the place of the names of own profiles, so that loading them needs no folder."""
     return replace(
         rig, axis={name: replace(axis, profile=own_profile(axis.profile, profiles)) for name, axis in rig.axis.items()}
     )
 
 
 def check_rendering(asked: Rendering) -> None:
-    """Refuse names that do not exist, also where the scene needs neither, and elements that no file may have.
+    """Check the names of method and estimator, even if the scene needs neither, and the elements of a ready-made scene.
 
-    Only what is named is imported. Raises UsageError or SceneError.
+    Raises UsageError for an unknown name, SceneError for an element that a scene file could not have.
     """
+    # Imported only when named, because a scene that needs neither must not import them.
     if asked.method is not None:
         from haptic_fieldbus.numerics.integrators import method_named
 
@@ -81,7 +83,7 @@ def check_rendering(asked: Rendering) -> None:
 
 
 def check_known(loaded: Loaded) -> None:
-    """Raises PlanError that names every key of the rig without which stability cannot be judged."""
+    """Raise PlanError when stability cannot be judged; it names every key that the rig lacks for it."""
     missing = [
         f"axis.{name}.{key}"
         for name, axis in loaded.rig.axis.items()
@@ -96,7 +98,10 @@ def check_known(loaded: Loaded) -> None:
 
 
 def compiled(loaded: Loaded) -> Selection:
-    """Compile for the bench; where a setting is a part of the limit, once without it to know the limit."""
+    """Compile the loaded task; raises ProfileError, EdsError, SceneError, RigError, UsageError or PlanError.
+
+    When a setting is a part of the stability limit, the plan is compiled twice: first without it, to know the limit.
+    """
     plan = _compiled(loaded, loaded.settled.scene)
     if loaded.settled.part is not None:
         plan = _compiled(loaded, loaded.settled.at(plan.stability))
@@ -104,18 +109,19 @@ def compiled(loaded: Loaded) -> Selection:
 
 
 def _compiled(loaded: Loaded, scene: Scene) -> Plan:
+    """Return the plan of `scene` on the loaded bench."""
     task, rig = loaded.task, loaded.rig
     profiles = {axis.profile: load_profile(axis.profile) for axis in rig.axis.values()}
     return compile_plan(scene, rig, profiles, task.rate, method=task.method, estimator=task.estimator)
 
 
 def _used(rig: Rig) -> dict[str, BusSection]:
-    """The buses on which there are axes, by name."""
+    """Return the buses that carry at least one axis, sorted by name."""
     return {name: rig.bus[name] for name in sorted({axis.bus for axis in rig.axis.values()})}
 
 
 def _bus_of(rig: Rig) -> BusName:
-    """What the rig's buses are, all together; raises UsageError when one run cannot use them together."""
+    """Return one name for all buses of the rig; raises UsageError when one run cannot use them together."""
     names = {name: protocol_named(section.protocol).bus_name(section) for name, section in _used(rig).items()}
     listed = ", ".join(f"{name} is {bus.text}" for name, bus in names.items())
     if len({bus.simulated for bus in names.values()}) > 1:
@@ -123,6 +129,7 @@ def _bus_of(rig: Rig) -> BusName:
             f"{rig.source or 'the rig'} mixes simulated and real buses: {listed}. A run has either virtual or real "
             "time; --bus sim simulates all of them"
         )
+    # Two masters on one pair of wires would each send a SYNC.
     if len({(bus.section.interface, bus.section.channel) for bus in names.values()}) < len(names):
         raise UsageError(
             f"{rig.source or 'the rig'} names one bus twice: {listed}. What hangs on one pair of wires is one [bus]"
@@ -132,13 +139,17 @@ def _bus_of(rig: Rig) -> BusName:
 
 
 def _on_bus(rig: Rig, named: BusName) -> Rig:
-    """The rig on the bus that was named; of a rig with several, only the simulation can stand for all."""
+    """Return the rig with its buses replaced by the named one.
+
+    Raises UsageError when the rig has several buses and the named one is real: only the simulation can replace all.
+    """
     used = _used(rig)
     if len(used) > 1 and not named.simulated:
         raise UsageError(
             f"--bus {named.text} is one bus, but the axes of {rig.source or 'the rig'} are on several: "
             f"{', '.join(used)}. Leave it out, or simulate them with --bus sim"
         )
+    # With several buses each keeps its own name as its channel, so that the simulated ones stay apart.
     sections = {
         own: protocol_named(section.protocol).in_place_of(section, named, own if len(used) > 1 else None)
         for own, section in used.items()
@@ -147,7 +158,10 @@ def _on_bus(rig: Rig, named: BusName) -> Rig:
 
 
 def _shipped_bench(scene: Scene, drive: str, bus: BusName, node: int) -> Rig:
-    """One axis per axis of the scene, nodes counting from `node`; on a real bus its plant is unknown."""
+    """Return the shipped bench: a drive for each axis of the scene, with node-IDs counting from `node`.
+
+    On a real bus nothing is known of the motors, so that rated torque, inertia and damping are None.
+    """
     name = bus.text.partition("@")[0]
     make = default_axis if bus.simulated else _unknown_axis
     axes = {
@@ -158,5 +172,6 @@ def _shipped_bench(scene: Scene, drive: str, bus: BusName, node: int) -> Rig:
 
 
 def _unknown_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
+    """Return an axis of a real bench that no rig file describes, with the mechanism of the shipped bench."""
     mechanism = LinearMechanism("linear", 0.05) if workspace is Workspace.LINEAR else RotaryMechanism("rotary")
     return RigAxis(bus, node, profile, mechanism, encoder_counts_per_revolution=4096)

@@ -1,7 +1,7 @@
-"""A scene with its settings made, one of which may be `max` or `max/N`: the stability limit, or a part of it.
+"""A scene with its settings applied, one of which may be `max` or `max/N`: the stability limit, or a part of it.
 
-The limit is that of the scene with all other settings made, so it takes two steps: `settled` gives the scene without
-the part, and `Settled.at` the final one once somebody has judged the first.
+The limit is that of the scene with all other settings applied, so it takes two steps: `settled` returns the scene
+without that setting, and `Settled.at` the final scene, once the caller has judged the first one.
 """
 
 import math
@@ -18,25 +18,30 @@ from haptic_fieldbus.scenes.scene import Scene
 
 Value = float | str | bool
 PART_OF_LIMIT = re.compile(r"max(?:/(\d+(?:\.\d*)?))?")
+"""Form of a setting that is a part of the limit: `max`, `max/2`, `max/1.5`."""
 
 
 @dataclass(frozen=True)
 class Settled:
-    """A scene with all its settings made but the one that is a part of the limit."""
+    """A scene with all settings applied, except one that is a part of the limit."""
 
     origin: str | Path | Scene
     values: Mapping[str, Value]
-    """All settings; the part of the limit as it was written."""
+    """All settings; a part of the limit as it was written, such as `max/2`."""
     scene: Scene
     part: str | None
-    """The setting that is a part of the limit; None where there is none, and `scene` is final."""
+    """Name of the setting that is a part of the limit; None when there is none, so that `scene` is final."""
 
     def at(self, stability: Stability | None) -> Scene:
-        """The final scene, by the verdict on `scene`; raises UsageError where it has no limit to take a part of."""
+        """Return the final scene, given the verdict on `scene`.
+
+        Raises UsageError when there is no finite limit above 0 to take a part of, and for a division by zero.
+        """
         if self.part is None:
             return self.scene
         text = f"{self.part}={self.values[self.part]}"
         limit = None if stability is None else stability.stiffness_limit.stable
+        # Also a limit of 0, of which each part is 0.
         if not limit or math.isinf(limit):
             raise UsageError(f"{text}: this bench has no stability limit to take a part of")
         divisor = float(str(self.values[self.part]).partition("/")[2] or 1.0)
@@ -46,29 +51,33 @@ class Settled:
 
 
 def settled(scene: str | Path | Scene, settings: Mapping[str, Value] | None) -> Settled:
-    """Load the scene with its settings; raises SceneError or UsageError for those that cannot be."""
+    """Load the scene and apply all settings but a part of the limit; raises SceneError or UsageError."""
     values = parsed(settings)
     part = _part_of_limit(values)
     found = with_settings(scene, {key: value for key, value in values.items() if key != part})
-    limited = stiffest_of(found.couplings)
+    limited = stiffest_of(found.couplings)  # coupled axes are judged by this stiffness alone
     if part is not None and limited is not None and part != f"{limited.name}.stiffness":
         raise UsageError(f"{part}={values[part]}: the limit of coupled axes is told for {limited.name}.stiffness alone")
     return Settled(scene, values, found, part)
 
 
 def with_settings(scene: str | Path | Scene, values: Mapping[str, Value]) -> Scene:
-    """The scene, loaded where it is not yet, with these values."""
+    """Return the scene with these values, loading it first if it is a name or a path.
+
+    Raises SceneError for values that the scene cannot have, UsageError for an unknown scene, element or parameter.
+    """
     if not isinstance(scene, Scene):
         return load_scene(scene, values)
     if not values:
         return scene
+    # Imported here, because a scene that is named or keeps its values does without it.
     from haptic_fieldbus.scenes.changed import changed
 
     return changed(scene, values)
 
 
 def parsed(settings: Mapping[str, Value] | None) -> dict[str, Value]:
-    """Settings as the command line writes them: numbers, true and false are no texts."""
+    """Return the settings with texts of a number, `true` or `false` converted; other values stay as they are."""
     return {key: _parsed(value) if isinstance(value, str) else value for key, value in (settings or {}).items()}
 
 
@@ -82,7 +91,10 @@ def _parsed(text: str) -> Value:
 
 
 def _part_of_limit(values: Mapping[str, Value]) -> str | None:
-    """The one setting that is a part of the limit; raises UsageError for several, and for one that has no limit."""
+    """Return the name of the setting that is a part of the limit, or None.
+
+    Raises UsageError for several of them, and for a setting that is no stiffness.
+    """
     parts = [key for key, value in values.items() if isinstance(value, str) and PART_OF_LIMIT.fullmatch(value)]
     faults = [f"{key}={values[key]}: only a stiffness has a limit" for key in parts if ".stiffness" not in key]
     if len(parts) > 1 or faults:

@@ -1,6 +1,6 @@
-"""What a caller asks for, as it was given: nothing is loaded or checked yet.
+"""Requests of a caller as they were given: nothing is loaded or checked yet.
 
-Whatever asks for more than these extends them, so each argument and its default stand in one place.
+Requests with further arguments extend these classes, so that each argument and its default stand in one place.
 """
 
 from collections.abc import Mapping
@@ -15,12 +15,12 @@ DEFAULT_DRIVE = "maxon_epos4"
 DEFAULT_RATE = 1000.0
 """[Hz]"""
 SIMULATION = "sim"
-"""Without a bit rate: that of each bus of the rig."""
+"""Name of the simulated bus; without a bit rate each bus of the rig keeps its own."""
 
 
 @dataclass(frozen=True)
 class Rendering:
-    """A scene and how it is rendered, on whatever bench."""
+    """A scene and how it is rendered, on any bench."""
 
     scene: str | Path | Scene
     """A name of the library, a file, or a scene made in Python."""
@@ -37,10 +37,13 @@ class Rendering:
 
 @dataclass(frozen=True)
 class Task(Rendering):
-    """A scene to render on a bench; a rig replaces drive, bus and node, but a bus that is named replaces the rig's."""
+    """A scene to render on a bench: the shipped one, or that of a rig.
+
+    A rig replaces `drive` and `node`. A `bus` that is given replaces the buses of the rig.
+    """
 
     rig: str | Path | Rig | None = None
-    """A file or a Rig; None is the shipped bench, one axis for each of the scene."""
+    """A file or a Rig; None is the shipped bench, with one drive for each axis of the scene."""
     _: KW_ONLY
     drive: str = DEFAULT_DRIVE
     """Profile of the shipped bench, by name or path."""

@@ -1,7 +1,7 @@
-"""New values for a scene that runs: checked, compiled and judged as those of a new run, before anything changes.
+"""New values for a scene that runs: checked, compiled and judged as for a new run, before anything changes.
 
-What a run maps, estimates and integrates was decided before its first period, and stays: a change that needs more asks
-for a new run.
+The signals that a run maps, estimates and counts were decided before its first period. A change that needs further ones
+is refused, because it needs a new run.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,53 +20,56 @@ from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
 
 RAMP = 0.1
-"""[s]; from the old values to the new."""
+"""Time from the old values to the new ones, unless given [s]."""
 MISSING = {
     Signal.VELOCITY: "velocity, which this run does not estimate",
     Signal.TORQUE_ACTUAL: "torque actual, which this run does not map",
     Signal.ELAPSED_NS: "the time, which this run does not count",
 }
+"""Signals that a run may lack, in the words of a refusal; the position is always there."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """New values that passed every check; `settings` are as the scene has them, in SI."""
+    """New values that passed all checks; `settings` are the values that the new scene has, in SI."""
 
     settings: Mapping[str, Value]
     plan: Plan
     """The running plan with these values."""
     time: float = 0.0
-    """When it is to begin [s from operation enabled]; one that is asked for in a run begins at once."""
+    """Scheduled begin [s from operation enabled]; 0 for a change requested during the run, which begins at once."""
 
 
 @dataclass(frozen=True)
 class Applied:
-    """A change and when it came into force."""
+    """A change whose ramp has begun."""
 
     change: Change
     time: float
-    """When the ramp began [s from operation enabled]."""
+    """Begin of the ramp [s from operation enabled]."""
     after_ns: int
     """Latch instant of the last period with the old values alone."""
     periods: int
-    """Length of the ramp."""
+    """Length of the ramp in periods."""
 
 
 def tuned(
     running: Plan, last: Plan, settings: Mapping[str, Value], *, force: bool = False, time: float = 0.0
 ) -> Change:
-    """Settings on top of `last`, the plan of the change before, for a loop that was made for `running`.
+    """Return the change that applies `settings` to `last`, the plan after the change before; nothing is touched.
 
-    Raises SceneError, UsageError or PlanError as a new run would; UnstableSceneError unless `force`, also where both
-    ends are stable and the way between is not. Nothing is touched.
+    `running` is the plan that the loop was made for, `time` the scheduled begin [s from operation enabled]. Raises
+    SceneError, UsageError or PlanError as a new run would, and PlanError for a signal that the loop lacks. Unless
+    `force`, raises UnstableSceneError when the new values, or the mixes on the way to them, are unstable.
     """
     if not settings:
         raise UsageError('a change names what it changes, such as {"wall.stiffness": 800.0}')
 
     wanted = settled(last.scene, settings)
     plan = _compiled(running, wanted.scene)
-    if wanted.part is not None:
+    if wanted.part is not None:  # a part of the limit, which the first plan has made known
         plan = _compiled(running, wanted.at(plan.stability))
+    # A sentence occurs once, however many axes it is about.
     refused = dict.fromkeys(_beyond(running, plan))
     if refused:
         raise PlanError("\n".join(f"{sentence}: start a new run" for sentence in refused))
@@ -77,15 +80,16 @@ def tuned(
 
 
 def _compiled(running: Plan, scene: Scene) -> Plan:
-    """The scene on the bench of the running loop, by its methods."""
+    """Return the plan of `scene` on the bench of the running loop, with its integrator and estimator."""
     profiles = {axis.rig.profile: axis.profile for axis in running.axes}
     method = next((axis.method for axis in running.axes if axis.method), None)
+    # Method and estimator are the same on all axes that have one; a tachometer cannot be chosen, so it is left out.
     estimator = next((axis.estimator for axis in running.axes if axis.estimator and not axis.integrates), None)
     return compile_plan(scene, running.rig, profiles, running.rate, method=method, estimator=estimator)
 
 
 def _beyond(running: Plan, plan: Plan) -> Iterator[str]:
-    """What elements need and the loop has not."""
+    """Yield a sentence for each signal that an element needs and the running loop lacks."""
     for axis, wanted in zip(running.axes, plan.axes, strict=True):
         for element in _forces(wanted):
             for signal in element.needs:
@@ -94,7 +98,7 @@ def _beyond(running: Plan, plan: Plan) -> Iterator[str]:
 
 
 def _check_way(before: Plan, after: Plan) -> None:
-    """Both ends are stable; the mixes between them must be so too."""
+    """Raise UnstableSceneError when a mix of two stable sets of elements, old and new, is unstable."""
     from haptic_fieldbus.margins.way import SHARES, mixed
 
     changing = {new.name for old, new in zip(before.axes, after.axes, strict=True) if _forces(old) != _forces(new)}
@@ -107,6 +111,7 @@ def _check_way(before: Plan, after: Plan) -> None:
             )
             for old, new in zip(before.axes, after.axes, strict=True)
         ]
+        # Groups without a change need not be judged again.
         groups = [group for group in grouped(axes, after.period) if changing & {each.name for each in group.members}]
         if any(group.growth() > 1.0 + ROUNDING for group in groups):
             raise UnstableSceneError(
@@ -116,10 +121,12 @@ def _check_way(before: Plan, after: Plan) -> None:
 
 
 def _forces(axis: AxisPlan) -> tuple[AnyElement, ...]:
+    """Return all elements and couplings that act on an axis."""
     return (*axis.elements, *axis.couplings)
 
 
 def _value(scene: Scene, setting: str) -> Value:
+    """Return the value of a setting in the scene, which must have it."""
     name, _, parameter = setting.rpartition(".")
     value: Value = next(getattr(element, parameter) for element in scene.elements if element.name == name)
     return value

@@ -1,4 +1,4 @@
-"""A bus as a user writes it, `sim` or `socketcan:can0@500000`, taken apart by its protocol."""
+"""A bus as users write it, `sim` or `socketcan:can0@500000`, parsed by its protocol."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,14 @@ from haptic_fieldbus.drive.rig import BusSection
 
 @dataclass(frozen=True)
 class BusName:
-    """What was written, and the bus of a rig that it stands for."""
+    """The text that a user wrote, and the bus of a rig that it stands for."""
 
     text: str
     section: BusSection
     assumed: str = ""
-    """What it leaves open and was taken for granted, as a sentence."""
+    """Sentence about a value that the text leaves open and that was assumed; empty when there is none."""
 
     @property
     def simulated(self) -> bool:
+        """True when the bus is simulated."""
         return self.section.simulated

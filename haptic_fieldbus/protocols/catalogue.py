@@ -1,7 +1,7 @@
-"""The drive profiles that are shipped, and reading profiles and rigs from files.
+"""The shipped drive profiles, and loading of profiles and rigs from files.
 
-Rules across keys, which the dataclasses cannot state, are checked here on the data as it stands in the file, so that
-their faults are reported together with those of single values.
+Rules across several keys, which the dataclasses cannot state, are checked here on the data of the file, before any
+dataclass exists. So their faults are reported together with those of single values.
 """
 
 from collections.abc import Collection, Iterator
@@ -36,35 +36,37 @@ from haptic_fieldbus.protocols.registry import (
 )
 
 PROFILE_LOADED = ("name", "source")
-"""Filled in by the loader; a profile file must not give them."""
+"""Fields that the loader fills in; a profile file must not give them."""
 RIG_LOADED = ("source",)
+"""Fields that the loader fills in; a rig file must not give them."""
 
 UNSOURCED = {"drive", "sources"}
 """Tables whose values need no entry in [sources]."""
 
 
 def load_profile(name_or_path: str | Path, profiles: str | Path | None = None) -> DriveProfile:
-    """A profile by name, or any by the path of its file; an EDS or DCF makes one too (see `from_eds`).
+    """Load a profile by its name, or by the path of its file: TOML, EDS or DCF (see `from_eds`).
 
-    `profiles` is a folder whose files are found by name beside the shipped ones; None is the folder that the
-    environment variable HAPTIC_FIELDBUS_PROFILES names, if it names one. Raises ProfileError or EdsError with all
-    faults of the file, UsageError for an unknown name and for one that is both a shipped and an own one.
+    A name is that of a shipped profile or of a file in the folder `profiles`. When that is None, the environment
+    variable HAPTIC_FIELDBUS_PROFILES may name the folder. Raises ProfileError or EdsError with all faults of the file,
+    UsageError for an unknown name and for one that is both a shipped and an own one.
     """
     if is_eds(name_or_path):
         return protocol_named(DEFAULT_PROTOCOL).vendor_profile(name_or_path)
     document = read_document(profile_file(name_or_path, profiles), ProfileError)
     protocol = _protocol_of(document)
     profile = document.validate(protocol.profile, loaded=PROFILE_LOADED)
-    document.integers(("schema",))
+    document.integers(("schema",))  # Pydantic takes 1.0 and true for the literal 1
     protocol.check_profile(document)
     _check_sources(document, protocol.profile)
     return replace(document.checked(profile), name=Path(document.source).stem, source=document.source)
 
 
 def _protocol_of(document: Document) -> FieldbusProtocol:
-    """That which the file names; without one that can be used nothing else of the file can be read.
+    """Return the protocol that the file names, whose schema decides how the rest of the file is read.
 
-    What is no protocol at all is taken for a slip, and the rest for CANopen's.
+    Raises ProfileError for a protocol that is not available yet. An unknown name is taken for a slip: its fault is
+    noted, and the rest is checked as a profile of the default protocol.
     """
     path: KeyPath = ("drive", "protocol")
     name, known = document.value(*path), protocol_names()
@@ -81,11 +83,12 @@ Refusal = DocumentError | UsageError
 
 
 def profile_summaries(profiles: str | Path | None = None) -> dict[str, Summary | Refusal]:
-    """What `profiles list` shows of each profile, shipped and own, by name; of one that cannot be used, its error."""
+    """Return the facts about each profile that `profiles list` shows, by name; of a broken one, its error."""
     return {name: _summary(name, profiles) for name in known_names(profiles)}
 
 
 def _summary(name: str, profiles: str | Path | None) -> Summary | Refusal:
+    """Return the facts about one profile, or the error that loading it ends in."""
     try:
         profile = load_profile(name, profiles)
     except (DocumentError, UsageError) as error:
@@ -102,15 +105,16 @@ def _summary(name: str, profiles: str | Path | None) -> Summary | Refusal:
 
 
 def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
-    """A rig file; a profile that it gives as a path is taken from the rig's folder.
+    """Load a rig file; a profile that is given as a path is looked up relative to the folder of the rig.
 
-    It may name the profiles that `load_profile` finds. Raises RigError with all faults, UsageError for a folder of
-    profiles that cannot be listed.
+    It may name every profile that `load_profile` finds. Raises RigError with all faults of the file, UsageError for a
+    folder of profiles that cannot be listed.
     """
     document = read_document(Path(path), RigError)
     rig = document.validate(Rig, loaded=RIG_LOADED)
     nodes: dict[tuple[object, object], str] = {}
     known = known_names(profiles)
+    # `Rig` checks only the keys that all buses share; the section of its protocol checks each whole bus.
     buses = {name: _check_bus_section(document, name) for name in document.table("bus")}
     for name in document.table("axis"):
         document.integers(("axis", name, "mechanism", "sign"))
@@ -128,35 +132,40 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
 
 
 def _found_profile(name: str, folder: Path, profiles: str | Path | None) -> str:
-    """The name of a shipped profile, or the path of another."""
+    """Return the name of a shipped profile as it is, and the path of any other."""
     return str(folder / name) if is_path(name) else own_profile(name, profiles)
 
 
 def profile_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
-    """The JSON Schema of a profile file of a protocol."""
+    """Return the JSON Schema of a profile file of `protocol`; raises UsageError for an unknown one."""
     return schema_of(protocol_named(protocol).profile, loaded=PROFILE_LOADED)
 
 
 def bus_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
-    """The JSON Schema of a bus of a protocol, as a rig file has it."""
+    """Return the JSON Schema of a bus of `protocol` in a rig file; raises UsageError for an unknown one."""
     return schema_of(protocol_named(protocol).section)
 
 
 def rig_schema() -> dict[str, Any]:
-    """The JSON Schema of a rig file, its buses those of our own protocols."""
+    """Return the JSON Schema of a rig file with buses of the protocols in this package."""
     schema = schema_of(Rig, loaded=RIG_LOADED)
+    # `Rig` knows only the common keys of a bus; the schema lists the whole bus of each protocol.
     schema["$defs"]["BusSection"] = {"anyOf": [bus_schema(name) for name in BUILT_IN]}
     return schema
 
 
 def _check_sources(document: Document, schema: type[DriveProfile]) -> None:
-    """Each value says where it comes from; a source may also say why a value is left out, but must name a known key."""
+    """Note each value without a source, and each source of an unknown key.
+
+    The source of a key that the file does not give is allowed: it tells why the value is left out.
+    """
     sources = document.table("sources")
     for section in document.data.keys() - UNSOURCED:
         for key, value in document.table(section).items():
             for path in _unsourced((section, key), value, sources):
                 if knows(schema, path):
                     document.fault(path, f'no source; expected an entry "{".".join(path)}" in [sources]', also=True)
+    # Keys of the file serve the suggestion; the schema also has keys that the file leaves out.
     keys = {".".join(path) for path in _keys(document.data) if path[0] != "sources"}
     for name in sources:
         if name not in keys and not knows(schema, tuple(name.split("."))):
@@ -164,7 +173,8 @@ def _check_sources(document: Document, schema: type[DriveProfile]) -> None:
 
 
 def _unsourced(path: tuple[str, ...], value: object, sources: dict[str, object]) -> list[tuple[str, ...]]:
-    """The keys at and below `path` that no source covers; a table of which nothing is covered counts as one."""
+    """Return the keys at and below `path` that no source covers; a table without any source counts as one key."""
+    # A source of any table above the key covers it too.
     if any(".".join(path[:length]) in sources for length in range(1, len(path) + 1)):
         return []
     if isinstance(value, dict) and any(name.startswith(".".join(path) + ".") for name in sources):
@@ -173,7 +183,7 @@ def _unsourced(path: tuple[str, ...], value: object, sources: dict[str, object])
 
 
 def _keys(table: dict[str, object], path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """All keys that a file gives."""
+    """Yield the paths of all keys in a table, tables included."""
     for key, value in table.items():
         yield (*path, key)
         if isinstance(value, dict):
@@ -181,18 +191,22 @@ def _keys(table: dict[str, object], path: tuple[str, ...] = ()) -> Iterator[tupl
 
 
 def _check_bus(document: Document, axis: str, nodes: dict[tuple[object, object], str]) -> None:
-    """The axis' bus is there, and no other axis has its node-ID on it."""
+    """Note a bus that the file does not have, and a node-ID that another axis has on the same bus.
+
+    `nodes` collects the axis of each (bus, node-ID) from call to call.
+    """
     bus, node = document.value("axis", axis, "bus"), document.value("axis", axis, "node")
     buses = document.table("bus")
     if isinstance(bus, str) and bus not in buses:
         document.fault(("axis", axis, "bus"), f"no [bus.{bus}] in this file{suggestion(bus, buses)}")
+    # `type`, not `isinstance`: true is an int too, and has its own fault.
     if type(node) is int and isinstance(bus, str) and nodes.setdefault((bus, node), axis) != axis:
         other = nodes[bus, node]
         document.fault(("axis", axis, "node"), f"{node} is the node-ID of axis {other} on {bus}; expected another one")
 
 
 def _check_bus_section(document: Document, name: str) -> BusSection | None:
-    """The bus as its protocol has it; None with its faults noted."""
+    """Return the bus as its protocol defines it; None when it has faults, which are noted."""
     try:
         protocol = _protocol_of_bus(document, name)
     except UsageError as error:
@@ -202,13 +216,15 @@ def _check_bus_section(document: Document, name: str) -> BusSection | None:
 
 
 def _protocol_of_bus(document: Document, name: str) -> FieldbusProtocol:
+    """Return the protocol of a bus by its interface; raises UsageError when it is not available yet."""
     interface = document.value("bus", name, "interface")
     return protocol_of_bus(interface) if isinstance(interface, str) else protocol_named(DEFAULT_PROTOCOL)
 
 
 def _check_node(document: Document, axis: str) -> None:
-    """Its protocol says which numbers there are."""
+    """Note a node-ID outside of the range of the protocol."""
     node, bus = document.value("axis", axis, "node"), document.value("axis", axis, "bus")
+    # Without a usable interface the protocol is unknown, and so is the range.
     if not isinstance(bus, str) or ("bus", bus, "interface") in document.faults:
         return
     nodes = _protocol_of_bus(document, bus).nodes
@@ -217,6 +233,7 @@ def _check_node(document: Document, axis: str) -> None:
 
 
 def _check_profile_exists(document: Document, axis: str, known: Collection[str]) -> None:
+    """Note a profile that is neither one of the `known` names nor a file beside the rig."""
     name = document.value("axis", axis, "profile")
     if not isinstance(name, str):
         return
@@ -228,6 +245,7 @@ def _check_profile_exists(document: Document, axis: str, known: Collection[str])
 
 
 def _check_position_limits(document: Document, axis: str) -> None:
+    """Note position limits in the wrong order; faults of their types are those of the schema."""
     path: KeyPath = ("axis", axis, "limits", "position")
     limits = document.value(*path)
     if not isinstance(limits, list) or len(limits) != 2:
@@ -237,7 +255,7 @@ def _check_position_limits(document: Document, axis: str) -> None:
 
 
 def _check_simulation(document: Document, axis: str) -> None:
-    """A load behind a coupling is a part of the axis' inertia; a lever hangs down only where it can turn."""
+    """Note a load inertia that is no part of the axis' inertia, and a lever on a linear mechanism."""
     simulation: KeyPath = ("axis", axis, "simulation")
     load, inertia = document.value(*simulation, "coupling", "load_inertia"), document.value("axis", axis, "inertia")
     if isinstance(load, int | float) and not (isinstance(inertia, int | float) and load < inertia):

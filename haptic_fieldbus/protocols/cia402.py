@@ -1,4 +1,4 @@
-"""The power states of CiA 402 as the master reads and answers them; the simulated drive has its own automaton.
+"""The power table of CiA 402 as the master uses it; the simulated drive has an automaton of its own.
 
 Reference: IEC 61800-7-201 (CiA 402-2), table of statusword states and of controlword commands.
 """
@@ -10,6 +10,7 @@ SHUTDOWN = 0x0006
 SWITCH_ON = 0x0007
 ENABLE_OPERATION = 0x000F
 
+# Some states do not depend on bit 5 (quick stop) of the statusword, so their mask is 4Fh instead of 6Fh.
 CIA402 = PowerTable(
     (
         PowerRow(0x4F, 0x00, PowerState.NOT_READY, DISABLE_VOLTAGE),

@@ -15,14 +15,14 @@ VARIABLE = "HAPTIC_FIELDBUS_PROFILES"
 
 
 def profile_folder() -> Path:
-    """Where the shipped profiles are: inside an installed package, beside it in a checkout."""
+    """Return the folder of the shipped profiles: inside an installed package, beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
     installed = package / "profiles"
     return installed if installed.is_dir() else package.parent / "profiles"
 
 
 def profile_names() -> list[str]:
-    """Return the names of the shipped profiles."""
+    """Return the names of the shipped profiles, sorted."""
     return file_names(profile_folder())
 
 

@@ -1,4 +1,4 @@
-"""What a fieldbus protocol does for a plan, before anything is opened."""
+"""Interface between planning and a fieldbus protocol; nothing here opens a bus."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,22 +14,22 @@ from haptic_fieldbus.protocols.traffic import AxisTraffic, BusTraffic
 from haptic_fieldbus.signals import Signal
 
 Members = Mapping[str, tuple[DriveProfile, AxisTraffic]]
-"""The axes on a bus, by name."""
+"""Axes on a bus: name → (profile, traffic)."""
 
 
 class FieldbusProtocol(Protocol):
-    """One protocol; `name` is what profiles call it."""
+    """One fieldbus protocol, as planning uses it; `name` is its name in profile files."""
 
     @property
     def name(self) -> str: ...
 
     @property
     def profile(self) -> type[DriveProfile]:
-        """The schema of its profile files."""
+        """Schema of its profile files."""
 
     @property
     def section(self) -> type[BusSection]:
-        """The schema of a bus in a rig file."""
+        """Schema of its buses in rig files."""
 
     @property
     def nodes(self) -> range:
@@ -37,33 +37,36 @@ class FieldbusProtocol(Protocol):
 
     @property
     def bus_forms(self) -> str:
-        """How its buses are written, with examples."""
+        """Forms of its bus names with examples, as a part of a sentence."""
 
     def vendor_profile(self, path: str | Path) -> DriveProfile:
-        """The profile that a vendor's file makes; raises ProfileError or EdsError."""
+        """Return the profile described by a vendor's file; raises ProfileError or EdsError."""
         raise ProfileError(path, [Fault("", f"{self.name} reads no vendors' files")])
 
     def check_profile(self, document: Document) -> None:
-        """Note faults that the schema of a profile cannot state; none unless there are rules."""
+        """Note faults that the schema of a profile cannot state; by default there are none."""
 
     def parse_bus(self, text: str) -> BusName:
-        """A bus as the command line names it; raises UsageError with the known forms."""
+        """Return a bus as the command line names it; raises UsageError with the known forms."""
 
     def bus_name(self, section: BusSection) -> BusName:
-        """A bus of a rig as the command line would name it; raises UsageError where there can be none."""
+        """Return a bus of a rig as the command line would name it; raises UsageError when it cannot be named."""
         return BusName(f"{section.interface}:{section.channel}", section)
 
     def in_place_of(self, section: BusSection, named: BusName, channel: str | None) -> BusSection:
-        """The bus that was named, in the place of one of a rig; `channel` where the rig has several."""
+        """Return the `named` bus in the place of the bus `section` of a rig.
+
+        `channel` replaces the channel of the named bus when the rig has several buses; else it is None.
+        """
         return named.section
 
     def power_table(self, profile: DriveProfile) -> PowerTable:
-        """How the status of this drive tells power states, and which command asks for the next."""
+        """Return the table of statuswords and controlwords by which the master commands the power state."""
 
     def axis_traffic(
         self, axis: RigAxis, profile: DriveProfile, incoming: Sequence[Signal], outgoing: Sequence[Signal]
     ) -> AxisTraffic:
-        """Lay out these signals; raises PlanError (ImageTooLargeError) where the drive cannot carry them."""
+        """Lay out the signals of one axis; raises PlanError (ImageTooLargeError) when the drive cannot carry them."""
 
     def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> BusTraffic:
-        """What the bus carries at `rate` [Hz]; its feedback waits so long [s] for that of other buses."""
+        """Return the traffic of a bus at `rate` [Hz], whose feedback waits for that of other buses, `waiting` in s."""

@@ -1,7 +1,7 @@
-"""The protocols that there are, by the name that a profile gives: our own, and those that other packages add.
+"""The known protocols, by the name that profiles give them: those of this package, and those of other packages.
 
-A package adds one by an entry point in the group `haptic_fieldbus.protocols`; its name is that of the protocol, and the
-first word of its buses (`toy`, `toy:CHANNEL`).
+Another package adds a protocol by an entry point in the group `haptic_fieldbus.protocols`. The name of the entry point
+is the name of the protocol, and the first word of its bus names (`toy`, `toy:CHANNEL`).
 """
 
 import re
@@ -15,25 +15,26 @@ from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 
 GROUP = "haptic_fieldbus.protocols"
 DEFAULT_PROTOCOL = "canopen"
-"""Of a profile that names none, and of buses that begin with no other's word."""
+"""Protocol of a profile that names none, and of a bus whose first word belongs to no other protocol."""
 BUILT_IN = {DEFAULT_PROTOCOL: "haptic_fieldbus.protocols.canopen.protocol"}
+"""Protocols of this package: name → module, which has the protocol as `PROTOCOL`."""
 TRAFFIC_KEYS = {DEFAULT_PROTOCOL: "pdos", "modbus": "registers"}
-"""Keys of `plan --json` that are always there, null where no axis speaks the protocol."""
+"""Protocol → key of its traffic in `plan --json`; each key is always there, null when no axis uses the protocol."""
 UNBUILT = {"modbus": ("modbus-tcp", "modbus-rtu", "sim-modbus-tcp", "sim-modbus-rtu")}
-"""Protocols that are known and not available yet, with the first words of their buses."""
+"""Protocols that are announced but not available yet: name → first words of their bus names."""
 
 
 def protocol_names() -> list[str]:
-    """Of all that can be used."""
+    """Return the names of all available protocols, sorted."""
     return sorted({*BUILT_IN, *added(GROUP)})
 
 
 def protocol_named(name: str) -> FieldbusProtocol:
-    """Raises UsageError for a name that there is not, or not yet."""
-    if name in BUILT_IN:
+    """Return the protocol of that name; raises UsageError when it is unknown or not available yet."""
+    if name in BUILT_IN:  # imported here, because a run needs the modules of its own protocols alone
         built_in: FieldbusProtocol = import_module(BUILT_IN[name]).PROTOCOL
         return built_in
-    if name in added(GROUP):
+    if name in added(GROUP):  # before UNBUILT, so that another package may provide an announced protocol
         theirs: FieldbusProtocol = added(GROUP)[name].load()
         return theirs
     if name in UNBUILT:
@@ -44,19 +45,24 @@ def protocol_named(name: str) -> FieldbusProtocol:
 
 
 def protocol_of_bus(word: str) -> FieldbusProtocol:
-    """Of a bus that begins with this word, an interface in a rig or the name of a simulation; raises UsageError."""
+    """Return the protocol of a bus by its first word: an interface of a rig, or the name of a simulation.
+
+    Raises UsageError when the word belongs to a protocol that is not available yet.
+    """
     if word in added(GROUP):
         return protocol_named(word)
     unbuilt = next((name for name, words in UNBUILT.items() if word in words), None)
     if unbuilt is not None:
         forms = "; ".join(protocol_named(each).bus_forms for each in protocol_names())
         raise UsageError(f"{unbuilt.capitalize()} is not available yet in this version; buses are {forms}")
+    # CAN interfaces are not listed here, so the default protocol has to refuse a word that nobody knows.
     return protocol_named(DEFAULT_PROTOCOL)
 
 
 def parse_bus(text: str) -> BusName:
-    """Take a bus name apart; raises UsageError with the nearest names and the known forms."""
+    """Parse the name of a bus; raises UsageError with the nearest names and the known forms."""
     try:
+        # The first word ends at the channel or at the bit rate.
         protocol = protocol_of_bus(re.split("[:@]", text)[0])
     except UsageError as error:
         raise UsageError(f'bus "{text}": {error}') from None
@@ -64,5 +70,5 @@ def parse_bus(text: str) -> BusName:
 
 
 def added(group: str) -> dict[str, EntryPoint]:
-    """What other packages add to a group, by name."""
+    """Return the entry points that other packages add to a group, by name."""
     return {entry.name: entry for entry in entry_points(group=group)}

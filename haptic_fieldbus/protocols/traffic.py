@@ -1,7 +1,7 @@
-"""What a protocol says of its traffic, once for each axis and once for each bus of a plan.
+"""Traffic of a plan, in terms that are common to all protocols: one value for each axis, one for each bus.
 
-The plan holds these values, adds nothing to them, and prints what they say. Times are counted from the instant t_k at
-which the drives latch their feedback; the torque computed from it acts at t_k + delay and is held for a period.
+A plan holds these values, adds nothing to them, and prints their texts. Delays count from the instant t_k at which the
+drives latch their feedback; the torque computed from it acts at t_k + delay and is held for one period.
 """
 
 from collections.abc import Iterator
@@ -12,56 +12,59 @@ from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.signals import LinkFlag
 
 COMPUTE_NS = 50_000
-"""[ns]; from the last feedback to the first set-point: what the plan grants the host."""
+"""Time that the plan grants the host from the last feedback to the first set-point [ns]."""
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 
 
 @dataclass(frozen=True)
 class Delay:
-    """From latch to torque [s]; the hold's T/2 is not part of it."""
+    """Delay from latch to torque, in parts [s]; the hold's T/2 is not included."""
 
     bus: float
     compute: float
     drive: float
+    """Time from the reception of the set-point until the drive acts on it."""
     torque_loop: float
+    """Time constant of the torque loop."""
 
     @property
     def total(self) -> float:
+        """Sum of all parts [s]."""
         return self.bus + self.compute + self.drive + self.torque_loop
 
     @property
     def transport(self) -> float:
-        """Pure delay: all but the torque loop's lag."""
+        """Pure delay: all parts but the lag of the torque loop [s]."""
         return self.bus + self.compute + self.drive
 
 
 class AxisTraffic(Protocol):
-    """How the signals of one axis travel."""
+    """Traffic of one axis: its mapped signals, and their description in words."""
 
     @property
     def incoming(self) -> tuple[MappedSignal, ...]:
-        """In the order of their octets in the process image."""
+        """Signals from the drive, in the order of their octets in the process image."""
 
     @property
     def outgoing(self) -> tuple[MappedSignal, ...]:
-        """The same of what is sent."""
+        """Signals to the drive, in the order of their octets in the process image."""
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """For `plan`: a key, empty where the line before goes on, and a text."""
+        """Yield the lines of `plan`: a key, empty when the line continues the one before, and a text."""
 
     def summary(self) -> Iterator[str]:
-        """For `run`: what goes in and out, a line each."""
+        """Yield the lines of `run`: one for each message that goes in or out."""
 
     def to_json(self, bus: str) -> dict[str, list[Json]]:
-        """Lists of what is exchanged on the bus of that name, by the key that `plan --json` has for them."""
+        """Return the messages exchanged on the bus of that name, by their key in `plan --json`."""
 
     def fault_text(self, flag: LinkFlag, code: int) -> str:
-        """What happened when the bus raised this flag; `code` is that of an emergency."""
+        """Return the fault that a link flag stands for, in words; `code` is the emergency code for EMERGENCY."""
 
 
 class BusTraffic(Protocol):
-    """What one bus carries each period at the rate of the plan."""
+    """Traffic of one bus in each period, at the rate of the plan."""
 
     @property
     def load(self) -> float:
@@ -69,29 +72,29 @@ class BusTraffic(Protocol):
 
     @property
     def highest_rate(self) -> float:
-        """Of the loop [Hz] that the bus can sustain; 0 or less: none."""
+        """Highest rate of the loop that the bus can sustain [Hz]; 0 or less: none."""
 
     @property
     def latch(self) -> float:
-        """From the beginning of the exchange until the drives latch [s]."""
+        """Time from the beginning of the exchange until the drives latch [s]."""
 
     @property
     def feedback_time(self) -> float:
-        """From the beginning of the exchange until all feedback is in [s]."""
+        """Time from the beginning of the exchange until all feedback is received [s]."""
 
     @property
     def sending_ns(self) -> float:
-        """How long the set-points travel [ns]."""
+        """Time that the set-points take on the bus [ns]."""
 
     def delay(self, axis: str) -> Delay:
-        """The delay budget of one of its axes."""
+        """Return the delay budget of an axis on this bus."""
 
     def check(self, bus: str) -> None:
-        """Raises BusOverloadError where the bus cannot carry this; `bus` is its name, empty where there is one."""
+        """Raise BusOverloadError when the bus cannot carry this; `bus` is its name, empty when the plan has one bus."""
 
     @property
     def speed(self) -> str:
-        """Of the bus, in words: `1 Mbit/s`."""
+        """Speed of the bus in words: `1 Mbit/s`."""
 
     def line(self) -> str:
-        """Rate, speed of the bus and load, in words."""
+        """Return rate, speed of the bus and load in words."""

@@ -1,1 +1,1 @@
-"""What people see of a run."""
+"""Words and pictures of plans, runs, stability and responses."""

@@ -1,7 +1,7 @@
-"""One picture of a run: position and wall, force, error over the whole run, and the first force period by period.
+"""Picture of a run: position and wall, force, and error, over the whole run and around the first force.
 
-Lines of many points are thinned to the least and the greatest of each bin, so that no spike is lost. Colours are those
-of Okabe and Ito, which people with any colour vision can tell apart (https://jfly.uni-koeln.de/color/).
+Lines of many points are thinned to the least and the greatest value of each bin, so that no spike is lost. Colours are
+from the palette of Okabe and Ito, made to be told apart with any colour vision (https://jfly.uni-koeln.de/color/).
 """
 
 from collections.abc import Callable, Sequence
@@ -24,13 +24,17 @@ BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "
 GREY, INK = "#8a8a8a", "#222222"
 
 FELT = 0.08
-"""Least change of a force that a hand can tell, as a share of it: 7 % from 2.5 to 10 N were measured by Pang, Tan and
-Durlach, Manual discrimination of force using active finger motion, Perception & Psychophysics 49 (1991)."""
+"""Smallest change of a force that a hand can tell, as a share of the force.
+
+Pang, Tan and Durlach measured 7 % from 2.5 to 10 N: Manual discrimination of force using active finger motion,
+Perception & Psychophysics 49 (1991).
+"""
 BINS = 900
+"""Bins to which a line is thinned; about as many as the picture has columns of pixels for a panel."""
 ZOOM_BEFORE, ZOOM_AFTER = 12, 28
-"""Periods shown before and after the first force that counts."""
+"""Periods shown before and after the first considerable force in the right-hand panels."""
 COUNTS = 0.05
-"""Share of the greatest force from which a force counts."""
+"""Share of the greatest force from which a force is considerable."""
 
 SIZE = (13.5, 8.4)
 DPI = 110
@@ -38,7 +42,7 @@ DPI = 110
 
 @dataclass(frozen=True)
 class AxisUnits:
-    """How the quantities of a workspace are written in a picture."""
+    """Units in which a picture shows the quantities of a workspace; `per_length` converts from m or rad to `length`."""
 
     length: str
     per_length: float
@@ -53,7 +57,11 @@ UNITS = {
 
 
 def plot_run(result: Result, path: Path) -> None:
-    """Draw the traces of a run into a file; its suffix says the format."""
+    """Draw the traces of a run into a file, whose suffix tells the format.
+
+    Raises OSError when the file cannot be written.
+    """
+    # Places of the texts are shares of the figure, which is `axes` times as high as for one axis.
     axes = max(1, len(result.traces))
     figure = Figure(figsize=(SIZE[0], SIZE[1] * axes), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
@@ -75,9 +83,9 @@ def _elements(result: Result, axis: str) -> tuple[object, ...]:
 def draw_axis(
     figure: SubFigure | Figure, trace: Trace, walls: list[Wall], changes: Sequence[float] = (), name: str = ""
 ) -> None:
-    """Three panels over the whole run, and the same three around the first force when there is one.
+    """Draw three panels over the whole run, and the same three around the first force when there is one.
 
-    `changes` are the times [s] at which the scene was given other values; `name` stands before the titles.
+    `changes` are the times [s] at which the scene was changed; `name` precedes the titles.
     """
     window = first_force(trace)
     columns = 2 if window else 1
@@ -103,6 +111,7 @@ def draw_axis(
 def _column(
     panels: Array, trace: Trace, walls: list[Wall], units: AxisUnits, title: str, time_label: str, per_second: float
 ) -> None:
+    """Draw position, force and error below one another; `per_second` converts times to the unit of their axis."""
     draws: tuple[Callable[[Axes, Trace, AxisUnits, float], None], ...] = (_draw_position, _draw_force, _draw_error)
     for panel, draw in zip(panels, draws, strict=True):
         draw(panel, trace, units, per_second)
@@ -149,6 +158,8 @@ def _line(panel: Axes, times: Array, values: Array, colour: str, width: float, l
 
 
 def _shade_walls(panel: Axes, walls: list[Wall], units: AxisUnits) -> None:
+    """Draw the surface of each wall, and hatch the side on which a wall acts."""
+    # The hatching reaches to the edge of the panel, so the limits must be settled before.
     low, high = panel.get_ylim()
     for wall in walls:
         surface = wall.position * units.per_length
@@ -165,7 +176,7 @@ def _shade_walls(panel: Axes, walls: list[Wall], units: AxisUnits) -> None:
 
 
 def _mark_fade_in(panels: Array, trace: Trace, units: AxisUnits) -> None:
-    """The time before the traces begin, where only the encoder tells of the handle."""
+    """Shade the fade-in, before the traces begin; the error is not computed there, only the encoder is shown."""
     if trace.sample_times is None or not trace.sample_times[0] < trace.times[0]:
         return
     first, last = float(trace.sample_times[0]), float(trace.times[0])
@@ -176,6 +187,7 @@ def _mark_fade_in(panels: Array, trace: Trace, units: AxisUnits) -> None:
 
 
 def _mark_changes(panels: Array, changes: Sequence[float]) -> None:
+    """Draw a dotted line at each change of the scene."""
     for time in changes:
         for panel in panels:
             panel.axvline(time, color=PURPLE, linewidth=1.2, linestyle=":")
@@ -184,7 +196,7 @@ def _mark_changes(panels: Array, changes: Sequence[float]) -> None:
 
 
 def _legends(panels: Array) -> None:
-    """Above each panel, so that nothing is hidden."""
+    """Put a legend above each panel, where it hides no line."""
     for panel in panels:
         handles, labels = panel.get_legend_handles_labels()
         if labels:
@@ -193,7 +205,7 @@ def _legends(panels: Array) -> None:
 
 
 def first_force(trace: Trace) -> tuple[float, float] | None:
-    """Times [s] around the first force that counts; None when there is none, or no periods to show."""
+    """Return the times [s] around the first considerable force; None without force, or without samples to show."""
     if trace.sample_times is None or len(trace.sample_times) < 2:
         return None
     force = np.abs(trace.ideal if trace.ideal is not None else trace.force)
@@ -206,7 +218,7 @@ def first_force(trace: Trace) -> tuple[float, float] | None:
 
 
 def cut(trace: Trace, first: float, last: float) -> Trace:
-    """The part of a trace between two times [s]."""
+    """Return the part of a trace between two times [s]."""
     inside = (trace.times >= first) & (trace.times <= last)
     sampled = _between(trace.sample_times, first, last)
     return Trace(
@@ -230,16 +242,24 @@ def _between(times: Array | None, first: float, last: float) -> slice:
 
 
 def held(times: Array, values: Array, end: float) -> tuple[Array, Array]:
-    """Values held until the next, as corners of a line; the last until `end`."""
+    """Return times and values of a staircase, each `(2 n,)`: a value is held until the next time, the last until `end`.
+
+    `times` [s] and `values` have the shape `(n,)`.
+    """
+    # Every time except the first and the last is a corner twice: end of one step, begin of the next.
     corners = np.repeat(np.append(times, end), 2)[1:-1]
     return corners, np.repeat(values, 2)
 
 
 def thin(times: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """Least and greatest value of each bin and both ends, in order; short lines stay as they are."""
+    """Return the least and the greatest value of each bin, and both ends, in order of time.
+
+    `times` and `values` have the shape `(n,)`. A line with fewer than four points a bin is returned as it is.
+    """
     size = len(values) // bins
     if size < 4:
         return times, values
+    # `size` is rounded down, so the last points may fill no bin; they are all kept.
     whole = len(values) // size * size
     blocks = values[:whole].reshape(-1, size)
     starts = np.arange(0, whole, size)

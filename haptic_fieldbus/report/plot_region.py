@@ -1,4 +1,4 @@
-"""A picture of the stable and the passive region of a loop over virtual stiffness and damping."""
+"""Picture of the stable and the passive region of a loop over virtual stiffness and damping."""
 
 import math
 from pathlib import Path
@@ -15,18 +15,20 @@ from haptic_fieldbus.report.plot import BLUE, GREEN, INK, VERMILION
 from haptic_fieldbus.report.words import parameter_units
 
 POINTS = 48
-"""Dampings looked at in each picture."""
+"""Number of dampings at which limits are computed for each panel."""
 
 
 def plot_region(judged: Judged, path: Path) -> None:
-    """Draw the limits of stiffness for each damping, whole and around the scene.
+    """Draw the limits of stiffness over damping: on the left the whole region, on the right around the scene.
 
-    Raises UsageError for a scene without an element that has both.
+    The suffix of the file tells the format. Raises UsageError when no element of the scene has both parameters, and
+    OSError when the file cannot be written.
     """
     element = judged.group.stiffest
     if element is None or not hasattr(element, "damping"):
         raise UsageError("--plot draws stiffness over damping; this scene has no element with both")
     told = judged.stability
+    # The last term keeps the panel from having no width when neither device nor scene has damping.
     near = 4.0 * max(told.plant.damping, float(element.damping), 1e-9 * judged.group.largest_damping)
     figure = Figure(figsize=(11.0, 5.0), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
@@ -46,6 +48,7 @@ def plot_region(judged: Judged, path: Path) -> None:
 
 
 def _draw(panel: Axes, judged: Judged, end: float) -> None:
+    """Draw both limits for dampings from 0 to `end`."""
     units = parameter_units(judged.workspace)
     damping, stable, passive = _limits(judged, end)
     panel.fill_between(damping, stable, color=BLUE, alpha=0.16, linewidth=0)
@@ -61,7 +64,7 @@ def _draw(panel: Axes, judged: Judged, end: float) -> None:
 
 
 def _limits(judged: Judged, end: float) -> tuple[Array, Array, Array]:
-    """Dampings from 0 to `end`, and both limits for each, shape (POINTS,)."""
+    """Return dampings from 0 to `end`, and for each the limits of stability and of passivity, each `(POINTS,)`."""
 
     def both(damping: float) -> tuple[float, float]:
         stable = _drawn(judged.group.limit(damping))
@@ -73,11 +76,12 @@ def _limits(judged: Judged, end: float) -> tuple[Array, Array, Array]:
 
 
 def _drawn(limit: float) -> float:
+    """Return the limit; 0 for an infinite one, which cannot be drawn."""
     return limit if math.isfinite(limit) else 0.0
 
 
 def _end(judged: Judged) -> float:
-    """A damping [N·s/m or N·m·s/rad] with which no stiffness is stable any more; at most twice the largest."""
+    """Return a damping [N·s/m or N·m·s/rad] with which no stiffness is stable; at most about twice the largest one."""
     scale = judged.group.largest_damping
     value = 1e-3 * scale
     while value < 2.0 * scale and judged.group.limit(value):

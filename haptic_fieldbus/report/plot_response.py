@@ -1,4 +1,4 @@
-"""A picture of an open-loop response: positions, velocity and force over time, as the lecture draws them."""
+"""Picture of an open-loop response: positions, velocities and force over time, as in the figures of the lecture."""
 
 from itertools import cycle
 from pathlib import Path
@@ -14,7 +14,7 @@ COLOURS = (ORANGE, GREEN, PURPLE, SKY)
 
 
 def plot_response(found: Response, title: str, path: Path) -> None:
-    """Draw a response into a file; its suffix says the format."""
+    """Draw a response into a file, whose suffix tells the format; raises OSError when it cannot be written."""
     velocities = [name for name in found.states if name.endswith("velocity")]
     figure = Figure(figsize=(10.0, 7.2 if velocities else 5.2), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
@@ -36,6 +36,7 @@ def plot_response(found: Response, title: str, path: Path) -> None:
 
 
 def _panel(panel: Axes, found: Response, names: list[str], label: str, puck: Array | None) -> None:
+    """Draw the named virtual states, and the puck unless it is None."""
     if puck is not None:
         panel.plot(*thin(found.time, puck), color=BLUE, linewidth=1.6, label="puck")
     for name, colour in zip(names, cycle(COLOURS), strict=False):

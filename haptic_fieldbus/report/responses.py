@@ -1,4 +1,4 @@
-"""An open-loop response in words: lines of a key and a text."""
+"""Open-loop response in words, as lines of a key and a text."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from haptic_fieldbus.report.words import Line
 
 
 def responses(found: Response, title: str) -> list[Line]:
-    """What was asked, how far everything went, and how the method grows."""
+    """Return lines on the input, the range of each quantity, the growth of the method, and the verdict."""
     space = found.workspace
     lines = [("response", title), ("result", _range("position", found.position, space.length_unit))]
     lines += [("", _range("force", found.force, space.effort_unit))]
@@ -27,6 +27,8 @@ def _range(name: str, values: Array, unit: str) -> str:
 
 
 def _growth(radius: float) -> str:
+    """Return how a free motion evolves when each step multiplies it by the spectral radius."""
+    # Methods that conserve energy have a radius of 1 up to rounding in the eigenvalues.
     if abs(radius - 1.0) <= 1e-9:
         return "a free motion neither grows nor decays"
     return "a free motion grows" if radius > 1.0 else "a free motion decays"

@@ -1,4 +1,4 @@
-"""A plan and a result in words: lines of a key and a text, for the terminal and for the title of a picture."""
+"""Plan and result in words, as lines of a key and a text, for the terminal and for the title of a picture."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,31 +12,31 @@ from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.explain import delay_text
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.scenes.catalogue import quantities
 from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.scene import axes_of
 from haptic_fieldbus.signals import Workspace
 
 Line = tuple[str, str]
-"""A key, empty where the line before goes on, and a text."""
+"""A key and a text; an empty key continues the line before."""
 
 WORTH_NAMING = 0.01
-"""Share from which a source of error is named."""
+"""Smallest share with which a source of error is named."""
 
 
 def announcement(plan: Plan, changes: Iterable[tuple[float, Mapping[str, object]]] = ()) -> list[Line]:
-    """What is about to run: scene, bench, plan, delay, stability; and what is to change while it does."""
+    """Return lines on the run to come: scene, bench, plan, delay and stability, and the scheduled changes."""
     lines = [("changes", change_text(time, settings)) for time, settings in changes]
     return _keys_once(chain(_announcement(plan), lines))
 
 
 def outcome(result: Result) -> list[Line]:
-    """How a run went, as far as it is known; why it tripped is the error's to say."""
+    """Return lines on a run as far as its figures are known; the reason of a trip stands in the error's own message."""
     return _keys_once(_outcome(result))
 
 
 def _keys_once(lines: Iterable[Line]) -> list[Line]:
-    """A key that repeats is written once."""
+    """Return the lines with an empty key in place of a repeated one."""
     once: list[Line] = []
     before = ""
     for key, text in lines:
@@ -64,7 +64,7 @@ def _outcome(result: Result) -> Iterator[Line]:
         yield "result", f"{periods(result)}{_load_text(result)}{_speed_text(result)}"
     if result.torque_error is not None:
         yield "result", f"{error_sizes(result.torque_error)}{_sources_text(result.torque_error)}"
-    if result.verdict is not None:
+    if result.verdict is not None:  # only a run that went to its end has a verdict, so nothing tripped
         yield "result", f"{energy_text(result.energy_generated)}no trip"
         yield "verdict", result.verdict
     for change in result.changes:
@@ -74,12 +74,13 @@ def _outcome(result: Result) -> Iterator[Line]:
 
 
 def change_text(time: float, settings: Mapping[str, object]) -> str:
-    """New values, and when [s from operation enabled]."""
+    """Return the time of a change [s from operation enabled] and its new values."""
     values = [f"{key}={value:g}" if isinstance(value, float) else f"{key}={value}" for key, value in settings.items()]
     return f"at {time:g} s {', '.join(values)}"
 
 
 def scene_text(plan: Plan) -> str:
+    """Return the name of the scene and its elements, each named when there are several."""
     spaces = {axis.name: axis.workspace for axis in plan.axes}
     elements = plan.scene.elements
     parts = [_element_text(element, spaces[axes_of(element)[0]]) for element in elements]
@@ -90,7 +91,7 @@ def scene_text(plan: Plan) -> str:
 
 
 def _element_text(element: AnyElement, workspace: Workspace) -> str:
-    """The element's numbers in the order of its file, those left out that are zero or as they would be without it."""
+    """Return the numbers of an element in the order of its fields, without those that are 0 or at their default."""
     units = {name: measured.unit(workspace) for name, measured in quantities(type(element)).items()}
     kept = {field.name: field.default for field in fields(cast(Any, element))}
     values = {name: getattr(element, name) for name in units}
@@ -104,7 +105,7 @@ def _element_text(element: AnyElement, workspace: Workspace) -> str:
 
 
 def parameter_units(workspace: Workspace) -> dict[str, str]:
-    """Units of the parameters of elements, places left out."""
+    """Return the units of stiffness, damping and mass in a workspace."""
     effort, travel = workspace.effort_unit, workspace.length_unit
     return {
         "stiffness": f"{effort}/{travel}",
@@ -114,6 +115,7 @@ def parameter_units(workspace: Workspace) -> dict[str, str]:
 
 
 def bench_text(plan: Plan, axis: AxisPlan) -> str:
+    """Return drive, link, node, rate, encoder and mechanism of an axis in one line."""
     rig, bus = axis.rig, plan.rig.bus[axis.rig.bus]
     link = "simulated" if plan.simulated else f"{bus.interface} {bus.channel}"
     place = f"bus {rig.bus}, node {axis.node}" if len(plan.buses) > 1 else f"node {axis.node}"
@@ -134,7 +136,7 @@ def bench_text(plan: Plan, axis: AxisPlan) -> str:
 
 
 def stability_text(plan: Plan) -> str:
-    """The verdict on the axis with the smallest margin, with the limits and the margin."""
+    """Return the verdict on the axis with the smallest margin, with limits and margin as far as they are known."""
     axis, stability = plan.weakest, plan.stability
     if axis is None or stability is None:
         return "unknown: the rig does not give inertia and viscous_damping"
@@ -149,6 +151,7 @@ def stability_text(plan: Plan) -> str:
 
 
 def _passive_text(stability: Stability) -> str:
+    """Return the limit of passivity in brackets; empty when it is unknown."""
     passive = stability.stiffness_limit.passive
     if passive is None:
         return ""
@@ -160,6 +163,7 @@ def _margin_text(stability: Stability) -> str:
 
 
 def periods(result: Result) -> str:
+    """Return the number of periods, and how many were missed."""
     missed = result.missed_cycles or 0
     return f"{count(result.cycles or 0)} periods, {f'{count(missed)} missed' if missed else 'none missed'}"
 
@@ -169,25 +173,27 @@ def _load_text(result: Result) -> str:
 
 
 def _speed_text(result: Result) -> str:
-    """How much faster than real time a simulation ran."""
+    """Return simulated time and wall-clock time; empty for a run that was not in virtual time."""
     if result.clock != "virtual" or not result.elapsed or not result.duration:
         return ""
     return f" · {result.duration:.1f} s in {result.elapsed:.1f} s"
 
 
 def error_sizes(error: TorqueError) -> str:
+    """Return rms and largest error with their unit."""
     name = "force" if error.unit == "N" else "torque"
     return f"{name} error {quantity(error.rms, error.unit)} rms, {quantity(error.max, error.unit)} max"
 
 
 def _sources_text(error: TorqueError) -> str:
+    """Return the sources with a considerable share in brackets, the largest first; empty when there is none."""
     by_size = sorted(error.by_source.items(), key=lambda item: -abs(item[1]))
     named = [f"{name} {percent(share)}" for name, share in by_size if abs(share) >= WORTH_NAMING]
     return f" ({', '.join(named)})" if named else ""
 
 
 def energy_text(energy: float | None) -> str:
-    """Work of the error on the hand [J]: what the rendering added to the ideal, or took from it."""
+    """Return the work that the error did on the hand [J]: more or less than the ideal; empty when unknown or 0."""
     if not energy:
         return ""
     way = "gives the hand" if energy > 0.0 else "takes from the hand"
@@ -195,7 +201,7 @@ def energy_text(energy: float | None) -> str:
 
 
 def key_figures(result: Result) -> str:
-    """One line below the title of a picture."""
+    """Return the line below the title of a picture."""
     parts = [f"{result.scene} on {result.drive}, {result.bus}, {result.rate:g} Hz", periods(result)]
     if result.torque_error is not None:
         parts.append(error_sizes(result.torque_error))
@@ -203,21 +209,22 @@ def key_figures(result: Result) -> str:
 
 
 def count(number: float) -> str:
-    """A whole number, its digits in groups of three; of one below ten the first digits."""
+    """Return a number rounded to a whole one in groups of three digits; below 10, with three digits if not whole."""
     if abs(number) < 10.0 and number != round(number):
         return f"{number:.3g}"
     return f"{number:,.0f}".replace(",", " ")
 
 
 def percent(share: float) -> str:
+    """Return a share in whole percents."""
     return f"{100 * share:.0f} %"
 
 
 def quantity(value: float, unit: str) -> str:
-    """Two digits, in thousandths of the unit where that reads better."""
+    """Return a value with its unit in two digits; below 0.01 in thousandths of the unit."""
     return f"{1e3 * value:.2g} m{unit}" if 0 < abs(value) < 0.01 else f"{value:.2g} {unit}"
 
 
 def length(value: float, workspace: Workspace) -> str:
-    """A place in the workspace; metres in millimetres."""
+    """Return a position in the workspace [m or rad], metres shown in millimetres."""
     return f"{1e3 * value:g} mm" if workspace is Workspace.LINEAR else f"{value:g} rad"

@@ -1,8 +1,9 @@
-"""Changes of a scene while it runs: asked for at a time, or from another thread, and made by the loop between periods.
+"""Changes of a scene while it runs: scheduled, or requested by another thread, and made by the loop between periods.
 
-All that takes time (checks, stability, fresh laws of elements) is done by who asks; the loop only takes what is ready,
-and where nothing is asked it looks at one attribute. Changes are made one after another, each when the ramp of the one
-before is over, and each was judged on top of those before: what runs is always a mix of two sets that were judged.
+The caller does all that takes time: checks, stability, fresh laws of elements. The loop only begins changes that are
+ready; while none waits, it tests one attribute. Changes are made one after another, each when the ramp of the one
+before is over, and each was judged on top of those before. The running scene is therefore always a mix of two sets of
+elements, both of which were judged.
 """
 
 import math
@@ -22,60 +23,63 @@ if TYPE_CHECKING:
     from haptic_fieldbus.cycle.cycle import Cycle
 
 Scheduled = tuple[float, Mapping[str, Value]]
-"""Seconds from operation enabled, and settings."""
+"""Time [s from operation enabled] and settings of a change."""
 
 
 @dataclass(frozen=True)
 class Ready:
-    """A change with all that the loop needs to make it."""
+    """A change and the function that begins its ramp."""
 
     change: Change
     begin: Callable[[], None]
 
 
 class Changes:
-    """The changes of one run: those scheduled [s from operation enabled], and those that `request` asks for.
+    """The changes of one run: the `scheduled` ones, at times [s from operation enabled], and those of `request`.
 
-    `ramp` [s] is how long a change takes. Give it to `run`, and ask from any thread while that runs.
+    `ramp` is the duration of a change [s]. Pass the object to `run`, and call `request` from any thread during the run.
     """
 
     def __init__(self, scheduled: Iterable[Scheduled] = (), *, ramp: float = RAMP) -> None:
         self.scheduled = tuple(scheduled)
         self.ramp = ramp
         self.applied: list[Applied] = []
-        """What the loop has made, in order."""
+        """Changes whose ramp has begun, in order."""
         self.waiting: deque[Ready] = deque()
-        """What the loop will make; it alone takes from it."""
+        """Changes that the loop will make; only the loop removes from it."""
         self._lock = Lock()
-        """Between those who ask; the loop never takes it."""
+        """Serialises the callers of `request`; the loop never acquires it, so it never waits for a caller."""
         self._planned: tuple[Change, ...] = ()
         self._running: Plan | None = None
         self._last: Plan | None = None
         self._cycle: Cycle | None = None
         self._force = False
         self._free_ns = 0
-        """When the last ramp is over, from operation enabled."""
+        """End of the last ramp, from operation enabled."""
 
     @property
     def scene(self) -> Scene:
-        """What is in force, or comes into force along the ramp that has begun."""
+        """Scene in force, or the one that the present ramp leads to; raises UsageError before a run."""
         if self._running is None:
             raise UsageError("no run has these changes yet")
         return self.applied[-1].change.plan.scene if self.applied else self._running.scene
 
     @property
     def since(self) -> float:
-        """When the ramp to `scene` began [s from operation enabled]; 0 where nothing has changed."""
+        """Time at which the ramp to `scene` began [s from operation enabled]; 0 when nothing has changed."""
         return self.applied[-1].time if self.applied else 0.0
 
     def request(self, settings: Mapping[str, Value]) -> Change:
-        """Check new values and hand them to the loop, from any thread while it runs; they hold from the next period on.
+        """Check new values and hand them to the loop; returns the change. May be called from any thread during the run.
 
-        Raises what `run` raises for such settings, UnstableSceneError included; the old values stay then.
+        The ramp to the new values begins with the next period, or when the ramp of the change before is over. Raises
+        SceneError, UsageError or PlanError for settings that `run` would refuse, UnstableSceneError included, and
+        UsageError when nothing runs or scheduled changes are still to come. The old values stay then.
         """
         with self._lock:
             if self._running is None or self._last is None or self._cycle is None:
                 raise UsageError("nothing runs with these changes: they can be asked for while `run` runs")
+            # Changes are made in the order in which they were judged, so a request would have to wait for these.
             if len(self._planned) > len(self.applied):
                 raise UsageError(f"scheduled changes are still to come, up to {self._planned[-1].time:g} s")
             change = tuned(self._running, self._last, settings, force=self._force)
@@ -84,7 +88,11 @@ class Changes:
         return change
 
     def check(self, plan: Plan, duration: float, *, force: bool) -> tuple[Change, ...]:
-        """All that is scheduled, on top of each other; raises what `request` raises, before anything moves."""
+        """Compile and judge the scheduled changes, each on top of those before; returns them in the order of time.
+
+        To be called before anything moves. Raises UsageError for a ramp or a time out of range and for an object that
+        served another run, and otherwise the errors of `request`. UnstableSceneError is not raised if `force`.
+        """
         if self._running is not None:
             raise UsageError("these changes were those of another run; make new ones")
         faults = [] if 0.0 < self.ramp < math.inf else [f"ramp {self.ramp:g}: expected a time above 0 s"]
@@ -106,21 +114,26 @@ class Changes:
         return self._planned
 
     def open(self, cycle: "Cycle") -> None:
-        """From now on changes can be asked for; `check` came before."""
+        """Prepare the scheduled changes for `cycle` and accept requests; `check` must have been called."""
         self._last = self._running
         for change in self._planned:
             if self._last is not None:
                 self._hand_over(change, self._last, cycle)
             self._last = change.plan
-        self._cycle = cycle
+        self._cycle = cycle  # last, because `request` takes it as the sign that all else is ready
 
     def close(self) -> None:
-        """The run is over."""
+        """Refuse further requests: the run is over."""
         self._cycle = None
 
     def make(self, coming_ns: int, after_ns: int, period_ns: int) -> None:
-        """Called by the loop between two periods while something waits; the next begins at `coming_ns` from enabled."""
+        """Begin the first waiting change if it is due and the ramp before it is over.
+
+        The loop calls this between two periods while a change waits. `coming_ns` is the latch instant of the coming
+        period from operation enabled, `after_ns` that of the last period on the clock of the loop.
+        """
         change = self.waiting[0].change
+        # Half a period of tolerance makes the change begin with the period nearest to its time.
         if coming_ns + period_ns // 2 < max(self._free_ns, round(change.time * 1e9)):
             return
         ready = self.waiting.popleft()
@@ -130,7 +143,10 @@ class Changes:
         self.applied.append(Applied(change, coming_ns * 1e-9, after_ns, periods))
 
     def _periods(self, period_ns: int) -> int:
+        """Return the length of a ramp in periods, at least 1."""
         return max(1, round(self.ramp * 1e9 / period_ns))
 
     def _hand_over(self, change: Change, before: Plan, cycle: "Cycle") -> None:
+        """Prepare a change in the thread of the caller and append it for the loop."""
+        # `append` and `popleft` of a deque are atomic, so neither side needs a lock.
         self.waiting.append(Ready(change, cycle.prepare(before, change.plan, self._periods(before.period_ns))))

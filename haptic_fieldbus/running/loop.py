@@ -1,4 +1,4 @@
-"""The loop: wait, read, compute, write, record, once a period, until enough periods or a reason to stop.
+"""The loop: wait, read, compute, write and record once a period, until enough periods are done or the run must stop.
 
 Deadlines are absolute, t0 + k·T. A period that was slept through is skipped, never made up for in a burst. However the
 loop ends, `bus.stop` has put torque-free set-points on the wire before an exception leaves it.
@@ -23,11 +23,11 @@ if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
 
 ENABLING_TIME = 2.0
-"""[s]; on top of the drives' mode change time."""
+"""Time allowed to reach operation enabled [s], in addition to the longest mode change timeout of the drives."""
 LONGEST_SAMPLE = 1_000_000
-"""Periods; of a longer run the last ones are kept."""
+"""Largest number of periods in the report; of a longer run the last ones are kept."""
 PROGRESS_EVERY = 0.1
-"""[s]."""
+"""Time between two reports of progress [s]."""
 UNCONFIRMED = "The drives did not confirm that their motors are off: switch the power off."
 
 
@@ -43,9 +43,11 @@ def run_loop(
     report: LoopReport | None = None,
     changes: "Changes | None" = None,
 ) -> LoopReport:
-    """Run an opened bus for `cycles` periods of operation enabled; Ctrl-C ends it early and is no error.
+    """Run an opened bus for `cycles` periods of operation enabled and return the report of the run.
 
-    Raises DriveFaultError, BusError or SafetyTripError; torque is off by then. `progress` gets the periods done.
+    Ctrl-C ends the run early and is no error. `progress` is called with the number of periods done. A `report` that is
+    passed in is filled during the run, so that it can be read after an exception too. Raises DriveFaultError, BusError
+    or SafetyTripError; by then `bus.stop` was called, and a note says so when a drive did not confirm it.
     """
     report = LoopReport() if report is None else report
     report.samples = Record(SAMPLES, min(cycles, LONGEST_SAMPLE))
@@ -55,20 +57,23 @@ def run_loop(
         changes.open(cycle)
     failure: Exception | None = None
     try:
+        # Only changes are computed by another thread, so only a run with changes must make threads give way.
         with no_garbage_collection(), threads_give_way() if changes is not None else nullcontext():
             _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report, changes)
     except KeyboardInterrupt:
         report.interrupted = True
     except BusError as error:
+        # The same class, so that callers can tell errors apart, with the moment added to the message.
         failure = type(error)(f"{error}, {moment(clock.now_ns(), report.enabled_at_ns)}")
         failure.__cause__ = error
     except Exception as error:
-        failure = error
+        failure = error  # raised at the end, when torque is off
     finally:
         report.released = bus.stop()
         if changes is not None:
             changes.close()
     if cycle.trip is not None:
+        # After `bus.stop`, which may have received the boot-up message of a node that had fallen silent.
         cycle.trip = explained(cycle.trip, bus.restarted)
         tripped = trip_error(cycle.trip, plan, report.enabled_at_ns)
         tripped.__cause__ = failure
@@ -96,19 +101,23 @@ def _run(
     enabling_periods = round(_enabling_time(plan) * plan.rate)
     progress_every = max(1, round(PROGRESS_EVERY * plan.rate))
     step = cycle.step
-    deadline_ns = clock.now_ns()
+    deadline_ns = clock.now_ns()  # t0: the first period begins at once
     before_ns = deadline_ns - period_ns
     while report.cycles < cycles:
         late_ns = clock.sleep_until(deadline_ns)
         if late_ns >= period_ns:
+            # Skip whole periods only, so that the deadlines stay on the grid t0 + k·T.
             report.missed += late_ns // period_ns
             deadline_ns += late_ns // period_ns * period_ns
+        # Feedback is waited for from the real start of the period, not from its deadline.
         image = bus.read(deadline_ns + late_ns % period_ns + feedback_ns)
+        # The host's computing time is reported and never acts; in virtual time the plan's constant passes instead.
         started_ns = time.perf_counter_ns()
         output = step(image)
         computed_ns = time.perf_counter_ns() - started_ns
         clock.compute(compute_ns)
         bus.write(output)
+        # After the write, so that recording delays no set-point, and before the return, so that it holds the trip.
         if record is not None:
             record.push(cycle.row)
         latch_ns = report.last_ns = cycle.t_ns
@@ -134,20 +143,22 @@ def _run(
 
 
 def _silent(done: int) -> None:
-    """Nobody wants to see progress."""
+    """Report no progress."""
 
 
 def _feedback_time_ns(plan: Plan) -> int:
-    """How long to wait for feedback: what computing and set-points leave of the period, but at least half of it."""
+    """Return how long to wait for feedback [ns]: the period less computing and sending, but at least half a period."""
     sending_ns = max(bus.traffic.sending_ns for bus in plan.buses)
     return max(plan.period_ns // 2, plan.period_ns - plan.compute_ns - round(sending_ns))
 
 
 def _enabling_time(plan: Plan) -> float:
+    """Return the time allowed to reach operation enabled [s]."""
     return ENABLING_TIME + max(axis.profile.timing.mode_change_timeout for axis in plan.axes)
 
 
 def _not_enabled(plan: Plan, cycle: Cycle) -> BusTimeoutError:
+    """Return the error for drives that did not reach operation enabled, with the power state of each axis."""
     states = ", ".join(f"axis {axis.name} is in the state {cycle.power_state(axis.name).value}" for axis in plan.axes)
     return BusTimeoutError(
         f"operation enabled was not reached within {_enabling_time(plan):g} s: {states}. Check safe torque off (STO), "

@@ -1,4 +1,4 @@
-"""Keeping the interpreter from getting in the way of the loop."""
+"""Settings of the interpreter that keep it from delaying the loop."""
 
 import gc
 import sys
@@ -8,9 +8,12 @@ from contextlib import contextmanager
 
 @contextmanager
 def no_garbage_collection() -> Iterator[None]:
-    """No collector pauses inside; the loop allocates nothing that grows, so nothing needs collecting."""
+    """Switch the garbage collector off inside the block, and restore it afterwards.
+
+    The loop allocates nothing that grows, so nothing needs to be collected while it runs.
+    """
     was_enabled = gc.isenabled()
-    gc.collect()
+    gc.collect()  # now, while a pause does not matter
     gc.freeze()
     gc.disable()
     try:
@@ -22,14 +25,17 @@ def no_garbage_collection() -> Iterator[None]:
 
 
 GIVE_WAY = 2e-5
-"""[s]; the interpreter's own 5 ms would cost the loop five periods of 1 kHz each time that another thread computes."""
+"""Switch interval of the interpreter during a run [s].
+
+The default of 5 ms would cost a loop at 1 kHz five periods each time that another thread computes.
+"""
 
 
 @contextmanager
 def threads_give_way() -> Iterator[None]:
-    """Another thread of this process that computes lets the loop on at once when its wait is over."""
+    """Shorten the switch interval inside the block, so that a computing thread gives way to the loop at once."""
     before = sys.getswitchinterval()
-    sys.setswitchinterval(min(before, GIVE_WAY))
+    sys.setswitchinterval(min(before, GIVE_WAY))  # a shorter interval of the caller stays
     try:
         yield
     finally:

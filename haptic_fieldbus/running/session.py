@@ -1,4 +1,4 @@
-"""One run at a site: configured, asked for, rendered, recorded, and torque-free at its end whatever happens."""
+"""One run at a site: configure, ask for confirmation, render, record, and end torque-free whatever happens."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
@@ -25,26 +25,30 @@ if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
 
 ENABLING_PERIODS = 4000
-"""Rows kept for the time before operation enabled."""
+"""Rows reserved for the periods before operation enabled."""
 LONGEST_RECORD = 2_000_000
-"""Rows; of a longer run the last ones are kept."""
+"""Largest number of rows for the periods after it; of a longer run the last rows are kept."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """A compiled selection, and what happens while it runs; duration in s from operation enabled."""
+    """A compiled selection and the conditions of its run."""
 
     selection: Selection
     duration: float
+    """Time in operation enabled [s]."""
     record: Path | None = None
+    """File for the rows of the run; a file for frames (.log, .blf) is written by the buses instead."""
     confirm: Callable[[str], bool] | None = None
+    """Function that gets a question and returns whether torque may be enabled on a real bus; None: it may not."""
     progress: Callable[[int, int], None] | None = None
+    """Function that gets the periods done and the periods of the whole run."""
     changes: "Changes | None" = None
 
 
 @dataclass(frozen=True)
 class Site:
-    """Where a run takes place: a clock, and by name its buses and, when these are simulated, the worlds behind."""
+    """The place of a run: a clock, the buses by name and, behind simulated buses, their worlds by the same names."""
 
     clock: Clock
     buses: Mapping[str, Bus]
@@ -52,7 +56,11 @@ class Site:
 
 
 def render(request: Request, place: AbstractContextManager[Site]) -> Result:
-    """Run and summarise; errors carry what is known by then as `result`."""
+    """Run the selection at `place` and return the result.
+
+    Raises UsageError when a real bus is not confirmed, and BusError, DriveFaultError or SafetyTripError of the run.
+    Each error carries the facts known by then as `result`; rows are written to the record file in any case.
+    """
     plan = request.selection.plan
     cycles = max(1, round(request.duration * plan.rate))
     cycle, report = Cycle(plan), LoopReport()
@@ -78,6 +86,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
             finally:
                 bus.close()
     except HapticFieldbusError as error:
+        # A run that fails has a result too: the command line prints it beside the error.
         error.result = known_before(request.selection, report, cycle.trip, str(error))
         raise
     finally:
@@ -88,17 +97,18 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
 
 
 def _one_of(buses: Mapping[str, Bus]) -> Bus:
-    """One bus as it is, several as a group."""
+    """Return a single bus as it is, several buses as a group."""
     return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
 
 
 def _write_rows(record: Record, path: Path | None) -> None:
+    """Write the rows if the file is one for rows, not for frames."""
     if path is not None and path.suffix in ROW_SUFFIXES:
         write_rows(record, path)
 
 
 def _ask(request: Request, plan: Plan, bus: Bus) -> None:
-    """On a bus that is not simulated nothing moves until somebody says so."""
+    """Ask for confirmation before torque is enabled on a real bus; raises UsageError without it."""
     if request.selection.bus.simulated:
         return
     question = "\n".join(_warning(plan, name, bus) for name in bus.facts)
@@ -107,6 +117,7 @@ def _ask(request: Request, plan: Plan, bus: Bus) -> None:
 
 
 def _warning(plan: Plan, name: str, bus: Bus) -> str:
+    """Return the sentence about one axis that is to be confirmed: drive, bus, limits, reaction to a link loss."""
     axis = next(axis for axis in plan.axes if axis.name == name)
     facts = bus.facts[name]
     share = axis.limits.effort / axis.rated_effort
@@ -119,4 +130,5 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
 
 
 def _counted(progress: Callable[[int, int], None] | None, cycles: int) -> Callable[[int], None] | None:
+    """Return `progress` with the number of all periods filled in; None when there is none."""
     return None if progress is None else lambda done: progress(done, cycles)

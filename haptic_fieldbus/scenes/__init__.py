@@ -1,1 +1,1 @@
-"""What the hand feels: elements, one a file, and ready scenes in `library/`."""
+"""Elements that act on the handle, one a file, and ready scenes in `library/`."""

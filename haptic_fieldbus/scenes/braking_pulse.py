@@ -1,13 +1,13 @@
-"""A brief braking of the handle when it crosses a place, as a bump or a click is felt.
+"""A brief braking force each time the handle crosses a position, felt as a bump or a click.
 
-For `duration` after the crossing F = −B·v, limited to |F| ≤ `saturation`: with a large B this is an opposing force of
-that size at all but the slowest speeds, which fades with the speed instead of turning the handle round. The crossing is
-noticed once the handle has been `rearm` away from the place; a handle that jitters on it gives one pulse. A crossing
-during a pulse begins it anew.
+For `duration` after the crossing F = −B·v, limited to |F| ≤ `saturation`. With a large B the force has that size at all
+but the slowest speeds, and fades near standstill, so that it never turns the handle round. A crossing counts only after
+the handle has been `rearm` away from the position: a handle that jitters on it gets one pulse. A crossing during a
+pulse starts the pulse anew.
 
-In continuous time F·v ≤ 0 at every instant: it only ever takes energy. Sampled and held at T it can give −B·v·Δx in a
-period within which the handle turns. Periods are counted, so it needs no clock; a duration is rounded to whole periods,
-at least one.
+In continuous time F·v ≤ 0 at every instant: the element only takes energy. Sampled and held for T, it can give −B·v·Δx
+in a period within which the handle turns. The law counts periods and needs no clock; `duration` is rounded to whole
+periods, at least one.
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,10 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class BrakingPulse:
-    """`damping` [N·s/m or N·m·s/rad] up to `saturation` [N or N·m] for `duration` [s] after crossing `position`.
+    """Braking by `damping` [N·s/m or N·m·s/rad] up to `saturation` [N or N·m] for `duration` [s] after a crossing.
 
-    `position` and `rearm` [m or rad]; without a `saturation` the force has no limit.
+    The handle must cross `position`, and have been `rearm` away from it before [m or rad]. Without `saturation` the
+    force has no limit.
     """
 
     axis: str
@@ -40,10 +41,12 @@ class BrakingPulse:
         return (Signal.POSITION, Signal.VELOCITY)
 
     def begin(self, period: float) -> Law:
-        """Remembers on which side the handle has been far enough away, and how many periods are left."""
+        """Return a law that remembers the side on which the handle was far enough away, and the periods left."""
         side = Side.limited(self.damping, 0.0, self.saturation)
         brake, place, rearm = bind(0.0, 0.0, side, side), self.position, self.rearm
+        # The bound replaces an infinite quotient, which round() would refuse.
         length = max(1, round(min(self.duration / period, 2.0**53)))
+        # The side from which a crossing counts, as a sign; 0 until the handle has been `rearm` away.
         came_from, left = 0.0, 0
 
         def pulse(position: float, velocity: float) -> float:
@@ -54,12 +57,12 @@ class BrakingPulse:
             if not -rearm < away < rearm:
                 came_from = 1.0 if away > 0.0 else -1.0
             if not left:
-                return 0.0 * away  # 0, but not for what is no number
+                return 0.0 * away  # 0, but not-a-number where the position is
             left -= 1
             return brake(velocity)
 
         return pulse
 
     def linearised(self) -> StateSpace:
-        """The damping during a pulse, as if it lasted."""
+        """Return the damping of a pulse as if it lasted."""
         return gain([[0.0, -self.damping]])

@@ -1,4 +1,4 @@
-"""The scenes that are shipped, and those of files."""
+"""Load scenes of the library and of files, list the shipped ones, and give the JSON Schema of their files."""
 
 import json
 from collections.abc import Mapping
@@ -16,8 +16,7 @@ from haptic_fieldbus.scenes.files import (
     raise_faults,
     read_parts,
 )
-from haptic_fieldbus.scenes.files import parameters as parameters
-from haptic_fieldbus.scenes.files import quantities as quantities
+from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.quantities import Quantity
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, own_elements
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
@@ -27,18 +26,21 @@ Setting = float | str | bool
 
 
 def scene_names() -> list[str]:
+    """Return the names of the shipped scenes, sorted."""
     return file_names(LIBRARY)
 
 
 def load_scene(name_or_path: str | Path, settings: Mapping[str, Setting] | None = None) -> Scene:
-    """A shipped scene by name, or any by the path of its file; `settings` as {"wall.stiffness": 800.0}.
+    """Load a shipped scene by its name, or any scene by the path of its file.
 
-    Raises SceneError with all faults of files and settings, UsageError for an unknown scene, element or parameter.
+    `settings` replace single parameters, such as {"wall.stiffness": 800.0}. Raises SceneError with all faults of files
+    and settings, UsageError for an unknown scene, element or parameter.
     """
     path = file_of("scene", name_or_path, LIBRARY)
     parts = read_parts(path)
     apply_settings(parts, settings or {}, path.stem)
     axes = check_together(parts)
+    # All parts are validated before the first fault is raised, so that one error lists them all.
     elements = [element for part in parts for element in elements_of(part, axes)]
     raise_faults(parts)
     frame = parts[-1].frame
@@ -53,14 +55,14 @@ def load_scene(name_or_path: str | Path, settings: Mapping[str, Setting] | None 
 
 
 def _held(parts: list[ScenePart], axis: str) -> bool | None:
-    """What the last file that says it says of the hand on an axis."""
+    """Return whether the hand holds an axis, by the last file that states it; None when no file does."""
     frames = [part.frame for part in parts if part.frame is not None and axis in part.frame.axis]
     told = [held for frame in frames if (held := frame.axis[axis].held) is not None]
     return told[-1] if told else None
 
 
 def scene_summaries() -> list[dict[str, str | list[str]]]:
-    """What `scenes list` shows of each shipped scene."""
+    """Return name, description and axes of each shipped scene, as shown by `scenes list`."""
     return [
         {"name": scene.name, "description": scene.description, "axes": [axis.name for axis in scene.axes]}
         for scene in map(load_scene, scene_names())
@@ -68,7 +70,10 @@ def scene_summaries() -> list[dict[str, str | list[str]]]:
 
 
 def scene_schema(*, own: bool = False) -> dict[str, Any]:
-    """The JSON Schema of a scene file, with each kind of element; with `own` also those that other packages add."""
+    """Return the JSON Schema of a scene file, with a definition for each kind of element.
+
+    With `own` it has the elements that other packages add too.
+    """
     schema = schema_of(SceneFile)
     definitions = schema.setdefault("$defs", {})
     names = {kind: element_type(kind).__name__ for kind in ELEMENTS}
@@ -76,6 +81,7 @@ def scene_schema(*, own: bool = False) -> dict[str, Any]:
         names |= {each.kind: f"own.{each.kind}" for each in own_elements() if each.fault is None}
     for kind, name in names.items():
         element = _element_schema(kind, name)
+        # References count from the root of the schema, so the definitions inside of an element move there.
         definitions |= {f"{name}.{part}": schema for part, schema in element.pop("$defs", {}).items()}
         definitions[name] = element
     schema["properties"]["element"]["items"] = {"oneOf": [{"$ref": f"#/$defs/{name}"} for name in names.values()]}
@@ -83,7 +89,7 @@ def scene_schema(*, own: bool = False) -> dict[str, Any]:
 
 
 def _element_schema(kind: str, name: str) -> dict[str, Any]:
-    """The JSON Schema of an element of a scene file; its own definitions are called as `name` and their name."""
+    """Return the JSON Schema of an element of a scene file; `name` stands in front of the names of its definitions."""
     written = json.dumps(schema_of(element_type(kind)))
     element: dict[str, Any] = json.loads(written.replace('"#/$defs/', f'"#/$defs/{name}.'))
     for name, quantity in quantities(element_type(kind)).items():
@@ -94,10 +100,11 @@ def _element_schema(kind: str, name: str) -> dict[str, Any]:
 
 
 def _with_units(schema: dict[str, Any], quantity: Quantity) -> dict[str, Any]:
-    """A number in SI, or a text of a number and its unit."""
+    """Return the schema of a number in SI that may also be a text of a number and its unit."""
     units = " or ".join(dict.fromkeys(quantity.unit(workspace) for workspace in Workspace if quantity.unit(workspace)))
     described = {"description": f"in {units}"} if units else {}
     text = {"type": "string", "pattern": r"^\s*[-+.0-9]"}
+    # Default and title are of the value as a whole, whichever alternative it has.
     kept = [key for key in ("default", "title") if key in schema]
     whole: dict[str, Any] = {key: schema.pop(key) for key in kept} | described
     return whole | {"anyOf": [*schema.get("anyOf", [schema]), text]}

@@ -1,4 +1,4 @@
-"""A scene that exists, with other parameters: checked as a file with the same settings is."""
+"""Change parameters of a scene that is already built, under the same checks as settings of a file."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -13,11 +13,11 @@ from haptic_fieldbus.scenes.scene import Scene
 
 
 def changed(scene: Scene, settings: Mapping[str, object]) -> Scene:
-    """The scene with settings such as {"wall.stiffness": 800.0} or {"wall.stiffness": "0.8 N/mm"}.
+    """Return the scene with settings applied, such as {"wall.stiffness": 800.0} or {"wall.stiffness": "0.8 N/mm"}.
 
     Elements that no setting names stay the same objects. Raises SceneError with all faults of the settings, UsageError
-    for an unknown element or parameter. Elements that do not say how they are checked (`__pydantic_config__`) are their
-    maker's own affair, and take what they are given, but no text in the place of a number.
+    for an unknown element or parameter. An element without `__pydantic_config__` declares no checks and takes any
+    value, but no text in the place of a number.
     """
     document = Document(scene.source or scene.name, "", SceneError)
     document.data["element"] = [table_of(element) for element in scene.elements]
@@ -34,11 +34,12 @@ def changed(scene: Scene, settings: Mapping[str, object]) -> Scene:
 
 
 def _made(document: Document, place: int, scene: Scene, given: Mapping[str, object]) -> AnyElement | None:
-    """The element as its table now says; None with all its faults noted."""
+    """Return the element built from its changed table; None when it has faults, which are noted in the document."""
     element: Any = scene.elements[place]
     if not hasattr(type(element), "__pydantic_config__"):
         return _unchecked(document, place, element, given)
     for field in fields(element):
+        # A value that was just set keeps its label, the name of the setting.
         document.labels.setdefault(("element", place, field.name), f"{element.name}.{field.name}")
     document.labels["element", place] = element.name
     convert(document, place, type(element), {axis.name: axis.workspace for axis in scene.axes})
@@ -46,7 +47,7 @@ def _made(document: Document, place: int, scene: Scene, given: Mapping[str, obje
 
 
 def _unchecked(document: Document, place: int, element: Any, given: Mapping[str, object]) -> AnyElement | None:
-    """An element that does not say how it is checked, with these values; None with its faults noted."""
+    """Return an element that declares no checks with these values; None when it has faults, which are noted."""
     numbers = [name for name in given if isinstance(getattr(element, name), int | float)]
     texts = [name for name in numbers if isinstance(given[name], str)]
     for name in texts:

@@ -1,7 +1,8 @@
-"""Elements that were made in Python, held to what their files are held to.
+"""Check elements made in Python by the rules of scene files.
 
-A dataclass checks nothing: `SprungMass("handle", 200.0, mass=0.0)` exists, and divides by zero far from here. The
-annotations and rules by which a file is read (`documents`) are asked about a ready-made scene where it is first used.
+A dataclass checks nothing by itself: `SprungMass("handle", 200.0, mass=0.0)` can be made, and divides by zero only much
+later. So the annotations and rules by which a file is read (`documents`) are applied where a ready-made scene is first
+used.
 """
 
 import math
@@ -17,17 +18,17 @@ from haptic_fieldbus.scenes.files import check_ratio
 from haptic_fieldbus.scenes.scene import Scene, axes_of
 
 LIGHTEST, HEAVIEST = 1e-4, 1e6
-"""Masses looked at, of k·T²: T·√(k/m) from 100 down to 1/1000."""
+"""Range of the search for the smallest mass, in units of k·T²: T·√(k/m) from 100 down to 1/1000."""
 ROUNDING = 1e-9
-"""A spectral radius this little above 1 may be the rounding of 1."""
+"""A spectral radius that is above 1 by no more than this counts as 1: the difference may be rounding."""
 
 
 def check_elements(scene: Scene, period: float, method: str | None) -> None:
-    """Raises SceneError with all that a file of these elements would be refused for; `period` in s.
+    """Raise SceneError with all faults for which a file of these elements would be refused.
 
-    A virtual mass of 0 is told the smallest one that the method renders. Elements that no file can have, because they
-    do not say how (`__pydantic_config__`), have values that are their maker's own affair; their axis must be one of the
-    scene's like any other.
+    `period` [s] and `method` are those of the loop: a virtual mass of 0 is refused with the smallest mass that the
+    method renders. An element without `__pydantic_config__` declares no checks, so that no file can contain it; its
+    values are not checked, but its axis must be one of the scene's.
     """
     document = Document(scene.source or scene.name, "", SceneError)
     document.data["element"] = [table_of(element) if _says_how(element) else {} for element in scene.elements]
@@ -38,6 +39,7 @@ def check_elements(scene: Scene, period: float, method: str | None) -> None:
     try:
         document.checked(scene)
     except SceneError as error:
+        # The keys of the faults are the labels that `_check_values` gave.
         owners = {f"{element.name}.mass": element for element in scene.elements}
         faults = [_with_limit(fault, owners.get(fault.key), period, method) for fault in error.faults]
         raise SceneError(error.source, faults) from None
@@ -48,7 +50,7 @@ def _says_how(element: AnyElement) -> bool:
 
 
 def table_of(element: AnyElement) -> dict[str, object]:
-    """What a file would give; it has no word for None, and leaves the key out."""
+    """Return the table of a file that would give this element. A None is left out where its key may be missing."""
     given: Any = element
     return {
         field.name: _plain(getattr(element, field.name))
@@ -58,13 +60,14 @@ def table_of(element: AnyElement) -> dict[str, object]:
 
 
 def _may_be_left_out(field: Field[Any]) -> bool:
-    """Whether nothing is the same as None; or is told as missing, which is what it is."""
+    """Return whether a missing key stands for None: it is the default, or its absence will be reported."""
     return field.default is None or (field.default is MISSING and field.default_factory is MISSING)
 
 
 def _plain(value: object) -> object:
-    """As TOML would give it; objects that it has not are left for the schema to refuse."""
+    """Return the value as TOML would give it; objects that TOML does not have are left for the schema to refuse."""
     if value is None:
+        # TOML has no null. This text fails as a number, and the message then shows None as the value.
         return "None"
     if isinstance(value, Enum):
         return value.value
@@ -93,7 +96,8 @@ def _check_axes(document: Document, place: int, element: AnyElement, axes: list[
 
 
 def _with_limit(fault: Fault, element: AnyElement | None, period: float, method: str | None) -> Fault:
-    """A massless virtual mass is told where its method ends."""
+    """Return the fault, with the smallest mass that the method renders if it refuses a virtual mass of 0."""
+    # Imported for this fault alone: a scene without virtual masses needs no integrator.
     from haptic_fieldbus.numerics import integrators
 
     if element is None or not hasattr(type(element), "dynamics") or getattr(element, "mass", None) != 0.0:
@@ -113,7 +117,7 @@ def _with_limit(fault: Fault, element: AnyElement | None, period: float, method:
 
 
 def _least_mass(element: AnyElement, period: float, method: str, unit: float) -> float | None:
-    """The smallest mass that the method makes no motion of grow; 0 for any, None for none."""
+    """Return the smallest mass [kg or kg·m²] without growing motion; 0 when any mass is, None when none is."""
     from haptic_fieldbus.numerics import integrators
     from haptic_fieldbus.numerics.sampled import spectral_radius
 
@@ -127,6 +131,7 @@ def _least_mass(element: AnyElement, period: float, method: str, unit: float) ->
         return 0.0
     if not is_stable(high):
         return None
+    # Bisection on a logarithmic scale, as the range spans ten decades.
     while high - low > 1e-9 * high:
         middle = math.sqrt(low * high)
         low, high = (low, middle) if is_stable(middle) else (middle, high)

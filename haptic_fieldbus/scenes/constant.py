@@ -1,11 +1,13 @@
 """A constant force: the constant force effect of USB PID, with its envelope.
 
-F = `magnitude`, positive towards positive x, from `start_delay` on and for `duration`; 0 before and after. The envelope
-moves it from the attack level and to the fade level, which have the magnitude's sign. (USB Device Class Definition for
-Physical Interface Devices 1.0: magnitude, start delay, duration, attack level and time, fade level and time.)
+F = `magnitude`, positive towards positive x, from `start_delay` on for `duration`; F = 0 before and after. The envelope
+moves |F| from the attack level to the magnitude, and at the end to the fade level; both levels take the sign of the
+magnitude. (USB Device Class Definition for Physical Interface Devices 1.0: magnitude, start delay, duration, attack
+level and time, fade level and time.)
 
-It is active: it gives power up to |F|max·|v|, that is at most |F|max times the way of the handle, sampled as in
-continuous time. While it neither begins nor ends it is conservative, U = −F·x, and a held constant is exact.
+The element is active: it gives power up to |F|max·|v|, so at most |F|max times the distance that the handle moves,
+sampled as in continuous time. Between its start and its end a force without envelope is conservative, U = −F·x, and to
+hold a constant makes no error.
 """
 
 from dataclasses import dataclass
@@ -20,7 +22,10 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Constant:
-    """`magnitude` [N or N·m], with levels [N or N·m] and times [s]; without a `duration` it does not end."""
+    """A force `magnitude` [N or N·m] with an envelope of levels [N or N·m] and times [s].
+
+    Without `duration` the force does not end.
+    """
 
     axis: str
     magnitude: AnyEffort
@@ -34,7 +39,7 @@ class Constant:
     __pydantic_config__: ClassVar = STRICT
 
     def __post_init__(self) -> None:
-        _ = self.envelope  # which refuses times that do not fit
+        _ = self.envelope  # raises ValueError when levels and times do not fit
 
     @property
     def envelope(self) -> Envelope:
@@ -44,7 +49,7 @@ class Constant:
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        """The time only when the force changes."""
+        """The elapsed time, or no signal when the force never changes."""
         always = self.envelope.is_flat and not self.start_delay and self.duration is None
         return () if always else (Signal.ELAPSED_NS,)
 
@@ -59,5 +64,5 @@ class Constant:
         return played(lambda elapsed: sign * amplitude(elapsed), self.start_delay, self.duration)
 
     def linearised(self) -> StateSpace:
-        """Nothing that moves the handle changes it."""
+        """Return a gain of 0: the force does not depend on the motion of the handle."""
         return gain([[0.0, 0.0]])

@@ -1,20 +1,21 @@
-"""A virtual shaft between two axes: turn one, and the other follows; hold one, and the other feels it.
+"""A virtual shaft between two axes: turning one turns the other, and holding one is felt at the other.
 
-With the twist u = x₁ − n·x₂, n the `ratio`, the force on the first axis and that on the second are
+With the `ratio` n and the twist u = x₁ − n·x₂, the forces on the first and on the second axis are
 
     F₁ = −K·u − B·u̇,    F₂ = −n·F₁,
 
 each positive towards positive positions of its own axis. This is the position-position coupling of bilateral
-teleoperation (Lawrence, IEEE Trans. Robotics and Automation 9(5), 1993, 624). A dead band w is play on either side of
-u = 0, F₁ = −K·(u ∓ w) − B·u̇ beyond it; a saturation is the largest |F₁|.
+teleoperation (Lawrence, IEEE Trans. Robotics and Automation 9(5), 1993, 624). A dead band w is play on either side of u
+= 0: beyond it F₁ = −K·(u ∓ w) − B·u̇. A saturation is the largest |F₁|.
 
-Both axes may be linear or both rotary, n then being a plain number; negative turns the second the other way. Of a
-linear and a rotary axis n is as of a rack and its pinion, metres per radian where the first axis is linear, radians per
-metre where it is rotary, and must be given. Everything else is in the units of the first axis.
+Between two linear or two rotary axes n is a plain number; a negative one reverses the second axis. Between a linear and
+a rotary axis n has a unit, as for a rack and its pinion: metres per radian when the first axis is linear, radians per
+metre when it is rotary. It must be given then. Everything else is in the units of the first axis.
 
-In continuous time F₁·v₁ + F₂·v₂ = F₁·u̇: ½·K·u² is stored, B dissipates, and both hands together get back no more than
-they gave. Sampled and held at T the shaft gives up to ½·K·(Δu)² more in each move Δu of the twist; with devices of
-damping b₁ and b₂ and without delay it is passive while K·T/2 + |B| ≤ 1/(1/b₁ + n²/b₂) (`numerics.coupled_passivity`).
+In continuous time F₁·v₁ + F₂·v₂ = F₁·u̇: ½·K·u² is stored and B dissipates, so both hands together get back no more
+than they gave. Sampled and held for T, the shaft gives up to ½·K·(Δu)² more in each move Δu of the twist. With devices
+of damping b₁ and b₂ and without delay it is passive while K·T/2 + |B| ≤ 1/(1/b₁ + n²/b₂)
+(`numerics.coupled_passivity`).
 """
 
 from dataclasses import dataclass
@@ -38,10 +39,10 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Coupling:
-    """`stiffness` and `damping` between the first of `axes` and `ratio` times the second.
+    """A spring of `stiffness` and a damper of `damping` between the first of `axes` and `ratio` times the second.
 
-    `dead_band` is the play on either side, `saturation` the largest force on the first axis. A ratio left
-    out is 1; between a linear and a rotary axis one must be given, in m/rad or rad/m. All are in the units of the
+    `dead_band` is the play on either side, `saturation` the largest force on the first axis. `ratio` is 1 when it is
+    left out; between a linear and a rotary axis it must be given, in m/rad or rad/m. All values are in the units of the
     first axis.
     """
 
@@ -55,6 +56,7 @@ class Coupling:
     __pydantic_config__: ClassVar = STRICT
 
     def __post_init__(self) -> None:
+        """Raise ValueError when both axes are the same or the ratio is 0."""
         if len(set(self.axes)) < len(self.axes):
             raise ValueError(f"axes {', '.join(self.axes)}: expected two different axes")
         if self.ratio == 0.0:
@@ -62,16 +64,16 @@ class Coupling:
 
     @property
     def transmission(self) -> float:
-        """The ratio in use."""
+        """The ratio in use: 1 when none is given."""
         return 1.0 if self.ratio is None else self.ratio
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        """Velocity only when there is damping."""
+        """Position, and velocity only with damping."""
         return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def begin(self, period: float) -> PairLaw:
-        """Nothing is remembered; not-a-number in gives not-a-number out, on both axes."""
+        """Return a law without memory; not-a-number on either axis gives not-a-number on both."""
         side = condition.Side.limited(self.stiffness, self.damping, self.saturation)
         shaft, ratio = condition.bind(0.0, self.dead_band, side, side), self.transmission
 
@@ -86,5 +88,5 @@ class Coupling:
         return damped if self.damping else sprung
 
     def linearised(self) -> StateSpace:
-        """The spring-damper, beyond the play and below saturation."""
+        """Return the spring-damper beyond the play and below saturation."""
         return spring_damper(self.stiffness, self.damping, self.transmission)

@@ -1,17 +1,17 @@
-"""Dahl friction: a spring that yields into Coulomb friction, smoothly, and remembers the way.
+"""Dahl friction: a spring that yields smoothly into Coulomb friction, and remembers the path of the handle.
 
 A bristle of stiffness σ stretches with the handle and slides at the force fc (L = fc/σ):
 
     F = −σ·z,   dz/dx = 1 − (z/L)·sign(dx)
 
-(P. R. Dahl, Solid friction damping of mechanical vibrations, AIAA Journal 14(12), 1976, 1675, with exponent 1). F is
-against the way behind: after a way of several L towards positive positions it is −fc. Only the way counts, not the
+(P. R. Dahl, Solid friction damping of mechanical vibrations, AIAA Journal 14(12), 1976, 1675, with exponent 1). F
+opposes the recent motion: after a path of several L towards positive positions it is −fc. Only the path counts, not the
 time, so the law needs no velocity; each period is stepped exactly (`numerics.bristle`), and |F| ≤ fc at any speed.
 
-Energy. With ½·σ·z² stored it only takes: d(½·σ·z²) = −F·dx − (σ²·z²/fc)·|dx|, so it is passive. Sampled and held, it
-gives at most 1.092·½·σ·Δx² in each period: the leak of a spring of that stiffness and 9 %, which a device of damping b
-takes where σ ≤ 1.83·b/T. The slope is 2·σ just after a reversal and 0 just before; a small swing about any stretch
-meets σ in the mean, and that is what stability is told.
+Energy. With ½·σ·z² stored the element only takes energy: d(½·σ·z²) = −F·dx − (σ²·z²/fc)·|dx|, so it is passive. Sampled
+and held, it gives at most 1.092·½·σ·Δx² in each period, 9 % more than a spring of that stiffness; a device of damping b
+absorbs that where σ ≤ 1.83·b/T. The slope is 2·σ just after a reversal and 0 just before. A small oscillation about any
+stretch meets σ on average, so stability is judged with σ.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Dahl:
-    """`coulomb` friction [N or N·m] behind a bristle of `stiffness` [N/m or N·m/rad], relaxed at the start."""
+    """Friction `coulomb` [N or N·m] behind a bristle of `stiffness` [N/m or N·m/rad] that is relaxed at the start."""
 
     axis: str
     coulomb: PositiveEffort
@@ -38,9 +38,9 @@ class Dahl:
         return (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
-        """Position → force or torque on the handle [N or N·m]; the same for every period."""
+        """Return the law from position to force or torque on the handle [N or N·m]; the same for every period."""
         return bind(self.stiffness, self.coulomb)
 
     def linearised(self) -> StateSpace:
-        """The bristle, before it slides."""
+        """Return the spring of the bristle before it slides."""
         return gain([[-self.stiffness, 0.0]])

@@ -1,12 +1,12 @@
 """A virtual mass on a spring and a damper whose other end is the puck in the hand.
 
-Held puck at x, mass at p: F = k·(p − x) + b·(ṗ − ẋ) on the puck, positive towards positive x, and
-m·p̈ = −F − d·ṗ. The `damping` b lies beside the spring and is felt in the hand; the `drag` d is between mass and ground,
-and felt only through the spring. Of the mass on a held puck: ω_n = √(k/m), ζ = (b + d)/(2·√(k·m)).
+With the held puck at x and the mass at p, F = k·(p − x) + b·(ṗ − ẋ) on the puck, positive towards positive x, and m·p̈
+= −F − d·ṗ. The `damping` b acts beside the spring and is felt in the hand; the `drag` d acts between mass and ground,
+and is felt only through the spring. On a held puck the mass has ω_n = √(k/m), ζ = (b + d)/(2·√(k·m)).
 
-In continuous time the element stores m·ṗ²/2 + k·(p − x)²/2 and dissipates b·(ṗ − ẋ)² + d·ṗ²: passive. Sampled and held
-it leaks about half and at most all of |ΔF·Δx| in each period, ΔF the change of its force in it: K·Σ(Δx)²/2 for its
-spring, and for its damper what any held damper adds (see `wall`).
+In continuous time the element stores m·ṗ²/2 + k·(p − x)²/2 and dissipates b·(ṗ − ẋ)² + d·ṗ²: it is passive. Sampled and
+held, it leaks about half and at most all of |ΔF·Δx| in each period, where ΔF is the change of its force within the
+period: K·Σ(Δx)²/2 for its spring, and for its damper as much as any held damper (see `wall`).
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,10 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class DampedSprungMass:
-    """`stiffness` [N/m or N·m/rad], `damping` beside it and `drag` [N·s/m or N·m·s/rad], `mass` [kg or kg·m²]."""
+    """A virtual `mass` [kg or kg·m²] on a spring of `stiffness` [N/m or N·m/rad].
+
+    `damping` acts beside the spring, `drag` between the mass and ground [N·s/m or N·m·s/rad].
+    """
 
     axis: str
     stiffness: Stiffness
@@ -33,12 +36,12 @@ class DampedSprungMass:
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        """Velocity only when the damper is there: a mass with mere drag follows the position."""
+        """Position, and velocity only with damping: a mass with drag alone follows the position."""
         return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     @property
     def dynamics(self) -> StateSpace:
-        """States (position and velocity of the mass), inputs (position, velocity) of the puck, output force on it."""
+        """States (position, velocity) of the mass, inputs (position, velocity) of the puck, output the force on it."""
         k, b, m = self.stiffness, self.damping, self.mass
         return StateSpace(
             a=np.array([[0.0, 1.0], [-k / m, -(b + self.drag) / m]]),
@@ -48,5 +51,5 @@ class DampedSprungMass:
         )
 
     def linearised(self) -> StateSpace:
-        """The element is linear: its dynamics."""
+        """Return the dynamics: the element is linear."""
         return self.dynamics

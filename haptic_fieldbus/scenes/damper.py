@@ -1,13 +1,13 @@
 """A damper that opposes the speed of the handle: the damper condition of USB PID.
 
-Beyond the dead band w, F = −B·(v ∓ w), positive towards positive x; at slower speeds F = 0. Each direction has its
-coefficient, a share of B, and may have a saturation. (USB Device Class Definition for Physical Interface Devices 1.0:
+Beyond the dead band w, F = −B·(v ∓ w), positive towards positive x; at slower speeds F = 0. Either direction has a
+coefficient, its share of B, and may have a saturation. (USB Device Class Definition for Physical Interface Devices 1.0:
 dead band, positive and negative coefficient, positive and negative saturation; in physical units here.)
 
-In continuous time F·v ≤ 0 at every instant. Sampled and held at T, velocity by backward difference, it gives energy
-when the handle turns within a period: with device damping b it is passive while b > B (Colgate & Schenkel, J. Robotic
-Systems 14(1), 1997, 37). A free device of mass m without delay is stable while B < 2·m/T: its loop is
-z² + (g − 1)·z + g with g = B·T/2m, and g is the product of its eigenvalues.
+In continuous time F·v ≤ 0 at every instant. Sampled and held for T, with the velocity by backward difference, the
+damper gives energy when the handle turns within a period. With device damping b it is passive while b > B (Colgate &
+Schenkel, J. Robotic Systems 14(1), 1997, 37). A free device of mass m without delay is stable while B < 2·m/T: its loop
+is z² + (g − 1)·z + g with g = B·T/2m, and g is the product of its eigenvalues.
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Damper:
-    """`damping` [N·s/m or N·m·s/rad] beyond the speed `dead_band` [m/s or rad/s].
+    """A damper of `damping` [N·s/m or N·m·s/rad] beyond the speed `dead_band` [m/s or rad/s].
 
-    The coefficients are the shares of the damping at positive and at negative speed; one of them is 1. A saturation
-    [N or N·m] that is left out is no limit.
+    The coefficients are the shares of the damping at positive and at negative speed; one of them must be 1. A
+    saturation is the largest force in its direction [N or N·m]; without one there is no limit.
     """
 
     axis: str
@@ -46,10 +46,11 @@ class Damper:
 
     @property
     def force(self) -> Law:
+        # The metric of this condition is the velocity, so the damping is its coefficient.
         positive = condition.Side.limited(self.positive_coefficient * self.damping, 0.0, self.positive_saturation)
         negative = condition.Side.limited(self.negative_coefficient * self.damping, 0.0, self.negative_saturation)
         return condition.bind(0.0, self.dead_band, positive, negative)
 
     def linearised(self) -> StateSpace:
-        """The damping of its stronger direction, beyond the dead band and below saturation."""
+        """Return the damping of the stronger direction, beyond the dead band and below saturation."""
         return gain([[0.0, -self.damping]])

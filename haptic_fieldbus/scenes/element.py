@@ -1,7 +1,7 @@
-"""What every element of a scene is.
+"""Protocols of the elements of a scene, and the annotated types of their parameters.
 
-An element states the signals that it needs and says what acts on the handle: positive accelerates towards positive
-position. It is of one of four kinds:
+An element names the signals that it needs and computes the force or torque on the handle; positive accelerates towards
+positive position. It is of one of four kinds:
 
 | kind            | it has                  | example                                                               |
 |-----------------|-------------------------|-----------------------------------------------------------------------|
@@ -10,11 +10,11 @@ position. It is of one of four kinds:
 | DynamicElement  | `dynamics`              | a sprung mass: linear virtual states; the plan binds an integrator    |
 | CouplingElement | `begin(period)`, `axes` | a virtual shaft: acts on two axes and needs the same signals of both  |
 
-A law takes the signals of `needs`, in that order, as plain floats (`Signal.ELAPSED_NS` as an int), and gives the force
-or torque on the handle [N or N·m]. A scene without dynamic elements imports no integrator.
+A law takes the signals of `needs`, in that order, as plain floats (`Signal.ELAPSED_NS` as an int), and returns the
+force or torque on the handle [N or N·m]. A scene without dynamic elements imports no integrator.
 
-Elements are frozen dataclasses; their annotations are checked where a file is read (`documents`), and name the
-quantity that a number measures (`quantities`).
+Elements are frozen dataclasses. The annotation of a parameter holds its quantity (`quantities`) and its bounds; both
+are checked when a file is read (`documents`).
 """
 
 from collections.abc import Callable
@@ -26,11 +26,13 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.quantities import Quantity
 from haptic_fieldbus.signals import Signal
 
+# Pydantic's configuration of every element: an unknown key, an infinity or not-a-number is a fault of the file.
 STRICT = {"extra": "forbid", "allow_inf_nan": False}
 
 Law = Callable[..., float]
+"""Signals of the axis in the order of `needs` → force or torque on the handle [N or N·m]."""
 PairLaw = Callable[..., tuple[float, float]]
-"""The signals of the first axis, then those of the second → the force on each."""
+"""Signals of the first axis, then of the second → (force on the first, force on the second) [N or N·m]."""
 
 Place = Annotated[float, Quantity.LENGTH]
 Length = Annotated[float, Gt(0), Quantity.LENGTH]
@@ -58,19 +60,20 @@ TwoAxes = Annotated[tuple[str, ...], Len(2, 2)]
 
 
 class AnyElement(Protocol):
-    """A part of a virtual world."""
+    """The common part of all elements: a name, the needed signals, and a linear model."""
 
     @property
     def name(self) -> str: ...
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        """The signals of its axis, or of each of its axes."""
+        """The signals that the law takes, in this order; for a coupling, of each of its two axes."""
 
     def linearised(self) -> StateSpace:
-        """Where it is stiffest, in sustained contact: what stability is judged by.
+        """Return the linear model in sustained contact, where the element is stiffest; stability is judged with it.
 
-        (position, velocity) → force; of a coupling (position, velocity, position, velocity) → (force, force).
+        Inputs (position, velocity), output the force; for a coupling inputs (position, velocity, position, velocity),
+        outputs (force, force).
         """
 
 
@@ -83,7 +86,7 @@ class Element(AnyElement, Protocol):
 
 @runtime_checkable
 class StaticElement(Element, Protocol):
-    """An element whose force depends on the present feedback only."""
+    """An element whose force depends on the present feedback alone."""
 
     @property
     def force(self) -> Law: ...
@@ -91,19 +94,19 @@ class StaticElement(Element, Protocol):
 
 @runtime_checkable
 class MemoryElement(Element, Protocol):
-    """An element that remembers something between periods."""
+    """An element that keeps a memory of its own from period to period."""
 
     def begin(self, period: float) -> Law:
-        """A law with a fresh memory, to be called once a period [s]."""
+        """Return a law with a fresh memory; it must be called once every `period` [s]."""
 
 
 @runtime_checkable
 class DynamicElement(Element, Protocol):
-    """An element with virtual states, at rest where the handle is when the drive is enabled."""
+    """An element with virtual states; they start at rest at the handle's position when the drive is enabled."""
 
     @property
     def dynamics(self) -> StateSpace:
-        """Virtual states driven by (position, velocity); the output acts on the handle [N or N·m]."""
+        """State space with inputs (position, velocity); its output acts on the handle [N or N·m]."""
 
 
 @runtime_checkable
@@ -114,23 +117,24 @@ class CouplingElement(AnyElement, Protocol):
     def axes(self) -> tuple[str, ...]: ...
 
     def begin(self, period: float) -> PairLaw:
-        """A law with a fresh memory, to be called once a period [s]."""
+        """Return a law with a fresh memory; it must be called once every `period` [s]."""
 
 
 @runtime_checkable
 class Paced(Protocol):
-    """An element with a parameter that follows from the period of the loop unless it is given."""
+    """An element with a parameter that follows from the period of the loop when it is left out."""
 
     def at_period(self, period: float) -> Self:
-        """The element with that parameter for this period [s]."""
+        """Return the element with that parameter filled in for this period [s]."""
 
 
 @runtime_checkable
 class Graded(Protocol):
-    """An element whose stiffness follows from other parameters: the largest local one [N/m or N·m/rad]."""
+    """An element whose stiffness follows from its other parameters."""
 
     @property
-    def stiffness(self) -> float: ...
+    def stiffness(self) -> float:
+        """The largest local stiffness [N/m or N·m/rad]."""
 
     def with_stiffness(self, stiffness: float) -> Self:
-        """The element with its force scaled so that this is its largest local stiffness."""
+        """Return the element with its force scaled to this largest local stiffness [N/m or N·m/rad]."""

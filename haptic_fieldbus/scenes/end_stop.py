@@ -1,11 +1,11 @@
-"""End stops: a stiff spring and a damper beyond either end of the workspace, and nothing between.
+"""End stops: a stiff spring and a damper beyond either end of the workspace, and no force between.
 
-With the penetration d of the material beyond `lower` or `upper` and the speed ḋ into it, the force pushes back into
-the workspace with K·d + B·ḋ where that is positive, else not: a stop never pulls a handle that leaves it.
+With the penetration d beyond `lower` or `upper` and the speed ḋ into the stop, the force K·d + B·ḋ pushes back into the
+workspace; where it would be negative it is 0, so a stop never pulls a handle that leaves it.
 
-In continuous time K stores what it takes and B dissipates. Sampled and held at T a stop gives up to ½·K·(Δx)² more in
-each move Δx; with device damping b it is passive while b > K·T/2 + B (Colgate & Schenkel, J. Robotic Systems 14(1),
-1997, 37), velocity by backward difference.
+In continuous time K stores energy and B dissipates it. Sampled and held for T, a stop gives up to ½·K·(Δx)² more in
+each move Δx. With device damping b it is passive while b > K·T/2 + B (Colgate & Schenkel, J. Robotic Systems 14(1),
+1997, 37), with the velocity by backward difference.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class EndStop:
-    """Stops at `lower` and `upper` [m or rad]: `stiffness` [N/m or N·m/rad], `damping` [N·s/m or N·m·s/rad]."""
+    """Stops at `lower` and `upper` [m or rad], of `stiffness` [N/m or N·m/rad] and `damping` [N·s/m or N·m·s/rad]."""
 
     axis: str
     stiffness: Stiffness
@@ -29,12 +29,13 @@ class EndStop:
     __pydantic_config__: ClassVar = STRICT
 
     def __post_init__(self) -> None:
+        """Raise ValueError unless `lower` is below `upper`."""
         if not self.lower < self.upper:
             raise ValueError(f"lower {self.lower:g}: expected less than upper, {self.upper:g}")
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        """Velocity only when there is damping."""
+        """Position, and velocity only with damping."""
         return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     @property
@@ -58,5 +59,5 @@ class EndStop:
         return damped if damping else springs
 
     def linearised(self) -> StateSpace:
-        """The spring-damper that is felt at either end."""
+        """Return the spring-damper of either stop."""
         return gain([[-self.stiffness, -self.damping]])

@@ -1,65 +1,68 @@
-"""Scene files: one and those that it includes, each read in two steps.
+"""Read scene files: a file and those that it includes, each in two steps.
 
-First the frame (`SceneFile`), then each element as the dataclass of its kind, so that only the modules of the kinds in
-use are imported. Settings replace single parameters in between; texts with units become numbers there too.
+First the frame (`SceneFile`) is read, then each element as the dataclass of its kind, so that only the modules of the
+kinds in use are imported. In between, settings replace single parameters and texts with units become numbers.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
-from functools import cache
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, cast, get_origin, get_type_hints
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Len
 
 from haptic_fieldbus.documents import Document, file_of, is_path, read_document, suggestion
 from haptic_fieldbus.errors import Fault, SceneError, UsageError
 from haptic_fieldbus.scenes.element import STRICT, AnyElement
-from haptic_fieldbus.scenes.quantities import Quantity, parse_quantity
+from haptic_fieldbus.scenes.parameters import parameters, quantities
+from haptic_fieldbus.scenes.quantities import parse_quantity
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, kind_names
 from haptic_fieldbus.signals import Workspace
 
 LIBRARY = Path(__file__).resolve().parent / "library"
-NOT_SETTABLE = ("name", "axis", "axes")
 
 
 @dataclass(frozen=True)
 class AxisSection:
     workspace: Workspace
     held: bool | None = None
-    """Whether the simulated hand holds it; unless told otherwise all axes but the second of a coupling."""
+    """Whether the simulated hand holds the axis; by default it holds every axis but the second of a coupling."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class SceneFile:
-    """The frame of a scene file; the elements are read by their kind."""
+    """The frame of a scene file; its elements stay tables, as their dataclass depends on their kind."""
 
     axis: Annotated[dict[str, AxisSection], Len(1)]
     element: tuple[dict[str, object], ...] = ()
     include: tuple[str, ...] = ()
-    """Scenes by name, or files beside this one, whose axes and elements stand before those of this file."""
+    """Scenes by name, or files beside this one; their axes and elements come before those of this file."""
     description: str = ""
     hand: Literal["push", "tap", "sine", "guide", "release", "none"] | None = None
-    """What the simulated hand does in this scene unless told otherwise."""
+    """Motion of the simulated hand in this scene, unless a run names another."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, eq=False)
 class ScenePart:
-    """One file of a scene while it is read; `kinds` holds the known kinds by the place of the element."""
+    """One file of a scene while it is read; `kinds` maps the places of elements of a known kind to that kind."""
 
     document: Document
     frame: SceneFile | None
     kinds: dict[int, str]
 
     def names(self) -> dict[object, int]:
-        """The places of the elements by their names."""
+        """Return the places of the elements by their names."""
         return {self.document.value("element", index, "name"): index for index in self.kinds}
 
 
 def read_parts(path: Path, above: tuple[Path, ...] = ()) -> list[ScenePart]:
-    """The file and all that it includes, itself last; raises SceneError when it cannot be read."""
+    """Read a file and all files that it includes, the file itself last; `above` are the files that include it.
+
+    Raises SceneError when the file cannot be read or is not TOML. Other faults, those of included files among them, are
+    noted in the documents.
+    """
     document = read_document(path, SceneError)
     frame = document.validate(SceneFile)
     if not document.value("element") and not document.value("include"):
@@ -73,8 +76,10 @@ def read_parts(path: Path, above: tuple[Path, ...] = ()) -> list[ScenePart]:
 
 
 def _included(document: Document, place: int, name: str, above: tuple[Path, ...]) -> list[ScenePart]:
+    """Read one included file with its own includes; return none, and note the fault, when it cannot be read."""
     try:
         path = above[-1].parent / name if is_path(name) else file_of("scene", name, LIBRARY)
+        # A file that includes itself, directly or through others, would be read without end.
         if path.resolve() in above:
             circle = [*above[above.index(path.resolve()) :], path]
             document.refuse(("include", place), f"no circle: {' → '.join(each.stem for each in circle)}")
@@ -86,10 +91,11 @@ def _included(document: Document, place: int, name: str, above: tuple[Path, ...]
 
 
 def apply_settings(parts: list[ScenePart], settings: Mapping[str, object], scene: str) -> None:
-    """Put settings in the place of what the files give; a faulty file is told of before an unknown name."""
+    """Write settings into the tables of the files; raises UsageError for an unknown element or parameter."""
     places = {name: (part, index) for part in parts for name, index in part.names().items()}
     kinds = {str(name): element_type(part.kinds[index]) for name, (part, index) in places.items()}
     for setting, value in settings.items():
+        # The unknown element may be one that a faulty file failed to give, so the faults of the file come first.
         if "." in setting and setting.rpartition(".")[0] not in kinds and any(part.document.faulty for part in parts):
             continue
         name, parameter = named(setting, kinds, scene)
@@ -98,7 +104,7 @@ def apply_settings(parts: list[ScenePart], settings: Mapping[str, object], scene
 
 
 def named(setting: str, kinds: Mapping[str, type[AnyElement]], scene: str) -> tuple[str, str]:
-    """The element and its parameter; raises UsageError with the nearest of those that there are."""
+    """Split "element.parameter" into both names; raises UsageError with the nearest names when one is unknown."""
     name, dot, parameter = setting.rpartition(".")
     if not dot:
         raise UsageError(f"--set {setting}: expected element.parameter, such as {next(iter(kinds), 'wall')}.{setting}")
@@ -111,13 +117,17 @@ def named(setting: str, kinds: Mapping[str, type[AnyElement]], scene: str) -> tu
 
 
 def put(document: Document, index: int, parameter: str, value: object, setting: str) -> None:
-    """A setting in the place of a value; faults call it by its name."""
+    """Write a setting in the place of a value; faults about the value then name the setting."""
     document.table("element", index)[parameter] = value
     document.labels["element", index, parameter] = f"--set {setting}"
 
 
 def check_together(parts: list[ScenePart]) -> dict[str, Workspace]:
-    """Faults between files: a name twice, an axis that no file has, or that two files see differently; all axes."""
+    """Note the faults between files, and return the workspaces of all axes.
+
+    Faults are an element name that is used twice, an axis with different workspaces in two files, and an element on an
+    axis that no file has.
+    """
     axes: dict[str, Workspace] = {}
     names: set[object] = set()
     for part in parts:
@@ -135,6 +145,7 @@ def check_together(parts: list[ScenePart]) -> dict[str, Workspace]:
 
 
 def _check_axes(document: Document, index: int, axes: Mapping[str, Workspace] | None) -> None:
+    # None means that the frame is faulty: its raw table then prevents a second fault that follows from the first.
     known = document.table("axis") if axes is None else axes
     for path in _axis_paths(document, index):
         axis = document.value(*path)
@@ -143,6 +154,7 @@ def _check_axes(document: Document, index: int, axes: Mapping[str, Workspace] | 
 
 
 def _axis_paths(document: Document, index: int) -> Iterator[tuple[str | int, ...]]:
+    """Yield the keys of an element that name an axis: `axis`, and each member of `axes`."""
     yield ("element", index, "axis")
     axes = document.value("element", index, "axes")
     for place in range(len(axes) if isinstance(axes, list) else 0):
@@ -150,7 +162,7 @@ def _axis_paths(document: Document, index: int) -> Iterator[tuple[str | int, ...
 
 
 def elements_of(part: ScenePart, axes: Mapping[str, Workspace]) -> list[AnyElement]:
-    """The elements of one file, as far as they hold; what does not is noted in its document."""
+    """Return the valid elements of one file; the faults of the others are noted in its document."""
     for index, kind in part.kinds.items():
         _check_workspace(part.document, index, kind, axes)
         convert(part.document, index, element_type(kind), axes)
@@ -159,7 +171,7 @@ def elements_of(part: ScenePart, axes: Mapping[str, Workspace]) -> list[AnyEleme
 
 
 def _validated(document: Document, index: int, kind: str) -> AnyElement | None:
-    """The element, or None with its faults noted; a shipped kind is known to keep its promises."""
+    """Return the element, or None with its faults noted; shipped kinds are tested, so only others are looked into."""
     element = document.validate(element_type(kind), ("element", index))
     if element is None or kind in ELEMENTS:
         return element
@@ -172,7 +184,10 @@ def _validated(document: Document, index: int, kind: str) -> AnyElement | None:
 
 
 def raise_faults(parts: list[ScenePart]) -> None:
-    """All faults of all files at once; the file that was asked for is named, others stand in their keys."""
+    """Raise one SceneError with all faults of all files, if there are any.
+
+    The error names the file that was asked for; a fault of an included file has that file in its key.
+    """
     errors = []
     for part in parts:
         try:
@@ -193,39 +208,14 @@ def _in_file(fault: Fault, source: str, main: str) -> Fault:
     return Fault(f"in {source}: {line}{fault.key}", fault.message)
 
 
-def parameters(element: type[AnyElement]) -> list[str]:
-    """The parameters of an element that a setting can give."""
-    return [field.name for field in fields(cast(Any, element)) if field.name not in NOT_SETTABLE]
-
-
-@cache
-def quantities(element: type[AnyElement]) -> dict[str, Quantity]:
-    """What each number of an element measures."""
-    hints = get_type_hints(element, include_extras=True)
-    return {
-        name: quantity
-        for name in parameters(element)
-        for quantity in _metadata(hints[name])
-        if isinstance(quantity, Quantity)
-    }
-
-
-def _metadata(hint: Any) -> Iterator[object]:
-    """What is annotated, inside of unions too; the members of a list have each their own."""
-    yield from getattr(hint, "__metadata__", ())
-    if get_origin(hint) is not tuple:
-        for member in getattr(hint, "__args__", ()):
-            yield from _metadata(member)
-
-
 def _workspace(document: Document, index: int, axes: Mapping[str, Workspace]) -> Workspace | None:
-    """That of the element's axis; None where it has none that is known."""
+    """Return the workspace of the element's axis, or of its first known one; None when it has no known axis."""
     names = [document.value(*path) for path in _axis_paths(document, index)]
     return next((axes[str(name)] for name in names if str(name) in axes), None)
 
 
 def _check_workspace(document: Document, index: int, kind: str, axes: Mapping[str, Workspace]) -> None:
-    """A kind of one workspace is refused in the other."""
+    """Note a fault when a kind for one workspace is used in the other, or a ratio is missing between both."""
     only, workspace = getattr(element_type(kind), "workspace", None), _workspace(document, index, axes)
     if only is not None and workspace is not None and workspace is not only:
         document.fault(("element", index), f'"{kind}" is for {only.value} axes; its axis is {workspace.value}')
@@ -233,7 +223,7 @@ def _check_workspace(document: Document, index: int, kind: str, axes: Mapping[st
 
 
 def check_ratio(document: Document, index: int, kind: type[AnyElement], axes: Mapping[str, Workspace]) -> None:
-    """Between a linear and a rotary axis a ratio has a unit, and no value that goes without saying."""
+    """Note a fault when a coupling of a linear and a rotary axis gives no ratio: with a unit it has no default."""
     spaces = [axes[name] for path in _axis_paths(document, index) if (name := str(document.value(*path))) in axes]
     if len(set(spaces)) > 1 and "ratio" in parameters(kind) and document.value("element", index, "ratio") is None:
         first, second = (space.length_unit for space in spaces[:2])
@@ -242,7 +232,7 @@ def check_ratio(document: Document, index: int, kind: type[AnyElement], axes: Ma
 
 
 def convert(document: Document, index: int, kind: type[AnyElement], axes: Mapping[str, Workspace]) -> None:
-    """Texts with units, in place of numbers, become SI."""
+    """Replace texts with units by numbers in SI, in the table of one element."""
     table, workspace = document.table("element", index), _workspace(document, index, axes)
     for parameter, quantity in quantities(kind).items():
         value = table.get(parameter)
@@ -256,7 +246,7 @@ def convert(document: Document, index: int, kind: type[AnyElement], axes: Mappin
 
 
 def _is_known(document: Document, index: int, kind: str) -> bool:
-    """Whether there are elements of this kind; the fault of one whose package is broken is noted."""
+    """Return whether there are elements of this kind; the fault of one whose package is broken is noted."""
     try:
         element_type(kind)
     except KeyError:
@@ -268,7 +258,10 @@ def _is_known(document: Document, index: int, kind: str) -> bool:
 
 
 def _name_elements(document: Document) -> dict[int, str]:
-    """The known kinds by the place of the element; each element's table is left with a name and without its kind."""
+    """Return the kinds of the elements by their places, where known.
+
+    The tables of these elements lose their `kind`, and get it as their `name` when they have none.
+    """
     raw = document.value("element")
     tables = {i: table for i, table in enumerate(raw if isinstance(raw, list) else []) if isinstance(table, dict)}
     given = [table.get("kind") for table in tables.values()]
@@ -284,6 +277,7 @@ def _name_elements(document: Document) -> dict[int, str]:
         kinds[index] = kind
         del table["kind"]
         name = str(table.setdefault("name", kind))
+        # A setting on the command line is split at its first equals sign, so a name must have none.
         if not name or "=" in name:
             document.refuse(("element", index, "name"), "text that is not empty, without =")
         if name in names:

@@ -2,12 +2,13 @@
 
     handle x ──[ stiffness, damping ]── puck y ──[ spring ]── mass p
 
-The held puck is `sprung_mass`: there the handle is the puck, moved by the hand. A free puck moves by itself when its
-mass pulls it; here the handle is coupled to it by a spring and a damper: F = K·(y − x) + B·(ẏ − ẋ) on the handle,
-M·ÿ = −F + k·(p − y), m·p̈ = k·(y − p). Uncoupled, both swing about their common centre at ω = √(k·(1/M + 1/m)).
+In `sprung_mass` the handle itself is the puck, moved by the hand. A free puck also moves by itself when its mass pulls
+it. Here the handle is coupled to it by a spring and a damper: F = K·(y − x) + B·(ẏ − ẋ) on the handle, M·ÿ = −F + k·(p
+− y), m·p̈ = k·(y − p). Uncoupled, puck and mass oscillate about their common centre of mass at ω = √(k·(1/M + 1/m)).
 
-In continuous time it stores all that it takes but for B·(ẏ − ẋ)²: passive. Sampled and held it leaks about
-half and at most all of |ΔF·Δx| in each period, ΔF the change of its force in it.
+In continuous time the element stores all energy that it takes but for the dissipated B·(ẏ − ẋ)²: it is passive. Sampled
+and held, it leaks about half and at most all of |ΔF·Δx| in each period, where ΔF is the change of its force within the
+period.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,10 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class FreePuck:
-    """Coupling `stiffness` and `spring` [N/m or N·m/rad], `damping` [N·s/m or N·m·s/rad], masses [kg or kg·m²]."""
+    """A coupling by `stiffness` and `damping` to the mass `puck`, and behind `spring` another `mass`.
+
+    Stiffnesses are in N/m or N·m/rad, the damping in N·s/m or N·m·s/rad, masses in kg or kg·m².
+    """
 
     axis: str
     stiffness: Stiffness
@@ -39,7 +43,7 @@ class FreePuck:
 
     @property
     def dynamics(self) -> StateSpace:
-        """States (position, velocity) of the puck and of the mass, inputs those of the handle, output force on it."""
+        """States (position, velocity) of puck and mass, inputs (position, velocity) of the handle, output its force."""
         stiffness, damping, spring = self.stiffness, self.damping, self.spring
         return StateSpace(
             a=np.array(
@@ -56,5 +60,5 @@ class FreePuck:
         )
 
     def linearised(self) -> StateSpace:
-        """The element is linear: its dynamics."""
+        """Return the dynamics: the element is linear."""
         return self.dynamics

@@ -1,14 +1,14 @@
-"""Tissue with a memory of many lengths: a spring, and beside it any number that relax, each in its own time.
+"""Tissue that relaxes: a spring beside any number of branches, each with a relaxation time of its own.
 
-Touched at the depth d = ±(x − position) it pushes k₀·d + Σ k·(d − q) with q̇ = (d − q)/τ in each branch: after a press
-to D k₀·D + Σ k·D·e^(−t/τ), Wiechert's model. Left faster than it recovers it lets go and is met again where its surface
-has come to: never a pull. (Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., 1993, chapters 2 and
-7.)
+At the depth d = ±(x − position) the touched tissue pushes k₀·d + Σ k·(d − q) with q̇ = (d − q)/τ in each branch; after
+a press to D that is k₀·D + Σ k·D·e^(−t/τ), Wiechert's model. A tool that leaves faster than the tissue recovers loses
+contact, and meets the surface again where it has recovered to: the tissue never pulls. (Fung, Biomechanics: Mechanical
+Properties of Living Tissues, 2nd ed., 1993, chapters 2 and 7.)
 
-In continuous time it is passive; each period is stepped exactly for a straight way, so a branch far faster than the
-period neither explodes (forward Euler) nor rings (trapezoid): it is the damper k·τ, as it should be
-(`numerics.relaxation`). Sampled and held it leaks about half and at most all of |ΔF·Δx| in each period, ΔF
-the change of its force in it: for slow branches K·Σ(Δx)²/2 at K = k₀ + Σ k.
+In continuous time it is passive. Each period is stepped exactly for motion on a straight line, so a branch far faster
+than the period neither explodes (forward Euler) nor rings (trapezoid): it acts as the damper k·τ, as it should
+(`numerics.relaxation`). Sampled and held, the tissue leaks about half and at most all of |ΔF·Δx| in each period, where
+ΔF is the change of its force within the period: for slow branches K·Σ(Δx)²/2 at K = k₀ + Σ k.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +26,8 @@ from haptic_fieldbus.signals import Signal
 class GeneralisedMaxwell:
     """Tissue from `position` [m or rad] on: a spring `rest` [N/m or N·m/rad] and `branches` that relax.
 
-    Each branch is a pair [stiffness, time]: [N/m or N·m/rad] and [s]. `side` is where the tissue lies.
+    Each branch is a pair [stiffness, relaxation time] in [N/m or N·m/rad] and [s]. `side` is the side on which the
+    tissue lies.
     """
 
     axis: str
@@ -42,14 +43,15 @@ class GeneralisedMaxwell:
         return (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
-        """Remembers the dent and the relaxed part of each branch."""
+        """Return a law that remembers the dent and the relaxed part of each branch."""
         inwards = 1.0 if self.side == "positive" else -1.0
         surface, push = self.position, bind_surface(self.rest, self.branches, period)
+        # 0.0 − x and not −x: without contact the force is 0.0, never −0.0.
         return lambda position: 0.0 - inwards * push(inwards * (position - surface))
 
     @property
     def stiffness(self) -> float:
-        """At once, before anything relaxes [N/m or N·m/rad]."""
+        """The stiffness before anything relaxes [N/m or N·m/rad]."""
         return self.rest + sum(k for k, _ in self.branches)
 
     def with_stiffness(self, stiffness: float) -> Self:
@@ -57,5 +59,5 @@ class GeneralisedMaxwell:
         return replace(self, rest=factor * self.rest, branches=tuple((factor * k, tau) for k, tau in self.branches))
 
     def linearised(self) -> StateSpace:
-        """The tissue in sustained contact: linear, one state a branch."""
+        """Return the tissue in sustained contact, which is linear with one state for each branch."""
         return pressed(self.rest, self.branches)

@@ -1,15 +1,16 @@
-"""A grating: dry friction that is stronger on the ridges, so that a texture hinders and never pushes.
+"""A grating: dry friction that is stronger on the ridges, a texture that hinders and never pushes.
 
     F = −K·(x − a),   |x − a| ≤ c(x)/K,   c(x) = fc·(1 + μ·sin(2π·x/p))
 
-A spring of `stiffness` K from a stick point a, which is dragged along where the spring would pass the friction c(x) of
-the place (Hayward & Armstrong, Experimental Robotics VI, Springer 2000, 403, for constant c). It needs no velocity.
+A spring of `stiffness` K leads to a stick point a, which is dragged along where the spring would exceed the friction
+c(x) at the position (Hayward & Armstrong, Experimental Robotics VI, Springer 2000, 403, for constant c). The law needs
+no velocity.
 
-Energy. With ½·K·(x − a)² stored it only takes, as dragging only shortens the spring: passive, in contrast to a height
-field, which gives back on the far side of each ridge. Sampled and held, it gives at most ½·K·Δx² in each period, as the
-spring of a wall; a device of damping b takes that while b > K·T/2. |F| ≤ fc·(1 + μ) at any speed. Sliding, the force
-changes by at most 2π·μ·fc/p over the way. Ridges passed faster than v = p/(2·T) alias: at 1 kHz and 1 mm that is
-0.5 m/s, and a clean feel asks for 5 to 10 kHz.
+Energy. With ½·K·(x − a)² stored the element only takes energy, as dragging only shortens the spring: it is passive, in
+contrast to a height field, which gives energy back on the far side of each ridge. Sampled and held, it gives at most
+½·K·Δx² in each period, as the spring of a wall; a device of damping b absorbs that while b > K·T/2. |F| ≤ fc·(1 + μ) at
+any speed. While sliding, the slope of the force is at most 2π·μ·fc/p. Ridges passed faster than v = p/(2·T) alias: at 1
+kHz and 1 mm that is 0.5 m/s, and a clean feel needs 5 to 10 kHz.
 """
 
 import math
@@ -26,7 +27,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Grating:
-    """Friction of `coulomb` [N or N·m] on average, more and less by the ratio `depth` μ every `pitch` [m or rad].
+    """Friction `coulomb` [N or N·m] on average, stronger and weaker by the ratio `depth` μ every `pitch` [m or rad].
 
     `stiffness` K [N/m or N·m/rad] is that of sticking.
     """
@@ -44,15 +45,15 @@ class Grating:
         return (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
-        """Position → force or torque on the handle [N or N·m]; the same for every period."""
+        """Return the law from position to force or torque on the handle [N or N·m]; the same for every period."""
         stiffness, pitch = self.stiffness, self.pitch
         mean, change = self.coulomb / stiffness, self.coulomb * self.depth / stiffness
         anchor: float | None = None
 
         def law(position: float) -> float:
-            """The order of the arguments of min and max lets not-a-number through."""
             nonlocal anchor
             longest = mean + change * math.sin(2.0 * math.pi * math.remainder(position, pitch) / pitch)
+            # min and max keep a not-a-number that comes first, so the order of the arguments lets it through.
             stretch = 0.0 * position if anchor is None else max(min(position - anchor, longest), -longest)
             anchor = position - stretch
             return -stiffness * stretch
@@ -60,5 +61,5 @@ class Grating:
         return law
 
     def linearised(self) -> StateSpace:
-        """Sticking."""
+        """Return the spring that sticks."""
         return gain([[-self.stiffness, 0.0]])

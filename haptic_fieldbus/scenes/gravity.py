@@ -2,10 +2,10 @@
 
 F = −s·m·g, towards negative x, with standard gravity g = 9.80665 m/s² (3rd CGPM, 1901) and its share s along the axis:
 1 for a vertical axis whose positive end is up, the sine of the slope for an inclined one, negative where the positive
-end is down. A rotary axis has `pendulum` in its place.
+end is down. Rotary axes have `pendulum` instead.
 
-It is conservative, U = s·m·g·x, and a held constant is exact: it gives s·m·g times the way down, sampled as in
-continuous time, and takes it back on the way up.
+The force is conservative, U = s·m·g·x, and to hold a constant makes no error: sampled as in continuous time, it gives
+s·m·g times the distance on the way down and takes it back on the way up.
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from haptic_fieldbus.scenes.element import STRICT, AnyRatio, Law, Mass
 from haptic_fieldbus.signals import Signal, Workspace
 
 STANDARD_GRAVITY = 9.80665
-"""[m/s²]"""
+"""Standard gravity [m/s²]."""
 
 
 @dataclass(frozen=True)
 class Gravity:
-    """The weight of `mass` [kg], its `share` along the axis."""
+    """The weight of `mass` [kg]; `share` is the part of it along the axis."""
 
     axis: str
     mass: Mass
@@ -40,5 +40,5 @@ class Gravity:
         return lambda: weight
 
     def linearised(self) -> StateSpace:
-        """Nothing that moves the handle changes it."""
+        """Return a gain of 0: the force does not depend on the motion of the handle."""
         return gain([[0.0, 0.0]])

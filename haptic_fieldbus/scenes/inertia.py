@@ -2,25 +2,25 @@
 
 F = −m·(a ∓ w) beyond the dead band w of the acceleration, else 0, with a coefficient and a saturation for either sign
 (USB Device Class Definition for Physical Interface Devices 1.0: dead band, coefficients, saturations; `offset` is the
-acceleration that counts as none, its CP offset). Without them F = −m·a, positive towards positive x. The acceleration
-is the filtered derivative of the velocity: with the filtered velocity q, q̇ = (v − q)/τ and a = q̇, so a = s/(τ·s + 1)·v.
-Below 1/τ the handle is heavier by m, above it is damped by m/τ. It begins at rest; the filter is followed exactly along
-straight lines from sample to sample.
+neutral acceleration, the CP offset). Without them F = −m·a, positive towards positive x. The acceleration is the
+filtered derivative of the velocity: with the filtered velocity q, q̇ = (v − q)/τ and a = q̇, so a = s/(τ·s + 1)·v.
+Below the frequency 1/τ the handle is heavier by m, above it is damped by m/τ. The filter starts at rest, and is exact
+for a velocity that runs on straight lines between the samples.
 
 In continuous time it is passive for every m and τ where no condition is set: F·v = −m·q·q̇ − m·τ·q̇², so it stores
-½·m·q² and dissipates the rest. Sampled at T, velocity by backward difference, it is
-F(z)/x(z) = −m·(1 − α)/T²·(z − 1)²/(z·(z − α)), α = e^(−T/τ), and on a device of mass M and damping b
+½·m·q² and dissipates the rest. Sampled at T, with the velocity by backward difference, it is F(z)/x(z) = −m·(1 −
+α)/T²·(z − 1)²/(z·(z − α)), α = e^(−T/τ), and on a device of mass M and damping b
 
     passive                                            b > 2·m/T·tanh(T/2τ), about m/τ
     stable, no delay, b = 0                            m < 2·M/(1 − α), about 2·M·τ/T
     stable, a whole period of delay, b = 0             m < M·(√((1 + α)² + 4) − 1 − α)/(1 − α), about 0.83·M·τ/T
 
-The first is the condition of Colgate & Schenkel (J. Robotic Systems 14(1), 1997, 37) at the Nyquist frequency, where it
-asks most; the others are Jury's conditions of z² − α·z + h·(z + 1) and z³ − α·z² + h·(z + 1), h = m·(1 − α)/2M. A
-longer τ lets a heavier mass be stable, but adds it later. A step D of the encoder is felt as (m/τ)·D/T.
+The first row is the condition of Colgate & Schenkel (J. Robotic Systems 14(1), 1997, 37) at the Nyquist frequency,
+where it is strictest; the others are Jury's conditions of z² − α·z + h·(z + 1) and z³ − α·z² + h·(z + 1), h = m·(1 −
+α)/2M. A longer τ lets a heavier mass be stable, but adds it later. A step D of the encoder is felt as (m/τ)·D/T.
 
-With a condition it is no mass any more: what is taken while the handle speeds up need not be what is given back while
-it slows down. It never gives more power than its largest force times the speed.
+With a condition the element is no mass any more: the energy taken while the handle speeds up need not equal the energy
+given back while it slows down. Its power never exceeds its largest force times the speed.
 """
 
 import math
@@ -46,10 +46,11 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Inertia:
-    """`mass` [kg or kg·m²] that is added to the handle, its acceleration filtered by `time_constant` [s].
+    """A `mass` [kg or kg·m²] that is added to the handle, with the acceleration filtered by `time_constant` [s].
 
     `offset` and `dead_band` are accelerations [m/s² or rad/s²], the coefficients shares of the mass at positive and at
-    negative acceleration, one of them 1. A saturation [N or N·m] that is left out is no limit.
+    negative acceleration; one of them must be 1. A saturation is the largest force for its sign [N or N·m]; without one
+    there is no limit.
     """
 
     axis: str
@@ -72,13 +73,14 @@ class Inertia:
         return (Signal.VELOCITY,)
 
     def begin(self, period: float) -> Law:
-        """Acceleration by the exact filter, and the force that opposes it."""
+        """Return a law that filters the velocity, exactly, to an acceleration, and opposes it."""
         force, rise = self._condition(), -math.expm1(-period / self.time_constant) / period
         decay = math.exp(-period / self.time_constant)
         acceleration = last = 0.0
 
         def law(velocity: float) -> float:
             nonlocal acceleration, last
+            # Exact for a velocity that changes on a straight line: a⁺ = α·a + (1 − α)·Δv/T.
             acceleration = decay * acceleration + rise * (velocity - last)
             last = velocity
             return force(acceleration)
@@ -86,13 +88,14 @@ class Inertia:
         return law
 
     def _condition(self) -> Law:
-        """Acceleration → force."""
+        """Return the law from acceleration [m/s² or rad/s²] to force [N or N·m]."""
+        # The metric of this condition is the acceleration, so the mass is its coefficient.
         positive = condition.Side.limited(self.positive_coefficient * self.mass, 0.0, self.positive_saturation)
         negative = condition.Side.limited(self.negative_coefficient * self.mass, 0.0, self.negative_saturation)
         return condition.bind(self.offset, self.dead_band, positive, negative)
 
     def linearised(self) -> StateSpace:
-        """Of the side with all of the mass. State: the filtered velocity; inputs (position, velocity), output force."""
+        """Return the side with the whole mass: state filtered velocity, inputs (position, velocity), output force."""
         rate = 1.0 / self.time_constant
         return StateSpace(
             a=np.array([[-rate]]),

@@ -1,14 +1,14 @@
 """Kelvin–Voigt tissue: a spring and a damper side by side under a free surface.
 
-Touched at the depth d = ±(x − position) it pushes K·d + B·ḋ. When the tool leaves faster than the dent s comes back,
-which it does by K·s + B·ṡ = 0, with the time constant B/K, it is free of the tissue, and feels it again where the dent
-has come to: never a pull, and unlike a wall with a damper no push from tissue that is not there yet.
+At the depth d = ±(x − position) the touched tissue pushes K·d + B·ḋ. Untouched, its dent s recovers by K·s + B·ṡ = 0,
+with the time constant B/K. A tool that leaves faster loses contact, and meets the tissue again where the dent has
+recovered to: the tissue never pulls and, unlike a wall with a damper, never pushes where it has not yet recovered.
 (Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., 1993, chapter 2.)
 
-In continuous time it stores K·s²/2 and dissipates B·ṡ², in the hand or alone: passive. The dent's own way is stepped
-exactly, by e^(−K·T/B) a period, whatever T. Sampled and held it leaks as a spring and a damper do, K·Σ(Δx)²/2 and
-B·|v·Δx| where velocity and way disagree, and where the tool meets a dent between two samples once more the spring's
-force there times the way into it, at most K·s·|Δx|.
+In continuous time the tissue stores K·s²/2 and dissipates B·ṡ², touched or not: it is passive. The free recovery is
+stepped exactly for any T, by the factor e^(−K·T/B) in each period. Sampled and held, the tissue leaks as a spring and a
+damper do: K·Σ(Δx)²/2, and B·|v·Δx| where velocity and motion disagree. Where the tool meets a dent between two samples
+it leaks, once more, the spring's force there times the distance into it, at most K·s·|Δx|.
 """
 
 import math
@@ -24,7 +24,7 @@ from haptic_fieldbus.signals import Signal
 class KelvinVoigt:
     """Tissue from `position` [m or rad] on: `stiffness` [N/m or N·m/rad] and `damping` [N·s/m or N·m·s/rad].
 
-    `side` is where the tissue lies.
+    `side` is the side on which the tissue lies.
     """
 
     axis: str
@@ -40,7 +40,7 @@ class KelvinVoigt:
         return (Signal.POSITION, Signal.VELOCITY)
 
     def begin(self, period: float) -> Law:
-        """Remembers the dent."""
+        """Return a law that remembers the depth of the dent."""
         inwards = 1.0 if self.side == "positive" else -1.0
         surface, stiffness, damping = self.position, self.stiffness, self.damping
         kept = math.exp(-period * (stiffness / damping))
@@ -50,6 +50,7 @@ class KelvinVoigt:
             nonlocal dent
             depth = inwards * (position - surface)
             dent *= kept
+            # The tool is out of the tissue, whose dent goes on recovering.
             if depth <= dent:
                 return 0.0
             dent = depth
@@ -59,5 +60,5 @@ class KelvinVoigt:
         return force
 
     def linearised(self) -> StateSpace:
-        """The spring-damper that is felt in contact."""
+        """Return the spring-damper that is felt in contact."""
         return gain([[-self.stiffness, -self.damping]])

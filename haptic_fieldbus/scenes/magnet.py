@@ -1,14 +1,15 @@
-"""A magnet: a well that draws the handle to a place from within a radius.
+"""A magnet: a well that draws the handle to a position from within a radius.
 
 With u = (x − p)/R, inside |u| < 1
 
     F = −K·R·u·(1 − u²)²
 
-and 0 outside. Force and slope are continuous everywhere. The pull is largest at u = 1/√5, 16·√5/125·K·R = 0.286·K·R;
-the slope is steepest in the middle, −K, and rises to 0.8·K between, where the magnet overpowers the hand.
+and 0 outside. Force and slope are continuous everywhere. The pull is largest at u = 1/√5, 16·√5/125·K·R = 0.286·K·R.
+The slope is steepest in the middle, −K; further out it rises to 0.8·K, and the magnet overpowers the hand there.
 
-Energy. It stores K·R²/6·(1 − (1 − u²)³) and gives back no more: a hand pays K·R²/6 to leave. Sampled and held, it gives
-at most ½·K·Δx² in each period, as a spring of stiffness K; a device of damping b is passive with it while b > K·T/2.
+Energy. The magnet stores K·R²/6·(1 − (1 − u²)³) and gives back no more; to leave it takes K·R²/6 from the hand. Sampled
+and held, it gives at most ½·K·Δx² in each period, as a spring of stiffness K; a device of damping b is passive with it
+while b > K·T/2.
 """
 
 import math
@@ -20,12 +21,12 @@ from haptic_fieldbus.scenes.element import STRICT, Length, Place, PositiveEffort
 from haptic_fieldbus.signals import Signal
 
 LARGEST_PULL = 16.0 * math.sqrt(5.0) / 125.0
-"""Of u·(1 − u²)²."""
+"""The largest value of u·(1 − u²)²."""
 
 
 @dataclass(frozen=True)
 class Magnet:
-    """A magnet at `position` that pulls with at most `pull` [N or N·m] within `radius` [m or rad]."""
+    """A magnet at `position` that pulls with at most `pull` [N or N·m] from within `radius`; lengths in m or rad."""
 
     axis: str
     pull: PositiveEffort
@@ -40,18 +41,19 @@ class Magnet:
 
     @property
     def stiffness(self) -> float:
-        """The slope in the middle, the steepest [N/m or N·m/rad]."""
+        """The steepest slope, in the middle [N/m or N·m/rad]."""
         return self.pull / (LARGEST_PULL * self.radius)
 
     def with_stiffness(self, stiffness: float) -> Self:
         return replace(self, pull=stiffness * LARGEST_PULL * self.radius)
 
     def force(self, position: float) -> float:
-        """Force or torque on the handle [N or N·m]; not-a-number in gives not-a-number out."""
+        """Return the force or torque on the handle [N or N·m]; not-a-number gives not-a-number."""
         u = (position - self.position) / self.radius
         inner = 1.0 - u * u
+        # The comparison is false for not-a-number, which then passes through the formula.
         return 0.0 if inner <= 0.0 else -self.pull / LARGEST_PULL * u * inner * inner
 
     def linearised(self) -> StateSpace:
-        """In the middle."""
+        """Return the spring in the middle."""
         return gain([[-self.stiffness, 0.0]])

@@ -1,22 +1,22 @@
 """A needle: a capsule that gives way, then friction along the shaft and a cutting force at the tip.
 
-After Okamura, Simone & O'Leary (Force modeling for needle insertion into soft tissue, IEEE Trans. Biomedical
-Engineering 51(10), 2004, 1707, doi:10.1109/TBME.2004.831542), who add stiffness, friction and cutting:
+The model follows Okamura, Simone & O'Leary (Force modeling for needle insertion into soft tissue, IEEE Trans.
+Biomedical Engineering 51(10), 2004, 1707, doi:10.1109/TBME.2004.831542), who add stiffness, friction and cutting:
 
     before puncture   P·((1 − c)·u + c·u²), u = d/D: a nonlinear spring up to the effort P at the depth D
-    at D              the capsule gives way: its force is gone, what it stored is spent
+    at D              the capsule gives way: its force is gone, its stored energy is spent
     from then on      friction (modified Karnopp) + drag·ḋ, both ways, and cutting while the tip goes deeper than ever
 
-Karnopp's friction holds a sticking body with the force that acts on it, which no impedance display knows. Here a
-spring, `grip`, does: it holds up to `breakaway`, then slips with `friction` until the needle is slower than `slow`
-(Okamura's Δv/2). The cutting edge is such a spring too, held up to `cutting` and carried on by a tip that cuts; it only
-pushes out. Out of the tissue all is zero; with `heals` the next insertion is a new one, without it goes down the hole
-that is there.
+Karnopp's friction holds a sticking body with exactly the force that acts on it, which an impedance display does not
+measure. Here a spring, `grip`, holds it: up to `breakaway`, then the needle slips with `friction` until it is slower
+than `slow` (Okamura's Δv/2). The cutting edge is a spring of that stiffness too: it holds up to `cutting`, moves on
+with a tip that cuts, and only pushes outwards. Outside of the tissue all forces are zero. With `heals` the next
+insertion punctures anew; without it the needle enters the open hole again.
 
-Energy, continuous: what it gives back is at most what it took, and never more than it stores: before puncture the
-capsule's P·D·((1 − c)/2 + c/3), after it breakaway²/(2·grip) + cutting²/(2·grip). Passive. Sampled and held it leaks at
-most K·Σ(Δx)²/2 with K the largest of its stiffnesses (`stiffness`), slips, cuts and exits between samples included, and
-what any held damper adds for `drag`.
+Energy, in continuous time. The needle gives back at most the energy that it took, and never more than it stores: before
+puncture the capsule's P·D·((1 − c)/2 + c/3), afterwards breakaway²/(2·grip) + cutting²/(2·grip). It is passive. Sampled
+and held, it leaks at most K·Σ(Δx)²/2 with K the largest of its stiffnesses (`stiffness`), slips, cuts and exits between
+samples included, and for `drag` as much as any held damper.
 """
 
 import math
@@ -42,12 +42,13 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Needle:
-    """Tissue from `position` on [m or rad] that `puncture` [N or N·m] opens at `depth` [m or rad].
+    """Tissue from `position` on [m or rad]; the force `puncture` [N or N·m] opens it at `depth` [m or rad].
 
-    Before it the force grows with the depth, a share `curvature` of it with the square. After it `friction` [N or N·m],
-    `breakaway` [N or N·m] where it sticks (0: as friction), `cutting` [N or N·m] on the way deeper and `drag`
-    [N·s/m or N·m·s/rad]; it sticks by the stiffness `grip` [N/m or N·m/rad], again when slower than `slow` [m/s or
-    rad/s]. Where it `heals`, the next insertion punctures again. `side` is where the tissue lies.
+    Before puncture the force grows with the depth; the share `curvature` of it grows with the square. After puncture
+    there are `friction`, `breakaway` while sticking (0: as friction) and `cutting` on the way deeper [N or N·m], and
+    `drag` [N·s/m or N·m·s/rad]. The needle sticks by the stiffness `grip` [N/m or N·m/rad], and sticks again when it is
+    slower than `slow` [m/s or rad/s]. If the tissue `heals`, the next insertion punctures it again. `side` is the side
+    on which the tissue lies.
     """
 
     axis: str
@@ -67,16 +68,17 @@ class Needle:
     __pydantic_config__: ClassVar = STRICT
 
     def __post_init__(self) -> None:
+        """Raise ValueError when `breakaway` is given but below `friction`."""
         if 0.0 < self.breakaway < self.friction:
             raise ValueError(f"breakaway {self.breakaway:g}: expected 0, or from friction ({self.friction:g}) up")
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        """Velocity only where it matters how fast the needle slips."""
+        """Position, and velocity only where the force depends on the speed of slipping."""
         return (Signal.POSITION, Signal.VELOCITY) if self.drag or self.breakaway else (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
-        """Remembers whether the capsule is open."""
+        """Return a law that remembers whether the capsule is open, and where friction and the edge hold."""
         inwards = 1.0 if self.side == "positive" else -1.0
         surface, capsule, whole_depth, drag, heals = self.position, self._capsule, self.depth, self.drag, self.heals
         along, tip = _bind_friction(self), _bind_edge(self.grip, self.cutting)
@@ -90,6 +92,7 @@ class Needle:
                 return 0.0
             if not is_open and depth < whole_depth:
                 return -inwards * capsule(depth)
+            # Friction starts anew at every entry, the edge only at a puncture: in an open hole nothing is left to cut.
             push = along(depth, speed, afresh=not is_open or is_out) + tip(depth, afresh=not is_open) + drag * speed
             is_open, is_out = True, False
             return -inwards * push
@@ -97,12 +100,13 @@ class Needle:
         return force
 
     def _capsule(self, depth: float) -> float:
+        """Return the push of the closed capsule at a depth [N or N·m]."""
         part = depth / self.depth
         return self.puncture * part * (1.0 - self.curvature + self.curvature * part)
 
     @property
     def stiffness(self) -> float:
-        """The larger of the capsule's as it gives way, and of what grips the needle then [N/m or N·m/rad]."""
+        """The larger stiffness of the capsule as it gives way and of the grip after it [N/m or N·m/rad]."""
         gripping = self.grip * ((self.friction > 0.0 or self.breakaway > 0.0) + (self.cutting > 0.0))
         return max(self.puncture / self.depth * (1.0 + self.curvature), gripping)
 
@@ -112,11 +116,12 @@ class Needle:
         return replace(self, **{name: factor * getattr(self, name) for name in scaled})
 
     def linearised(self) -> StateSpace:
+        """Return the largest stiffness, with the drag."""
         return gain([[-self.stiffness, -self.drag]])
 
 
 def _bind_friction(needle: Needle) -> Callable[..., float]:
-    """(depth, speed, afresh) → the push of the shaft's friction, held by a spring that begins where it is `afresh`."""
+    """Return (depth, speed, afresh) → push of the shaft's friction; `afresh` relaxes its spring at this depth."""
     grip, slipping_at, slow = needle.grip, needle.friction, needle.slow
     sticking_at = needle.breakaway or needle.friction
     anchor, slips, direction = 0.0, False, 0.0
@@ -125,6 +130,7 @@ def _bind_friction(needle: Needle) -> Callable[..., float]:
         nonlocal anchor, slips, direction
         if afresh:
             anchor, slips = depth, False
+        # A slipping needle sticks again when it is slower than `slow`, or has turned round.
         slips = slips and direction * speed >= slow
         held = grip * (depth - anchor)
         if abs(held) > (slipping_at if slips else sticking_at):
@@ -137,7 +143,7 @@ def _bind_friction(needle: Needle) -> Callable[..., float]:
 
 
 def _bind_edge(grip: float, cutting: float) -> Callable[..., float]:
-    """(depth, afresh) → the push of the cutting edge, which is where the tip has been deepest, and no further back."""
+    """Return (depth, afresh) → push of the cutting edge, which moves on with a tip that cuts and never back."""
     edge = 0.0
 
     def push(depth: float, afresh: bool) -> float:

@@ -76,6 +76,7 @@ def described(taken: Container[str]) -> list[OwnElement]:
 
 
 def _described(kind: str, taken: Container[str]) -> OwnElement:
+    """Describe one kind, and import its class unless its name is taken."""
     entries, fault = added()[kind], None
     if kind in taken:
         fault = f'element "{kind}" of {_places(entries)}: a shipped element has this name, and scenes get that one'
@@ -89,7 +90,7 @@ def _described(kind: str, taken: Container[str]) -> OwnElement:
 
 
 def fault_of(element: AnyElement) -> str | None:
-    """Say what no element may have, needs that are no signals or a linearised form of another shape; else None."""
+    """Return the fault of an element with wrong needs or a linearised form of another shape, else None."""
     axes = 2 if isinstance(element, CouplingElement) else 1
     try:
         unknown = [each for each in element.needs if each not in _SIGNALS]
@@ -114,7 +115,7 @@ def _loaded(entry: EntryPoint) -> tuple[object, list[str]]:
 
 
 def _present(entry: EntryPoint) -> object:
-    """The object of an entry point whose module has been imported, else None."""
+    """Return the object of an entry point whose module has been imported, else None."""
     module, _, names = _value(entry).partition("[")[0].partition(":")
     found: object = sys.modules.get(module)
     for name in names.split("."):
@@ -123,7 +124,7 @@ def _present(entry: EntryPoint) -> object:
 
 
 def _faults(found: Any) -> Iterator[str]:
-    """What keeps an object from being the class of an element that files can give."""
+    """Yield each reason why an object is no class of elements that files can give."""
     if not isinstance(found, type) or not is_dataclass(found) or not cast(Any, found).__dataclass_params__.frozen:
         yield "expected a frozen dataclass"
         return
@@ -146,20 +147,21 @@ def _faults(found: Any) -> Iterator[str]:
 
 
 def _told(error: BaseException) -> str:
-    """The kind of an error and the first line of its words."""
+    """Return the kind of an error and the first line of its words."""
     words = str(error).strip().partition("\n")[0]
     return f"{type(error).__name__}{': ' * bool(words)}{words}"
 
 
 def _places(entries: tuple[EntryPoint, ...]) -> str:
+    """Return the packages and their entry points, for a sentence."""
     return " and ".join(f"{_package(entry)} (entry point {_value(entry)})" for entry in entries)
 
 
 def _package(entry: EntryPoint) -> str:
-    """Name and version of the distribution that an entry point is of."""
+    """Return name and version of the distribution that an entry point belongs to."""
     return "an unknown package" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
 
 
 def _value(entry: EntryPoint) -> str:
-    """The entry point as its package writes it, `module:Class`."""
+    """Return an entry point as its package writes it, `module:Class`."""
     return "".join(entry.value.split())

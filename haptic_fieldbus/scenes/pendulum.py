@@ -1,12 +1,12 @@
 """A pendulum on a rotary axis: the weight of a mass on an arm.
 
-M = −m·g·l·sin(θ − θ₀), positive towards positive θ, where θ₀ is where it hangs and m·g·l the `torque` that holds it
-level: 0.2 kg on 0.1 m give 0.196 N·m. Only the weight is felt; the arm's inertia is an element of its own.
+M = −m·g·l·sin(θ − θ₀), positive towards positive θ. θ₀ is the angle at which it hangs, and m·g·l is the `torque` that
+holds it level: 0.2 kg on 0.1 m give 0.196 N·m. Only the weight is felt; the inertia of the arm is a separate element.
 
-It is conservative, U = m·g·l·(1 − cos(θ − θ₀)). It is stiffest where it hangs, K = m·g·l a radian, and pushes away from
-the upright place as hard as it pulls to the lower. Sampled and held at T it gives up to ½·K·(Δθ)² more in each move;
-with device damping b it is passive while b > K·T/2 where it hangs, as a spring is (Colgate & Schenkel, J. Robotic
-Systems 14(1), 1997, 37).
+The weight is conservative, U = m·g·l·(1 − cos(θ − θ₀)). It is stiffest where it hangs, with K = m·g·l per radian, and
+pushes away from the upright position as hard as it pulls to the lower one. Sampled and held for T, it gives up to
+½·K·(Δθ)² more in each move. With device damping b it is passive, as a spring is, while b > K·T/2 where it hangs
+(Colgate & Schenkel, J. Robotic Systems 14(1), 1997, 37).
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ from haptic_fieldbus.signals import Signal, Workspace
 
 @dataclass(frozen=True)
 class Pendulum:
-    """The largest `torque` of its weight [N·m], about `position` [rad] where it hangs."""
+    """A weight whose largest torque is `torque` [N·m]; it hangs at `position` [rad]."""
 
     axis: str
     torque: PositiveEffort
@@ -31,7 +31,7 @@ class Pendulum:
 
     @property
     def stiffness(self) -> float:
-        """Where it hangs [N·m/rad]."""
+        """The largest stiffness, where it hangs [N·m/rad]."""
         return self.torque
 
     def with_stiffness(self, stiffness: float) -> Self:
@@ -42,12 +42,12 @@ class Pendulum:
         return (Signal.POSITION,)
 
     def force(self, position: float) -> float:
-        """Torque on the handle [N·m]; not-a-number for an angle that is none or infinite."""
+        """Return the torque on the handle [N·m]; not-a-number when the angle is not-a-number or infinite."""
         try:
             return -self.torque * sin(position - self.position)
-        except ValueError:
+        except ValueError:  # math.sin refuses an infinite angle
             return nan
 
     def linearised(self) -> StateSpace:
-        """The spring that is felt about the place where it hangs."""
+        """Return the spring about the angle at which it hangs."""
         return gain([[-self.stiffness, 0.0]])

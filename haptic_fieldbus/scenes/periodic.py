@@ -1,13 +1,13 @@
 """A wave: the periodic effects of USB PID, sine, square, triangle, sawtooth up and sawtooth down.
 
 F = offset + A(t)·w(f·t + φ), positive towards positive x, where w is the waveform from −1 to 1 with period 1 and A the
-magnitude or its envelope; 0 before `start_delay` and after `duration`. (USB Device Class Definition for Physical
-Interface Devices 1.0: magnitude, offset, phase, period, start delay, duration, attack level and time, fade level and
-time; the phase as a share of a period, the frequency in place of the period.) Time t begins with the effect.
+magnitude or its envelope. Time t begins with the effect; F = 0 before `start_delay` and after `duration`. (USB Device
+Class Definition for Physical Interface Devices 1.0: magnitude, offset, phase, period, start delay, duration, attack
+level and time, fade level and time. Here the phase is a share of a period, and the frequency replaces the period.)
 
-It is active: it gives power up to |F|max·|v| with |F|max = |offset| + the largest amplitude, that is at most |F|max
-times the way of the handle, sampled as in continuous time. The phase is exact at any time (`numerics.waves`); a wave is
-rendered as it is sampled, and one above half the rate of the loop is felt as its alias.
+The element is active: it gives power up to |F|max·|v| with |F|max = |offset| + the largest amplitude, so at most |F|max
+times the distance that the handle moves, sampled as in continuous time. The phase is exact at any time
+(`numerics.waves`). A wave above half the rate of the loop is felt as its alias.
 """
 
 from dataclasses import dataclass
@@ -33,8 +33,8 @@ from haptic_fieldbus.signals import Signal
 class Periodic:
     """A `waveform` of `magnitude` [N or N·m] and `frequency` [Hz] about `offset` [N or N·m].
 
-    `phase` is the share of a period at which it begins; levels in N or N·m, times in s. Without a
-    `duration` it does not end.
+    `phase` is the share of a period at which the wave begins. Levels are in N or N·m, times in s. Without `duration`
+    the wave does not end.
     """
 
     axis: str
@@ -53,7 +53,7 @@ class Periodic:
     __pydantic_config__: ClassVar = STRICT
 
     def __post_init__(self) -> None:
-        _ = self.envelope  # which refuses times that do not fit
+        _ = self.envelope  # raises ValueError when levels and times do not fit
 
     @property
     def envelope(self) -> Envelope:
@@ -78,5 +78,5 @@ class Periodic:
         return lambda elapsed: offset + amplitude(elapsed) * form(turn(elapsed))
 
     def linearised(self) -> StateSpace:
-        """Nothing that moves the handle changes it."""
+        """Return a gain of 0: the force does not depend on the motion of the handle."""
         return gain([[0.0, 0.0]])

@@ -1,8 +1,8 @@
-"""A wall that knows that its force is held: it gives the mean of the force that is due while it is held.
+"""A wall that allows for its force being held: it gives the mean of the force due during the hold.
 
-A wall's force is computed from the position now and held for a period T, in which the handle moves on: on average it is
-half a period old. If the handle keeps its velocity v, the depth d = ±(x − p) runs from d to e = d + 2·a·v during the
-hold, with the lead a = T/2, and the mean of the wall's force over that way is
+The force of a wall is computed from the present position and held for a period T, in which the handle moves on: on
+average it is half a period old. If the handle keeps its velocity v, the depth d = ±(x − p) runs from d to e = d + 2·a·v
+during the hold, with the lead a = T/2. The mean of the wall's force over that distance is
 
 | where                 | push = −F, out of the material               |
 |-----------------------|----------------------------------------------|
@@ -10,19 +10,20 @@ hold, with the lead a = T/2, and the mean of the wall's force over that way is
 | one of them inside, m | K·m²/(2·|e − d|): the part of the way inside |
 | both outside          | 0                                            |
 
-and −B·v besides, never a pull. The first row is the half-sample prediction of Gillespie & Cutkosky (Stable
-user-specific haptic rendering of the virtual wall, ASME IMECE 1996, DSC-58, 397), who name the second row's cause too:
-the surface is crossed between two samples. With `release = "deadbeat"` a period at whose end the handle is predicted
-outside has no force at all. (Their deadbeat controller steers device and hand to where the ideal wall would have left
-them, and needs a model of the hand; this one needs none, and gives away the rest of the spring instead.)
+plus −B·v, and never a pull. The first row is the half-sample prediction of Gillespie & Cutkosky (Stable user-specific
+haptic rendering of the virtual wall, ASME IMECE 1996, DSC-58, 397), who also name the cause of the second row: the
+surface is crossed between two samples. With `release = "deadbeat"` there is no force in a period at whose end the
+handle is predicted outside. (Their deadbeat controller steers device and hand to where the ideal wall would have left
+them, and needs a model of the hand; this release needs none, and gives up the rest of the spring's energy instead.)
 
-Energy, B = 0. Over one period of constant velocity with T = 2·a the held force does exactly the work of the continuous
-spring, crossings included: no leak, where the plain wall leaks up to K·(v·T)²/2 a crossing. Deadbeat release gives back
-less, by what is stored at the last sample inside. In the first case, with acceleration up to A the leak of a period is
-at most ½·K·A·T²·(its way + |v|·T), third order in T where the plain wall's K·(v·T)²/2 is second. All that holds for the
-true velocity: a backward difference is itself half a period late, and cures the leak only in part.
+Energy, B = 0. Over a period of constant velocity with T = 2·a the held force does exactly the work of the continuous
+spring, crossings included: there is no leak, where the plain wall leaks up to K·(v·T)²/2 at a crossing. Deadbeat
+release gives back less, by the energy stored at the last sample inside. In the first row, with acceleration up to A,
+the leak of a period is at most ½·K·A·T²·(its distance + |v|·T): third order in T, where the plain wall's K·(v·T)²/2 is
+second. All this holds for the true velocity: a backward difference is itself half a period late, and cures the leak
+only in part.
 
-In continuous time it is, inside, the wall with the damping K·a + B, and passive everywhere.
+In continuous time the element is, inside, the wall with the damping K·a + B, and it is passive everywhere.
 """
 
 from dataclasses import dataclass, replace
@@ -33,15 +34,16 @@ from haptic_fieldbus.scenes.element import STRICT, Damping, Duration, Place, Sti
 from haptic_fieldbus.signals import Signal
 
 LEAD = 0.0005
-"""[s]; half a period at 1 kHz."""
+"""Lead of an element outside of a loop [s]: half a period at 1 kHz."""
 
 
 @dataclass(frozen=True)
 class PredictedWall:
     """A wall at `position` [m or rad]: `stiffness` [N/m or N·m/rad], `damping` [N·s/m or N·m·s/rad], `lead` [s].
 
-    `lead` is half the period of the loop unless given; outside of a loop 0.5 ms. `release` "deadbeat" gives no force to
-    a handle that will be out by the next sample. `side` is where its material lies, seen from `position`.
+    Unless `lead` is given it is half the period of the loop, and 0.5 ms outside of a loop. With `release` "deadbeat" a
+    handle that will be outside at the next sample gets no force. `side` is the side of `position` on which the material
+    lies.
     """
 
     axis: str
@@ -55,7 +57,7 @@ class PredictedWall:
     __pydantic_config__: ClassVar = STRICT
 
     def at_period(self, period: float) -> Self:
-        """The wall in a loop of this period [s]."""
+        """Return the wall for a loop of this period [s]: with half of it as `lead`, unless one is given."""
         return self if self.lead is not None else replace(self, lead=0.5 * period)
 
     @property
@@ -67,7 +69,7 @@ class PredictedWall:
         return (Signal.POSITION, Signal.VELOCITY)
 
     def force(self, position: float, velocity: float) -> float:
-        """Force or torque on the handle [N or N·m]; not-a-number in gives not-a-number out."""
+        """Return the force or torque on the handle [N or N·m]; not-a-number as position gives not-a-number."""
         inwards = 1.0 if self.side == "positive" else -1.0
         begin = inwards * (position - self.position)
         end = begin + 2.0 * self._ahead * inwards * velocity
@@ -77,13 +79,14 @@ class PredictedWall:
         return 0.0 if push <= 0.0 else -inwards * push
 
     def linearised(self) -> StateSpace:
-        """The spring-damper that is felt inside."""
+        """Return the spring-damper that is felt inside."""
         return gain([[-self.stiffness, -self.damping - self.stiffness * self._ahead]])
 
 
 def _mean_depth(begin: float, end: float) -> float:
-    """Mean of max(0, depth) on the straight way between two depths of which one at least is above 0 [m or rad]."""
+    """Return the mean of max(0, depth) on the straight line between two depths [m or rad], one at least above 0."""
     if begin >= 0.0 and end >= 0.0:
         return 0.5 * (begin + end)
     inside, outside = (begin, end) if begin > end else (end, begin)
+    # The mean depth of the part inside, times its share of the line.
     return 0.5 * inside * (inside / (inside - outside))

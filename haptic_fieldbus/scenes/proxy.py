@@ -1,13 +1,13 @@
 """A thin surface that cannot be pushed through: a proxy stays on the side from which the handle came.
 
 The proxy follows the handle until the handle passes the surface, and then stays on it: F = K·(proxy − x) − B·v, never a
-pull. A wall asks where the handle is; a thin one that is pushed in by more than half its thickness would throw the
-handle out behind. The proxy remembers instead (the god-object of Zilles & Salisbury, IROS 1995,
-doi:10.1109/IROS.1995.525876), here in one degree of freedom, where the surface has no tangent and hence no friction.
-It can be touched from both sides; whoever begins behind it is behind it.
+pull. A plain wall depends on the present position alone: a thin one that is pushed in by more than half its thickness
+would throw the handle out on the far side. The proxy keeps a memory of the side instead (the god-object of Zilles &
+Salisbury, IROS 1995, doi:10.1109/IROS.1995.525876), here in one degree of freedom, where the surface has no tangent and
+hence no friction. The surface can be touched from both sides; a handle that begins behind it belongs there.
 
-On either side it is a wall: passive in continuous time, and with the sampled leak of a wall, at most K·Σ(Δx)²/2 and
-what the held damper adds.
+On either side it is a wall: passive in continuous time, and sampled with the leak of a wall, at most K·Σ(Δx)²/2 plus
+the leak of the held damper.
 """
 
 import math
@@ -35,13 +35,14 @@ class Proxy:
         return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
-        """Remembers the side of the proxy; none as long as the handle has been nowhere but on the surface."""
+        """Return a law that remembers the side of the proxy: that on which the handle first left the surface."""
         surface, stiffness, damping = self.position, self.stiffness, self.damping
         side = 0.0
 
         def force(position: float, velocity: float = 0.0) -> float:
             nonlocal side
             offset = position - surface
+            # On the surface itself there is no force, and no side to choose yet.
             if offset == 0.0:
                 return 0.0
             if side == 0.0:
@@ -55,5 +56,5 @@ class Proxy:
         return force
 
     def linearised(self) -> StateSpace:
-        """The spring-damper that is felt behind the surface."""
+        """Return the spring-damper that is felt behind the surface."""
         return gain([[-self.stiffness, -self.damping]])

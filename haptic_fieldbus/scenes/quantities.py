@@ -1,7 +1,7 @@
-"""What the numbers of a scene measure, and the units in which a file may write them.
+"""Quantities that the numbers of a scene measure, and the units in which a file may write them.
 
 A bare number is SI, in the workspace of its axis: `stiffness = 600` is N/m on a linear axis, N·m/rad on a rotary one. A
-text is a number and a unit, `"0.6 N/mm"`, and is refused when the unit measures something else.
+text holds a number and a unit, `"0.6 N/mm"`; it is refused when the unit measures another quantity.
 """
 
 import math
@@ -14,7 +14,7 @@ from haptic_fieldbus.signals import Workspace
 
 
 class Quantity(Enum):
-    """The value is the SI unit on a linear and on a rotary axis."""
+    """A physical quantity; the value is its SI unit on a linear and on a rotary axis."""
 
     LENGTH = ("m", "rad")
     SPEED = ("m/s", "rad/s")
@@ -31,6 +31,7 @@ class Quantity(Enum):
     RATIO = ("", "")
 
     def unit(self, workspace: Workspace) -> str:
+        """Return the SI unit in this workspace; empty for a ratio."""
         return self.value[workspace is Workspace.ROTARY]
 
 
@@ -64,14 +65,20 @@ _FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
     Quantity.FREQUENCY: ({"Hz": 1.0, "kHz": 1e3, "1/s": 1.0},) * 2,
     Quantity.RATIO: ({"": 1.0, "%": 1e-2},) * 2,
 }
+"""SI value of one of each unit, on a linear and on a rotary axis."""
 _WRITTEN = re.compile(r"\s*([-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _ONE_SPELLING = str.maketrans({"*": "", "·": "", "⋅": "", "μ": "µ", "−": "-"})
-"""Products may be written with any sign or none, N·m, N*m or Nm."""
+"""Multiplication signs are dropped, so that N·m, N*m and Nm are one unit; both codes of µ and of − become one."""
+# Spellings without superscripts and µ, as typed on a plain keyboard.
 _PLAIN = (("^2", "²"), ("s2", "s²"), ("m2", "m²"), ("us", "µs"), ("um", "µm"), ("uN", "µN"))
 
 
 def parse_quantity(text: str, quantity: Quantity, workspace: Workspace) -> float:
-    """The SI value of `text`; raises ValueError with what was expected instead, such as "N·m/rad on a rotary axis"."""
+    """Return the SI value of a text such as "0.6 N/mm".
+
+    Raises ValueError with the expected form, such as "a stiffness in N·m/rad, as the axis is rotary", when the text is
+    no number with a unit, or its unit measures another quantity.
+    """
     match = _WRITTEN.fullmatch(text.translate(_ONE_SPELLING))
     if match is None or not match.group(2):
         raise ValueError(f"a number without quotes{_example(quantity, workspace)}")
@@ -87,6 +94,7 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace) -> float
 
 @cache
 def _spelt(quantity: Quantity, rotary: bool) -> dict[str, float]:
+    """Return the factors of a quantity, with the units as `_ONE_SPELLING` leaves them."""
     return {unit.replace("·", ""): factor for unit, factor in _FACTORS[quantity][rotary].items()}
 
 
@@ -110,7 +118,7 @@ _WORDS = {
     Quantity.MASS: ("mass", "moment of inertia"),
     Quantity.EFFORT_RATE: ("force per time", "torque per time"),
 }
-"""On a linear and on a rotary axis, where the name of the quantity is not the word."""
+"""Names on a linear and on a rotary axis, for quantities whose enum name does not serve."""
 
 
 def _named(quantity: Quantity, workspace: Workspace) -> str:
@@ -120,8 +128,9 @@ def _named(quantity: Quantity, workspace: Workspace) -> str:
 
 
 def _other(unit: str, quantity: Quantity, workspace: Workspace) -> str:
-    """What the unit measures instead, where it is known."""
+    """Return the end of a message: the quantity that the unit does measure, or that the unit is not known."""
     other = Workspace.LINEAR if workspace is Workspace.ROTARY else Workspace.ROTARY
+    # The wanted quantity first: the likeliest mistake is its unit of the other workspace.
     for found in (quantity, *Quantity):
         for space in (workspace, other):
             if unit in _spelt(found, space is Workspace.ROTARY):

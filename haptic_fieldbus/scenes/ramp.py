@@ -1,12 +1,12 @@
-"""A force that changes on a straight line: the ramp force effect of USB PID.
+"""A force that changes on a straight line in time: the ramp force effect of USB PID.
 
-F goes from `start` to `end` within `duration`, positive towards positive x; 0 before `start_delay` and after the end.
-The envelope scales it: `attack_level` and `fade_level` are the levels at its beginning and end of what is 1 between.
-(USB Device Class Definition for Physical Interface Devices 1.0: ramp start, ramp end, start delay, duration, attack
-level and time, fade level and time.)
+F goes from `start` to `end` within `duration`, positive towards positive x; F = 0 before `start_delay` and after the
+end. The envelope multiplies it by a level: `attack_level` at the beginning, `fade_level` at the end, 1 between. (USB
+Device Class Definition for Physical Interface Devices 1.0: ramp start, ramp end, start delay, duration, attack level
+and time, fade level and time.)
 
-It is active: it gives power up to |F|max·|v| with |F|max = max(|start|, |end|) times the largest level, that is at most
-|F|max times the way of the handle, sampled as in continuous time.
+The element is active: it gives power up to |F|max·|v| with |F|max = max(|start|, |end|) times the largest level, so at
+most |F|max times the distance that the handle moves, sampled as in continuous time.
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Ramp:
-    """From the force `start` to the force `end` [N or N·m] within `duration`, after `start_delay` [s].
+    """A force from `start` to `end` [N or N·m] within `duration`, after `start_delay` [s].
 
-    Levels of the envelope are shares of the force, its times in s.
+    The levels of the envelope are shares of the force; its times are in s.
     """
 
     axis: str
@@ -38,7 +38,7 @@ class Ramp:
     __pydantic_config__: ClassVar = STRICT
 
     def __post_init__(self) -> None:
-        _ = self.envelope  # which refuses times that do not fit
+        _ = self.envelope  # raises ValueError when levels and times do not fit
 
     @property
     def envelope(self) -> Envelope:
@@ -50,6 +50,7 @@ class Ramp:
 
     @property
     def force(self) -> Law:
+        # At least 1 ns, so that a shorter duration does not divide by zero.
         start, change, span = self.start, self.end - self.start, max(1, nanoseconds(self.duration))
         if self.envelope.is_flat:
             return played(lambda elapsed: start + change * (elapsed / span), self.start_delay, self.duration)
@@ -59,5 +60,5 @@ class Ramp:
         )
 
     def linearised(self) -> StateSpace:
-        """Nothing that moves the handle changes it."""
+        """Return a gain of 0: the force does not depend on the motion of the handle."""
         return gain([[0.0, 0.0]])

@@ -1,6 +1,6 @@
-"""The kinds of element by name: ours, and those that other packages add (`own`).
+"""The kinds of element by name: the shipped ones, and those that other packages add (`own`).
 
-A module is imported when a scene has an element of its kind.
+`element_type` imports the module of a kind when it is first used.
 """
 
 from importlib import import_module
@@ -11,6 +11,8 @@ from haptic_fieldbus.scenes.element import AnyElement
 if TYPE_CHECKING:  # most scenes have shipped elements alone
     from haptic_fieldbus.scenes.own import OwnElement
 
+# Module and class as texts, so that a scene imports only the kinds that it contains. The order is that of the
+# documentation.
 ELEMENTS = {
     "braking_pulse": ("haptic_fieldbus.scenes.braking_pulse", "BrakingPulse"),
     "constant": ("haptic_fieldbus.scenes.constant", "Constant"),

@@ -1,4 +1,4 @@
-"""A scene: axes with their workspace, and the elements that act on them."""
+"""A scene: axes with their workspaces, and the elements that act on them."""
 
 from dataclasses import dataclass, replace
 from typing import cast
@@ -9,16 +9,16 @@ from haptic_fieldbus.signals import Workspace
 
 @dataclass(frozen=True)
 class SceneAxis:
-    """An axis of a scene, and what it moves in."""
+    """An axis of a scene: its name, its workspace, and whether the simulated hand holds it."""
 
     name: str
     workspace: Workspace
     held: bool | None = None
-    """Whether the simulated hand holds it; None: unless it is the second of a coupling."""
+    """Whether the simulated hand holds this axis; None means yes, unless the axis is the second of a coupling."""
 
 
 def axes_of(element: AnyElement) -> tuple[str, ...]:
-    """The axes that an element acts on, by name."""
+    """Return the names of the axes that an element acts on: both for a coupling, else one."""
     return element.axes if isinstance(element, CouplingElement) else (cast(Element, element).axis,)
 
 
@@ -28,27 +28,28 @@ def _paced(element: AnyElement, period: float) -> AnyElement:
 
 @dataclass(frozen=True)
 class Scene:
-    """What is rendered; elements are listed in the order of their file."""
+    """A scene to render: its axes, and its elements in the order of their files."""
 
     name: str
     description: str
     axes: tuple[SceneAxis, ...]
     elements: tuple[AnyElement, ...]
     source: str = ""
+    """Path of the scene file; empty for a scene made in Python."""
     hand: str | None = None
-    """What the simulated hand does in this scene unless told otherwise."""
+    """Motion of the simulated hand in this scene, unless a run names another; None is the default of the run."""
 
     def of_axis(self, axis: str) -> tuple[Element, ...]:
-        """The elements that act on this axis alone."""
+        """Return the elements that act on this axis alone, without couplings."""
         return tuple(cast(Element, element) for element in self.elements if axes_of(element) == (axis,))
 
     def holds(self, axis: str) -> bool:
-        """Whether the simulated hand holds this axis; without a word on it, all but those that a coupling leads."""
+        """Return whether the simulated hand holds this axis; by default every axis but the second of a coupling."""
         told = next(each.held for each in self.axes if each.name == axis)
         return axis not in {coupling.axes[1] for coupling in self.couplings} if told is None else told
 
     def at_period(self, period: float) -> "Scene":
-        """The scene in a loop of this period [s]: what follows from it is filled in."""
+        """Return the scene for a loop of this period [s], which fills in the parameters of its `Paced` elements."""
         if not any(isinstance(element, Paced) for element in self.elements):
             return self
         return replace(self, elements=tuple(_paced(element, period) for element in self.elements))

@@ -1,14 +1,14 @@
 """A spring that pulls the handle to its rest position: the spring condition of USB PID.
 
 Beyond the dead band w on either side of the rest position x₀, F = −K·(x − x₀ ∓ w) − B·v, positive towards positive x;
-within it F = 0. Each side has its coefficient, a share of K and B, and may have a saturation: no force beyond it, the
-damping's part included. (USB Device Class Definition for Physical Interface Devices 1.0: CP offset, dead band, positive
-and negative coefficient, positive and negative saturation; in physical units here.)
+within it F = 0. Either side has a coefficient, its share of K and B, and may have a saturation, the largest force with
+the part of the damping included. (USB Device Class Definition for Physical Interface Devices 1.0: CP offset, dead band,
+positive and negative coefficient, positive and negative saturation; in physical units here.)
 
-In continuous time the spring stores what it takes, U = ½·K·d² up to its saturation s and s·(d − s/2K) beyond, and B
-dissipates. Sampled and held at T it gives up to ½·K·(Δx)² more in each move Δx; with device damping b it is passive
-while b > K·T/2 + B (Colgate & Schenkel, J. Robotic Systems 14(1), 1997, 37), velocity by backward difference. With
-damping and a dead band the force steps by B·v at the band's edges.
+In continuous time the spring stores the energy that it takes, U = ½·K·d² up to its saturation s and s·(d − s/2K)
+beyond, and B dissipates. Sampled and held for T, it gives up to ½·K·(Δx)² more in each move Δx. With device damping b
+it is passive while b > K·T/2 + B (Colgate & Schenkel, J. Robotic Systems 14(1), 1997, 37), with the velocity by
+backward difference. With damping and a dead band the force steps by B·v at the edges of the band.
 """
 
 from dataclasses import dataclass
@@ -31,10 +31,11 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class Spring:
-    """`stiffness` [N/m or N·m/rad] about `position` [m or rad], with `damping` [N·s/m or N·m·s/rad].
+    """A spring of `stiffness` [N/m or N·m/rad] about `position` [m or rad], with `damping` [N·s/m or N·m·s/rad].
 
-    `dead_band` [m or rad] is what is free on either side. The coefficients are the shares of stiffness and damping on
-    the positive and on the negative side; one of them is 1. A saturation [N or N·m] left out is none.
+    `dead_band` [m or rad] is free play on either side. The coefficients are the shares of stiffness and damping on the
+    positive and on the negative side; one of them must be 1. A saturation is the largest force on its side [N or N·m];
+    without one there is no limit.
     """
 
     axis: str
@@ -54,7 +55,7 @@ class Spring:
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        """Velocity only when there is damping."""
+        """Position, and velocity only with damping."""
         return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     @property
@@ -67,5 +68,5 @@ class Spring:
         return condition.Side.limited(share * self.stiffness, share * self.damping, saturation)
 
     def linearised(self) -> StateSpace:
-        """The spring-damper of its stiffer side, beyond the dead band and below saturation."""
+        """Return the spring-damper of the stiffer side, beyond the dead band and below saturation."""
         return gain([[-self.stiffness, -self.damping]])

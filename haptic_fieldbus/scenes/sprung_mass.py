@@ -1,7 +1,8 @@
 """A virtual mass on a spring whose other end is the puck in the hand.
 
-Held puck at x, mass at p: the spring pulls the mass with k·(x − p) and the puck with F = k·(p − x), positive towards
-positive x. With q = ṗ: ṗ = q, q̇ = (k/m)·(x − p), so ω_n = √(k/m). Mass and spring start at rest where the puck is.
+With the held puck at x and the mass at p, the spring pulls the mass with k·(x − p) and the puck with F = k·(p − x),
+positive towards positive x. With q = ṗ: ṗ = q, q̇ = (k/m)·(x − p), so ω_n = √(k/m). Mass and spring start at rest at
+the position of the puck.
 
 The continuous undamped oscillator is only marginally stable: every integrator that adds energy makes it grow, forward
 Euler at every period (|λ| = √(1 + k·T²/m)).
@@ -19,7 +20,7 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class SprungMass:
-    """`stiffness` [N/m or N·m/rad] and `mass` [kg or kg·m²] of a virtual mass sprung to the puck."""
+    """A virtual `mass` [kg or kg·m²] on a spring of `stiffness` [N/m or N·m/rad] to the puck."""
 
     axis: str
     stiffness: Stiffness
@@ -33,7 +34,7 @@ class SprungMass:
 
     @property
     def dynamics(self) -> StateSpace:
-        """States (position and velocity of the mass), inputs (position, velocity) of the puck, output force on it."""
+        """States (position, velocity) of the mass, inputs (position, velocity) of the puck, output the force on it."""
         stiffness, mass = self.stiffness, self.mass
         return StateSpace(
             a=np.array([[0.0, 1.0], [-stiffness / mass, 0.0]]),
@@ -43,5 +44,5 @@ class SprungMass:
         )
 
     def linearised(self) -> StateSpace:
-        """The element is linear: its dynamics."""
+        """Return the dynamics: the element is linear."""
         return self.dynamics

@@ -1,13 +1,14 @@
-"""A standard linear solid: a spring, and beside it one that relaxes; stiff to the quick, soft to the patient.
+"""A standard linear solid: a spring beside a spring that relaxes, stiff at once and soft in the end.
 
-Touched at the depth d = ±(x − position) it pushes k₀·d + k·(d − q) with q̇ = (d − q)/τ: k₀ + k at once, k₀ in the end,
-and k₀·D + k·D·e^(−t/τ) after a press to D. Left faster than it recovers it lets go and is met again where its surface
-has come to: never a pull. (Zener's model; Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., 1993,
-chapter 2.)
+At the depth d = ±(x − position) the touched tissue pushes k₀·d + k·(d − q) with q̇ = (d − q)/τ. Its stiffness is k₀ + k
+at once and k₀ in the end; after a press to D the push is k₀·D + k·D·e^(−t/τ). A tool that leaves faster than the tissue
+recovers loses contact, and meets the surface again where it has recovered to: the tissue never pulls. (Zener's model;
+Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., 1993, chapter 2.)
 
-In continuous time it is passive; each period is stepped exactly for a straight way, so a relaxation time far below the
-period does no harm (`numerics.relaxation`, both with their reason). Sampled and held it leaks about half and at most
-all of |ΔF·Δx| in each period, ΔF the change of its force in it: for slow branches K·Σ(Δx)²/2 at K = k₀ + k.
+In continuous time it is passive. Each period is stepped exactly for motion on a straight line, so a relaxation time far
+below the period does no harm (`numerics.relaxation` has the reason of both). Sampled and held, the tissue leaks about
+half and at most all of |ΔF·Δx| in each period, where ΔF is the change of its force within the period: for slow branches
+K·Σ(Δx)²/2 at K = k₀ + k.
 """
 
 from dataclasses import dataclass, replace
@@ -21,9 +22,9 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class StandardLinearSolid:
-    """Tissue from `position` [m or rad] on: `rest` that stays, `branch` [N/m or N·m/rad] that relaxes in `time` [s].
+    """Tissue from `position` [m or rad] on: a spring `rest`, and a spring `branch` that relaxes in `time` [s].
 
-    `side` is where the tissue lies.
+    Both springs are in N/m or N·m/rad. `side` is the side on which the tissue lies.
     """
 
     axis: str
@@ -40,14 +41,15 @@ class StandardLinearSolid:
         return (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
-        """Remembers the dent and the relaxed part of it."""
+        """Return a law that remembers the dent and its relaxed part."""
         inwards = 1.0 if self.side == "positive" else -1.0
         surface, push = self.position, bind_surface(self.rest, ((self.branch, self.time),), period)
+        # 0.0 − x and not −x: without contact the force is 0.0, never −0.0.
         return lambda position: 0.0 - inwards * push(inwards * (position - surface))
 
     @property
     def stiffness(self) -> float:
-        """At once, before anything relaxes [N/m or N·m/rad]."""
+        """The stiffness before anything relaxes [N/m or N·m/rad]."""
         return self.rest + self.branch
 
     def with_stiffness(self, stiffness: float) -> Self:
@@ -55,5 +57,5 @@ class StandardLinearSolid:
         return replace(self, rest=factor * self.rest, branch=factor * self.branch)
 
     def linearised(self) -> StateSpace:
-        """The tissue in sustained contact: linear, one state."""
+        """Return the tissue in sustained contact, which is linear with one state."""
         return pressed(self.rest, ((self.branch, self.time),))

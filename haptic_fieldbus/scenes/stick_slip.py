@@ -1,14 +1,14 @@
-"""Stick-slip: a spring to an anchor that jumps after the handle when the spring would pass a force.
+"""Stick-slip: a spring to an anchor that jumps after the handle when the spring would exceed a force.
 
-    F = −K·(x − a);   where K·|x − a| passes the breakaway force fs, a jumps to where the spring is slack
+    F = −K·(x − a);   where K·|x − a| exceeds the breakaway force fs, a jumps to where the spring is slack
 
-as a saw tooth: over a steady way F rises to fs and drops to 0 every fs/K (the stick-slip effect of CHAI3D, where the
-anchor jumps to the handle). Here it jumps by whole teeth fs/K, so that the teeth have their length at any speed and
-period. Nothing slides between the jumps; friction that keeps its level is the kind `friction`.
+Steady motion gives a saw tooth: F rises to fs and drops to 0 every fs/K (the stick-slip effect of CHAI3D, where the
+anchor jumps to the handle). Here the anchor jumps by whole teeth fs/K, so that the teeth keep their length at any speed
+and period. Nothing slides between the jumps; the kind `friction` keeps its level instead.
 
-Energy. With ½·K·(x − a)² stored it only takes, as a jump only shortens the spring: each tooth costs the hand fs²/(2·K),
-and it is passive. Sampled and held, it gives at most ½·K·Δx² in each period, like a wall's spring; a device of damping
-b takes that while b > K·T/2. |F| ≤ fs at any speed.
+Energy. With ½·K·(x − a)² stored the element only takes energy, as a jump only shortens the spring: each tooth takes
+fs²/(2·K) from the hand, and the element is passive. Sampled and held, it gives at most ½·K·Δx² in each period, as the
+spring of a wall; a device of damping b absorbs that while b > K·T/2. |F| ≤ fs at any speed.
 """
 
 import math
@@ -35,7 +35,7 @@ class StickSlip:
         return (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
-        """Position → force or torque on the handle [N or N·m]; the same for every period."""
+        """Return the law from position to force or torque on the handle [N or N·m]; the same for every period."""
         stiffness, tooth = self.stiffness, self.breakaway / self.stiffness
         anchor: float | None = None
 
@@ -45,6 +45,7 @@ class StickSlip:
                 anchor = position
             stretch = position - anchor
             if not -tooth <= stretch <= tooth:
+                # fmod takes off whole teeth. It refuses an infinite stretch: not-a-number makes the loop trip.
                 stretch = math.fmod(stretch, tooth) if math.isfinite(stretch) else math.nan
                 anchor = position - stretch
             return -stiffness * stretch
@@ -52,5 +53,5 @@ class StickSlip:
         return law
 
     def linearised(self) -> StateSpace:
-        """Sticking."""
+        """Return the spring that sticks."""
         return gain([[-self.stiffness, 0.0]])

@@ -1,7 +1,8 @@
 """A texture: ridges whose flanks push sideways, as felt by a fingertip that is drawn over them.
 
 A tip that presses with N on a profile of height h(x) feels the lateral force −N·h′(x) (Robles-De-La-Torre & Hayward,
-Nature 412, 2001, 445: that force alone makes a shape). With the largest one A and the pitch p, phase u = x/p:
+Nature 412, 2001, 445: that force alone conveys a shape). With the largest lateral force A, the pitch p and the phase u
+= x/p:
 
 | profile  | ridges                                                   | F                                 | slope     |
 |----------|----------------------------------------------------------|-----------------------------------|-----------|
@@ -10,10 +11,10 @@ Nature 412, 2001, 445: that force alone makes a shape). With the largest one A a
 
 A valley lies at 0, where the force is 0. The slope of sharp triangles (ρ → 0) has no bound, so ρ is above 0.
 
-Energy. A height field stores what it takes and gives back no more. Its steepest slope K is held against the limits of
-stability; sampled and held, it gives at most ½·K·Δx² in each period, so a device of damping b is passive with it while
-b > K·T/2. Ridges passed faster than v = p/(2·T) alias into other ridges: at 1 kHz and 1 mm that is 0.5 m/s, and a clean
-feel asks for 5 to 10 kHz. A texture that can never push, only hinder, is the kind `grating`.
+Energy. A height field stores energy and gives back no more than it took. Its steepest slope K is held against the
+limits of stability. Sampled and held, it gives at most ½·K·Δx² in each period, so a device of damping b is passive with
+it while b > K·T/2. Ridges passed faster than v = p/(2·T) alias into other ridges: at 1 kHz and 1 mm that is 0.5 m/s,
+and a clean feel needs 5 to 10 kHz. For a texture that only hinders and never pushes there is the kind `grating`.
 """
 
 import math
@@ -32,7 +33,7 @@ from haptic_fieldbus.signals import Signal
 class Texture:
     """Ridges every `pitch` [m or rad] that push with at most `amplitude` [N or N·m].
 
-    `rounding` ρ, above 0 up to 1, is the part of a triangular ridge that is rounded.
+    `rounding` ρ, above 0 up to 1, is the rounded part of a triangular ridge.
     """
 
     axis: str
@@ -57,18 +58,18 @@ class Texture:
 
     @property
     def _steepness(self) -> float:
-        """Of the force in amplitudes, over the phase."""
+        """The steepest slope of the force in amplitudes over the phase."""
         return 2.0 * math.pi if self.profile == "sine" else 4.0 / self.rounding
 
     def force(self, position: float) -> float:
-        """Force or torque on the handle [N or N·m]; not-a-number in gives not-a-number out."""
+        """Return the force or torque on the handle [N or N·m]; not-a-number gives not-a-number."""
         phase = math.remainder(position, self.pitch) / self.pitch
         if self.profile == "sine":
             return -self.amplitude * math.sin(2.0 * math.pi * phase)
-        # up from the valley at 0 and down to the crest at ±½
+        # The force rises from the valley at phase 0 and falls again to the crest at ±½.
         share = min(abs(phase), 0.5 - abs(phase)) * 4.0 / self.rounding
         return -self.amplitude * math.copysign(min(share, 1.0), phase)
 
     def linearised(self) -> StateSpace:
-        """In a valley."""
+        """Return the spring of a valley."""
         return gain([[-self.stiffness, 0.0]])

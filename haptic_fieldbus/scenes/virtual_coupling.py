@@ -3,13 +3,13 @@
     handle x ──[ stiffness, damping ]── tool p (mass) ──[ wall_stiffness ]── wall
 
 F = K·(p − x) + B·(ṗ − ẋ) on the handle, m·p̈ = −F − K_w·(p − wall) while the tool is inside the wall. The hand feels
-the wall through the coupling only: however stiff the wall, K and B bound what the loop has to render, and their limits
-are known beforehand (Adams & Hannaford, IEEE Trans. Robotics and Automation 15(3), 1999, 465, doi:10.1109/70.768179).
+the wall through the coupling only: however stiff the wall, the loop renders no more than K and B, whose limits are
+known beforehand (Adams & Hannaford, IEEE Trans. Robotics and Automation 15(3), 1999, 465, doi:10.1109/70.768179).
 
-In continuous time it stores m·ṗ²/2 + K·(p − x)²/2 + K_w·(p − wall)²/2 and dissipates B·(ṗ − ẋ)²: passive. The tool is
-stepped exactly between straight pieces of the handle's way, and its meeting with the wall is found within T/1024
-(`numerics.switched`), so tool and wall make no energy of their own; the coupling, sampled and held, leaks about
-half and at most all of |ΔF·Δx| in each period, ΔF the change of its force in it.
+In continuous time the element stores m·ṗ²/2 + K·(p − x)²/2 + K_w·(p − wall)²/2 and dissipates B·(ṗ − ẋ)²: it is
+passive. The tool is stepped exactly for motion of the handle on straight lines, and its meeting with the wall is found
+within T/1024 (`numerics.switched`), so tool and wall make no energy of their own. The coupling, sampled and held, leaks
+about half and at most all of |ΔF·Δx| in each period, where ΔF is the change of its force within the period.
 """
 
 from dataclasses import dataclass
@@ -25,9 +25,11 @@ from haptic_fieldbus.signals import Signal
 
 @dataclass(frozen=True)
 class VirtualCoupling:
-    """Coupling `stiffness` [N/m or N·m/rad] and `damping`, tool `mass` [kg or kg·m²], wall from `wall` [m or rad] on.
+    """A tool of `mass` coupled by `stiffness` and `damping`, and a wall of `wall_stiffness` from `wall` on.
 
-    Without `wall_stiffness` there is no wall. `side` is where its material lies.
+    The mass is in kg or kg·m², stiffnesses are in N/m or N·m/rad, the damping in N·s/m or N·m·s/rad, the position
+    `wall` in m or rad. Without `wall_stiffness` there is no wall. `side` is the side of `wall` on which its material
+    lies.
     """
 
     axis: str
@@ -45,11 +47,12 @@ class VirtualCoupling:
         return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def begin(self, period: float) -> Law:
-        """Remembers the tool, at rest at first; lengths are measured from the wall into it."""
+        """Return a law that remembers the tool, which starts at rest; lengths inside count from the wall into it."""
         inwards, wall = 1.0 if self.side == "positive" else -1.0, self.wall
         stiffness, damping = self.stiffness, self.damping
         free, touching = self._tool(0.0), self._tool(self.wall_stiffness)
         advance = bind_switched(free, touching, period) if self.wall_stiffness else bind_linear(free, period)
+        # Where a held tool comes to rest between the coupling and the wall, as a share of the handle's depth.
         at_rest = stiffness / (stiffness + self.wall_stiffness)
         last: tuple[float, float] | None = None
         tool = speed = 0.0
@@ -58,6 +61,7 @@ class VirtualCoupling:
             nonlocal last, tool, speed
             handle = inwards * (position - wall), inwards * velocity
             if last is None:
+                # The tool starts at rest: at the handle outside of the wall, balanced between coupling and wall inside.
                 tool = handle[0] if handle[0] <= 0.0 else at_rest * handle[0]
             else:
                 tool, speed = advance(tool, speed, last, handle)
@@ -67,7 +71,7 @@ class VirtualCoupling:
         return force
 
     def _tool(self, wall_stiffness: float) -> StateSpace:
-        """States (position and velocity of the tool), inputs those of the handle, output force on it."""
+        """States (position, velocity) of the tool, inputs those of the handle, output the force on the handle."""
         k, b, m = self.stiffness, self.damping, self.mass
         return StateSpace(
             a=np.array([[0.0, 1.0], [-(k + wall_stiffness) / m, -b / m]]),
@@ -77,5 +81,5 @@ class VirtualCoupling:
         )
 
     def linearised(self) -> StateSpace:
-        """The tool on the wall, held there."""
+        """Return the tool in sustained contact with the wall."""
         return self._tool(self.wall_stiffness)

@@ -5,9 +5,9 @@ acts on the handle and is positive towards positive x, so a wall on the right pu
 opposite of the classic pseudocode F = K·(x − p). Outside, zero is *written*: the pseudocode's "else do nothing" would
 leave the last torque of the contact in force.
 
-In continuous time K stores what it takes and B dissipates, so the wall is passive. Sampled and held at T it generates
-energy; with device damping b it stays passive while b > K·T/2 + B (Colgate & Schenkel, J. Robotic
-Systems 14(1), 1997, 37), velocity by backward difference.
+In continuous time K stores energy and B dissipates it, so the wall is passive. Sampled and held for T it generates
+energy. With device damping b it stays passive while b > K·T/2 + B (Colgate & Schenkel, J. Robotic Systems 14(1), 1997,
+37), with the velocity by backward difference.
 """
 
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ from haptic_fieldbus.signals import Signal
 class Wall:
     """A wall at `position` [m or rad]: `stiffness` [N/m or N·m/rad], `damping` [N·s/m or N·m·s/rad].
 
-    `side` is where its material lies, seen from `position`. "bilateral" holds the handle at `position` from both sides
-    (a spring-damper that also pulls); `side` then means nothing.
+    `side` is the side of `position` on which its material lies. With `sides` "bilateral" a spring-damper holds the
+    handle at `position` from both sides, and also pulls; `side` has no meaning then.
     """
 
     axis: str
@@ -37,19 +37,20 @@ class Wall:
 
     @property
     def needs(self) -> tuple[Signal, ...]:
-        """Velocity only when there is damping: without it the plan has no estimator."""
+        """Position, and velocity only with damping: without it the plan has no estimator."""
         return (Signal.POSITION, Signal.VELOCITY) if self.damping else (Signal.POSITION,)
 
     def force(self, position: float, velocity: float = 0.0) -> float:
-        """Force or torque on the handle [N or N·m]; not-a-number in gives not-a-number out, for safety to see."""
+        """Return the force or torque on the handle [N or N·m]; not-a-number as position gives not-a-number."""
         penetration = position - self.position
         force = -self.stiffness * penetration - self.damping * velocity
         if self.sides == "bilateral":
             return force
         if self.side == "positive":
+            # The comparisons are false for not-a-number, which so reaches the safety checks instead of passing for 0.
             return 0.0 if penetration <= 0.0 or force > 0.0 else force
         return 0.0 if penetration >= 0.0 or force < 0.0 else force
 
     def linearised(self) -> StateSpace:
-        """The spring-damper that is felt inside."""
+        """Return the spring-damper that is felt inside."""
         return gain([[-self.stiffness, -self.damping]])

@@ -1,12 +1,12 @@
 """A simulated world in virtual time: drives, mechanics, hands, faults, wires.
 
 - `canopen`: drives on a simulated or a real CAN bus;
-- `drive`: the drive itself, which knows no bus;
+- `drive`: the drive itself, independent of any bus;
 - `mechanics`: the motion of its shaft, followed exactly;
-- `hand`: who holds on to it; `faults`: what befalls it.
+- `hand`: the hand on its handle; `faults`: the faults of drives and buses.
 
-An import contract in pyproject.toml says which may import which.
+An import contract in pyproject.toml states which may import which.
 """
 
 NEVER_NS = 1 << 62
-"""Later than everything."""
+"""A time later than every other: no event is due."""

@@ -1,7 +1,7 @@
-"""Faults of a simulated drive or bus, as data: what a `[[fault]]` of a TOML file may say.
+"""Faults of a simulated drive or bus, as data: the kinds of `[[fault]]` in a TOML file.
 
-`at` [s] counts from the drive's first *operation enabled*; faults without it are there from power-on. `node` names the
-drive, None every drive of the bus; `bus` is its bus in the rig, None every bus. `duration` [s], None: for good.
+`at` [s] counts from the drive's first *operation enabled*; faults without it exist from power-on. `node` is the node-ID
+of the drive, None every drive of the bus; `bus` is a bus of the rig, None every bus. `duration` [s] None is for ever.
 """
 
 from collections.abc import Iterable
@@ -22,7 +22,7 @@ ErrorCode = Annotated[int, Ge(0x0001), Le(0xFFFF)]
 
 @dataclass(frozen=True, kw_only=True)
 class Concern:
-    """Whom a fault befalls."""
+    """The drives and buses that a fault concerns."""
 
     node: Node | None = None
     bus: str | None = None
@@ -31,7 +31,7 @@ class Concern:
 
 @dataclass(frozen=True)
 class Emergency(Concern):
-    """An emergency message, the drive goes on."""
+    """An emergency message, without any effect on the drive."""
 
     kind: Literal["emergency"]
     at: NonNegativeFloat
@@ -40,16 +40,17 @@ class Emergency(Concern):
 
 @dataclass(frozen=True)
 class DriveFault(Concern):
-    """The drive detects a fault: emergency, fault reaction, fault."""
+    """A fault that the drive detects: emergency message, fault reaction, *fault*."""
 
     kind: Literal["drive_fault"]
     at: NonNegativeFloat
+    # 2310h: continuous over current.
     code: ErrorCode = 0x2310
 
 
 @dataclass(frozen=True)
 class NodeReset(Concern):
-    """The node's watchdog restarts it; the boot-up message comes `duration` [s] later."""
+    """A restart of the node by its watchdog; the boot-up message comes `duration` [s] later."""
 
     kind: Literal["node_reset"]
     at: NonNegativeFloat
@@ -58,7 +59,7 @@ class NodeReset(Concern):
 
 @dataclass(frozen=True)
 class Silence(Concern):
-    """The node's cable is off: nothing is sent, nothing is received."""
+    """A disconnected cable of the node: it neither sends nor receives."""
 
     kind: Literal["silence"]
     at: NonNegativeFloat
@@ -67,7 +68,7 @@ class Silence(Concern):
 
 @dataclass(frozen=True)
 class MissingTpdos(Concern):
-    """The next `count` TPDOs are not sent."""
+    """The loss of the next `count` TPDOs inside the node."""
 
     kind: Literal["missing_tpdos"]
     at: NonNegativeFloat
@@ -76,7 +77,7 @@ class MissingTpdos(Concern):
 
 @dataclass(frozen=True)
 class HeartbeatLost(Concern):
-    """The node's own heartbeat stops, all else goes on."""
+    """The end of the node's own heartbeat; everything else continues."""
 
     kind: Literal["heartbeat_lost"]
     at: NonNegativeFloat
@@ -84,7 +85,7 @@ class HeartbeatLost(Concern):
 
 @dataclass(frozen=True)
 class EncoderJump(Concern):
-    """The encoder loses or gains counts."""
+    """A loss or gain of encoder counts."""
 
     kind: Literal["encoder_jump"]
     at: NonNegativeFloat
@@ -93,7 +94,7 @@ class EncoderJump(Concern):
 
 @dataclass(frozen=True)
 class PositionStuck(Concern):
-    """The encoder shows what it showed, whatever the shaft does."""
+    """An encoder that keeps its last counts while the shaft moves."""
 
     kind: Literal["position_stuck"]
     at: NonNegativeFloat
@@ -102,7 +103,7 @@ class PositionStuck(Concern):
 
 @dataclass(frozen=True)
 class BusOff(Concern):
-    """The master's controller goes bus-off: an error frame, then nothing is sent or received by it."""
+    """Bus-off of the master's controller: an error frame, then it neither sends nor receives."""
 
     kind: Literal["bus_off"]
     at: NonNegativeFloat
@@ -111,7 +112,7 @@ class BusOff(Concern):
 
 @dataclass(frozen=True)
 class ErrorFrame(Concern):
-    """The master's controller reports a disturbed frame; nothing is lost."""
+    """A disturbed frame that the master's controller reports; no frame is lost."""
 
     kind: Literal["error_frame"]
     at: NonNegativeFloat
@@ -119,14 +120,14 @@ class ErrorFrame(Concern):
 
 @dataclass(frozen=True)
 class MissingNode(Concern):
-    """The node is not there."""
+    """A node that is absent from the bus."""
 
     kind: Literal["missing_node"]
 
 
 @dataclass(frozen=True)
 class WrongIdentity(Concern):
-    """1018h says another vendor or product; None: as it is."""
+    """Another vendor-ID or product code in 1018h; None leaves the right one."""
 
     kind: Literal["wrong_identity"]
     vendor_id: UInt32 | None = None
@@ -135,7 +136,7 @@ class WrongIdentity(Concern):
 
 @dataclass(frozen=True)
 class SdoRefusal(Concern):
-    """Every SDO access to one entry is aborted with this code."""
+    """An abort of every SDO access to one entry, with this code."""
 
     kind: Literal["sdo_abort"]
     object: Annotated[int, Ge(0), Le(0xFFFF)]
@@ -168,16 +169,16 @@ class FaultFile:
 
 
 def load_faults(path: str | Path) -> tuple[Fault, ...]:
-    """The faults of a file; raises FaultFileError with all that is wrong in it."""
+    """Return the faults of a file; raises FaultFileError that lists everything wrong in it."""
     document = read_document(Path(path), FaultFileError)
     return document.checked(document.validate(FaultFile)).fault
 
 
 def faults_of(faults: Iterable[Fault], node: int) -> tuple[Fault, ...]:
-    """Those that concern one drive of a bus."""
+    """Return the faults that concern one drive of a bus."""
     return tuple(fault for fault in faults if fault.node in (None, node))
 
 
 def faults_on(faults: Iterable[Fault], bus: str) -> tuple[Fault, ...]:
-    """Those that concern one bus of a rig."""
+    """Return the faults that concern one bus of a rig."""
     return tuple(fault for fault in faults if fault.bus in (None, bus))

@@ -1,11 +1,11 @@
-"""The simulated hand: a mass coupled to the handle by a spring and a damper, with a force acting on it.
+"""The simulated hand: a mass coupled to the handle by a spring and a damper, with a force acting on the mass.
 
-Theory: the force is made of pieces, each a ramp or a constant (f' = g, g' = 0) or a sine (g' = −ω²·f), so the whole
-hand stays a linear system between the instants at which a piece begins. The hand's clock starts when the drive is first
-*operation enabled*; before that it holds the handle and exerts no force. Force is positive towards positive positions
-of the workspace.
+Theory: the force consists of pieces, each a ramp or a constant (f' = g, g' = 0) or a sine (g' = −ω²·f). So hand and
+handle are a linear system between the instants at which a piece begins. The hand's clock starts when the drive is first
+*operation enabled*; before that the hand holds the handle and exerts no force. Force is positive towards positive
+positions of the workspace.
 
-On a linear mechanism hand and handle move in metres. On a rotary one the hand holds a lever of 0.05 m, so that 1 N is
+On a linear mechanism, hand and handle move in metres. On a rotary one the hand holds a lever of 0.05 m, so that 1 N is
 0.05 N·m: mass, damper and spring act through the same lever.
 """
 
@@ -16,12 +16,12 @@ from haptic_fieldbus.drive.rig import LinearMechanism, RotaryMechanism
 from haptic_fieldbus.errors import UsageError
 
 LEVER = 0.05
-"""[m] between the hand and the axis of a rotary handle."""
+"""Distance between the hand and the axis of a rotary handle [m]."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """From `start` on [s]: the force [N] then, and its slope [N/s] then."""
+    """A piece of the force, from `start` [s] on: force [N] and slope [N/s] at its start."""
 
     start: float
     force: float
@@ -30,27 +30,27 @@ class Piece:
 
 @dataclass(frozen=True)
 class Hand:
-    """A hand in newtons and metres at the point where it holds the handle."""
+    """A hand in SI units at the point where it holds the handle: N, m, kg, N·s/m, N/m."""
 
     name: str
     pieces: tuple[Piece, ...] = ()
     angular_frequency: float = 0.0
-    """[rad/s] of a sine; 0: ramps and constants."""
+    """Angular frequency of a sine [rad/s]; 0: ramps and constants."""
     release: float | None = None
-    """[s]: when the hand lets go."""
+    """Time at which the hand lets go [s]; None: never."""
     mass: float = 0.1
     damping: float = 4.0
     stiffness: float = 300.0
 
     def after(self, delay: float) -> "Hand":
-        """The same hand, waiting for `delay` [s] first."""
+        """Return the same hand with all its times later by `delay` [s]."""
         pieces = tuple(replace(piece, start=piece.start + delay) for piece in self.pieces)
         return replace(self, pieces=pieces, release=None if self.release is None else self.release + delay)
 
 
 @dataclass(frozen=True)
 class Grip:
-    """A hand as the motor shaft feels it: kg·m², N·m·s/rad, N·m/rad; pieces in N·m."""
+    """A hand as it acts on the motor shaft: kg·m², N·m·s/rad, N·m/rad; pieces in N·m."""
 
     inertia: float
     damping: float
@@ -61,17 +61,22 @@ class Grip:
 
 
 _PUSH = (Piece(0.0, 0.0, 12.0), Piece(0.5, 6.0))
+# Rounded, because sums such as 1.5 + 0.05 are not exact.
 _PULSES = tuple(
     piece for start in (0.5, 1.5, 2.5) for piece in (Piece(start, 10.0), Piece(round(start + 0.05, 9), 0.0))
 )
 _SINE = 2 * math.pi
 _STROKE, _GUIDED, _ARM = 0.06, 2 * math.pi * 0.25, 1000.0
-"""[m, rad/s, kg]: a mass that no handle deflects, led over its stroke and back, x = ½·stroke·(1 − cos ωt)."""
+"""Stroke [m], angular frequency [rad/s] and mass [kg] of the guiding hand.
+
+The mass is so large that no handle deflects it. It moves over its stroke and back, x = ½·stroke·(1 − cos ωt).
+"""
 
 HANDS: dict[str, Hand | None] = {
     "push": Hand("push", _PUSH),
     "tap": Hand("tap", _PULSES),
     "sine": Hand("sine", (Piece(0.0, 0.0, 4.0 * _SINE),), angular_frequency=_SINE),
+    # The force that moves its mass by x = ½·stroke·(1 − cos ωt): ½·mass·stroke·ω² at t = 0, a cosine from there.
     "guide": Hand("guide", (Piece(0.0, 0.5 * _ARM * _STROKE * _GUIDED**2),), angular_frequency=_GUIDED, mass=_ARM),
     "release": Hand("release", _PUSH, release=2.0),
     "none": None,
@@ -79,17 +84,18 @@ HANDS: dict[str, Hand | None] = {
 
 
 def hand_named(name: str) -> Hand | None:
-    """The hand of this name, None for `none`; UsageError for a name that is not known."""
+    """Return the hand of this name, None for `none`; raises UsageError for an unknown name."""
     if name not in HANDS:
         raise UsageError(f'no hand "{name}"; hands are: {", ".join(HANDS)}')
     return HANDS[name]
 
 
 def grip(hand: Hand, mechanism: LinearMechanism | RotaryMechanism) -> Grip:
-    """The hand seen through the mechanism: forces by the ratio, impedances by its square."""
+    """Return the hand as seen through the mechanism: forces scale with the ratio, impedances with its square."""
     lever = mechanism.ratio * (LEVER if isinstance(mechanism, RotaryMechanism) else 1.0)
     signed = lever * mechanism.sign
     return Grip(
+        # Work is the same at both ends of the lever: force times lever is torque, and lengths divide by the lever.
         inertia=hand.mass * lever**2,
         damping=hand.damping * lever**2,
         stiffness=hand.stiffness * lever**2,

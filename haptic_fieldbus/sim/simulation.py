@@ -1,4 +1,4 @@
-"""Simulated buses with their drives, for a run in virtual time."""
+"""The interface to simulated buses with their drives, for a run in virtual time."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -11,9 +11,12 @@ from haptic_fieldbus.sim.slot import Slot
 
 
 class Simulation(Protocol):
-    """The half of a protocol that simulates its buses and drives."""
+    """The part of a protocol that simulates its buses and drives."""
 
     def simulate(
         self, section: BusSection, channel: str, slots: Sequence[Slot], clock: Clock, seed: int | str, log: Any
     ) -> tuple[Bus, Truth | None]:
-        """A bus with these drives, and their true motion where it is known; `channel` is what messages call it."""
+        """Return a bus with these drives, and their true motion, None where it is not known.
+
+        `channel` is the name of the bus in messages.
+        """

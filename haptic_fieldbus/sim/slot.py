@@ -1,4 +1,4 @@
-"""A place for a drive on a simulated bus."""
+"""The place of a drive on a simulated bus."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from haptic_fieldbus.sim.hand import Hand
 
 @dataclass(frozen=True)
 class Slot:
-    """What is put on the bus under a node-ID; position [rad] and velocity [rad/s] are those of the shaft."""
+    """A drive to put on the bus under a node-ID; `position` [rad] and `velocity` [rad/s] are those of its shaft."""
 
     node: int
     profile: DriveProfile
@@ -20,4 +20,7 @@ class Slot:
     position: float = 0.0
     velocity: float = 0.0
     booted: bool = True
-    """The bench was switched on before the program came; False: now, the boot-up message is still to come."""
+    """True: the bench was switched on before the program came.
+
+    False: it is switched on now, and the boot-up message follows.
+    """

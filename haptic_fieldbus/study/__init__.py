@@ -1,1 +1,1 @@
-"""Measurements of this package, written as one page."""
+"""Measurements of accuracy, stability and cost of this package, as one page."""

@@ -1,4 +1,4 @@
-"""A stability case of the report: a function of `quick` that measures, and what it gives back."""
+"""Stability case of the report: a function that measures, and its result."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -8,22 +8,23 @@ from haptic_fieldbus.errors import SceneError, UsageError
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What theory expects of a stiff or extreme case, what was measured, and by what it was judged."""
+    """Result of a stiff or extreme case: the expectation of theory, the measurement, and the judgement."""
 
     expected: str
     measured: str
     passed: bool
     oracle: str
-    """What the expectation comes from: a closed form, extended precision, brute force."""
+    """Source of the expectation: a closed form, extended precision, or brute force."""
     tolerance: str
-    """How far measured and expected may be apart; "exact" for not at all."""
+    """Permitted distance of measured and expected; "exact" when there is none."""
 
 
 Case = Callable[[bool], CaseResult]
+"""Function that measures a case; its argument, `quick`, asks for a shorter measurement."""
 
 
 def refused(ask: Callable[[], object]) -> str:
-    """The sentence with which something is refused; empty where it was not."""
+    """Call `ask` and return the message with which it is refused by SceneError or UsageError; empty when it is not."""
     try:
         ask()
     except SceneError as error:
@@ -34,4 +35,5 @@ def refused(ask: Callable[[], object]) -> str:
 
 
 def listed(values: Iterable[float], form: str) -> str:
+    """Return numbers in a format specification `form`, separated by commas."""
     return ", ".join(f"{value:{form}}" for value in values)

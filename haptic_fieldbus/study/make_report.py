@@ -1,6 +1,6 @@
-"""The report: sections are measured one after another and written as one page, figures and JSON.
+"""Report: sections are measured one after another and written as one page, figures and JSON.
 
-A section is one entry of SECTIONS. What it finds goes to three places: the page, `report.json` (rows under stable keys)
+A section is one entry of SECTIONS. Its findings go to three places: the page, `report.json` (rows under stable keys)
 and `details.json` (everything else).
 """
 
@@ -30,6 +30,7 @@ from haptic_fieldbus.study.page.sources import sources_section
 from haptic_fieldbus.study.page.stability import stability_section
 from haptic_fieldbus.study.page.work_precision import work_precision_section
 
+# The page has the sections in this order: error first, stability next, cost last.
 SECTIONS: dict[str, Callable[[Context], Section]] = {
     "work-precision": work_precision_section,
     "growth": growth_section,
@@ -41,7 +42,7 @@ SECTIONS: dict[str, Callable[[Context], Section]] = {
     "cost": cost_section,
 }
 KEYS = ("work_precision", "stability_cases", "optional_parts")
-"""Of `report.json`, beside `host`."""
+"""Keys of `report.json` that are always there, in addition to `host`."""
 TITLE = "Error against run time"
 LEAD = """How exact the virtual forces of haptic-fieldbus are, what they cost to compute, how their error grows along a
 run, and where the sampled loop is stable. SI units; lengths in metres, forces in newtons, unless a column says
@@ -53,14 +54,17 @@ is also in <code>report.json</code> and <code>details.json</code> beside it, eve
 
 @dataclass(frozen=True)
 class ChosenSections:
-    """Sections to make, and the problems or cases in them; None: all."""
+    """Sections to make, and the names of problems or cases in them; None for all."""
 
     sections: tuple[str, ...]
     names: frozenset[str] | None = None
 
 
 def choose(only: str | None) -> ChosenSections:
-    """A section, a problem or a case by its name; raises UsageError for another."""
+    """Return the sections to make: all for None, or those for the name of a section, a problem or a case.
+
+    Raises UsageError for an unknown name.
+    """
     if only is None:
         return ChosenSections(tuple(SECTIONS))
     if only in SECTIONS:
@@ -86,9 +90,12 @@ def make_report(
     progress: Progress | None = None,
     command: str = "haptic-fieldbus report",
 ) -> dict[str, object]:
-    """Measure, and write `index.html`, `report.json`, `details.json` and `figures/` into `out`; returns report.json.
+    """Measure, write `index.html`, `report.json`, `details.json` and `figures/` into `out`, and return report.json.
 
-    Raises UsageError for a name that is not known and a folder that cannot be written.
+    `progress` is called with a label and the share that is done; `command` is shown on the page.
+
+    Raises UsageError when `only` is unknown or the folder cannot be written, PlanError when the bench has no known mass
+    and friction.
     """
     begun = perf_counter()
     chosen = choose(only)
@@ -109,7 +116,7 @@ def make_report(
 
 
 def _made_on(machine: dict[str, str], command: str, seconds: float) -> Section:
-    """Hardware, versions, command and duration."""
+    """Return the section on hardware, versions, command and duration."""
     rows = [[key.replace("_", " "), value] for key, value in machine.items()]
     rows.append(["report made in", f"{seconds:.1f} s"])
     body = paragraph(HOW) + paragraph(f"Made by <code>{escape(command)}</code>.")
@@ -117,12 +124,15 @@ def _made_on(machine: dict[str, str], command: str, seconds: float) -> Section:
 
 
 def _part_of(tell: Progress, place: int, total: int) -> Progress:
-    """Progress of one of `total` sections, as a part of the whole."""
+    """Return a function that reports the progress of one of `total` sections as progress of the whole."""
     return lambda label, share: tell(label, (place + share) / total)
 
 
 def _make_folder(out: Path) -> None:
-    """Before anything is measured, for a report takes minutes."""
+    """Make the folders and try to write into them, before anything is measured: a report takes minutes.
+
+    Raises UsageError when the folder cannot be written.
+    """
     try:
         (out / "figures").mkdir(parents=True, exist_ok=True)
         probe = out / "report.json"
@@ -135,6 +145,7 @@ def _make_folder(out: Path) -> None:
 
 
 def _write(out: Path, sections: list[Section], found: Mapping[str, object]) -> None:
+    """Write figures, both JSON files and the page."""
     for section in sections:
         for name, document in section.figures.items():
             (out / "figures" / f"{name}.svg").write_text(document, encoding="utf-8")
@@ -149,7 +160,7 @@ def _write_json(path: Path, value: object) -> None:
 
 
 def finite(value: object) -> object:
-    """The same with None where a number is infinite or not a number, and lists for tuples."""
+    """Return a copy with None in place of infinities and NaN, and with lists in place of tuples, as JSON has it."""
     if isinstance(value, Mapping):
         return {str(key): finite(member) for key, member in value.items()}
     if isinstance(value, list | tuple):

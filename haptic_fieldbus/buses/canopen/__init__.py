@@ -1,1 +1,1 @@
-"""The CANopen master."""
+"""The CANopen master: configuration by SDO, exchange by SYNC and PDOs."""

@@ -1,4 +1,4 @@
-"""CANopen buses on any python-can interface."""
+"""Opening CANopen buses on any python-can interface."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -20,7 +20,7 @@ from haptic_fieldbus.protocols.catalogue import load_profile
 
 
 class CanopenAccess(BusAccess):
-    """Opened by python-can."""
+    """The I/O half of CANopen; its buses are opened by python-can, its logs take CAN frames."""
 
     def logs(self, record: Path | None, buses: Sequence[str]) -> AbstractContextManager[Mapping[str, FrameLog]]:
         return frame_logs(record, buses)

@@ -1,6 +1,7 @@
-"""The one place where exceptions of canopen, python-can and the operating system become ours.
+"""Translation of exceptions of canopen, python-can and the operating system into errors of this package.
 
-The first row whose type fits is taken, so special types stand above general ones.
+`TABLE` is the only place of this translation on CAN. The first row whose type fits is taken, so a special type stands
+above the general types.
 """
 
 import errno
@@ -20,7 +21,7 @@ from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutEr
 
 @dataclass(frozen=True)
 class Translation:
-    """A foreign exception, what it becomes, and what is said about it."""
+    """A row of the table: a foreign exception type, our error type, and the text made from the exception."""
 
     foreign: type[Exception]
     ours: type[BusError]
@@ -66,7 +67,11 @@ FOREIGN = tuple(row.foreign for row in TABLE)
 
 
 def translate(error: Exception, subject: str) -> BusError:
-    """Our exception for a foreign one; `subject` names node and object, or the bus."""
+    """Return our error for a foreign exception; `subject` names the node and object, or the bus, in its text.
+
+    An exception that no row fits is raised again unchanged: a mistake in our own code must not look like a bus fault.
+    """
+    # canopen raises the same type for silence and for a wrong answer; only the cause of a timeout is an empty queue.
     if isinstance(error, canopen.SdoCommunicationError) and isinstance(error.__context__, queue.Empty):
         return BusTimeoutError(f"{subject}: no answer")
     for row in TABLE:
@@ -76,7 +81,8 @@ def translate(error: Exception, subject: str) -> BusError:
 
 
 def is_queue_full(error: Exception) -> bool:
-    """True when a frame was refused because the ones before it are still waiting."""
+    """Return True when a frame was refused because earlier frames still wait in the transmit queue."""
+    # python-can's socketcan raises "Transmit buffer full" without an error number.
     return _number(error) == errno.ENOBUFS or "buffer full" in str(error)
 
 

@@ -1,4 +1,4 @@
-"""The frames of a CAN bus in a file: `.log` as `candump -L` writes them, `.blf` for Vector's tools and Wireshark."""
+"""Files of CAN frames: `.log` in the format of `candump -L`, `.blf` for Vector's tools and Wireshark."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,28 +13,31 @@ EXTENDED_FLAG = 0x8000_0000
 REMOTE_FLAG = 0x4000_0000
 ERROR_FLAG = 0x2000_0000
 CAN_ID = 0x1FFF_FFFF
-"""The flags and the identifier in a CAN-ID as SocketCAN writes it (linux/can.h)."""
+"""Mask of the identifier; it and the three flags make up a CAN-ID as SocketCAN writes it (linux/can.h)."""
 BUFFER = 1 << 16
-"""Octets; the loop pays for the disk only when this many are together."""
+"""[octets]; the loop writes to the disk only when so many have gathered."""
 
 
 FrameLog = Callable[[int, int, bytes | bytearray], None]
-"""Takes every frame of a bus: time [ns], CAN-ID with the flags of SocketCAN, data."""
+"""Function that is called with every frame of a bus: time [ns], CAN-ID with the flags of SocketCAN, data."""
 
 
 class FrameWriter(Protocol):
-    """A file of frames; called, it takes those of the only bus of a run."""
+    """Writer of a file of frames. A call takes a frame of the only bus of a run; `channel` serves several buses."""
 
     def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None: ...
 
     def channel(self, name: str) -> FrameLog:
-        """Takes the frames of one of several buses: by its name, or numbered from 1 where the format has numbers."""
+        """Return the log of one of several buses: by its name, or numbered from 1 in a format with channel numbers."""
 
     def close(self) -> None: ...
 
 
 class CandumpWriter:
-    """`candump -L` text. Without python-can's " R" or " T" at the end of the line, which tshark refuses."""
+    """Writer of `candump -L` text.
+
+    python-can's own writer ends each line with " R" or " T", which tshark refuses.
+    """
 
     def __init__(self, path: Path, channel: str = "can0") -> None:
         self._file = path.open("w", encoding="ascii", buffering=BUFFER, newline="\n")
@@ -44,6 +47,7 @@ class CandumpWriter:
         self._write(self._channel, t_ns, can_id, data)
 
     def channel(self, name: str) -> FrameLog:
+        # A field of the format ends at white space.
         return partial(self._write, "_".join(name.split()))
 
     def _write(self, channel: str, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
@@ -68,7 +72,7 @@ def _candump_frame(can_id: int, data: bytes | bytearray) -> str:
 
 
 class BlfWriter:
-    """Vector's binary logging format, by python-can's writer."""
+    """Writer of Vector's binary logging format, by means of python-can."""
 
     def __init__(self, path: Path, channel: int = 1) -> None:
         from can.io import BLFWriter
@@ -103,7 +107,7 @@ class BlfWriter:
 
 
 def open_frame_writer(path: Path, channel: str = "can0") -> FrameWriter | None:
-    """A writer for a file of frames; None when the suffix asks for something else."""
+    """Open a writer for a file of frames; None when the suffix names no format of frames."""
     if path.suffix == ".log":
         return CandumpWriter(path, channel)
     return BlfWriter(path) if path.suffix == ".blf" else None
@@ -111,7 +115,7 @@ def open_frame_writer(path: Path, channel: str = "can0") -> FrameWriter | None:
 
 @contextmanager
 def frame_logs(path: Path | None, buses: Sequence[str]) -> Iterator[Mapping[str, FrameLog]]:
-    """What takes the frames of each of these buses into one file; nothing where no file of frames is asked for."""
+    """Yield a log for each named bus, all into one file; an empty mapping when `path` is no file of frames."""
     writer = None if path is None else open_frame_writer(path)
     if writer is None:
         yield {}

@@ -1,7 +1,7 @@
-"""Limits that stand in the drive and would cut what a plan asks for.
+"""Limits stored in the drive that would cut the torque of a plan.
 
-Reference: CiA 402-2, 6072h max torque, in ‰ of rated torque. Drives are delivered with 0 or 10 % in it (Nanotec C5-E,
-PD4-C): everything would seem to work, and no force be felt.
+Reference: CiA 402-2, 6072h max torque, in ‰ of rated torque. Some drives are delivered with 0 or 10 % (Nanotec C5-E,
+PD4-C). With such a drive everything would seem to work, but no force could be felt.
 """
 
 import math
@@ -14,7 +14,11 @@ MAX_TORQUE = ObjectEntry(0x6072, DataType.UINT16)
 
 
 def check_max_torque(axis: AxisPlan, label: str, max_torque: int | None) -> None:
-    """Refuse a drive that allows less than the axis may ask for [‰ of rated torque]; None: it has no such object."""
+    """Check the drive's max torque [‰ of rated torque] against the limit of the axis; None passes: no such object.
+
+    Raises BusConfigurationError when the drive allows less than the axis may ask for.
+    """
+    # The small addend keeps a ratio that is a whole number from being rounded down by its last digit.
     asked = math.floor(axis.limits.effort / axis.effort_unit + 1e-6)
     if max_torque is None or max_torque >= asked:
         return

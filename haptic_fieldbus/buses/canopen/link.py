@@ -1,6 +1,7 @@
-"""What the loop holds of one axis between two periods: process data, its age, and the flags of the link.
+"""The link to one axis: its process data in the input image, the age of the data, and the flags of the link.
 
-TPDOs are taken only between SYNC and the end of the exchange: one that comes before SYNC belongs to the period before.
+TPDOs are taken only between SYNC and the end of the exchange. A TPDO that arrives before SYNC belongs to the period
+before and is dropped.
 """
 
 from collections.abc import Sequence
@@ -11,11 +12,12 @@ from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.protocols.canopen.pdo import Pdo
 from haptic_fieldbus.signals import LinkFlag
 
+# Plain integers: combining members of an IntFlag would make a new member in every period of the loop.
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION = (int(flag) for flag in LinkFlag)
 
 
 class Exchange:
-    """What is still missing of this period's feedback; `taking` from SYNC on."""
+    """State of one exchange: the number of TPDOs still missing, and whether TPDOs are taken (from SYNC on)."""
 
     def __init__(self) -> None:
         self.taking = False
@@ -23,10 +25,10 @@ class Exchange:
 
 
 class Link:
-    """One axis: its TPDOs' way into the image, and its header there."""
+    """Link to one axis: it copies TPDOs into the image and writes the header of the axis there."""
 
     def __init__(self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray) -> None:
-        """The TPDOs with their places in the image, and the place of the axis' header."""
+        """Take the TPDOs with their offsets in the image, and the offset of the header of the axis."""
         self._node = node
         self._image = image
         self._header = header
@@ -39,18 +41,18 @@ class Link:
             wire.listen(slot.cob_id, slot.take)
 
     def begin(self) -> int:
-        """A new period; returns how many TPDOs must come."""
+        """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
             slot.fresh = False
         return len(self._slots)
 
     @property
     def fresh(self) -> bool:
-        """Did all TPDOs of this period come?"""
+        """True when all TPDOs of this period arrived."""
         return all(slot.fresh for slot in self._slots)
 
     def finish(self, latch_ns: int, now_ns: int, heartbeat_limit_ns: int, common_flags: int) -> None:
-        """Write the header: age of the data and what the link went through."""
+        """Write the header of the axis: age of the data [ns], flags of the link, emergency code."""
         flags = common_flags
         for slot in self._slots:
             if not slot.fresh:
@@ -58,7 +60,7 @@ class Link:
             if slot.malformed:
                 flags |= EXCEPTION
                 slot.malformed = False
-        if not flags & STALE:
+        if not flags & STALE:  # data of several TPDOs is as old as its oldest part, so all must be fresh
             self._latched_ns = latch_ns
         node = self._node
         if node.emergency:
@@ -70,11 +72,12 @@ class Link:
         if now_ns - node.heartbeat_ns > heartbeat_limit_ns:
             flags |= NO_SIGN_OF_LIFE
         age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
+        # A latch is the nominal end of SYNC, which may lie a little ahead of the clock: the age is never negative.
         AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, node.emergency)
 
 
 class _Slot:
-    """One TPDO's place in the image."""
+    """Place of one TPDO in the image."""
 
     __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed")
 
@@ -93,6 +96,6 @@ class _Slot:
             self.malformed = True
             return
         self._image[self._offset : self._end] = data
-        if not self.fresh:
+        if not self.fresh:  # a TPDO that comes twice in a period must count once
             self.fresh = True
             self.exchange.missing -= 1

@@ -1,9 +1,14 @@
-"""The CANopen master: SYNC out, TPDOs in, RPDOs out, heartbeat now and then, all in the thread of the loop.
+"""The CANopen master: SYNC out, TPDOs in, RPDOs out, a heartbeat when it is due, all in the thread of the loop.
 
-One period is `read` and `write`. `read` first takes in what came since the last exchange (heartbeats, emergencies,
-late TPDOs, which are dropped), then sends SYNC and receives until every TPDO is in or the deadline is reached. Faults
-go into the image's header as flags; the cycle decides. `stop` puts torque-free set-points on the wire before all else.
-Where there are several buses, `group` calls the parts of `open`, `read` and `stop` one by one, each on all of them.
+One period is `read` and `write`:
+
+- `read` first processes the frames since the last exchange: heartbeats, emergencies, and late TPDOs, which are dropped.
+  Then it sends SYNC and receives until every TPDO is in or the deadline is reached. Faults become flags in the header
+  of the image; the cycle decides about them.
+- `write` sends the RPDOs and, every few periods, the heartbeat of the master.
+
+`stop` sends torque-free set-points before it does anything else. With several buses, `group` calls the parts of `open`,
+`read` and `stop` one by one, each on all buses.
 
 Reference: CiA 301 7.2.2 (PDO), 7.2.5 (SYNC), 7.2.8 (NMT).
 """
@@ -26,18 +31,20 @@ from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.signals import Signal
 
 SYNC_BITS = 48
-"""Bits of the SYNC frame 080h without data, its four stuff bits included, up to its end of frame."""
+"""Bits of the SYNC frame 080h without data, from start of frame to end of frame, with its four stuff bits."""
 LOST_HEARTBEATS = 3
+"""Heartbeat periods of silence after which a node shows no sign of life."""
 REFUSED_WRITES = 3
-"""This many periods in a row whose set-points the bus refused are an exception; one is only a longer hold."""
+"""Periods in a row with refused set-points that make an exception; a single one only holds the torque longer."""
 STOP_PERIODS = 20
+"""Exchanges in which `stop` waits for torque-free statuswords, before it reads them by SDO."""
 PARTING_TIMEOUT = 0.03
-"""[s]; for each answer after the last exchange, shorter than the drives' deadline."""
+"""[s]; for each SDO answer after the last exchange. Shorter than the drives' deadline for our heartbeat."""
 PARTING_TRIES = 4
 
 
 class CanopenBus(InSteps):
-    """A master on any python-can bus; `owned` says that closing it is ours too."""
+    """A CANopen master on any python-can bus; with `owned`, `close` also shuts the python-can bus down."""
 
     def __init__(self, can_bus: can.BusABC, clock: Clock, log: FrameLog | None = None, *, owned: bool = False) -> None:
         self.facts: dict[str, DriveFacts] = {}
@@ -56,39 +63,47 @@ class CanopenBus(InSteps):
         self._started = False
         self._synced = False
         self.latch_ns = 0
-        """When the drives latched the last exchange's data: the nominal end of SYNC."""
+        """Instant at which the drives latched the data of the last exchange [ns]: the nominal end of SYNC."""
 
     def open(self, plan: Plan) -> None:
-        """Inspect all drives, then configure all, then start all; raises BusError or DriveFaultError."""
+        """Inspect all drives, then configure all, then start all.
+
+        Raises BusError or DriveFaultError; the drives that were written to are then left pre-operational.
+        """
         try:
             super().open(plan)
         except BaseException:
-            if self._plan is not None:
+            if self._plan is not None:  # `configure` had begun; before it nothing was written
                 self._leave_operational()
             self._plan = None
             raise
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
-        """Look at all drives, and write nothing; `image` is the process image, of which this bus fills its places."""
+        """Check all drives without writing to them, and fill `facts`.
+
+        `image` is the input image; later exchanges fill in the part of this bus. Raises BusTimeoutError,
+        BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
+        """
+        # Frames from before must reach no handler: an old boot-up message would be taken for a restart.
         self._wire.mute()
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
         self._bind(plan, image)
         self.facts = {setup.axis.name: setup.inspect() for setup in self._setups}
 
     def configure(self, plan: Plan) -> None:
-        """All drives that were inspected; from here on there is something to undo."""
-        self._plan = plan
+        """Configure all inspected drives; raises BusError."""
+        self._plan = plan  # from here on `stop` has something to undo
         for setup in self._setups:
             setup.configure()
 
     def start(self) -> None:
-        """NMT operational, torque-free."""
-        self._started = True
+        """Set all nodes operational, torque-free; raises BusError."""
+        self._started = True  # first, since a node may be operational already when a later one fails
         for setup in self._setups:
             setup.start()
 
     def _bind(self, plan: Plan, image: bytearray) -> None:
-        """Everything that the loop needs, ready to hand."""
+        """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
         traffic = traffic_of(plan)
         nodes = [Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})") for axis in plan.axes]
         self._setups = tuple(
@@ -116,21 +131,21 @@ class CanopenBus(InSteps):
         self._started = False
 
     def prepare(self, deadline_ns: int) -> None:
-        """Take in what came since the last exchange."""
+        """Process all frames since the last exchange, until the deadline [ns] at the latest, and begin a new one."""
         self._exchange.taking = False
         self._wire.drain(deadline_ns)
         self._exchange.missing = sum([link.begin() for link in self._links])
 
     def begin(self) -> None:
-        """SYNC."""
+        """Send SYNC; without room in the transmit queue there will be no feedback."""
         self._exchange.taking = True
         self.latch_ns = self._clock.now_ns() + self._sync_ns
         self._synced = self._wire.offer(self._sync)
 
     def collect(self, deadline_ns: int) -> bytearray:
-        """Receive until every TPDO is in, then write the headers."""
+        """Receive until every TPDO is in or the deadline [ns] is reached, write the headers, return the input image."""
         wire, exchange, latch_ns = self._wire, self._exchange, self.latch_ns
-        if self._synced:
+        if self._synced:  # without SYNC no TPDO will come
             while exchange.missing and wire.pump(deadline_ns):
                 pass
         exchange.taking = False
@@ -142,7 +157,7 @@ class CanopenBus(InSteps):
         return self._image
 
     def write(self, image: bytes | bytearray) -> None:
-        """RPDOs, then our heartbeat when it is due; raises BusError only when the bus itself is dead."""
+        """Send the RPDOs, then the heartbeat when it is due; raises BusError only when the bus itself is dead."""
         accepted = True
         for cob_id, start, end in self._outputs:
             accepted &= self._wire.offer(frame(cob_id, image[start:end]))
@@ -153,9 +168,11 @@ class CanopenBus(InSteps):
         self._periods_to_heartbeat -= 1
 
     def stop(self) -> bool:
-        """Torque-free set-points now, for every axis; then wait until the drives say so, then pre-operational.
+        """Send torque-free set-points, wait until the drives confirm, then set them pre-operational.
 
-        A drive that confirmed need not watch us any longer; one that did not keeps its guard, which disables it.
+        Return True when every drive confirmed, or when none had been started. Raises no BusError.
+        The watch of the drives on our heartbeat is switched off only when every started drive confirmed. Otherwise it
+        stays on, and disables a drive that could not be reached.
         """
         if self._plan is None:
             return True
@@ -171,18 +188,18 @@ class CanopenBus(InSteps):
 
     @property
     def restarted(self) -> frozenset[str]:
-        """Axes whose node sent a boot-up message since it was configured."""
+        """Names of the axes whose node sent a boot-up message since it was configured."""
         return frozenset(setup.axis.name for setup in self._setups if setup.node.booted)
 
     @property
     def fresh(self) -> bool:
-        """Did all feedback of the last exchange come, over a controller that is on the bus?"""
+        """True when all feedback of the last exchange arrived and the controller is not bus-off."""
         return not self._wire.bus_off and all(link.fresh for link in self._links)
 
     def release(self) -> None:
-        """Torque-free set-points on the wire, if any others can be; raises no BusError.
+        """Send torque-free set-points now, once the nodes may be operational; raises no BusError.
 
-        Controlword disable voltage and target torque 0: both are zero octets.
+        Controlword *disable voltage* and target torque 0 both consist of zero octets.
         """
         if not self._started:
             return
@@ -193,7 +210,7 @@ class CanopenBus(InSteps):
                 self.warnings.append(f"torque-free set-point {cob_id:03X}h was not sent: {error}")
 
     def _await_release(self, plan: Plan) -> bool:
-        """Go on exchanging torque-free images until fresh statuswords say that no motor is energised."""
+        """Exchange torque-free images until fresh statuswords show no energised motor; False when that fails."""
         torque_free = bytes(plan.image.output_size)
         deadline_ns = self._clock.now_ns()
         try:
@@ -204,13 +221,14 @@ class CanopenBus(InSteps):
                 self.write(torque_free)
                 deadline_ns += plan.period_ns
                 self._clock.sleep_until(deadline_ns)
+            # PDOs alone confirmed nothing: a node that left operational sends none, but still answers SDO requests.
             return not any(self._ask_energised(setup) for setup in self._setups)
         except BusError as error:
             self.warnings.append(f"no confirmation that torque is off: {error}")
             return False
 
     def _ask_energised(self, setup: Setup) -> bool:
-        """By SDO, more than once: a drive that restarts needs a moment to answer."""
+        """Read by SDO whether the motor is energised; try several times, since a restarting drive answers late."""
         for _ in range(PARTING_TRIES - 1):
             try:
                 return setup.energised(PARTING_TIMEOUT)
@@ -231,13 +249,14 @@ class CanopenBus(InSteps):
     def _release_guards(self) -> None:
         for setup in self._setups:
             try:
+                # The SDO transfers take time, in which the drives that still watch must not miss our heartbeat.
                 self._wire.offer(self._heartbeat)
                 setup.release_guard(PARTING_TIMEOUT)
             except BusError as error:
                 self.warnings.append(f"left with its heartbeat guard on, so it may report an error: {error}")
 
     def close(self) -> None:
-        """Stop, if that was not done, and let go of the CAN bus."""
+        """Stop unless already stopped, and shut down the python-can bus if it is owned; raises no BusError."""
         self.stop()
         self._plan = None
         if self._can_bus is not None:
@@ -246,7 +265,7 @@ class CanopenBus(InSteps):
 
 
 def traffic_of(plan: Plan) -> CanTraffic:
-    """Of the one bus of this part of a plan; TypeError for a bus of another protocol."""
+    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
     (bus,) = plan.buses
     if not isinstance(bus.traffic, CanTraffic):
         raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
@@ -254,7 +273,7 @@ def traffic_of(plan: Plan) -> CanTraffic:
 
 
 def statusword_places(plan: Plan) -> tuple[int, ...]:
-    """Offset of each axis' statusword in the input image."""
+    """Return the offset of each axis' statusword in the input image, in the order of the axes."""
     places = []
     for axis, image in zip(plan.axes, plan.image.axes, strict=True):
         offset = image.inputs[0]

@@ -1,7 +1,7 @@
 """One remote node: its object dictionary by SDO, its NMT state by heartbeat, its emergencies.
 
-canopen's SdoClient speaks the protocol. Its queue of responses is replaced by one that receives, so that it needs no
-thread; a wait is measured on our clock.
+canopen's SdoClient implements the SDO protocol. Its queue of responses is replaced by a queue that receives from the
+wire itself, so that no thread is needed and all waiting is measured on our clock.
 
 Reference: CiA 301 7.2.4 (SDO), 7.2.7 (EMCY), 7.2.8 (NMT, heartbeat).
 """
@@ -30,7 +30,7 @@ SDO_TIMEOUT = 0.3
 
 
 class NmtState(IntEnum):
-    """As a heartbeat says it."""
+    """NMT state as coded in a heartbeat (CiA 301 7.2.8)."""
 
     BOOT_UP = 0x00
     STOPPED = 0x04
@@ -40,11 +40,11 @@ class NmtState(IntEnum):
 
 NMT_COMMANDS = {NmtState.OPERATIONAL: 0x01, NmtState.STOPPED: 0x02, NmtState.PRE_OPERATIONAL: 0x80}
 HEARTBEAT_STATE = 0x7F
-"""Bits of the state; the highest is the toggle bit of node guarding."""
+"""Mask of the state in a heartbeat; the remaining bit is the toggle bit of node guarding."""
 
 
 class PumpedResponses(queue.Queue[bytes]):
-    """What SdoClient waits on; `get` receives from the wire until a response is there or the time is over."""
+    """Response queue of an SdoClient; `get` receives from the wire until a response is there or the time is over."""
 
     def __init__(self, wire: Wire) -> None:
         super().__init__()
@@ -55,7 +55,10 @@ class PumpedResponses(queue.Queue[bytes]):
         self._responses.append(item)
 
     def empty(self) -> bool:
-        """Asked before each request: responses to an earlier one are dropped, and the client keeps this queue."""
+        """Drop responses to earlier requests, and return True.
+
+        SdoClient calls this before each request, and replaces a queue that is not empty by an ordinary one.
+        """
         self._responses.clear()
         return True
 
@@ -68,14 +71,14 @@ class PumpedResponses(queue.Queue[bytes]):
 
 
 class PumpedSdoClient(SdoClient):
-    """Aborts without writing to the log: the exception that follows says it."""
+    """SdoClient that aborts without a log entry, since an exception with the same message follows."""
 
     def abort(self, abort_code: int = ABORT_GENERAL_ERROR) -> None:
         self.send_request(bytes((REQUEST_ABORTED, 0, 0, 0)) + abort_code.to_bytes(4, "little"))  # type: ignore[no-untyped-call]
 
 
 class WireNetwork(canopen.Network):
-    """What SdoClient sends through."""
+    """The network that SdoClient sends through: our wire."""
 
     def __init__(self, wire: Wire) -> None:
         super().__init__()
@@ -86,33 +89,38 @@ class WireNetwork(canopen.Network):
 
 
 class Node:
-    """A node that we configure and watch; `label` is how messages call it."""
+    """A node that the master configures and watches; `label` is its name in messages."""
 
     def __init__(self, wire: Wire, node_id: int, label: str) -> None:
         self.id = node_id
         self.label = label
         self.state: int | None = None
-        """NMT state of the last heartbeat."""
+        """NMT state of the last heartbeat; None before the first, and after each NMT command."""
         self.heartbeat_ns = wire.clock.now_ns()
         self.booted = False
+        """True once a boot-up message came; stays so until it is reset before configuration."""
         self.emergency = 0
-        """Code of the last emergency message that was not an error reset; 0: none, or reset since."""
+        """Error code of the last emergency message; 0 when there was none, or an error reset followed."""
         self._wire = wire
         request_id, response_id = SDO_REQUEST_COB_ID + node_id, SDO_RESPONSE_COB_ID + node_id
         client = PumpedSdoClient(request_id, response_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         client.network = WireNetwork(wire)
         client.responses = responses = PumpedResponses(wire)
         self._client = client
+        # Every SDO response has 8 octets (CiA 301 7.2.4); SdoClient would fail on a shorter one.
         wire.listen(response_id, lambda data: responses.put(bytes(data)) if len(data) == 8 else None)
         wire.listen(HEARTBEAT_COB_ID + node_id, self._on_heartbeat)
         wire.listen(EMCY_COB_ID + node_id, self._on_emergency)
 
     def read(self, entry: ObjectEntry, timeout: float = SDO_TIMEOUT) -> int:
-        """Upload one entry; raises BusTimeoutError or BusConfigurationError."""
+        """Upload one entry within `timeout` [s].
+
+        Raises BusTimeoutError without an answer, BusConfigurationError for a refusal, BusError from the bus.
+        """
         self._client.RESPONSE_TIMEOUT = timeout
         try:
             data = self._client.upload(entry.object, entry.subindex)
-        except BusError:
+        except BusError:  # a fault of the wire, already translated; BusTimeoutError is also an OSError, thus FOREIGN
             raise
         except FOREIGN as error:
             raise translate(error, f"{self.label}, reading {entry}") from error
@@ -123,7 +131,7 @@ class Node:
         return entry.type.unpack(data[: entry.type.size])
 
     def send(self, entry: ObjectEntry, value: int, timeout: float = SDO_TIMEOUT) -> None:
-        """Download one entry; raises BusTimeoutError or BusConfigurationError."""
+        """Download one entry within `timeout` [s]; raises the errors of `read`."""
         self._client.RESPONSE_TIMEOUT = timeout
         try:
             self._client.download(entry.object, entry.subindex, entry.type.pack(value))
@@ -133,7 +141,7 @@ class Node:
             raise translate(error, f"{self.label}, writing {_shown(value)} to {entry}") from error
 
     def write(self, entry: ObjectEntry, value: int) -> None:
-        """Download one entry and read it back; raises BusConfigurationError when it differs."""
+        """Download one entry and read it back; raises the errors of `read`, BusConfigurationError when it differs."""
         self.send(entry, value)
         held = self.read(entry)
         if held != value:
@@ -142,12 +150,12 @@ class Node:
             )
 
     def command(self, state: NmtState) -> None:
-        """Ask for an NMT state; it is reached when a heartbeat says so: `confirm`."""
+        """Command an NMT state; only a heartbeat shows that it is reached, see `confirm`. Raises BusError."""
         self._wire.send(frame(NMT_COB_ID, bytes((NMT_COMMANDS[state], self.id))))
-        self.state = None
+        self.state = None  # so that `confirm` takes no heartbeat from before the command
 
     def confirm(self, state: NmtState, timeout: float) -> None:
-        """Wait for a heartbeat that names the state; raises BusTimeoutError [s]."""
+        """Wait for a heartbeat that names the state; raises BusTimeoutError after `timeout` [s]."""
         deadline_ns = self._wire.clock.now_ns() + round(timeout * 1e9)
         while self.state != state:
             if not self._wire.pump(deadline_ns):
@@ -161,7 +169,7 @@ class Node:
         return self._wire.clock.now_ns()
 
     def wait(self, duration_ns: int) -> None:
-        """Receive meanwhile."""
+        """Receive frames for this time [ns]."""
         deadline_ns = self.now_ns() + duration_ns
         while self._wire.pump(deadline_ns):
             pass

@@ -1,7 +1,7 @@
-"""Configuration of one drive by SDO: look first, then write and read back, then start.
+"""Configuration of one drive by SDO: inspect, then write and read back, then start.
 
-Looking writes nothing, so a wrong drive is refused untouched. What the drive must do when the master is gone is part
-of the configuration: a drive that does not confirm it is not started.
+Inspection writes nothing, so a wrong drive is refused untouched. The reaction of the drive to the loss of its master is
+part of the configuration: a drive that does not confirm it is not started.
 
 Reference: CiA 301 7.5.2 (communication objects); IEC 61800-7-201 (CiA 402-2), 6007h, 6060h, 6061h, 605Eh.
 """
@@ -34,36 +34,32 @@ STATUSWORD = ObjectEntry(0x6041, DataType.UINT16)
 MODE = ObjectEntry(0x6060, DataType.INT8)
 MODE_DISPLAY = ObjectEntry(0x6061, DataType.INT8)
 
-DRIVE_PROFILE = 0x0192
-"""Low word of the device type: CiA 402."""
+DRIVE_PROFILE = 0x0192  # low word of the device type: CiA 402
 COB_ID_INVALID = 0x8000_0000
-"""Bit 31 of a PDO's COB-ID: the PDO does not exist."""
+"""Bit 31 of a PDO's COB-ID: the PDO is switched off."""
 COB_ID_NO_RTR = 0x4000_0000
-"""Bit 30 of a TPDO's COB-ID; many drives have it fixed, so it stays as it is."""
-SYNC_PRODUCER = 0x4000_0000
-"""Bit 30 of 1005h: the device sends SYNC itself."""
+"""Bit 30 of a TPDO's COB-ID: no remote frames. It keeps its value, since many drives have it fixed."""
+SYNC_PRODUCER = 0x4000_0000  # bit 30 of 1005h: the device sends SYNC itself
 CAN_ID = 0x7FF
-SHAFT_BRAKES = 3
-"""Abort connection option code: quick stop command."""
+SHAFT_BRAKES = 3  # abort connection option code (6007h): quick stop command
 SHAFT_WORDS = {1: "the drive faults", 2: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
 NO_ANSWER_ADVICE = "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
-RATED_TORQUE_TOLERANCE = 0.02
-HEARTBEATS_TO_CONFIRM = 3
+RATED_TORQUE_TOLERANCE = 0.02  # of the value in the rig
+HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
 POLL_NS = 5_000_000
-DISABLE_TIMEOUT = 1.0  # [s]; for a drive that some earlier master left enabled
-ENERGISED = (
+DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
+ENERGISED = (  # states in which the power stage may feed the motor
     PowerState.SWITCHED_ON,
     PowerState.OPERATION_ENABLED,
     PowerState.QUICK_STOP_ACTIVE,
     PowerState.FAULT_REACTION_ACTIVE,
 )
-ABSENT = (0x0602_0000, 0x0609_0011)
-"""SDO abort codes: object, or sub-index, does not exist."""
+ABSENT = (0x0602_0000, 0x0609_0011)  # SDO abort codes: object, or sub-index, does not exist
 
 
 @dataclass(frozen=True)
 class Setup:
-    """One axis of the plan and its node; `bus` is the traffic that both are part of, `member` their part in it."""
+    """Setup of one axis of the plan on its node; `bus` is the traffic of the whole bus, `member` that of this axis."""
 
     node: Node
     axis: AxisPlan
@@ -71,7 +67,7 @@ class Setup:
     member: BusMember
 
     def inspect(self) -> DriveFacts:
-        """Is this the drive of the profile, healthy and rated as the rig says? Writes nothing.
+        """Check that the node is the drive of the profile, healthy and rated as in the rig; write nothing.
 
         Raises BusTimeoutError, BusConfigurationError, DriveFaultError.
         """
@@ -93,8 +89,8 @@ class Setup:
         )
 
     def configure(self) -> None:
-        """Write everything, each entry read back; the node is pre-operational and torque-free afterwards."""
-        self.node.booted = False
+        """Write all entries and read each back; the node is then pre-operational and torque-free. Raises BusError."""
+        self.node.booted = False  # restarts from before do not count
         self.node.command(NmtState.PRE_OPERATIONAL)
         self.node.write(PRODUCER_HEARTBEAT, self.bus.node_heartbeat_ms)
         self.node.confirm(NmtState.PRE_OPERATIONAL, self._confirmation_time)
@@ -104,7 +100,7 @@ class Setup:
         self._map_pdos()
 
     def start(self) -> None:
-        """NMT operational, confirmed by a heartbeat."""
+        """Set the node operational, confirmed by a heartbeat; raises BusError, also when it restarted meanwhile."""
         self.node.command(NmtState.OPERATIONAL)
         self.node.confirm(NmtState.OPERATIONAL, self._confirmation_time)
         if self.node.booted:
@@ -165,7 +161,7 @@ class Setup:
             )
 
     def _check_rated_torque(self) -> float | None:
-        """The drive's rated torque [N·m]; it scales every command, so the rig's must agree."""
+        """Return the drive's rated torque [N·m], which scales every command; None when the profile names no object."""
         mapped = self.member.profile.torque.rated
         if mapped is None:
             return None
@@ -184,7 +180,7 @@ class Setup:
         return rated
 
     def _disable(self) -> None:
-        """Switch the power stage off, should some earlier master have left it on."""
+        """Switch the power stage off if an earlier master left it on."""
         if self.energised():
             self.node.send(CONTROLWORD, DISABLE_VOLTAGE)
         self._poll(
@@ -194,11 +190,11 @@ class Setup:
         )
 
     def energised(self, timeout: float = SDO_TIMEOUT) -> bool:
-        """Can the motor carry torque, by the statusword read now [s]?"""
+        """Read the statusword within `timeout` [s]; True when the motor can carry torque. Raises BusError."""
         return CIA402.state(self.node.read(STATUSWORD, timeout)) in ENERGISED
 
     def _guard_link(self) -> None:
-        """What the drive does when the master is gone: deadline, and reactions that leave no torque."""
+        """Set the deadline for our heartbeat and the reactions to its loss, which leave no torque."""
         section = self.member.profile.link_loss
         if section.heartbeat_consumer is None:
             raise _unguarded(self.member.profile.title, "no heartbeat consumer (profile: link_loss.heartbeat_consumer)")
@@ -211,14 +207,14 @@ class Setup:
                 self.node.write(ObjectEntry(option.object, DataType.INT16), self._reaction(option))
 
     def release_guard(self, timeout: float) -> None:
-        """The drive no longer watches us, so that our leaving is no error; raises BusError [s]."""
+        """Switch off the watch on our heartbeat within `timeout` [s], so that leaving is no error; raises BusError."""
         index = self.member.profile.link_loss.heartbeat_consumer
         if index is not None:
             self.node.send(ObjectEntry(index, DataType.UINT32, 1), 0, timeout)
 
     @property
     def _deadline_ms(self) -> int:
-        return max(1, round(self.member.profile.link_loss.deadline * 1e3))
+        return max(1, round(self.member.profile.link_loss.deadline * 1e3))  # 0 would switch the watch off
 
     def _reaction(self, option: OptionCode) -> int:
         brakes = (
@@ -254,7 +250,7 @@ class Setup:
                     self._map(used[at], cob_id)
 
     def _switch_off(self, direction: Direction, number: int) -> int:
-        """Makes the PDO invalid if it is not; returns its COB-ID as it then stands."""
+        """Make the PDO invalid if it is not, and return its COB-ID as the drive then holds it."""
         entry = _communication(direction, number, DataType.UINT32, 1)
         cob_id = self.node.read(entry)
         if not cob_id & COB_ID_INVALID:
@@ -263,19 +259,19 @@ class Setup:
         return cob_id
 
     def _map(self, pdo: Pdo, cob_id: int) -> None:
-        """In the order that CiA 301 prescribes: invalid, no entries, entries, their number, type, valid."""
+        """Map a PDO in the order of CiA 301 7.5.2: invalid (done), no entries, entries, their number, type, valid."""
         self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), 0)
         for subindex, entry in enumerate(pdo.entries, start=1):
             self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT32, subindex), entry.mapping)
         self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), len(pdo.entries))
         self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT8, 2), pdo.transmission_type)
         if pdo.direction is Direction.TPDO and not pdo.synchronous:
-            self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)
+            self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)  # no inhibit time
         valid = pdo.cob_id | (cob_id & COB_ID_NO_RTR)
         self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT32, 1), valid)
 
     def _optional(self, entry: ObjectEntry) -> int | None:
-        """An entry that a drive may lack."""
+        """Read an entry; None when the drive lacks it."""
         try:
             return self.node.read(entry)
         except BusConfigurationError as error:

@@ -1,7 +1,7 @@
-"""One CAN bus in the calling thread: what is sent, what is received, who listens to which identifier.
+"""One CAN bus, used in the calling thread: sending, receiving, and a handler for each identifier.
 
-There is no Notifier and no thread: a frame is received when somebody who waits for one pumps, and all waiting is
-measured on our clock, so that virtual time stays deterministic. Configuration and loop share this one path.
+There is no Notifier and no thread. A caller that waits for a frame receives by `pump`. All waiting is measured on the
+clock that was handed in, so that virtual time stays deterministic. Configuration and loop share this path.
 """
 
 from collections.abc import Callable
@@ -20,18 +20,19 @@ EXTENDED_FLAG = 0x8000_0000
 REMOTE_FLAG = 0x4000_0000
 ERROR_FLAG = 0x2000_0000
 BUS_OFF_ERROR = 0x040
-"""In the identifier of an error frame (linux/can/error.h, CAN_ERR_BUSOFF)."""
+"""Bit in the identifier of an error frame (linux/can/error.h, CAN_ERR_BUSOFF)."""
 
 
 class Wire:
-    """A python-can bus with listeners; `name` is what messages call it."""
+    """A python-can bus with a handler for each identifier; `name` is its name in messages."""
 
     def __init__(self, can_bus: can.BusABC, clock: Clock, name: str, log: FrameLog | None = None) -> None:
         self.clock = clock
         self.name = name
         self.bus_off = False
         self.refusal: BusError | None = None
-        """Why the last frame was refused that could not wait."""
+        """Error of the last frame that the full transmit queue refused; None when there was none."""
+        # Bound methods are looked up once: the loop calls them for every frame.
         self._send = can_bus.send
         self._recv = can_bus.recv
         self._now_ns = clock.now_ns
@@ -39,7 +40,7 @@ class Wire:
         self._handlers: dict[int, Handler] = {}
 
     def listen(self, can_id: int, handler: Handler) -> None:
-        """Frames of this identifier go to this handler, and to no other."""
+        """Hand all frames with this CAN-ID to `handler`, which replaces an earlier one."""
         self._handlers[can_id] = handler
 
     def mute(self) -> None:
@@ -47,12 +48,12 @@ class Wire:
         self._handlers.clear()
 
     def send(self, message: can.Message) -> None:
-        """Raises BusError when the frame is not accepted."""
+        """Send a frame; raises BusError when it is not accepted, also when the transmit queue is full."""
         if not self.offer(message):
             raise self.refusal or BusError(f"{self.name}: a frame was refused")
 
     def offer(self, message: can.Message) -> bool:
-        """False when the transmit queue is full: the frame is dropped. Raises BusError when the bus is dead."""
+        """Send a frame; False when the transmit queue is full and the frame was dropped. Raises BusError otherwise."""
         try:
             self._send(message)
         except FOREIGN as error:
@@ -66,7 +67,7 @@ class Wire:
         return True
 
     def pump(self, deadline_ns: int) -> bool:
-        """Receive one frame and hand it to its listener; False when none came until the deadline."""
+        """Receive one frame and call its handler; False when none came until the deadline [ns]. Raises BusError."""
         remaining_ns = deadline_ns - self._now_ns()
         try:
             message = self._recv(remaining_ns * 1e-9 if remaining_ns > 0 else 0.0)
@@ -75,6 +76,7 @@ class Wire:
         if message is None:
             return False
         can_id = message.arbitration_id
+        # The flags change the key of extended, remote and error frames, so that no handler of a data frame gets them.
         if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
             can_id |= _flags(message)
             if message.is_error_frame and can_id & BUS_OFF_ERROR:
@@ -87,7 +89,7 @@ class Wire:
         return True
 
     def drain(self, deadline_ns: int) -> None:
-        """Hand over what has arrived already, without waiting; a flood ends at the deadline."""
+        """Handle all frames that have already arrived, without waiting; in a flood, stop at the deadline [ns]."""
         while self.pump(0) and self._now_ns() < deadline_ns:
             pass
 
@@ -101,7 +103,7 @@ def _flags(message: can.Message) -> int:
 
 
 def frame(can_id: int, data: bytes | bytearray = b"") -> can.Message:
-    """A data frame with an 11-bit identifier; a bytearray is not copied."""
+    """Return a data frame with an 11-bit identifier; a bytearray is not copied."""
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
 
 
@@ -112,5 +114,5 @@ def open_can(section: CanSection) -> can.BusABC:
         return can.Bus(interface=section.interface, channel=section.channel, bitrate=section.bitrate)
     except FOREIGN as error:
         raise translate(error, f"cannot open {subject}") from error
-    except (ValueError, TypeError, ImportError) as error:
+    except (ValueError, TypeError, ImportError) as error:  # how interfaces refuse settings that they cannot have
         raise UsageError(f"cannot open {subject}: {error}") from error

@@ -1,11 +1,12 @@
 """Velocity from sampled position: estimators by name, each family in a module that is imported when it is named.
 
-An estimator is written NAME or NAME:key=value,key=value, such as `least-squares:window=8,order=2`. `bind` gives the
-step that the loop runs, `discrete` the linear system that it is, or None for those that are none (they choose between
-several); `judged` is what stability is judged by then: the one of these with the most delay, where there is one.
+An estimator is written NAME or NAME:key=value,key=value, such as `least-squares:window=8,order=2`. `bind` returns the
+step that the loop runs. `discrete` returns the linear system of the estimator, or None for an estimator that is not
+linear. `judged` returns the system by which stability is judged. An estimator that chooses between several linear
+systems is judged by the one with the most delay, if there is one.
 
-The estimator matters: in one published data set it was worth a factor two of stiffness. Less noise costs delay, and
-delay costs stiffness; `figures` gives both.
+The choice matters: in one published data set the estimator changed the stable stiffness by a factor of two. Less noise
+costs delay, and delay costs stiffness; docs/reference/estimators.md has both figures for each estimator.
 """
 
 import math
@@ -19,7 +20,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 __all__ = [
     "DEFAULT_ESTIMATOR",
     "ESTIMATORS",
-    "Chosen",
+    "ChosenEstimator",
     "Estimate",
     "Estimator",
     "bind",
@@ -46,18 +47,21 @@ ESTIMATORS = {
     "kalman-acceleration": "kalman",
     "tick-interval": "ticks",
 }
-"""Name → module of its family."""
+"""Module of the family of each estimator, by name."""
 
 
 @dataclass(frozen=True)
 class ChosenEstimator:
-    """An estimator and the parameters that were given with its name."""
+    """An estimator with the parameters that were written after its name."""
 
     estimator: Estimator
     given: dict[str, Value]
 
     def setup(self, period: float, resolution: float = 0.0) -> EstimatorSetup:
-        """All parameters, checked; raises UsageError when they do not go with the period."""
+        """Return all parameters, defaults included; `resolution` is one encoder count [m or rad].
+
+        Raises UsageError for a period [s] that is not above 0, and for parameters that do not fit it or each other.
+        """
         if not 0.0 < period < math.inf:
             raise UsageError(f"period {period:g} s: expected a finite number above 0")
         defaults = {
@@ -70,7 +74,7 @@ class ChosenEstimator:
 
 
 def estimator_named(name: str) -> Estimator:
-    """The estimator without parameters; raises UsageError when there is none of that name."""
+    """Return the estimator of this name, without parameters; raises UsageError for an unknown name."""
     if name not in ESTIMATORS:
         raise UsageError(_unknown(f'no estimator "{name}"', name, list(ESTIMATORS)))
     module = import_module(f"{__name__}.{ESTIMATORS[name]}")
@@ -79,7 +83,7 @@ def estimator_named(name: str) -> Estimator:
 
 
 def chosen(spec: str) -> ChosenEstimator:
-    """NAME[:key=value,…]; raises UsageError that names what is wrong, and the limits."""
+    """Parse NAME[:key=value,…]; raises UsageError for an unknown name or key, a repeated key, a bad value."""
     name, _, written = spec.partition(":")
     estimator = estimator_named(name.strip())
     known = {parameter.key: parameter for parameter in estimator.parameters}
@@ -109,31 +113,38 @@ def _unknown(sentence: str, name: str, known: list[str]) -> str:
 
 
 def bind(spec: str, period: float, resolution: float = 0.0) -> Estimate:
-    """A fresh step of an estimator; its first call returns 0. `resolution` is one encoder count [m or rad]."""
+    """Return a fresh step of an estimator; its first call returns 0. `resolution` is one encoder count [m or rad].
+
+    Raises UsageError as `chosen` and `ChosenEstimator.setup`.
+    """
     choice = chosen(spec)
     return choice.estimator.start(choice.setup(period, resolution))
 
 
 def discrete(spec: str, period: float) -> StateSpace | None:
-    """The estimator as a linear system x_k → v_k; None where it is none."""
+    """Return the estimator as a linear system x_k → v_k; None when it is not linear. Raises UsageError as `bind`."""
     choice = chosen(spec)
     setup = choice.setup(period)
     return None if choice.estimator.system is None else choice.estimator.system(setup)
 
 
 def is_timed(spec: str) -> bool:
-    """Whether the step of an estimator takes the time of the sample [ns] beside the position."""
+    """Return True when the step of an estimator takes the time of the sample [ns] beside the position."""
     return chosen(spec).estimator.timed
 
 
 def judged_as(spec: str) -> str | None:
-    """The estimator that stability is judged with in the place of this one; None where it is linear itself."""
+    """Return the estimator by which stability is judged instead of this one; None when this one is linear itself."""
     choice = chosen(spec)
+    # No stand-in depends on the period, so any period serves.
     return None if choice.estimator.system is not None else choice.estimator.stand_in(choice.setup(1.0))
 
 
 def judged(spec: str, period: float) -> StateSpace:
-    """The linear system that stability is judged by: the estimator's, or that of `judged_as`."""
+    """Return the linear system by which stability is judged: the estimator's, or that of `judged_as`.
+
+    Raises UsageError as `bind`, and TypeError when the stand-in of an estimator is not linear either.
+    """
     system = discrete(judged_as(spec) or spec, period)
     if system is None:
         raise TypeError(f"{spec} is judged as an estimator that is not linear either")

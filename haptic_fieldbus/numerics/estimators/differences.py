@@ -1,14 +1,14 @@
 """Differences of neighbouring positions, plain and smoothed.
 
-A difference amplifies noise: white noise σ in x gives √2·σ/T in (x_n − x_{n−1})/T, and halving T doubles it. All of
-these are linear, with H(1) = 0 and the slope of a ramp as their answer to it.
+A difference amplifies noise: white noise σ in x becomes √2·σ/T in (x_n − x_{n−1})/T, and half the period T doubles it.
+All these estimators are linear, with H(1) = 0, and their response to a ramp is its slope.
 
 - backward-difference: H(z) = (1 − z⁻¹)/T. Late by T/2.
 - moving-average (FIR): the mean of the last N differences, which is (x_n − x_{n−N})/(N·T). Late by N·T/2.
 - low-pass (IIR): v_n = a·v_{n−1} + (1 − a)·d_n of the differences d, `order` times over. Late by
   T/2 + order·T·a/(1 − a).
-- filtered-derivative: s/(τs + 1) by a mapping of s. With unit slope on a ramp each mapping is the low-pass of order 1
-  with its own pole a:
+- filtered-derivative: s/(τs + 1) by a mapping of s. Each mapping, with unit slope on a ramp, is the low-pass of order 1
+  with a pole a of its own:
 
 | mapping     | s →                 | pole a               | stable for | late by  |
 |-------------|---------------------|----------------------|------------|----------|
@@ -17,7 +17,7 @@ these are linear, with H(1) = 0 and the slope of a ramp as their answer to it.
 | trapezoidal | 2(z − 1)/(T(z + 1)) | (2τ − T)/(2τ + T)    | τ > 0      | τ        |
 | exact       | eˢᵀ → z, x on straight lines | e^(−T/τ)    | every τ    | τ (nearly) |
 
-  Forward and trapezoidal ring, the pole being negative, for τ below T and T/2.
+  Forward rings for τ below T, trapezoidal for τ below T/2, because the pole is then negative.
 
 Noise gain of order 1: Σ h_k² of (1 − a)/T·(1 − z⁻¹)/(1 − a·z⁻¹) is 2·(1 − a)²/(T²·(1 + a)).
 """
@@ -37,16 +37,16 @@ POLES: dict[str, Callable[[float, float], float]] = {
     "trapezoidal": lambda tau, period: (2.0 * tau - period) / (2.0 * tau + period),
     "exact": lambda tau, period: math.exp(-period / tau) if tau else 0.0,
 }
-"""Pole of s/(τs + 1) by its mapping, from (τ, T)."""
+"""Pole of s/(τs + 1) from (τ, T), by the name of the mapping."""
 LIMITS: dict[str, Callable[[float], str]] = {
     "forward": lambda period: f"tau above {0.5 * period:g} s, half of the period",
     "trapezoidal": lambda period: "tau above 0",
 }
-"""What a mapping needs to be stable; the others are for every τ."""
+"""Condition of stability for people, from T, by the name of the mapping; the other mappings are always stable."""
 
 
 def shift_register(weights: Matrix) -> StateSpace:
-    """v_n = Σ weights_j·x_{n−j} as a linear system of the positions before."""
+    """Return v_n = Σ weights_j·x_{n−j} as a linear system whose states are the earlier positions; `weights` (m,)."""
     length = len(weights) - 1
     return StateSpace(
         np.eye(length, k=-1), np.eye(length)[:, :1], weights[None, 1:].astype(np.float64), weights[:1, None].copy()
@@ -68,7 +68,7 @@ def _start_backward(setup: EstimatorSetup) -> Estimate:
 
 def _start_average(setup: EstimatorSetup) -> Estimate:
     length, span = setup.whole("window"), setup.whole("window") * setup.period
-    window: list[float] = []
+    window: list[float] = []  # a ring, `at` its oldest entry; filled by the first call
     at = 0
 
     def step(position: float) -> float:
@@ -89,7 +89,7 @@ def _average_weights(length: int, period: float) -> Matrix:
 
 
 def _start_smoothed(period: float, pole: float, order: int) -> Estimate:
-    """The low-pass, `order` times over."""
+    """Return a step of the low-pass, applied `order` times."""
     previous: float | None = None
     stages = [0.0] * order
     share = 1.0 - pole
@@ -106,7 +106,9 @@ def _start_smoothed(period: float, pole: float, order: int) -> Estimate:
 
 
 def _smoothed(period: float, pole: float, order: int) -> StateSpace:
-    """States: the position before, then the stages; each stage sees the present output of the one before it."""
+    """Return the low-pass as a linear system; its states are the previous position, then the stages."""
+    # A stage takes the present output of the stage before it: `through` and `direct` are that output from the states
+    # and from the position.
     share = 1.0 - pole
     a = np.zeros((order + 1, order + 1))
     b, through, direct = np.zeros((order + 1, 1)), np.zeros(order + 1), 1.0 / period

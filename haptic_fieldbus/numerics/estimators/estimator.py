@@ -1,4 +1,4 @@
-"""What a velocity estimator is: its parameters, its step, and the linear system that stability is judged by."""
+"""Definition of a velocity estimator: its parameters, its step, and the linear system for stability."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -10,12 +10,12 @@ from haptic_fieldbus.numerics.linear import StateSpace
 Value = float | str
 
 Estimate = Callable[..., float]
-"""Position of this period [m or rad] (and its time [ns], where `timed`) → velocity [m/s or rad/s]."""
+"""Step from the position of a period [m or rad] (and its time [ns], if `timed`) to the velocity [m/s or rad/s]."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number or a word that is given as NAME:key=value; `default` None: one encoder count of the axis."""
+    """A number or word that is written NAME:key=value; `default` None means one encoder count of the axis."""
 
     key: str
     default: Value | None
@@ -27,7 +27,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
 
     def parsed(self, text: str) -> Value:
-        """The value written so; raises UsageError that says what is expected."""
+        """Return the value of a text; raises UsageError, with the expected values, for any other text."""
         if self.choices:
             if text not in self.choices:
                 raise UsageError(f"{self.key}={text}: expected {self.expected}")
@@ -42,7 +42,7 @@ class Parameter:
 
     @property
     def expected(self) -> str:
-        """Kind and limits, for people."""
+        """Kind and limits of the value, for people."""
         unit = f" {self.unit}" if self.unit else ""
         if self.choices:
             return f"one of {', '.join(self.choices)}"
@@ -54,7 +54,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class EstimatorSetup:
-    """Where an estimator works: period [s], one encoder count [m or rad] (0: not known), and its parameters."""
+    """Values for an estimator: period [s], one encoder count [m or rad] (0 when not known), and all parameters."""
 
     period: float
     resolution: float
@@ -71,32 +71,32 @@ class EstimatorSetup:
 
 
 def _nothing(setup: EstimatorSetup) -> None:
-    """Any values within their limits go together."""
+    """Accept any values: they need no check beyond their own limits."""
 
 
 def _backward_difference(setup: EstimatorSetup) -> str:
-    """The least delay that there is."""
+    """Return the linear estimator with the least delay."""
     return "backward-difference"
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """An estimator several times: as the step that the loop runs, as a linear system, and as closed-form figures."""
+    """An estimator in several forms: the step that the loop runs, the linear system, and closed-form figures."""
 
     name: str
     summary: str
     start: Callable[[EstimatorSetup], Estimate]
-    """A fresh step; its first call returns 0, as if the handle had stood there for ever."""
+    """Function that returns a fresh step, whose first call returns 0, as if the handle had always stood there."""
     system: Callable[[EstimatorSetup], StateSpace] | None = None
-    """s⁺ = A s + B x, v = C s + D x; None where no linear system is the estimator."""
+    """Function that returns the system s⁺ = A s + B x, v = C s + D x; None when the estimator is not linear."""
     noise_gain: Callable[[EstimatorSetup], float] | None = None
-    """Closed form of rms velocity over rms white position noise [1/s]; None where there is none."""
+    """Closed form of rms velocity over rms white position noise [1/s]; None when there is no closed form."""
     delay: Callable[[EstimatorSetup], float] | None = None
-    """Closed form of the delay of slow motions [s]."""
+    """Closed form of the delay of slow motions [s]; None when there is no closed form."""
     parameters: tuple[Parameter, ...] = ()
     check: Callable[[EstimatorSetup], None] = _nothing
-    """Raises UsageError for parameters that do not go together, or not with the period."""
+    """Function that raises UsageError for parameters that do not fit each other or the period."""
     stand_in: Callable[[EstimatorSetup], str] = _backward_difference
-    """Where there is no system: the linear estimator, as it is written, whose stability is judged instead."""
+    """Function that returns the linear estimator, as it is written, by which stability is judged without a system."""
     timed: bool = False
-    """Whether the step takes the time of the sample [ns] beside the position."""
+    """True when the step takes the time of the sample [ns] beside the position."""

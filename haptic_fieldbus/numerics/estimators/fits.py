@@ -1,20 +1,20 @@
 """Lines and curves through the last positions: least squares, and windows that adapt (FOAW).
 
-- least-squares: the polynomial of an order p through the last N positions, its slope at the newest. For a line the
-  noise gain is √(12/(N·(N² − 1)))/T and the delay (N − 1)·T/2; from p = 2 on slow motions are not late at all, and
-  noise pays for it.
+- least-squares: the slope, at the newest position, of the polynomial of order p through the last N positions. For a
+  line the noise gain is √(12/(N·(N² − 1)))/T and the delay (N − 1)·T/2. From p = 2 on slow motions have no delay, but
+  more noise.
 - foaw-end-fit, foaw-best-fit: first-order adaptive windowing (Janabi-Sharifi, Hayward, Chen, IEEE Trans. Control
-  Systems Technology 8(6), 2000, 1003, doi:10.1109/87.880606). The longest window is taken whose line through the newest
-  sample passes within ±`band` of all its samples; the line's slope is the chord over the window, or the least-squares
-  slope. Slow motions get long windows and little noise, fast ones short windows and little delay. A band of one encoder
-  count is what a constant speed needs.
+  Systems Technology 8(6), 2000, 1003, doi:10.1109/87.880606). The estimator uses the longest window whose line through
+  the newest sample passes within ±`band` of all its samples. The slope of the line is the chord over the window, or the
+  least-squares slope. Slow motions get long windows and little noise, fast motions short windows and little delay. A
+  constant speed needs a band of one encoder count.
 
-The line through the newest sample is within the band of sample j iff its slope lies between
-(x_n − x_{n−j} ∓ band)/(j·T). So one pass over the window suffices: the slopes allowed so far are an interval that only
-shrinks, and the first window whose slope falls out of it ends the search.
+The line through the newest sample is within the band of sample j if and only if its slope lies between
+(x_n − x_{n−j} ∓ band)/(j·T). One pass over the window is therefore enough: the interval of allowed slopes only shrinks,
+and the first window whose slope leaves it ends the search.
 
-FOAW is no linear system; each of its windows is one, from the backward difference (window 1) to the longest. Stability
-is judged with the longest, which has the most delay and the lowest limit.
+FOAW is not linear, but each of its windows is, from the backward difference (window 1) to the longest. Stability is
+judged with the longest window, which has the most delay and the lowest limit.
 """
 
 import math
@@ -28,11 +28,12 @@ from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, E
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 ROUNDING = 1e-12
-"""Of the positions: a band of 0 must not split a line that is straight but for rounding."""
+"""Share of the position that is added to the band, so that rounding does not split a straight line at a band of 0."""
 
 
 def slope_weights(length: int, order: int, period: float) -> Matrix:
-    """Weights of x_n, x_{n−1}, … in the slope at n of the polynomial of that order through so many positions."""
+    """Return the weights of x_n, x_{n−1}, … in the slope at n of the polynomial through the positions, (length,)."""
+    # Times from −1 to 0 keep the powers well conditioned; the last line scales the slope back.
     times = -np.arange(length, dtype=np.float64) / max(1, length - 1)
     powers = np.vander(times, order + 1, increasing=True)
     weights: Matrix = np.linalg.pinv(powers)[1] / (max(1, length - 1) * period)
@@ -44,7 +45,8 @@ def _weights(setup: EstimatorSetup) -> Matrix:
 
 
 def _start_least_squares(setup: EstimatorSetup) -> Estimate:
-    """Works with differences from the newest position: the weights sum to zero, and digits are kept far from zero."""
+    """Return a step that weights the last positions."""
+    # The weights sum to zero, so differences from the newest position keep all digits far from zero.
     weights: list[float] = _weights(setup).tolist()
     window: list[float] = []
 
@@ -69,7 +71,7 @@ def _check_order(setup: EstimatorSetup) -> None:
 
 
 def _line_noise_gain(setup: EstimatorSetup) -> float:
-    """√Σ weights²; 12/(N·(N² − 1)·T²) under the root for a line."""
+    """Return √Σ weights²; for a line the sum is 12/(N·(N² − 1)·T²)."""
     length = setup.whole("window")
     if setup.whole("order") > 1:
         return float(np.linalg.norm(_weights(setup)))
@@ -81,7 +83,10 @@ def _line_delay(setup: EstimatorSetup) -> float:
 
 
 Slope = Callable[[int], tuple[float, float, float]]
-"""i → weights of (way over i periods, Σ ways, Σ j·ways up to i) in the way a period of the line over i periods."""
+"""Weights, from i, that give the move per period of a line over i periods.
+
+With w_j the move over the last j periods, they are those of (w_i, Σ w_j, Σ j·w_j), with the sums from j = 1 to i.
+"""
 
 
 def _chord(i: int) -> tuple[float, float, float]:
@@ -89,7 +94,7 @@ def _chord(i: int) -> tuple[float, float, float]:
 
 
 def _best(i: int) -> tuple[float, float, float]:
-    """Least squares over x_n … x_{n−i}: Σ (j − i/2)·way_j over Σ (j − i/2)²."""
+    """Return the weights of least squares over x_n … x_{n−i}: Σ (j − i/2)·w_j divided by Σ (j − i/2)²."""
     share = 12.0 / (i * (i + 1.0) * (i + 2.0))
     return (0.0, -0.5 * i * share, share)
 

@@ -1,17 +1,18 @@
 """Stationary Kalman filters of position: constant velocity (α–β) and constant acceleration (α–β–γ).
 
-Model, in steps of T: an unknown constant acceleration w acts over each period (constant velocity), or the acceleration
-changes by an unknown w at its begin (constant acceleration); w is white with σ_w [m/s² or rad/s²], the position is
-measured with white noise σ_x, for an encoder about D/√12. Everything depends on one number, the tracking index
-λ = σ_w·T²/σ_x: small trusts the model, large the measurement. The gains settle to constants, and the filter uses those
-from the start:
+The model has steps of T. In the filter of constant velocity an unknown constant acceleration w acts over each period;
+in the filter of constant acceleration the acceleration changes by an unknown w at the beginning of each period. w is
+white with σ_w [m/s² or rad/s²]. The position is measured with white noise σ_x, about D/√12 for an encoder of count D.
+The gains depend on one number, the tracking index λ = σ_w·T²/σ_x: a small index trusts the model, a large index the
+measurement. The gains of a Kalman filter settle to constants, and this filter uses the constants from the start:
 
     prediction  x⁻ = x + T·v + T²/2·a,  v⁻ = v + T·a,  a⁻ = a
     correction  by the residual r = y − x⁻:  x = x⁻ + α·r,  v = v⁻ + β/T·r,  a = a⁻ + γ/T²·r
 
-With s = √(1 − α), β = 2(1 − s)² in both; constant velocity λ = 2(1 − s)²/s, γ = 0; constant acceleration
+With s = √(1 − α) both filters have β = 2(1 − s)². Constant velocity: λ = 2(1 − s)²/s, γ = 0. Constant acceleration:
 λ = 2(1 − s)³/(s·(1 + s)), γ = 2(1 − s)³/(1 + s).
-Kalata, IEEE Trans. Aerospace and Electronic Systems 20(2), 1984, 174, doi:10.1109/TAES.1984.310438.
+
+Reference: Kalata, IEEE Trans. Aerospace and Electronic Systems 20(2), 1984, 174, doi:10.1109/TAES.1984.310438.
 """
 
 import math
@@ -23,20 +24,22 @@ from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, E
 from haptic_fieldbus.numerics.linear import StateSpace
 
 BISECTIONS = 200
+"""More than enough to reach neighbouring floats."""
 
 Gains = tuple[float, float, float]
-"""Corrections of position, of velocity times T, of acceleration times T², per unit of residual."""
+"""(α, β, γ): corrections of position, velocity times T and acceleration times T² per unit of residual."""
 
 
 def velocity_gains(index: float) -> Gains:
-    """(α, β, 0) of the constant-velocity filter; s solves 2s² − (4 + λ)s + 2 = 0."""
+    """Return (α, β, 0) of the constant-velocity filter; s solves 2s² − (4 + λ)s + 2 = 0."""
     half = 4.0 + index
+    # The smaller root, written without a difference that would lose digits for large λ.
     s = 4.0 / (half + math.sqrt(index * (8.0 + index)))
     return (1.0 - s * s, 2.0 * (1.0 - s) ** 2, 0.0)
 
 
 def acceleration_gains(index: float) -> Gains:
-    """(α, β, γ) of the constant-acceleration filter; s by bisection of a function that only falls."""
+    """Return (α, β, γ) of the constant-acceleration filter; s is found by bisection of a falling function."""
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         s = 0.5 * (low + high)
@@ -48,7 +51,8 @@ GainsOf = Callable[[float], Gains]
 
 
 def _start(setup: EstimatorSetup, gains_of: GainsOf) -> Estimate:
-    """Works with the deviation of the prediction from the position: v and a in ways per period."""
+    """Return a step of the filter."""
+    # v and a are kept as v·T and a·T², moves per period, so that the period appears only in the result.
     alpha, beta, gamma = gains_of(setup.number("index"))
     period = setup.period
     x: float | None = None
@@ -67,23 +71,23 @@ def _start(setup: EstimatorSetup, gains_of: GainsOf) -> Estimate:
 
 
 def _system(setup: EstimatorSetup, gains_of: GainsOf) -> StateSpace:
-    """States (x, v·T, a·T²) after the correction."""
+    """Return the filter as a linear system with the states (x, v·T, a·T²) after the correction."""
     gains = np.array(gains_of(setup.number("index")))[:, None]
     predict = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
-    states = 3 if gains[2, 0] else 2
+    states = 3 if gains[2, 0] else 2  # with γ = 0 the acceleration stays 0 and is no state
     a = (predict - gains @ predict[:1])[:states, :states]
     b = gains[:states]
     return StateSpace(a, b, a[1:2] / setup.period, b[1:2] / setup.period)
 
 
 def _noise_gain(setup: EstimatorSetup) -> float:
-    """Of the constant-velocity filter: √(2β²/(α·(4 − 2α − β)))/T, its variance reduction ratio."""
+    """Return √(2β²/(α·(4 − 2α − β)))/T, from the variance reduction ratio of the constant-velocity filter."""
     alpha, beta, _ = velocity_gains(setup.number("index"))
     return math.sqrt(2.0 / (alpha * (4.0 - 2.0 * alpha - beta))) * beta / setup.period
 
 
 def _delay(setup: EstimatorSetup) -> float:
-    """Of the constant-velocity filter: its error in velocity at unit acceleration, T·(α/β − ½)."""
+    """Return T·(α/β − ½), the velocity error of the constant-velocity filter at unit acceleration."""
     alpha, beta, _ = velocity_gains(setup.number("index"))
     return setup.period * (alpha / beta - 0.5)
 

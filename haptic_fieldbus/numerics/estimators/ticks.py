@@ -1,13 +1,13 @@
-"""Velocity from the time between counts: exact for slow motions, where differences see nothing and then a spike.
+"""Velocity from the time between counts: exact for slow motions, of which differences give zeros and single spikes.
 
-Between two samples with different positions the handle made a way of whole counts, in the time since the position
-changed last: v = Δx/Δt, held until the next change. While no count comes the speed cannot be more than one count over
-the time waited, so the estimate falls as D/Δt (D the last way, where the count is not known), which gives zero for a
-handle that stands. A count taken back is no way: the handle crossed the same edge twice, so one count is subtracted
-where the direction turns.
+When the position changes, it has moved by Δx, a whole number of counts, in the time Δt since its last change. The
+estimate is v = Δx/Δt, held until the next change. While no count comes, the speed cannot exceed one count D over the
+time waited, so the estimate falls as D/Δt, to zero for a handle that stands. When D is not known, the last Δx is used
+for it. When the direction turns, the handle crosses the same edge twice without moving by a count, so one count is
+subtracted.
 
-Times are those of the samples [ns], where they are given, else whole periods: then v is right to the share T/Δt, and a
-jittered sample does not look like a speed.
+Times are those of the samples [ns] if they are passed, otherwise whole periods. The relative error of v is about T/Δt.
+With the times of the samples, a jittered sample does not look like a speed.
 """
 
 import math
@@ -26,7 +26,7 @@ def _start(setup: EstimatorSetup) -> Estimate:
         if before is None:
             before, changed_ns = position, clock_ns
         way, waited = position - before, (clock_ns - changed_ns) * 1e-9
-        if way == 0.0:
+        if way == 0.0:  # no count: the speed held so far, but no more than one count over the time waited
             highest = (count or abs(last)) / waited if waited > 0.0 else abs(velocity)
             return math.copysign(min(abs(velocity), highest), velocity)
         turned = way * last < 0.0

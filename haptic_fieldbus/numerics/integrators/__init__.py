@@ -1,11 +1,11 @@
 """Integrators of virtual states, ż = A z + B u, y = C z + D u, as the loop runs them.
 
-One method is one entry of METHODS: data with an order, a stability region and an update order that tests hold it to.
-Every method is causal: y_n is known as soon as u_n is. Their theory opens `one_step` (Euler, trapezoid, Runge–Kutta,
-exact) and `staggered` (leapfrog and Verlet); `explicit` has those that also take nonlinear rates.
+Each method is an entry of METHODS: data with an order, a stability region and an update order, which tests verify.
+Every method is causal: y_n is known as soon as u_n is. The theory is at the beginning of `one_step` (Euler, trapezoid,
+Runge–Kutta, exact) and of `staggered` (leapfrog and Verlet). `explicit` has the methods that also take nonlinear rates.
 
-Two kinds of stability are told apart: what a method does to its own oscillator (`oscillator_growth`, here) and what
-the sampled loop does with a hand on it. A method that preserves energy does not make the loop stable.
+There are two kinds of stability: that of a method on an oscillator of its own (`oscillator_growth`, here), and that of
+the sampled loop with a hand (`margins`). A method that preserves energy does not make the loop stable.
 """
 
 import numpy as np
@@ -48,21 +48,25 @@ METHODS = {
 
 
 def method_named(name: str) -> Integrator:
-    """Raises UsageError when there is none of that name."""
+    """Return the method of this name; raises UsageError for an unknown name."""
     if name not in METHODS:
         raise UsageError(_unknown(name))
     return METHODS[name]
 
 
 def _unknown(name: str) -> str:
-    from haptic_fieldbus.documents import nearest
+    from haptic_fieldbus.documents import nearest  # only a mistake needs it
 
     near = nearest(name, METHODS)
     return f'no method "{name}"; {f"nearest: {near[0]}; " if near else ""}there are: {", ".join(METHODS)}'
 
 
 def discretise(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> OneStep:
-    """One step of a method on a linear system of any order; raises UsageError for numbers that make no sense."""
+    """Return one step of a method on a linear system of any order.
+
+    Raises UsageError for an unknown method, for a period [s] or entries of the system that are no valid numbers, and
+    for an implicit method whose equation has no solution at this period.
+    """
     chosen = method_named(method)
     check(space, period)
     try:
@@ -75,21 +79,21 @@ def discretise(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -
 
 
 def discrete(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> StateSpace:
-    """The system that `bind` runs: x_{n+1} = A x_n + B u_n, y_n = C x_n + D u_n."""
+    """Return the system that `bind` runs, x_{n+1} = A x_n + B u_n, y_n = C x_n + D u_n; raises as `discretise`."""
     return discretise(space, period, method).system
 
 
 def rest(space: StateSpace) -> tuple[Matrix, float]:
-    """(state, force) at rest for unit position; where the state is not unique, the smallest."""
+    """Return (state (n,), force) at rest for unit position; the smallest state when it is not unique."""
     state = equilibrium(space.a, space.b[:, 0])
     return state, float(space.c[0] @ state + space.d[0, 0])
 
 
 def bind(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -> Step:
-    """A fresh step in plain floats for a system with inputs (position, velocity) and one output.
+    """Return a fresh step in plain floats for a system with inputs (position, velocity) and one output.
 
-    It begins at rest where the handle is at its first call. Takes the velocity only where the system `uses_velocity`.
-    For another start, bind again; `trajectory.follow` starts anywhere.
+    The virtual states start at rest at the position of the first call. Pass the velocity only to a system that
+    `uses_velocity`. For another start, bind again; `trajectory.follow` starts anywhere. Raises as `discretise`.
     """
     system = discretise(space, period, method).increments
     stiffness = rest(space)[1]

@@ -1,12 +1,12 @@
-"""The explicit methods for rates of any kind, ż = f(t, z, u): for virtual states that no matrix describes.
+"""Explicit methods for nonlinear rates ż = f(t, z, u), for virtual states that no matrix describes.
 
-The steps are those of `one_step` and `staggered`, with the same inputs and starts; a call gives z_n as soon as u_n is
-known, and the element computes its force from both. What is implicit there cannot be had from f alone: for "verlet" the
-velocity in a(p, v, u) is predicted by half a kick with the old one and corrected once, which keeps second order.
+The steps are those of `one_step` and `staggered`, with the same inputs and starts. A call returns z_n as soon as u_n is
+known, and the element computes its force from both. Implicit equations cannot be solved with f alone: for "verlet" the
+velocity in a(p, v, u) is predicted by half a kick with the old velocity and corrected once, which keeps second order.
 
-A bristle that is faster than the period makes every one of these explode (LuGre at |v| > 2·g/(σ0·T)); the period that
-is small enough is the caller's to know, from `lag_limit` and `oscillator_limit` of the method; only for "verlet" the
-limit of a lag λ is another one here: with x = λT/2 it grows by (1 − x)(1 − x + x²), stable to T·λ = 3.087.
+A bristle that is faster than the period makes all these methods explode (LuGre at |v| > 2·g/(σ0·T)). The caller must
+choose a period that is small enough, by `lag_limit` and `oscillator_limit` of the method. Only for "verlet" the limit
+of a lag λ differs here: with x = λT/2 it grows by (1 − x)(1 − x + x²) in a step, which is stable up to T·λ = 3.087.
 """
 
 import math
@@ -17,18 +17,18 @@ from haptic_fieldbus.errors import UsageError
 
 States = tuple[float, ...]
 Rates = Callable[..., Sequence[float]]
-"""f(t [s], states, *inputs) → rates of the states, in their order."""
+"""Function f(t [s], states, *inputs) that returns the rates of the states, in their order."""
 Advance = Callable[..., States]
-"""Inputs of this sample → states at this sample; remembers the states and inputs before."""
+"""Step from the inputs of a sample to the states at this sample; it remembers earlier states and inputs."""
 
 
 EXPLICIT_VERLET_LAG_LIMIT = 3.0873780253841527
-"""Twice the real root of x³ − 2x² + 2x − 2 = 0."""
+"""Largest stable T·λ of "verlet" for a lag: twice the real root of x³ − 2x² + 2x − 2 = 0."""
 
 
 @dataclass(frozen=True)
 class System:
-    """Rates, what they start from, and which states are positions (ṗ = v), for the staggered methods."""
+    """Rates, initial states, and the indices of the states that are positions (ṗ = v), for the staggered methods."""
 
     rates: Rates
     start: States
@@ -64,7 +64,8 @@ def _forward_euler(system: System, period: float) -> Advance:
 
 
 def _runge_kutta(system: System, period: float) -> Advance:
-    """Classic, the input halfway being the mean of those at both ends."""
+    """Bind the classic Runge–Kutta method; the input halfway is the mean of the inputs at both ends."""
+    # The step to z_n needs u_n, so it is made when u_n arrives; the first call only remembers u_0.
     states, sample, rates, half = system.start, -1, system.rates, 0.5 * period
     before: tuple[float, ...] = ()
 
@@ -85,7 +86,7 @@ def _runge_kutta(system: System, period: float) -> Advance:
 
 
 def _semi_implicit(system: System, period: float) -> Advance:
-    """Kick, then drift; the velocities that are returned belong to half a period earlier."""
+    """Bind kick, then drift; the returned velocities belong to half a period earlier."""
     rates, positions, velocities = system.rates, system.positions, system.velocities
     states, sample = system.start, 0
 
@@ -93,7 +94,7 @@ def _semi_implicit(system: System, period: float) -> Advance:
         nonlocal states, sample
         time = sample * period
         acceleration = rates(time, states, *inputs)
-        if sample == 0:
+        if sample == 0:  # half a kick backwards, without which the method is of first order
             states = _some_moved(states, acceleration, -0.5 * period, velocities)
         now = states
         kicked = _some_moved(now, acceleration, period, velocities)
@@ -120,7 +121,7 @@ def _drift_first(system: System, period: float) -> Advance:
 
 
 def _verlet(system: System, period: float) -> Advance:
-    """Half a kick completes v_n, half a kick and a drift begin the next step."""
+    """Bind Verlet: half a kick completes v_n, then half a kick and a drift begin the next step."""
     rates, positions, velocities, half = system.rates, system.positions, system.velocities, 0.5 * period
     states, sample = system.start, 0
 
@@ -150,9 +151,10 @@ EXPLICIT: dict[str, Callable[[System, float], Advance]] = {
 def bind_rates(
     rates: Rates, start: Sequence[float], period: float, method: str, positions: Sequence[int] = ()
 ) -> Advance:
-    """A fresh step of an explicit method for ż = f(t, z, u), from states at the first call; `positions` are indices.
+    """Return a fresh step of an explicit method for ż = f(t, z, u); `start` holds the states at the first call.
 
-    Raises UsageError for a method that needs a linear system, and for a period that is not above 0.
+    `positions` are the indices of the states that are positions. Raises UsageError for a method that is not in
+    EXPLICIT, and for a period [s] that is not above 0.
     """
     if method not in EXPLICIT:
         raise UsageError(f'"{method}" is not for nonlinear rates; there are: {", ".join(EXPLICIT)}')

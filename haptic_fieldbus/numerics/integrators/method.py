@@ -1,4 +1,4 @@
-"""What an integrator is: a rule that makes a linear system of continuous time into one step, and its claims."""
+"""Definition of an integrator: a rule that turns a continuous linear system into one step, with its claimed figures."""
 
 import math
 from collections.abc import Callable
@@ -12,10 +12,11 @@ from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 @dataclass(frozen=True, eq=False)
 class OneStep:
-    """What one step does to the states w that a method stores, and what the true states z are meanwhile.
+    """One step of a method on the states w that the method stores, and the true states z that belong to them.
 
-    w_{n+1} − w_n = E w_n + G u_n and y_n = C w_n + D u_n are `increments`; z_n = J w_n + K u_n is `state`. E = Φ − I is
-    kept instead of Φ: it has all its digits when the period is tiny.
+    `increments` holds (E, G, C, D) of w_{n+1} − w_n = E w_n + G u_n and y_n = C w_n + D u_n. `state` holds (J, K) of
+    z_n = J w_n + K u_n, shapes (n, n) and (n, n_in). E = Φ − I is kept instead of Φ, because it keeps all its digits
+    when the period is tiny.
     """
 
     increments: StateSpace
@@ -23,43 +24,46 @@ class OneStep:
 
     @property
     def system(self) -> StateSpace:
-        """w_{n+1} = Φ w_n + G u_n, y_n = C w_n + D u_n."""
+        """The discrete system w_{n+1} = Φ w_n + G u_n, y_n = C w_n + D u_n."""
         step = self.increments
         return StateSpace(step.a + np.eye(step.order), step.b, step.c, step.d)
 
     def stored(self, states: Matrix, inputs: Matrix) -> Matrix:
-        """The w with which a run begins whose true states and inputs are these at the first sample."""
+        """Return the stored states w (n,) for true states (n,) and inputs (n_in,) at the first sample."""
         by_state, by_input = self.state
         return np.asarray(np.linalg.solve(by_state, states - by_input @ inputs), dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Integrator:
-    """One method: what it is, what it claims, and its step."""
+    """A method: its name, the figures that it claims, and its step."""
 
     name: str
     order: int
-    """Error over a fixed time ∝ period^order, for a smooth input that is known at the samples."""
+    """Order of the error over a fixed time, ∝ period^order, for a smooth input that is known at the samples."""
     free_order: float
-    """The same without input, from states that are given at the first sample; ∞ where there is no error at all."""
+    """Order without input, from states given at the first sample; ∞ for a method without error."""
     inputs: str
-    """The input samples that the step to z_n takes."""
+    """Input samples that the step to z_n uses."""
     update: str
-    """The order in which a step does things."""
+    """Order of the operations in a step, for people."""
     growth: Callable[[complex], complex] | None
-    """λ·T → factor by which a mode of eigenvalue λ grows in one step; None where the factor needs more than λ·T."""
+    """Growth factor of a mode of eigenvalue λ in one step, from λ·T; None when it depends on more than λ·T."""
     oscillator_growth: Callable[[float], float]
-    """h = T·√(k/m) → spectral radius of one step on an undamped oscillator."""
+    """Spectral radius of one step on an undamped oscillator, from h = T·√(k/m)."""
     oscillator_limit: float
-    """Largest h at which that is at most 1."""
+    """Largest h at which the spectral radius is at most 1."""
     lag_limit: float
     """Largest T·λ at which a decay ż = −λ z does not grow."""
     discretise: Callable[[StateSpace, float], OneStep]
-    """(continuous system, period [s]) → one step; neither is checked."""
+    """Function from (continuous system, period [s]) to one step; it does not check them."""
 
 
 def check(space: StateSpace, period: float) -> None:
-    """Raises UsageError for a period that is not above 0, and for a system with an entry that is no finite number."""
+    """Check the period [s] and the entries of a system.
+
+    Raises UsageError for a period that is not a finite number above 0, and for an entry that is not finite.
+    """
     if not 0.0 < period < math.inf:
         raise UsageError(f"period {period:g} s: expected a finite number above 0")
     for name in ("a", "b", "c", "d"):

@@ -1,8 +1,8 @@
-"""One-step methods: each is a function that stands for eˣ, applied to one matrix.
+"""One-step methods: each is a function that approximates eˣ, applied to one matrix.
 
-Let the input be a polynomial of θ = time/T within a step: held, u_n (degree 0), or on the straight line from u_n to
+Let the input be a polynomial of θ = time/T within a step: held at u_n (degree 0), or on the straight line from u_n to
 u_{n+1} (degree 1). Then z, u, u′ together are one autonomous linear system with the matrix X of
-`exact.polynomial_system`, whose exact step is eˣ. A method puts R(X) in its place:
+`exact.polynomial_system`, whose exact step is eˣ. A method uses R(X) instead of eˣ:
 
 | method         | R(x)                                | degree | meaning                                            |
 |----------------|-------------------------------------|--------|----------------------------------------------------|
@@ -13,12 +13,12 @@ u_{n+1} (degree 1). Then z, u, u′ together are one autonomous linear system wi
 | exact-zoh      | eˣ                                  | 0      | exact for a held input (step-invariant)            |
 | exact-foh      | eˣ                                  | 1      | exact for straight lines (ramp-invariant)          |
 
-All are causal: y_n is known as soon as u_n is. Those of degree 1 need u_{n+1} for z_{n+1}, so the state that is stored
-is w_n = z_n − Γ1 u_n, and z_n is completed when u_n has been read (Franklin, Powell, Workman: Digital Control of
-Dynamic Systems, 3rd ed., 6.3.2). A held input is late by half a period: it makes any method first order, the exact one
-too. A straight line makes an error ∝ T²: rk4, fourth order in its free motion, is second order in a loop.
+All methods are causal: y_n is known as soon as u_n is. Methods of degree 1 need u_{n+1} for z_{n+1}. They store the
+state w_n = z_n − Γ1 u_n and complete z_n when u_n has been read (Franklin, Powell, Workman: Digital Control of Dynamic
+Systems, 3rd ed., 6.3.2). A held input is late by half a period, so every method with it is of first order, also the
+exact one. A straight line has an error ∝ T²: rk4, of fourth order in its free motion, is of second order in a loop.
 
-Growth of a mode λ is R(λT) (Hairer, Nørsett, Wanner: Solving Ordinary Differential Equations I and II).
+A mode λ grows by R(λT) in a step (Hairer, Nørsett, Wanner: Solving Ordinary Differential Equations I and II).
 """
 
 import cmath
@@ -33,9 +33,10 @@ from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 RK4_LAG_LIMIT = 2.785293563405282
-"""The real root of 1 − x/2 + x²/6 − x³/24 = 0, where R(−x) = 1."""
+"""Largest stable T·λ of rk4 for a lag: the real root of 1 − x/2 + x²/6 − x³/24 = 0, at which R(−x) = 1."""
 
 GrowthMinusOne = Callable[[Matrix], Matrix]
+"""Function R(X) − 1 of a square matrix; without the 1 it keeps the digits of a tiny period."""
 
 
 def _forward(x: Matrix) -> Matrix:
@@ -51,7 +52,7 @@ def _trapezoid(x: Matrix) -> Matrix:
 
 
 def _runge_kutta(x: Matrix) -> Matrix:
-    """R(x) − 1 = x·(1 + x/2·(1 + x/3·(1 + x/4)))"""
+    """Return R(x) − 1 = x·(1 + x/2·(1 + x/3·(1 + x/4)))."""
     identity = np.eye(len(x))
     return x @ (identity + x / 2.0 @ (identity + x / 3.0 @ (identity + x / 4.0)))
 
@@ -61,12 +62,12 @@ def _solve(left: Matrix, right: Matrix) -> Matrix:
 
 
 def rk4_growth(x: complex) -> complex:
-    """R(x) of the classic Runge–Kutta method."""
+    """Return R(x) of the classic Runge–Kutta method."""
     return 1.0 + x * (1.0 + x / 2.0 * (1.0 + x / 3.0 * (1.0 + x / 4.0)))
 
 
 def _discretiser(increment_of: GrowthMinusOne, degree: int) -> Callable[[StateSpace, float], OneStep]:
-    """The step of a method from R − 1; see the module for the form that is stored."""
+    """Return the function that makes the step of a method from R − 1, with the stored states of the module's theory."""
 
     def discretise(space: StateSpace, period: float) -> OneStep:
         order, inputs = space.b.shape
@@ -109,6 +110,7 @@ def _method(
     )
 
 
+# A method that preserves an oscillator states its growth as exactly 1, without the rounding of |R(ih)|.
 EXACT_FOH = _method(
     "exact-foh", 2, math.inf, cmath.exp, expm1, 1, (math.inf, math.inf),
     "all states at once, input on a straight line", lambda h: 1.0,
@@ -120,6 +122,7 @@ EXACT_ZOH = _method(
 FORWARD_EULER = _method(
     "forward-euler", 1, 1, lambda x: 1.0 + x, _forward, 0, (0.0, 2.0), "all states at once, with the rates of before"
 )
+# Of the straight line backward Euler uses the end alone, so its step takes no earlier input.
 BACKWARD_EULER = replace(_method(
     "backward-euler", 1, 1, lambda x: 1.0 / (1.0 - x), _backward, 1, (math.inf, math.inf),
     "all states at once, with the rates of after",

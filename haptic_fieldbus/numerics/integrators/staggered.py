@@ -1,7 +1,7 @@
 """Staggered methods: positions and velocities are advanced one after the other (leapfrog, Störmer, Verlet).
 
-A state is a *position* when its rate is another state and nothing else, ṗ = v; all others are *velocities*, with rates
-a(p, v, u). A kick changes velocities by T·a, a drift positions by T·v.
+A state is a *position* when its rate is another state and nothing else, ṗ = v. All other states are *velocities*, with
+rates a(p, v, u). A kick changes velocities by T·a, a drift changes positions by T·v.
 
 | method                    | stored       | a step                                                  | order |
 |---------------------------|--------------|---------------------------------------------------------|-------|
@@ -9,20 +9,21 @@ a(p, v, u). A kick changes velocities by T·a, a drift positions by T·v.
 | semi-implicit-drift-first | p_n, v_n     | drift with v_n, then kick with a(p_{n+1}, v_n, u_n)     | 1     |
 | verlet                    | p_n, v_{n−½} | v_n by half a kick with u_n, then half a kick and drift | 2     |
 
-(* 1 where a or y depends on v.)
+(* 1 when a or y depends on v.)
 
-The update order matters, and so does the start. The velocity of "semi-implicit" belongs to half a period earlier: a run
-begins with half a kick backwards, v_{−½} = v_0 − T/2·a_0. Begun with v_0 instead, as the classic pseudocode does, it is
-first order whenever a_0 is not zero, as after the step of a puck. "Drift first" has the new position beside the input
-of before: first order whatever the start.
+Both the update order and the start matter. The velocity of "semi-implicit" belongs to half a period earlier, so a run
+begins with half a kick backwards, v_{−½} = v_0 − T/2·a_0. The classic pseudocode begins with v_0 instead, and is then
+of first order whenever a_0 is not zero, as after a step of the handle. "Drift first" combines the new position
+with the old input: it is of first order with any start.
 
-Verlet (velocity Verlet, kick–drift–kick) moves as semi-implicit does and differs where velocity matters: it completes
-v_n = v_{n−½} + T/2·a(p_n, v_n, u_n) when u_n is read, solved for v_n (Brünger, Brooks, Karplus 1984,
-doi:10.1016/0009-2614(84)80098-6), so that damping and outputs are second order as well. A state that is neither, such
-as a lag, is thereby integrated by the trapezoid.
+Verlet (velocity Verlet, kick–drift–kick) moves positions as semi-implicit does, but it completes
+v_n = v_{n−½} + T/2·a(p_n, v_n, u_n), solved for v_n, when u_n is read (Brünger, Brooks, Karplus 1984,
+doi:10.1016/0009-2614(84)80098-6). Damping and outputs that depend on velocity are therefore of second order as well. A
+state without a position, such as a lag, is integrated by the trapezoid in this way.
 
-On an undamped oscillator, h = T·√(k/m): λ² − (2 − h²)·λ + 1 = 0. The modulus is 1 up to h = 2, then one root leaves
-along the negative axis. Hairer, Lubich, Wanner: Geometric Numerical Integration, 2nd ed., I.1.4 and VI.3.
+On an undamped oscillator with h = T·√(k/m) the growth follows λ² − (2 − h²)·λ + 1 = 0. The modulus is 1 up to h = 2;
+then one root leaves along the negative axis (Hairer, Lubich, Wanner: Geometric Numerical Integration, 2nd ed., I.1.4
+and VI.3).
 """
 
 import math
@@ -34,35 +35,36 @@ from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 LIMIT = 2.0
-"""Of T·√(k/m)."""
+"""Largest stable T·√(k/m)."""
 
 
 def positions(space: StateSpace) -> list[bool]:
-    """Which states are positions: ṗ = v with v another state, that is not in turn the rate of p alone."""
+    """Return for each state, (n,), whether it is a position: ṗ = v with another state v, and nothing else."""
     found = [False] * space.order
     for row in range(space.order):
         (of,) = np.nonzero(space.a[row])
         alone = len(of) == 1 and space.a[row, of[0]] == 1.0 and of[0] != row and not space.b[row].any()
+        # Of two states that are each the rate of the other only the first can be the position.
         mutual = alone and found[of[0]] and space.a[of[0], row] != 0.0
         found[row] = bool(alone and not mutual)
     return found
 
 
 def leapfrog_growth(h: float) -> float:
-    """Spectral radius of all three on an undamped oscillator."""
+    """Return the spectral radius of all three methods on an undamped oscillator, from h = T·√(k/m)."""
     if h <= LIMIT:
         return 1.0
     return h * h / 2.0 - 1.0 + h / 2.0 * math.sqrt(h * h - 4.0)
 
 
 def _masks(space: StateSpace) -> tuple[Matrix, Matrix]:
-    """(velocities, positions) as diagonal matrices."""
+    """Return the masks (velocities, positions) as diagonal matrices, (n, n) each."""
     drifting = np.array(positions(space), dtype=float)
     return np.diag(1.0 - drifting), np.diag(drifting)
 
 
 def _half_kick(space: StateSpace, period: float, kicked: Matrix) -> tuple[Matrix, Matrix]:
-    """κ = J w + K u with κ = T/2·a(w + κ, u) on the velocities: from v_{n−½} to v_n."""
+    """Return (J, K) of the half kick κ = J w + K u from v_{n−½} to v_n, which solves κ = T/2·a(w + κ, u)."""
     half = 0.5 * period * kicked
     rates = np.hstack([half @ space.a, half @ space.b])
     solved: Matrix = np.linalg.solve(np.eye(space.order) - half @ space.a @ kicked, rates).astype(np.float64)

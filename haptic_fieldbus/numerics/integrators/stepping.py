@@ -1,11 +1,12 @@
-"""Linear steps in plain floats, as the loop runs them: closures over a few numbers, nothing that grows.
+"""Linear steps in plain floats for the loop: closures over a few numbers, without allocations that grow.
 
-A step works with deviations from where the handle is at its first call, at rest there: at a handle that stands still
-the force is exactly constant, and digits are not spent on how far from zero that is. Numbers that are not finite are
-passed on, an overflow becomes one of them; safety sees them in the force.
+A step works with deviations from the position of its first call, and is at rest there. The force on a handle that
+stands still is therefore exactly constant, and no digits are lost to a position far from zero. Numbers that are not
+finite are passed on, and an overflow becomes such a number; the safety of the cycle sees them in the force.
 
-Up to four states each has its name: to walk over rows costs ten times the products. All add the same products in the
-same order, the states' first, so that what runs in the loop does not depend on which of them was chosen.
+Up to four states each state is a variable of its own, because walking over rows costs ten times as much as the
+products. All variants add the same products in the same order, the states' products first, so that the choice of the
+variant does not change the numbers.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,14 +18,18 @@ from haptic_fieldbus.numerics.integrators.method import OneStep
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 Step = Callable[..., float]
-"""Position[, velocity] of this period → force or torque on the handle [N or N·m]; remembers the virtual states."""
+"""Step from position[, velocity] of a period to the force on the handle [N or N·m]; it remembers the virtual states."""
 
 Row = tuple[float, ...]
 Rows = tuple[Row, ...]
 
 
 def bind_pair(system: StateSpace, stiffness: float) -> Step:
-    """Two states driven by position, in the coordinates (C z, C E z), where by Cayley and Hamilton a step is short."""
+    """Return a step of two states driven by position; `stiffness` is the force per position at rest.
+
+    `system` holds increments (see `method.OneStep`). The coordinates are (C z, C E z): by the theorem of Cayley and
+    Hamilton a step then needs the trace and the determinant of E alone.
+    """
     e, g, c = system.a, system.b[:, 0], system.c[0]
     trace, determinant = float(e[0, 0] + e[1, 1]), float(e[0, 0] * e[1, 1] - e[0, 1] * e[1, 0])
     g0, g1, d = float(c @ g), float(c @ e @ g), float(system.d[0, 0])
@@ -44,7 +49,7 @@ def bind_pair(system: StateSpace, stiffness: float) -> Step:
 
 
 def bind_general(system: StateSpace, stiffness: float) -> Step:
-    """Any number of states, driven by position and velocity; without the latter its products are zeros."""
+    """Return a step of any number of states, driven by position and velocity; the velocity is 0 when left out."""
     updates, outputs = _rows(system.a, system.b), _rows(system.c, system.d)[0]
     if system.order in _UNROLLED:
         return _UNROLLED[system.order](updates, outputs, stiffness)
@@ -159,11 +164,11 @@ _UNROLLED: dict[int, Callable[[Rows, Row, float], Step]] = {
     3: _bind_three,
     4: _bind_four,
 }
-"""By the number of states."""
+"""Binding functions by the number of states."""
 
 
 def _bind_lags(updates: Rows, outputs: Row, stiffness: float) -> Step:
-    """Many states that do not act on one another, as the branches of a tissue."""
+    """Return a step of many states that do not act on each other, such as the branches of a tissue."""
     order = len(updates)
     own = tuple((row[place], row[order], row[order + 1]) for place, row in enumerate(updates))
     weights, (d0, d1) = outputs[:order], outputs[order:]
@@ -200,7 +205,10 @@ def _bind_many(updates: Rows, outputs: Row, stiffness: float) -> Step:
 
 
 def bind_from(one: OneStep, start: Matrix) -> Callable[..., tuple[float, ...]]:
-    """A step from given true states: inputs of this sample → (y_n…, z_n…), the outputs and then the true states."""
+    """Return a step from the inputs of a sample to (y_n…, z_n…), the outputs and then the true states.
+
+    `start`, (n,), holds the true states at the first call.
+    """
     system, (by_state, by_input) = one.increments, one.state
     updates = _rows(system.a, system.b)
     outputs = (*_rows(system.c, system.d), *_rows(by_state, by_input))
@@ -222,7 +230,8 @@ def _rows(left: Matrix, right: Matrix) -> Rows:
 
 
 def _dot(left: Sequence[float], right: Sequence[float]) -> float:
-    """One product after the other; `sum` would add more exactly from Python 3.12 on, and cost more."""
+    """Return the dot product, added one product after the other."""
+    # From Python 3.12 on `sum` adds with compensation: other digits than the unrolled steps, and slower.
     total = 0.0
     for product in map(mul, left, right):
         total += product

@@ -1,4 +1,4 @@
-"""A run of a method along given inputs, with its states, stopped where numbers stop being finite."""
+"""A run of a method along given inputs, with its states; it ends at the first number that is not finite."""
 
 import math
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from haptic_fieldbus.numerics.linear import Matrix
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Outputs (m, n_out) and true states (m, order) at the samples; m is less than was asked for when it diverged."""
+    """Outputs (m, n_out) and true states (m, order) at the samples; m is less than requested when the run diverged."""
 
     outputs: Matrix
     states: Matrix
     diverged_at: int | None
-    """The sample at which an output or a state was no finite number; it and all later ones are left out."""
+    """First sample with an output or a state that is not finite, left out with all later samples; or None."""
 
     @property
     def diverged(self) -> bool:
@@ -27,7 +27,7 @@ class Followed:
 
 
 def follow(one: OneStep, inputs: NDArray[np.float64], start: Sequence[float] | Matrix) -> Followed:
-    """Run one step along inputs (N, n_in), from true states that are given at the first of them."""
+    """Run one step along inputs (N, n_in), from the true states `start` (n,) at the first sample."""
     step = bind_from(one, np.asarray(start, dtype=np.float64))
     rows: list[tuple[float, ...]] = []
     diverged_at = None

@@ -1,1 +1,1 @@
-"""CANopen (CiA 301, CiA 402) as a plan sees it: objects, PDOs, what they cost on the bus."""
+"""CANopen (CiA 301, CiA 402) for planning: profiles, PDOs, bus load and delay."""

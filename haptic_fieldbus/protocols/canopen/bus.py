@@ -1,4 +1,4 @@
-"""CAN buses as users and rig files write them."""
+"""Names of CAN buses, as users and rig files write them."""
 
 import re
 from dataclasses import dataclass
@@ -14,29 +14,32 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
 
 DEFAULT_BITRATE = 1_000_000
-"""[bit/s]; taken where the bit rate cannot be known."""
+"""Bit rate that is assumed when none is given [bit/s]."""
 BITRATES = (10_000, 1_000_000)
-"""[bit/s]; the least and the greatest of CiA 301, table 1."""
+"""Lowest and highest bit rate of CiA 301, table 1 [bit/s]."""
 NODES = range(1, 128)
-"""Node-IDs, CiA 301, 7.3.5."""
+"""Node-IDs (CiA 301, 7.3.5)."""
 BUS_FORMS = "sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE], for example sim, socketcan:can0, pcan:PCAN_USBBUS1@1000000"
 
 SIMULATION_INTERFACE = "haptic_sim"
+"""Interface of python-can under which the simulated bus is registered."""
 
-# python-can's own interfaces; importing `can` only to name them would cost every command 0.1 s. A test compares.
+# The interfaces of python-can itself. Importing `can` for their names would cost every command 0.1 s, so they are
+# listed here, and a test compares the lists.
 CAN_INTERFACES = (
     "canalystii", "cantact", "etas", "gs_usb", "iscan", "ixxat", "kvaser", "neousys", "neovi", "nican", "nixnet",
     "pcan", "robotell", "seeedstudio", "serial", "slcan", "socketcan", "socketcand", "systec", "udp_multicast",
     "usb2can", "vector", "virtual",
 )  # fmt: skip
 SIMULATION = "sim"
-"""Without a bit rate: in the place of a rig's bus it has that of the rig."""
+"""Name of the simulated bus; without a bit rate it takes that of the bus which it replaces in a rig."""
 LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
+"""Usual name of a CAN interface under Linux, which users write without `socketcan:`."""
 
 
 @dataclass(frozen=True)
 class CanSection(BusSection):
-    """A CAN bus of a rig, by python-can's names; bit rate in bit/s."""
+    """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
     bitrate: Annotated[int, Gt(0)] = DEFAULT_BITRATE
     protocol: ClassVar[str] = "canopen"
@@ -48,14 +51,14 @@ class CanSection(BusSection):
 
 
 def can_section(section: BusSection) -> CanSection:
-    """A bus that is known to be one of CAN; TypeError for another."""
+    """Return the section as a CAN bus; raises TypeError when it is one of another protocol."""
     if not isinstance(section, CanSection):
         raise TypeError(f"{section.interface}:{section.channel} is no CAN bus")
     return section
 
 
 def parse_bus(text: str) -> BusName:
-    """Take a bus name apart; raises UsageError with the nearest names and the known forms."""
+    """Parse the name of a CAN bus; raises UsageError with the nearest names and the known forms."""
     interface, colon, channel = text.partition(":")
     if not colon:
         return _parse_bare(text)
@@ -67,15 +70,20 @@ def parse_bus(text: str) -> BusName:
 
 
 def in_place_of(section: CanSection, named: BusName, channel: str | None) -> CanSection:
-    """The bus that was named, in the place of one of a rig; `channel` where the rig has several."""
+    """Return the `named` bus in the place of `section` of a rig; `channel`, unless None, replaces the named channel.
+
+    Raises UsageError when the named bus is no CAN bus.
+    """
     new = named.section
     if not isinstance(new, CanSection):
         raise UsageError(f'bus "{named.text}" is no CAN bus, the rig\'s {section.interface}:{section.channel} is one')
+    # A simulation without a bit rate is that of the bus which it replaces.
     bitrate = section.bitrate if named.text == SIMULATION else new.bitrate
     return CanSection(new.interface, channel or new.channel, bitrate)
 
 
 def _parse_bare(text: str) -> BusName:
+    """Parse a name without a colon: the simulated bus, or a slip that gets advice."""
     name, at, bitrate = text.partition("@")
     if name == SIMULATION:
         speed = _bitrate(text, bitrate) if at else DEFAULT_BITRATE
@@ -88,7 +96,8 @@ def _parse_bare(text: str) -> BusName:
 
 
 def _parse_simulation(text: str, rest: str) -> BusName:
-    """The interface as a rig names it; its channel may itself hold @, for drives and their nodes."""
+    """Parse a simulated bus as a rig names it, `haptic_sim:CHANNEL[@BITRATE]`."""
+    # The channel may itself have an @ before node-IDs, so only a number as large as a bit rate is taken for one.
     channel, _, digits = rest.rpartition("@")
     if channel and digits.isdecimal() and int(digits) >= BITRATES[0]:
         return BusName(text, CanSection(SIMULATION_INTERFACE, channel, _bitrate(text, digits)))
@@ -96,9 +105,11 @@ def _parse_simulation(text: str, rest: str) -> BusName:
 
 
 def _parse_can(text: str, interface: str, rest: str) -> BusName:
+    """Parse a real bus, INTERFACE:CHANNEL[@BITRATE]; a missing bit rate is assumed, in a sentence of the result."""
     if interface not in can_interfaces():
         near = suggestion(interface, can_interfaces())
         raise UsageError(f'no bus interface "{interface}" in "{text}"{near}. Buses are {BUS_FORMS}')
+    # The last @ separates the bit rate; a channel may have one of its own.
     channel, at, digits = rest.rpartition("@") if "@" in rest else (rest, "", "")
     if not channel:
         raise UsageError(f'bus "{text}" lacks its channel: {interface}:CHANNEL[@BITRATE]')
@@ -109,12 +120,13 @@ def _parse_can(text: str, interface: str, rest: str) -> BusName:
 
 
 def can_interfaces() -> tuple[str, ...]:
-    """The names of python-can's interfaces, those that other packages add included."""
+    """Return the interface names of python-can, including those of other packages, without the simulated one."""
     added = {entry.name for entry in entry_points(group="can.interface")} - {SIMULATION_INTERFACE}
     return tuple(sorted(added | set(CAN_INTERFACES)))
 
 
 def _bitrate(text: str, digits: str) -> int:
+    """Return the bit rate [bit/s]; raises UsageError for a text or a number that is none."""
     if not digits.isdecimal():
         raise UsageError(f'bus "{text}": after @ stands the bit rate in bit/s, for example @500000')
     if not BITRATES[0] <= int(digits) <= BITRATES[1]:

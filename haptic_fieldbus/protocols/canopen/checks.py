@@ -1,9 +1,10 @@
-"""Faults of a CANopen profile that its dataclasses cannot state."""
+"""Checks of a CANopen profile that its dataclasses cannot state."""
 
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.units import COUNTS, PERMILLE, RATED_TORQUE_UNITS, VELOCITY_UNITS
 
+# The types and units that the master can scale, by the key of the profile.
 _TYPES = {
     ("torque", "target"): ("int16", "int32"),
     ("torque", "actual"): ("int16", "int32"),
@@ -21,14 +22,14 @@ _OPTIONS = (("link_loss", "abort_connection_option"), ("link_loss", "fault_react
 
 
 def check_profile(document: Document) -> None:
-    """Note all of them."""
+    """Note all faults of a profile that go beyond its schema."""
     _check_motion(document)
     _check_signals(document)
     _check_objects(document)
 
 
 def _check_motion(document: Document) -> None:
-    """The handle must be seen: by its position, or by its velocity."""
+    """Note a profile that has neither a position nor a velocity, so that the motion of the handle is unknown."""
     if "position" not in document.data and "velocity" not in document.data:
         document.fault(
             ("position",), "missing, and so is [velocity]; expected position.actual, velocity.actual or both"
@@ -36,7 +37,7 @@ def _check_motion(document: Document) -> None:
 
 
 def _check_signals(document: Document) -> None:
-    """Types and units that force can be rendered with; a profile that says it is not usable may have others."""
+    """Note types and units with which force cannot be rendered; a profile of an unusable drive may have any."""
     if document.value("drive", "usable") is False:
         if "drive.usable" not in document.table("sources"):
             document.fault(
@@ -46,6 +47,7 @@ def _check_signals(document: Document) -> None:
     known = [data_type.value for data_type in DataType]
     for path, types in _TYPES.items():
         found = document.value(*path, "type")
+        # A type that is unknown altogether has its fault from the schema.
         if found in known and found not in types:
             document.refuse((*path, "type"), " or ".join(f'"{name}"' for name in types))
     for path, units in _UNITS.items():
@@ -55,7 +57,7 @@ def _check_signals(document: Document) -> None:
 
 
 def _check_objects(document: Document) -> None:
-    """Each object has one use: two signals, or two options, in one object are a slip of copying."""
+    """Note an object that two keys name: each object has one use, so the second is a slip of copying."""
     used: dict[tuple[int, str], str] = {}
     for path in (*_UNITS, *_OPTIONS):
         index, subindex = document.value(*path, "object"), str(document.value(*path, "subindex") or 0)

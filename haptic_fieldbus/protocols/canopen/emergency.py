@@ -4,7 +4,7 @@ Reference: CiA 301 7.2.7.1, table 26, and the codes of IEC 61800-7-201 (CiA 402-
 """
 
 RESET_CLASS = 0x00
-"""High octet of the code that says: no error any more."""
+"""High octet of the code for "error reset": no error is left."""
 
 MEANINGS = {
     0x1000: "generic error",
@@ -32,6 +32,7 @@ MEANINGS = {
     0x8500: "position control",
     0x8611: "following error",
 }
+"""Error code → meaning."""
 
 CLASSES = {
     0x10: "generic error",
@@ -45,13 +46,16 @@ CLASSES = {
     0x90: "external error",
     0xF0: "additional functions",
 }
-"""By the high octet's upper half: what is said of a code that is not in the table."""
+"""Class of an error code, the upper half of its high octet → meaning, for codes that are not in `MEANINGS`."""
 
 
 def emergency_meaning(code: int) -> str:
-    """Such as `DC link over-voltage`; for an unlisted code its class, and for a vendor's own that it is one."""
+    """Return an error code in words, such as `DC link over-voltage`.
+
+    An unlisted code is described by its class, a code of the vendor by a reference to the manual.
+    """
     if code >> 8 == RESET_CLASS:
         return "error reset"
-    if code >> 8 == 0xFF:
+    if code >> 8 == 0xFF:  # before the class F0h, in whose range the codes of the vendor lie
         return "specific to this device, see the drive's manual"
     return MEANINGS.get(code) or CLASSES.get(code >> 8 & 0xF0, "unknown class")

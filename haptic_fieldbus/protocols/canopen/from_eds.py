@@ -1,8 +1,8 @@
-"""A drive profile out of an EDS or DCF: what the file says, and for the rest the standards or a named assumption.
+"""Conversion of an EDS or DCF to a drive profile; the file is completed by the standards and by named assumptions.
 
-An EDS names objects, types and PDOs but no units, times or reactions. Units are therefore taken as CiA 402-2 has them
-(torque in ‰ of rated torque, rated torque in mN·m), which is ASSUMED and not every drive keeps to. A file without what
-force needs is refused, with what is missing.
+An EDS names objects, types and PDOs, but no units, times or reactions. Units are therefore those of CiA 402-2 (torque
+in ‰ of rated torque, rated torque in mN·m); this is ASSUMED, and not every drive keeps to it. A file that lacks an
+object which force needs is refused, with a list of all that is missing.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,7 +25,7 @@ from haptic_fieldbus.errors import EdsError, Fault
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection
 
 CYCLIC_TORQUE, PROFILE_TORQUE = 10, 4
-"""Values of 6060h."""
+"""Modes of operation (6060h)."""
 NEEDED: Mapping[int, tuple[EdsType, ...]] = {
     0x6040: (EdsType.UNSIGNED16,),
     0x6041: (EdsType.UNSIGNED16,),
@@ -34,9 +34,9 @@ NEEDED: Mapping[int, tuple[EdsType, ...]] = {
     0x6064: (EdsType.INTEGER32,),
     0x6071: (EdsType.INTEGER16, EdsType.INTEGER32),
 }
-"""Without one of these no force can be rendered; with the types that each may have. 606Ch may stand for 6064h."""
+"""Objects without which no force can be rendered → types that each may have; 606Ch may replace 6064h."""
 MAPPED = {0x6040: "received", 0x6041: "sent", 0x6064: "sent", 0x6071: "received"}
-"""What the cycle maps."""
+"""Objects that the cycle maps → direction as the drive sees it."""
 VELOCITY_UNIT_CODES = {
     0x00B4_4700: "rpm",
     0xFFB4_4700: "0.1 rpm",
@@ -44,8 +44,10 @@ VELOCITY_UNIT_CODES = {
     0xFDB4_4700: "0.001 rpm",
     0x00B5_0300: COUNTS_PER_SECOND,
 }
-"""Values of 60A9h: prefix, numerator (B4h revolutions, B5h counts), denominator (47h minutes, 03h seconds)."""
+"""Value of 60A9h → unit; the octets are prefix, numerator (B4h revolutions, B5h counts), denominator (47h minutes, 03h
+seconds)."""
 _RECEIVED, _SENT = ("rw", "rww", "wo"), ("ro", "rw", "rwr", "const")
+"""Access types with which an object may be mapped into an RPDO, and into a TPDO."""
 _TYPES: Mapping[EdsType | None, DataType] = {
     EdsType.INTEGER8: DataType.INT8,
     EdsType.INTEGER16: DataType.INT16,
@@ -55,26 +57,30 @@ _TYPES: Mapping[EdsType | None, DataType] = {
     EdsType.UNSIGNED32: DataType.UINT32,
 }
 _ANY_NODE = 1
-"""Defaults that do not follow the node-ID are the same for all."""
+"""Node-ID for which default values are evaluated; a default that does not follow the node-ID is the same for all."""
 _MOST_ENTRIES = 64
+"""Largest number of mapping entries of one PDO."""
 _INHIBIT_UNIT = 1e-4
-"""[s]; 1800h:03."""
+"""Unit of the inhibit time, 1800h:03 [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EdsProfile(CanopenProfile):
-    """A profile that keeps its file, for the simulated drive to play."""
+    """A profile made from an EDS, which it keeps so that the simulated drive can offer the same objects."""
 
     eds: Eds = field(default_factory=lambda: Eds({}))
 
 
 def data_type(entry: EdsEntry) -> DataType | None:
-    """The type as profiles write it; None for one that no profile has."""
+    """Return the type of an entry as profiles write it; None for a type that profiles do not have."""
     return _TYPES.get(entry.type)
 
 
 def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
-    """The profile; EdsError with all that is missing for force. `mode` of operation: else what 6502h offers."""
+    """Return the profile of an EDS; raises EdsError with all that is missing for force.
+
+    `mode` is the mode of operation; None: a torque mode of 6502h.
+    """
     velocity = _velocity(eds)
     faults = [Fault("", f"not usable for force: {lack}", line) for lack, line in _lacks(eds, mode, velocity)]
     if faults:
@@ -97,6 +103,7 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
         velocity=velocity,
         pdo=_pdos(eds),
         link_loss=link_loss,
+        # Usual figures for servo drives: an EDS has none. `_sources` declares them as assumed.
         timing=TimingSection(torque_bandwidth=1000.0, control_period=0.0005),
         sources=_sources(eds, link_loss, velocity),
         eds=eds,
@@ -104,7 +111,10 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
 
 
 def pdo_count(eds: Eds, communication: int) -> int:
-    """So many PDOs from the first on have both their records; `communication` is 1400h or 1800h."""
+    """Return how many PDOs, counted from the first one, have both of their records.
+
+    `communication` is the index of the first communication record: 1400h for RPDOs, 1800h for TPDOs.
+    """
     count = 0
     while communication + count in eds and communication + 0x200 + count in eds:
         count += 1
@@ -112,10 +122,10 @@ def pdo_count(eds: Eds, communication: int) -> int:
 
 
 def _lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) -> Iterator[tuple[str, int | None]]:
-    """Each thing that is missing, in words, and the line that says so."""
+    """Yield each lack in words, with the line of the file that shows it; None when there is no such line."""
     for index, types in NEEDED.items():
         entry = eds.find(index)
-        if index == 0x6064 and velocity is not None:
+        if index == 0x6064 and velocity is not None:  # the position is integrated from the velocity instead
             continue
         if entry is None:
             yield f"there is no {_named(index)}", None
@@ -133,41 +143,48 @@ def _lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) -> Iter
 
 
 def _named(index: int) -> str:
+    """Return index and name of an object, as messages write it."""
     return f"{index:04X}h {NAMES[index]}"
 
 
 def _ways(way: str) -> tuple[str, ...]:
+    """Return the access types that permit a direction of `MAPPED`."""
     return _RECEIVED if way == "received" else _SENT
 
 
 def _supported(eds: Eds) -> int:
-    """6502h; 0 where the file does not say."""
+    """Return the supported drive modes, 6502h; 0 when the file has no value."""
     return _number(eds, 0x6502) or 0
 
 
 def _torque_mode(eds: Eds) -> int:
-    """Cyclic before profile torque, 0 for neither; a file that says nothing is trusted to have the cyclic one."""
+    """Return the mode of operation for torque: cyclic before profile torque, 0 when the drive has neither.
+
+    A file without supported drive modes is trusted to have the cyclic one.
+    """
     modes = _supported(eds)
     if not modes:
         return CYCLIC_TORQUE
+    # Bit n − 1 of 6502h stands for mode n.
     return next((mode for mode in (CYCLIC_TORQUE, PROFILE_TORQUE) if modes >> mode - 1 & 1), 0)
 
 
 def _number(eds: Eds, index: int, subindex: int = 0) -> int | None:
+    """Return the default value of an entry; None when there is none, or no number."""
     entry = eds.find(index, subindex)
     value = entry.value(_ANY_NODE) if entry is not None else None
     return value if isinstance(value, int) else None
 
 
 def _identity(eds: Eds) -> IdentitySection:
-    """1018h, or what [DeviceInfo] says; a product code of 0 is not compared."""
+    """Return the identity by 1018h, else by [DeviceInfo]; a vendor-ID or product code of 0 is not compared."""
     vendor, product = _number(eds, 0x1018, 1), _number(eds, 0x1018, 2)
     vendor, product = vendor or eds.device.vendor_number, product or eds.device.product_number
     return IdentitySection(vendor or None, (product,) if product else ())
 
 
 def _torque(eds: Eds) -> tuple[MappedObject, MappedObject | None, MappedObject | None]:
-    """Target, actual and rated torque."""
+    """Return the objects of target, actual and rated torque; None for one that is missing or cannot be used."""
     target = MappedObject(0x6071, _TYPES[eds.objects[0x6071].entries[0].type], unit=PERMILLE)
     actual, rated = eds.find(0x6077), eds.find(0x6076)
     is_sent = actual is not None and actual.mappable and actual.type in NEEDED[0x6071]
@@ -175,16 +192,18 @@ def _torque(eds: Eds) -> tuple[MappedObject, MappedObject | None, MappedObject |
 
 
 def _mapped(entry: EdsEntry | None, unit: str) -> MappedObject | None:
+    """Return an entry as a profile writes it; None for no entry, and for a type that profiles do not have."""
     found = data_type(entry) if entry is not None else None
     return MappedObject(entry.index, found, unit=unit) if entry is not None and found is not None else None
 
 
 def _velocity(eds: Eds) -> VelocitySection | None:
-    """606Ch, where there is no 6064h and 60A9h names no unit that is unknown."""
+    """Return the velocity section, for a drive with 606Ch and without 6064h; None when its unit is unknown."""
     actual = eds.find(0x606C)
     if 0x6064 in eds or actual is None or actual.type is not EdsType.INTEGER32:
         return None
     code = _number(eds, 0x60A9)
+    # Without 60A9h, counts a second are assumed. The mask makes a default that is written with a sign unsigned.
     unit = COUNTS_PER_SECOND if code is None else VELOCITY_UNIT_CODES.get(code & 0xFFFF_FFFF)
     if unit is None or not (actual.mappable and actual.access in _SENT):
         return None
@@ -192,12 +211,13 @@ def _velocity(eds: Eds) -> VelocitySection | None:
 
 
 def _pdos(eds: Eds) -> PdoSection:
-    """As many as there are, with the room of the smallest and the inhibit time of the slowest."""
+    """Return the PDOs of the file: their numbers, the fewest mapping entries and the longest inhibit time of any."""
     rpdos, tpdos = pdo_count(eds, 0x1400), pdo_count(eds, 0x1800)
     mappings = [*range(0x1600, 0x1600 + rpdos), *range(0x1A00, 0x1A00 + tpdos)]
+    # Sub-index 0 holds the number of entries and is no entry itself.
     room = min(len(eds.objects[index].entries.keys() - {0}) for index in mappings)
     inhibit = max(_number(eds, 0x1800 + number, 3) or 0 for number in range(tpdos))
-    return PdoSection(
+    return PdoSection(  # transmission types as in CiA 301, because an EDS does not list those of the drive
         tpdo_types=(1, 254, 255),
         rpdo_types=(1, 254, 255),
         tpdos=tpdos,
@@ -208,7 +228,7 @@ def _pdos(eds: Eds) -> PdoSection:
 
 
 def _link_loss(eds: Eds) -> LinkLossSection:
-    """What the file has of 1016h, 6007h and 605Eh; the values are those that leave the shaft free (CiA 402-2)."""
+    """Return those of 1016h, 6007h and 605Eh that the file has, with values that free the shaft (CiA 402-2)."""
     return LinkLossSection(
         heartbeat_consumer=0x1016 if eds.find(0x1016, 1) is not None else None,
         abort_connection_option=OptionCode(0x6007, 2) if 0x6007 in eds else None,
@@ -217,7 +237,7 @@ def _link_loss(eds: Eds) -> LinkLossSection:
 
 
 def _sources(eds: Eds, link_loss: LinkLossSection, velocity: VelocitySection | None) -> dict[str, str]:
-    """Where each value comes from."""
+    """Return the source of each value, by key; assumptions are marked as ASSUMED."""
     file = Path(eds.source).name
     assumed = "as CiA 402-2 has it: ASSUMED, an EDS names no units"
     absent = {name: f"left out: not in {file}" for name, value in vars(link_loss).items() if value is None}

@@ -1,4 +1,4 @@
-"""Process data objects: which signals travel in which frame, and what that costs on the bus.
+"""Process data objects (PDOs): assignment of signals to frames, and the worst-case length of a frame.
 
 References: CiA 301 7.5.2.33-38 (PDO parameters); the worst-case bit count is Tindell's bound as corrected by Davis et
 al., Real-Time Systems 35 (2007), doi:10.1007/s11241-007-9012-7.
@@ -15,13 +15,16 @@ from haptic_fieldbus.signals import Signal
 
 SYNC_COB_ID = 0x080
 HEARTBEAT_COB_ID = 0x700
+"""COB-ID of the heartbeat of node 0; that of a node has its node-ID added."""
 LARGEST_PAYLOAD = 8
+"""Payload of a CAN frame [octets]."""
 SYNCHRONOUS_TYPES = range(241)
+"""Transmission types 0 to 240, which refer to SYNC; 254 and 255 are event-driven."""
 INTERFRAME_SPACE_BITS = 3
 
 
 class Direction(Enum):
-    """As the drive sees it: it transmits TPDOs and receives RPDOs."""
+    """Direction of a PDO as the drive sees it, which transmits TPDOs and receives RPDOs."""
 
     TPDO = "TPDO"
     RPDO = "RPDO"
@@ -40,25 +43,28 @@ class Pdo:
 
     @property
     def name(self) -> str:
+        """Name in messages, such as `TPDO1`."""
         return f"{self.direction.value}{self.number}"
 
     @property
     def cob_id(self) -> int:
-        """The predefined connection set (CiA 301, 7.3.5), good for PDO 1 to 4."""
+        """COB-ID of the predefined connection set (CiA 301, 7.3.5), which has PDO 1 to 4."""
         base = 0x180 if self.direction is Direction.TPDO else 0x200
         return base + 0x100 * (self.number - 1) + self.node
 
     @property
     def mapping_index(self) -> int:
+        """Index of the mapping parameter record."""
         return (0x1A00 if self.direction is Direction.TPDO else 0x1600) + self.number - 1
 
     @property
     def size(self) -> int:
-        """Octets of payload."""
+        """Size of the payload [octets]."""
         return sum(entry.type.size for entry in self.entries)
 
     @property
     def synchronous(self) -> bool:
+        """True when the PDO refers to SYNC, false when it is event-driven."""
         return self.transmission_type in SYNCHRONOUS_TYPES
 
 
@@ -72,14 +78,18 @@ def lay_out(
     pdos: int,
     entries: int,
 ) -> tuple[Pdo, ...]:
-    """Fill the fewest PDOs, in the order of the signals; raises ImageTooLargeError when the drive has too few."""
+    """Return PDOs filled with the signals in their order; raises ImageTooLargeError when the drive has too few.
+
+    `offered` has the object of each signal. The drive has `pdos` PDOs of the direction, each with `entries` mapping
+    entries.
+    """
     frames: list[list[Signal]] = [[]]
     for signal in signals:
         octets = sum(offered[member].type.size for member in frames[-1]) + offered[signal].type.size
         if octets > LARGEST_PAYLOAD or len(frames[-1]) == entries:
             frames.append([])
         frames[-1].append(signal)
-    available = min(pdos, 4)
+    available = min(pdos, 4)  # the predefined connection set has COB-IDs for four
     if len(frames) > available:
         raise ImageTooLargeError(
             f"{len(signals)} signals need {len(frames)} {direction.value}s of node {node}, which has {available}: "
@@ -92,11 +102,14 @@ def lay_out(
 
 
 def placed(pdos: Sequence[Pdo], offset: int) -> tuple[tuple[Pdo, int], ...]:
-    """Each with the place of its octets, which follow each other from `offset` on."""
+    """Return each PDO with the offset of its octets in the image; the PDOs follow one another from `offset` on."""
+    # `accumulate` also yields the end of the last PDO, which `zip` drops.
     sizes = accumulate((pdo.size for pdo in pdos), initial=offset)
     return tuple(zip(pdos, sizes, strict=False))
 
 
 def worst_case_bits(octets: int) -> int:
-    """Bits of an 11-bit-identifier data frame with worst stuffing, interframe space included."""
+    """Return the bits of a data frame with 11-bit identifier and worst-case stuffing, interframe space included."""
+    # A frame has 44 bits beside its data. Stuffing covers 34 of them and the data, and adds at worst one bit for every
+    # four bits after the first.
     return 8 * octets + 44 + INTERFRAME_SPACE_BITS + (33 + 8 * octets) // 4

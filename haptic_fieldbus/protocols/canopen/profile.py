@@ -1,6 +1,6 @@
 """A drive profile on CANopen: the tables that only CANopen has.
 
-These dataclasses are the schema of a profile file with `protocol = "canopen"`.
+The dataclasses are the schema of a profile file with `protocol = "canopen"`.
 """
 
 from dataclasses import dataclass, field
@@ -18,33 +18,36 @@ TransmissionType = Annotated[int, Ge(0), Le(255)]
 
 @dataclass(frozen=True)
 class PdoSection:
+    """PDOs of a drive: their number, size and transmission types."""
+
     tpdo_types: Annotated[tuple[TransmissionType, ...], Len(1)]
     rpdo_types: Annotated[tuple[TransmissionType, ...], Len(1)]
     rpdo_acts: Literal["reception", "next_sync", "unknown"] = "unknown"
-    """When the content of an event-driven RPDO becomes the drive's target."""
+    """Event at which the content of an event-driven RPDO becomes the target of the drive."""
     tpdos: Annotated[int, Ge(1), Le(512)] = 4
     rpdos: Annotated[int, Ge(1), Le(512)] = 4
     entries: Annotated[int, Ge(1), Le(64)] = 8
-    """Mapping entries of one PDO."""
+    """Number of mapping entries of one PDO."""
     inhibit_time_default: NonNegativeFloat = 0.0
+    """Inhibit time of a TPDO after power-on [s]."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinkLossSection(LinkLoss):
-    """How the drive notices that the master is gone, and what it then does."""
+    """Detection of a master that is gone, and the reaction of the drive."""
 
     heartbeat_consumer: Index | None = None
     deadline: PositiveFloat = 0.05
-    """[s]; written to the heartbeat consumer."""
+    """Longest time without a heartbeat of the master [s]; written to the heartbeat consumer."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class SimulationSection:
-    """Where this drive leaves the standards, for the simulated drive alone; the master finds out like with a real one.
+    """Deviations of this drive from the standards, for the simulation alone; the master meets them as on a real drive.
 
-    `sim.quirks` gives each of them its effect, and names a drive that has it.
+    `sim.canopen.model.quirks` implements each of them, and names a drive that has it.
     """
 
     pdos_disabled: bool = False
@@ -54,21 +57,21 @@ class SimulationSection:
     absent: tuple[Index, ...] = ()
     """Objects that the drive does not have."""
     sync_honoured: bool = True
-    """False: RPDOs act at once, although their transmission type says at the next SYNC."""
+    """False: RPDOs act at once, although by their transmission type they act at the next SYNC."""
     max_torque: Annotated[int, Ge(0), Le(0xFFFF)] | None = None
     """6072h after power-on [‰ of rated torque]."""
     supported_modes: UInt32 | None = None
-    """What 6502h says, whatever the drive can do."""
+    """Value of 6502h, whatever the drive can do."""
     mode_change_time: NonNegativeFloat = 0.0
-    """[s], from the writing of 6060h until 6061h shows it."""
+    """Time from the writing of 6060h until 6061h shows the mode [s]."""
     boot_time: NonNegativeFloat = 0.0
-    """[s], from power-on or a reset to the boot-up message."""
+    """Time from power-on or a reset to the boot-up message [s]."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True, kw_only=True)
 class CanopenProfile(Cia402Profile):
-    """A drive model on CANopen."""
+    """Profile of a drive model on CANopen."""
 
     pdo: PdoSection
     link_loss: LinkLossSection = field(default_factory=LinkLossSection)
@@ -77,7 +80,7 @@ class CanopenProfile(Cia402Profile):
 
 
 def canopen_profile(profile: DriveProfile) -> CanopenProfile:
-    """A profile that must be one of CANopen; raises UsageError for another."""
+    """Return the profile as one of CANopen; raises UsageError when it is one of another protocol."""
     if not isinstance(profile, CanopenProfile):
         raise UsageError(f"{profile.title} speaks {profile.drive.protocol}; here a CANopen drive is needed")
     return profile

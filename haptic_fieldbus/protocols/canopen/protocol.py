@@ -1,4 +1,4 @@
-"""CANopen as planning knows it."""
+"""CANopen behind the interface of `protocols.protocol`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ from haptic_fieldbus.signals import Signal
 
 
 class Canopen(FieldbusProtocol):
-    """CANopen on any python-can interface, and the simulated one."""
+    """CANopen on any interface of python-can, the simulated one included."""
 
     name = "canopen"
     profile: type[DriveProfile] = CanopenProfile
@@ -29,7 +29,8 @@ class Canopen(FieldbusProtocol):
     bus_forms = bus.BUS_FORMS
 
     def vendor_profile(self, path: str | Path) -> DriveProfile:
-        """Out of an EDS or DCF."""
+        """Return the profile described by an EDS or DCF; raises EdsError."""
+        # Imported here, because a run with a shipped profile needs no EDS reader.
         from haptic_fieldbus.eds import load_eds
         from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 
@@ -42,6 +43,7 @@ class Canopen(FieldbusProtocol):
         return bus.parse_bus(text)
 
     def bus_name(self, section: BusSection) -> BusName:
+        # Parsed anew, so that a bus of a rig obeys the same rules as one that is named.
         own = bus.can_section(section)
         return bus.parse_bus(f"{own.interface}:{own.channel}@{own.bitrate}")
 
@@ -54,11 +56,16 @@ class Canopen(FieldbusProtocol):
     def axis_traffic(
         self, axis: RigAxis, profile: DriveProfile, incoming: Sequence[Signal], outgoing: Sequence[Signal]
     ) -> PdoTraffic:
-        """Type 1 answers every SYNC; an event-driven RPDO acts on reception, where the drive has one."""
+        """Return the PDOs of one axis.
+
+        Raises ImageTooLargeError when they do not fit into the drive's PDOs, PlanError when no TPDO can answer every
+        SYNC, UsageError for a profile of another protocol.
+        """
         own = canopen_profile(profile)
         pdo, entries = own.pdo, own.entries()
         if 1 not in pdo.tpdo_types:
             raise PlanError(f"no TPDO transmission type of {pdo.tpdo_types} answers every SYNC; 1 is needed")
+        # An event-driven RPDO may act on reception; a synchronous one waits for the next SYNC, a whole period.
         event_driven = [kind for kind in pdo.rpdo_types if kind not in SYNCHRONOUS_TYPES]
         rpdo_type = max(event_driven) if event_driven else min(pdo.rpdo_types)
         return PdoTraffic(
@@ -77,7 +84,7 @@ class Canopen(FieldbusProtocol):
 
 
 def _pdos(traffic: AxisTraffic) -> PdoTraffic:
-    """What CANopen made itself; TypeError for another protocol's."""
+    """Return the traffic of an axis as PDOs; raises TypeError when another protocol made it."""
     if not isinstance(traffic, PdoTraffic):
         raise TypeError(f"expected PDOs, not {type(traffic).__name__}")
     return traffic

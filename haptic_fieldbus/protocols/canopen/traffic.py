@@ -1,7 +1,7 @@
-"""What a plan costs on a CAN bus: load, and the delay from the encoder's latch to the motor's torque.
+"""Traffic of a plan on a CAN bus: load, highest rate, and the delay from the latch of the encoder to the torque.
 
-t_k is the end of SYNC k, where the drive latches its position. Worst-case stuffing is assumed, as is a bus without
-foreign frames.
+t_k is the end of SYNC k, at which the drive latches its position. Each period has the same sequence: SYNC, TPDOs, wait
+for slower buses, computing, RPDOs. Worst-case stuffing is assumed, and a bus without foreign frames.
 """
 
 import math
@@ -18,17 +18,20 @@ from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay, Json
 from haptic_fieldbus.signals import LinkFlag
 
 LARGEST_BUS_LOAD = 0.9
+"""Largest permitted share of the bus."""
 LOWEST_RATE = 0.1
-"""[Hz]; below it no rate is proposed."""
+"""Lowest rate that is proposed for an overloaded bus [Hz]."""
 HEARTBEATS_PER_DEADLINE = 5
+"""Number of heartbeats of the master within the shortest deadline of a drive."""
 NODE_HEARTBEAT_MS = 100
+"""Producer heartbeat time that the master writes to each drive."""
 MASTER_NODES = range(127, 0, -1)
-"""Our own node-ID, for the heartbeat: the first that no drive has."""
+"""Candidates for the node-ID of the master, which its heartbeat needs; the first that no drive has is taken."""
 
 
 @dataclass(frozen=True)
 class PdoTraffic:
-    """The PDOs of one node; incoming and outgoing as the master sees it."""
+    """The PDOs of one node; incoming and outgoing are meant from the side of the master."""
 
     node: int
     tpdos: tuple[Pdo, ...]
@@ -44,10 +47,11 @@ class PdoTraffic:
 
     @property
     def pdos(self) -> tuple[Pdo, ...]:
+        """All PDOs, TPDOs first."""
         return self.tpdos + self.rpdos
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """Each PDO with its COB-ID, transmission type and objects."""
+        """Yield each PDO with COB-ID, transmission type and size, followed by its objects."""
         for pdo in self.pdos:
             when = "every SYNC" if pdo.transmission_type == 1 else "synchronous" if pdo.synchronous else "event-driven"
             text = f"{pdo.name} {pdo.cob_id:03X}h, type {pdo.transmission_type} ({when}), {pdo.size} octets"
@@ -56,13 +60,13 @@ class PdoTraffic:
                 yield "", f"  {entry}"
 
     def summary(self) -> Iterator[str]:
-        """Each PDO with its signals."""
+        """Yield a line for each PDO with its signals."""
         for pdo in self.pdos:
             way = "in " if pdo.direction is Direction.TPDO else "out"
             yield f"{way} {pdo.name} {', '.join(signal.value for signal in pdo.signals)}"
 
     def to_json(self, bus: str) -> dict[str, list[Json]]:
-        """The `pdos` of `plan --json`."""
+        """Return the `pdos` of `plan --json`."""
         return {
             "pdos": [
                 {
@@ -79,7 +83,7 @@ class PdoTraffic:
         }
 
     def fault_text(self, flag: LinkFlag, code: int) -> str:
-        """The link fault in the words of CANopen."""
+        """Return a link fault in the terms of CANopen; raises KeyError for STALE, which is no fault."""
         if flag is LinkFlag.EMERGENCY:
             return f"node {self.node} sent emergency {code:04X}h ({emergency_meaning(code)})"
         return FAULT_TEXTS[flag].format(node=self.node)
@@ -95,6 +99,7 @@ FAULT_TEXTS = {
 
 
 def _mapped(pdos: tuple[Pdo, ...]) -> tuple[MappedSignal, ...]:
+    """Return the signals of the PDOs in the order of their octets."""
     return tuple(
         MappedSignal(signal, str(entry), entry.type, entry.unit)
         for pdo in pdos
@@ -104,7 +109,7 @@ def _mapped(pdos: tuple[Pdo, ...]) -> tuple[MappedSignal, ...]:
 
 @dataclass(frozen=True)
 class BusMember:
-    """One axis on the bus."""
+    """One axis on the bus: its name, profile and PDOs."""
 
     axis: str
     profile: CanopenProfile
@@ -113,70 +118,74 @@ class BusMember:
 
 @dataclass(frozen=True)
 class CanTraffic:
-    """One period's traffic of one bus, worst case; bit rate in bit/s, rate in Hz."""
+    """Traffic of one bus in a period, worst case; the bit rate is in bit/s, the rate in Hz."""
 
     members: tuple[BusMember, ...]
     bitrate: int
     rate: float
     waiting: float = 0.0
-    """[s]; from its last TPDO to that of the slowest bus of the rig: only then is there something to compute with."""
+    """Time from the last TPDO of this bus to that of the slowest bus, when computing can begin [s]."""
     node_heartbeat_ms: int = NODE_HEARTBEAT_MS
 
     @property
     def heartbeat_every(self) -> int:
-        """Periods between two of our heartbeats, so that the shortest deadline of a drive spans several."""
+        """Number of periods between two heartbeats of the master."""
         deadline = min(member.profile.link_loss.deadline for member in self.members)
         return max(1, int(deadline / HEARTBEATS_PER_DEADLINE * self.rate))
 
     @property
     def master_node(self) -> int:
+        """Node-ID of the master: the highest that no drive has."""
         nodes = {member.traffic.node for member in self.members}
         return next(node for node in MASTER_NODES if node not in nodes)
 
     @property
     def latch(self) -> float:
-        """[s]; the end of SYNC."""
+        """Time from the beginning of SYNC to its end [s]."""
         return worst_case_bits(0) / self.bitrate
 
     @property
     def feedback_time(self) -> float:
-        """[s]; SYNC and TPDOs."""
+        """Time from the beginning of SYNC to the end of the last TPDO [s]."""
         return (worst_case_bits(0) + self._bits_in) / self.bitrate
 
     @property
     def sending_ns(self) -> float:
-        """[ns]; RPDOs."""
+        """Time that all RPDOs take [ns]."""
         return self._bits_out * 1e9 / self.bitrate
 
     @property
     def answer_bits(self) -> int:
-        """From the end of SYNC to the end of the last RPDO."""
+        """Bits from the end of SYNC to the end of the last RPDO, without the interframe space after it."""
+        # The last frame is complete at its end, not after the space that separates it from the next.
         return self._bits_in + self._bits_out - INTERFRAME_SPACE_BITS
 
     @property
     def period_bits(self) -> int:
+        """Bits of SYNC, TPDOs and RPDOs, interframe spaces included."""
         return worst_case_bits(0) + self.answer_bits + INTERFRAME_SPACE_BITS
 
     @property
     def shortest_period(self) -> float:
-        """[s]; SYNC, TPDOs, the wait for other buses, compute and RPDOs one after another."""
+        """Time of SYNC, TPDOs, the wait for other buses, computing and RPDOs one after another [s]."""
         return self.period_bits / self.bitrate + self.waiting + COMPUTE_NS * 1e-9
 
     @property
     def load(self) -> float:
-        """Share of the bus in use, heartbeats of master and nodes included."""
+        """Share of the bus in use, including the heartbeats of master and nodes."""
+        # Heartbeats a second: the master counts periods, the nodes milliseconds.
         heartbeats = self.rate / self.heartbeat_every + len(self.members) * 1000 / self.node_heartbeat_ms
         return (self.period_bits * self.rate + worst_case_bits(1) * heartbeats) / self.bitrate
 
     @property
     def highest_rate(self) -> float:
-        """[Hz]; what the bus could carry; heartbeats stay as they are. 0 or less: nothing."""
+        """Highest rate that the bus could carry with the heartbeats of the present rate [Hz]; 0 or less: none."""
         heartbeats = self.load - self.period_bits * self.rate / self.bitrate
         by_load = (LARGEST_BUS_LOAD - heartbeats) * self.bitrate / self.period_bits
         return min(by_load, 1.0 / self.shortest_period)
 
     def check(self, bus: str) -> None:
-        """Raises BusOverloadError, with the numbers and the highest rate, when the bus cannot carry this."""
+        """Raise BusOverloadError, with the figures and a rate that fits, when the bus cannot carry this traffic."""
         if self._fits:
             return
         rate, load, lower = self.rate, self.load, self._fitting_rate()
@@ -193,39 +202,40 @@ class CanTraffic:
         return self.load <= LARGEST_BUS_LOAD and self.shortest_period * self.rate <= 1.0
 
     def _fitting_rate(self) -> float | None:
-        """A round rate [Hz] that fits; it is tried, for at a lower rate heartbeats may be more."""
+        """Return a round rate that fits [Hz]; None when none above `LOWEST_RATE` does."""
+        # Each candidate is tried, because heartbeats, counted in periods, change their share with the rate.
         rate = self.highest_rate
         while rate > LOWEST_RATE:
-            rate = _round_down(rate)
+            rate = _round_down(rate)  # a rate that people would type
             if replace(self, rate=rate)._fits:
                 return rate
             rate *= 0.95
         return None
 
     def delay(self, axis: str) -> Delay:
-        """The RPDO's type and the profile say when the drive acts."""
+        """Return the delay budget of an axis, by the transmission type of its RPDOs and its profile."""
         member = self.member(axis)
         timing = member.profile.timing
         bus = self.answer_bits / self.bitrate + self.waiting
         compute = COMPUTE_NS * 1e-9
         if acts_on_reception(member):
             acts_at = _next_tick(bus + compute, timing.control_period)
-        else:
+        else:  # the set-point is taken over at the next SYNC, a whole period after the latch
             acts_at = round(1e9 / self.rate) * 1e-9
         return Delay(bus, compute, acts_at - bus - compute, 1.0 / (2 * math.pi * timing.torque_bandwidth))
 
     def member(self, axis: str) -> BusMember:
-        """One of its axes by name."""
+        """Return the axis of that name, which must be on this bus."""
         return next(member for member in self.members if member.axis == axis)
 
     @property
     def speed(self) -> str:
-        """Bit rate."""
+        """Bit rate in words."""
         fast = self.bitrate >= 1_000_000
         return f"{self.bitrate / 1e6:g} Mbit/s" if fast else f"{self.bitrate / 1e3:g} kbit/s"
 
     def line(self) -> str:
-        """Rate, bit rate and load."""
+        """Return rate, bit rate and load in words."""
         return f"{self.rate:g} Hz at {self.bitrate / 1e6:g} Mbit/s, load {100 * self.load:.1f} % (worst case)"
 
     @cached_property
@@ -238,17 +248,23 @@ class CanTraffic:
 
 
 def acts_on_reception(member: BusMember) -> bool:
-    """False also when the profile does not know: the longer delay is assumed."""
+    """Return True when RPDOs of the axis act on reception, False when at the next SYNC.
+
+    False also when the profile leaves it open, so that the longer delay is assumed.
+    """
     synchronous = any(pdo.synchronous for pdo in member.traffic.rpdos)
     return member.profile.pdo.rpdo_acts == "reception" and not synchronous
 
 
 def _round_down(rate: float) -> float:
+    """Return the rate rounded down to two significant digits."""
     step = 10.0 ** (math.floor(math.log10(rate)) - 1)
     return math.floor(rate / step) * step
 
 
 def _next_tick(instant: float, control_period: float) -> float:
+    """Return the first multiple of `control_period` from `instant` on [s]; with a period of 0 the instant itself."""
     if control_period == 0.0:
         return instant
+    # The tolerance keeps rounding from adding a whole period to an instant that is a multiple.
     return math.ceil(instant / control_period - 1e-9) * control_period

@@ -1,7 +1,7 @@
-"""Simulated drives on CAN: a `node` is the way to each drive, and both together are a `slave`.
+"""Simulated drives on CAN: a `slave` is a drive together with the CANopen `node` that gives access to it.
 
-What happens, from the outside in: a program opens a `bus`, or drives are put on a real one (`hosting`); the `world`
-behind the former makes events happen, at its `pace`; a `rack` holds the slaves (`channel` and `model` say which) and
-the faults that befall them (`injection`). Below are the `services` of a node and the `link`: frames, their bits, and
-arbitration. All is pure but `bus`, `hosting`, `pace` and `world`.
+From the outside in: a program opens a `bus`, or `hosting` puts drives on a real one. The `world` behind a simulated bus
+runs the events, at its `pace`. A `rack` holds the slaves (named by `channel`, built by `model`) and applies their
+faults (`injection`). Below are the `services` of a node and the `link`: frames, bit lengths and arbitration. All
+modules are pure except `bus`, `hosting`, `pace` and `world`.
 """

@@ -1,8 +1,9 @@
 """The simulated wire as a python-can interface, `haptic_sim`.
 
-The channel names the drives, `maxon_epos4@5,generic_cia402@6`: profile @ node-ID, on the shipped bench. Buses opened
-with the same channel in one process share the wire. Time follows the wall clock, for programs with threads of their
-own; with a virtual clock, or on a world that has one, it moves when the program receives (see `pace`).
+The channel names the drives as profile @ node-ID, `maxon_epos4@5,generic_cia402@6`, on the shipped bench. Buses opened
+with the same channel in one process share the wire. With the default clock, time follows the wall clock, for programs
+with threads of their own. With a virtual clock, or on a `world` that has one, time advances only while the program
+receives (see `pace`).
 """
 
 import threading
@@ -24,24 +25,25 @@ from haptic_fieldbus.sim.hand import hand_named
 
 _MAX_OCTETS = 8
 _LONGEST = 100_000
-"""Frames and segments of motion that a channel's world remembers at least: a program may run for days."""
+"""Least number of latest frames and motion segments that a channel's world keeps; a program may run for days."""
 
 
 @dataclass
 class _Shared:
-    """A world that several buses of one channel use."""
+    """The world of one channel and the number of buses that use it."""
 
     world: World
     users: int = 0
 
 
-# One channel name per process is one wire; python-can's interfaces have no other place to meet.
+# One channel name per process is one wire. python-can opens each bus on its own, so the buses of one channel can meet
+# only in a module variable.
 _CHANNELS: dict[str, _Shared] = {}
 _CHANNELS_LOCK = threading.Lock()
 
 
 class SimulatedBus(can.BusABC):
-    """A program's end of the simulated wire."""
+    """The connection of one program to the simulated wire."""
 
     def __init__(
         self,
@@ -58,10 +60,13 @@ class SimulatedBus(can.BusABC):
         receive_own_messages: bool = False,
         **kwargs: object,
     ) -> None:
-        """With a `world`, its wire; else that of the channel's drives. can.CanInitializationError when impossible.
+        """Attach to the wire of `world`, or without one to the wire of the drives that `channel` names.
 
-        `profiles` is a folder of one's own profiles, which the channel may name (see `load_profile`).
+        `profiles` is a folder of own profiles, which the channel may name (see `load_profile`).
+        Raises can.CanInitializationError when these drives cannot be simulated, or when the channel is open with
+        another clock or bit rate.
         """
+        # BusABC.__del__ calls shutdown(), also after an __init__ that raised.
         self._is_shutdown = True  # until the end of this method there is nothing to shut down
         self._channel = channel if world is None else None
         self.world = world or _shared_world(
@@ -74,7 +79,7 @@ class SimulatedBus(can.BusABC):
 
     @property
     def state(self) -> can.BusState:
-        """ERROR while the controller is bus-off."""
+        """Return ERROR while the controller is bus-off, else ACTIVE."""
         return can.BusState.ERROR if self._controller.off else can.BusState.ACTIVE
 
     @state.setter
@@ -83,13 +88,14 @@ class SimulatedBus(can.BusABC):
 
     @property
     def clock(self) -> Clock:
-        """Whose time it is."""
+        """Return the clock of the simulated world."""
         return self.world.clock
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Queue a frame at the present; can.CanOperationError when it cannot be sent.
+        """Queue a frame at the present time, waiting up to `timeout` [s] for room in the transmit queue.
 
-        `timeout` [s] is for room in the transmit queue.
+        Raises can.CanOperationError for anything but a classical data or remote frame, while the controller is bus-off,
+        when the queue is still full after `timeout`, and after `shutdown`.
         """
         if msg.is_fd or msg.is_error_frame or msg.dlc > _MAX_OCTETS:
             raise can.CanOperationError("only classical data and remote frames can be sent")
@@ -98,17 +104,18 @@ class SimulatedBus(can.BusABC):
         self._pace.send(self._controller, frame, timeout)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame, or None at the deadline [s]; in virtual time, time goes along.
+        """Return the next frame, or None when none arrives within `timeout` [s]; None waits without limit.
 
-        Overridden because python-can's own measures the wall clock between attempts. can.CanOperationError when the bus
-        is shut down meanwhile; in virtual time without a time-out also when nothing will come, or nothing came in 60 s.
+        With a virtual clock this call advances the time. It overrides python-can's `recv`, which measures the wall
+        clock between attempts. Raises can.CanOperationError when the bus is shut down meanwhile; with a virtual clock
+        and without a time-out also when no frame can come, or none came within 60 s.
         """
         accept = self._is_accepted if self._filters is not None else None
         received = self._pace.receive(self._controller, timeout, accept)
         return None if received is None else self._message(received)
 
     def shutdown(self) -> None:
-        """Leave the wire; the last bus of a channel takes its world along."""
+        """Leave the wire; the last bus of a channel also discards the channel's world."""
         if not self._is_shutdown:
             super().shutdown()  # first, for it stops the tasks that send
             self._pace.detach(self._controller)
@@ -133,7 +140,11 @@ class SimulatedBus(can.BusABC):
 
 
 def _shared_world(channel: str, bitrate: int, clock: Clock | None, make: Callable[[Clock], World]) -> World:
-    """The world of a channel, made by whoever comes first; the others must not ask for another one."""
+    """Return the world of a channel, made on the first call.
+
+    Raises can.CanInitializationError when it cannot be made, or exists with another clock or bit rate. What `make` of a
+    later caller would make differently is ignored.
+    """
     with _CHANNELS_LOCK:
         shared = _CHANNELS.get(channel)
         if shared is None:

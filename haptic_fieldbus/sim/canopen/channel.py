@@ -1,4 +1,4 @@
-"""Which drives are on a simulated bus, as a channel says it: `maxon_epos4@5,generic_cia402@6`, profile @ node-ID."""
+"""The text form of the drives on a simulated bus: `maxon_epos4@5,generic_cia402@6`, profile @ node-ID."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,19 +17,19 @@ _NODES = range(1, 128)
 
 @dataclass(frozen=True)
 class NamedDrive:
-    """A profile's name or file, and the node-ID."""
+    """The name or file of a profile, and a node-ID."""
 
     profile: str
     node: int
 
 
 def drives_of(channel: str) -> list[NamedDrive]:
-    """The drives of a channel; UsageError where one is not written as it should be."""
+    """Parse the drives of a channel; raises UsageError when one is not written as `profile@node-ID`."""
     return [drive_of(item) for item in channel.split(",")]
 
 
 def drive_of(text: str) -> NamedDrive:
-    """One drive, `profile@node-ID`; UsageError when it is not written so."""
+    """Parse one drive, `profile@node-ID`; raises UsageError when it is written otherwise."""
     name, _, number = text.strip().rpartition("@")
     if not name or not number.isdecimal() or int(number) not in _NODES:
         raise UsageError(f'"{text}": expected profile@node-ID, such as generic_cia402@5')
@@ -46,9 +46,9 @@ def slot_of(
     booted: bool = True,
     profiles: str | Path | None = None,
 ) -> Slot:
-    """The drive on the shipped bench, its profile also by name from the folder `profiles` (see `load_profile`).
+    """Return the slot of a drive on the shipped bench; `profiles` is a folder of own profiles (see `load_profile`).
 
-    Raises ProfileError or UsageError when it cannot be made.
+    Raises ProfileError or EdsError for a bad profile file, UsageError for an unknown profile.
     """
     axis = default_axis(workspace, bus=bus, node=drive.node, profile=drive.profile)
     return Slot(drive.node, load_profile(drive.profile, profiles), axis, hand, tuple(faults), booted=booted)

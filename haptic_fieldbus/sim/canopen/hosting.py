@@ -1,9 +1,9 @@
 """Simulated drives on a python-can bus, in real time and in one thread, for masters in other programs.
 
-Theory: the real bus takes the place of the simulated wire, so there are no bit times of ours; the drives are the same.
-The thread waits in `recv` until the next timer of a drive. Each timer is served with its own instant and not with that
-of the waking, so lateness of the host never adds up, and the shafts move as if there were none. What the drives send at
-one instant goes out in the order of its priority, as on a wire.
+Theory: the real bus replaces the simulated wire, so bit times are not simulated; the drives are the same. The thread
+waits in `recv` until the next timer of a drive falls due. Each timer is served with the instant at which it was due,
+not the instant of waking up. So the lateness of the host does not accumulate, and the shafts move as if there were
+none. Frames that the drives send at one instant go out in the order of their priority, as on a wire.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,21 +30,28 @@ from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.slot import Slot
 
 ECHOING = ("udp_multicast",)
-"""Interfaces that give back what one sends; there the drives of one host hear each other by that."""
+"""Interfaces that return the frames one sends.
+
+There the drives of one host receive each other's frames from the bus.
+"""
 LONGEST_REMEMBERED = 1000
-"""Segments of motion; nobody asks for more."""
+"""Least number of latest motion segments that are kept; no caller needs more."""
 
 _NAP_NS = 100_000_000
-"""The longest wait, so that a request to stop is soon heard."""
+"""Longest wait, so that a request to stop is noticed soon."""
 _BOOT_NS = 1_000_000
-"""A drive that is switched on has sent its boot-up message by then, and is ready."""
+"""Time after power-on by which a drive has sent its boot-up message and is ready."""
 _BURST = 1000
-"""Frames sent before the bus is listened to again, should drives answer each other without end."""
+"""Most frames sent before the bus is read again, in case drives answer each other without end."""
 
 
 @dataclass(frozen=True)
 class HostRequest:
-    """What is hosted where; drives as `PROFILE` or `PROFILE@NODE`, the first without a node at `node`."""
+    """Drives to host and the bus to host them on.
+
+    `drives` are written `PROFILE` or `PROFILE@NODE`; the first without a node-ID gets `node`, the others the next free
+    ones.
+    """
 
     drives: Sequence[str]
     bus: str | None
@@ -58,9 +65,10 @@ class HostRequest:
 def host(
     bus: BusName, slots: Sequence[Slot], seed: int, ready: Callable[[Slot], None], stopped: Callable[[], bool]
 ) -> int:
-    """Host drives until `stopped` says so; `ready` is told of each. Returns how many frames could not be sent.
+    """Host drives until `stopped()` is True; return the number of frames that could not be sent.
 
-    Raises UsageError or BusError when the bus cannot be opened, and BusError when it dies.
+    `ready` is called for each drive once it has booted. Raises UsageError or BusError when the bus cannot be opened,
+    BusError when it fails later, and ValueError when two drives have the same node-ID.
     """
     section = can_section(bus.section)
     can_bus = open_can(section)
@@ -80,7 +88,10 @@ def host(
 
 
 def check(request: HostRequest) -> tuple[BusName, list[Slot]]:
-    """The bus, and what is put on it; raises one UsageError that lists all faults, or ProfileError."""
+    """Return the bus of a request and the slots to put on it.
+
+    Raises one UsageError that lists all faults of the request, or ProfileError or EdsError for a bad profile file.
+    """
     faults = [
         f'fault "{fault.kind}" is one of the master\'s controller, which is not simulated here'
         for fault in request.faults
@@ -116,7 +127,10 @@ def _collecting(faults: list[str]) -> Iterator[None]:
 
 
 def joined_bus(text: str | None) -> BusName:
-    """A bus that other programs can join; UsageError for the simulated one, which lives inside a single program."""
+    """Parse the name of a bus that other programs can join.
+
+    Raises UsageError for no bus, an unknown one, or the simulated one, which exists inside a single program.
+    """
     example = "socketcan:can0, udp_multicast:239.74.163.2"
     if text is None:
         raise UsageError(f"--bus says where the drives are hosted, for example {example}")
@@ -127,7 +141,10 @@ def joined_bus(text: str | None) -> BusName:
 
 
 def numbered(texts: Sequence[str], first: int) -> list[NamedDrive]:
-    """Every drive with its node-ID: the one it asks for, else the next free one from `first` on. Raises UsageError."""
+    """Return every drive with its node-ID: the one it is written with, else the next free one from `first` on.
+
+    Raises UsageError for a node-ID that is used twice or out of range, and when none is left.
+    """
     asking = [text.rpartition("@")[2].isdecimal() and "@" in text for text in texts]
     taken = [drive_of(text).node for text, asks in zip(texts, asking, strict=True) if asks]
     twice = sorted({node for node in taken if taken.count(node) > 1})
@@ -146,7 +163,10 @@ def numbered(texts: Sequence[str], first: int) -> list[NamedDrive]:
 
 
 class Host:
-    """Drives on a bus; `echoes`: the bus gives back what is sent. `name` is what messages call it."""
+    """Simulated drives on a bus, served in one thread.
+
+    `name` is the bus in messages. `echoes` tells that the bus returns the frames that are sent on it.
+    """
 
     def __init__(
         self,
@@ -159,7 +179,7 @@ class Host:
         echoes: bool = False,
     ) -> None:
         self.lost = 0
-        """Frames that could not be sent because the transmit queue was full."""
+        """Number of frames that could not be sent because the transmit queue was full."""
         self._bus = can_bus
         self._clock = clock
         self._name = name
@@ -168,12 +188,12 @@ class Host:
         self._rack = Rack(_Elsewhere(), seed, LONGEST_REMEMBERED)
 
     def add(self, slot: Slot) -> None:
-        """Power a drive now; ValueError when the node-ID is taken."""
+        """Power a drive on now; raises ValueError when its node-ID is taken."""
         slave = self._rack.add(slot, Port(in_order=False), self._clock.now_ns())
         slave.node.commission(self._bitrate)
 
     def serve(self, longest_ns: int) -> None:
-        """Receive one frame, or do what falls due, within this time; raises BusError when the bus is dead."""
+        """Handle one received frame or the next due timer, within `longest_ns`; raises BusError when the bus fails."""
         now_ns = self._clock.now_ns()
         self._catch_up(now_ns)
         message = self._receive(min(longest_ns, self._rack.due_ns - now_ns))
@@ -181,25 +201,27 @@ class Host:
             return
         data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
         frame = Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame)
+        # Time has passed in `recv`: timers that fell due meanwhile come before the frame.
         now_ns = self._clock.now_ns()
         self._catch_up(now_ns)
         self._rack.receive(frame, None, now_ns)
         self._flush(now_ns)
 
     def serve_for(self, duration_ns: int) -> None:
-        """Serve so long."""
+        """Serve the drives for this duration."""
         end_ns = self._clock.now_ns() + duration_ns
         while (remaining_ns := end_ns - self._clock.now_ns()) > 0:
             self.serve(remaining_ns)
 
     def _catch_up(self, now_ns: int) -> None:
+        """Serve all timers that are due, each with its own instant."""
         while self._rack.due_ns <= now_ns:
             due_ns = self._rack.due_ns
             self._rack.timers(due_ns)
             self._flush(due_ns)
 
     def _flush(self, t_ns: int) -> None:
-        """Send what waits, the most urgent first; the drives of this host hear one another."""
+        """Send the waiting frames, the most urgent first, and pass each one to the other drives of this host."""
         for _ in range(_BURST):
             waiting = [port for port in self._ports() if port.waiting]
             if not waiting:
@@ -208,6 +230,8 @@ class Host:
             item = port.candidate()
             port.waiting.remove(item)
             self._send(item[1])
+            # On an echoing bus the other drives receive this frame by `recv`; passing it on here would deliver it
+            # twice.
             if not self._echoes:
                 self._rack.receive(item[1], port, t_ns)
 
@@ -237,10 +261,10 @@ class Host:
 
 
 class _Elsewhere:
-    """The master's controller is in another program; the faults that concern it are refused beforehand."""
+    """Stand-in for the master's controller, which is in another program; `check` refuses the faults that concern it."""
 
     def bus_off(self, t_ns: int, until_ns: int) -> None:
-        """Not asked for here."""
+        """Never called: `check` refuses this fault."""
 
     def error_frame(self, t_ns: int) -> None:
-        """Not asked for here."""
+        """Never called: `check` refuses this fault."""

@@ -1,4 +1,4 @@
-"""How each kind of fault reaches the simulated slave or the master's controller."""
+"""Application of each kind of fault to the simulated slave or to the master's controller."""
 
 from typing import Protocol, assert_never
 
@@ -7,7 +7,7 @@ from haptic_fieldbus.sim.canopen.slave import Slave
 
 
 class Line(Protocol):
-    """The master's side of the bus."""
+    """The master's side of the bus, where faults of its controller take effect."""
 
     def bus_off(self, t_ns: int, until_ns: int) -> None: ...
 
@@ -15,7 +15,7 @@ class Line(Protocol):
 
 
 def install(fault: faults.LastingFault, slave: Slave) -> None:
-    """A fault that is there from power-on; before the slave is powered."""
+    """Apply a fault that exists from power-on; call it before the slave is powered on."""
     match fault:
         case faults.MissingNode():
             slave.silent_until_ns = NEVER_NS
@@ -23,6 +23,7 @@ def install(fault: faults.LastingFault, slave: Slave) -> None:
             for subindex, value in ((1, vendor_id), (2, product_code)):
                 if value is not None:
                     entry = slave.drive.dictionary.find(0x1018, subindex)
+                    # The default changes too, so that a reset of the node does not bring back the right identity.
                     entry.value = entry.default = value
         case faults.SdoRefusal(object=index, subindex=subindex, code=code):
             slave.node.sdo.refuse[index, subindex] = code
@@ -31,7 +32,7 @@ def install(fault: faults.LastingFault, slave: Slave) -> None:
 
 
 def inject(fault: faults.TimedFault, slave: Slave, line: Line, t_ns: int) -> None:
-    """A fault that happens now."""
+    """Apply a fault that happens at `t_ns`."""
     match fault:
         case faults.Emergency(code=code):
             slave.error(code, t_ns)
@@ -48,6 +49,7 @@ def inject(fault: faults.TimedFault, slave: Slave, line: Line, t_ns: int) -> Non
         case faults.EncoderJump(counts=counts):
             slave.drive.servo.jump(counts)
         case faults.PositionStuck(duration=duration):
+            # Bring the counts up to date first: the encoder keeps showing those of this instant.
             slave.drive.measure(t_ns)
             slave.drive.servo.stuck_until_ns = _until(t_ns, duration)
         case faults.BusOff(duration=duration):

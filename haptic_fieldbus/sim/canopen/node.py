@@ -1,10 +1,11 @@
-"""The CANopen half of a simulated drive: NMT, its services by state, and who handles which frame.
+"""The CANopen half of a simulated drive: NMT, the services of each state, and the handlers of frames.
 
-Theory (CiA 301, 7.3.2): initialising → pre-operational (boot-up message) ⇄ operational ⇄ stopped; which services work
-in which state stands in `nmt`. A node without node-ID stays in *initialising* with LSS alone (CiA 305). Which
-identifiers concern the node stands in `handlers`, those of remote frames in `requests`; both are made anew when a
-parameter or the state changes.
-Pure: frames and times [ns] in, frames out through `send`.
+Theory (CiA 301, 7.3.2): initialising → pre-operational (boot-up message) ⇄ operational ⇄ stopped; `nmt` lists the
+services that work in each state. A node without node-ID stays in *initialising*, with LSS alone (CiA 305). `handlers`
+maps each identifier that concerns the node to its handler, `requests` does so for remote frames; both are rebuilt when
+a parameter or the state changes.
+
+Pure: it takes frames and times [ns] and sends frames through `send`.
 """
 
 from collections.abc import Callable
@@ -31,7 +32,7 @@ from haptic_fieldbus.sim.drive.dictionary import Dictionary
 SDO_RESPONSE_ID = 0x580
 SDO_REQUEST_ID = 0x600
 _CONSUMERS = 4
-"""So many nodes can be watched."""
+"""Number of nodes that can be monitored."""
 _EVERYTHING, _COMMUNICATION = (0x1000, 0xFFFF), (0x1000, 0x1FFF)
 
 
@@ -52,7 +53,7 @@ class Node:
         self.requests: dict[int, Callable[[int], None]] = {}
         self.now_ns = 0
         self.heartbeat_enabled = True
-        """False: our own heartbeats are no longer sent."""
+        """False: the node sends no heartbeats, whatever 1017h is."""
         self.dictionary = dictionary
         self.sdo = SdoServer(dictionary)
         self._application = application
@@ -82,22 +83,25 @@ class Node:
 
     @property
     def due_ns(self) -> int:
-        """When something is to be done without a frame."""
+        """Return the time of the next timer; NEVER_NS when there is none."""
         return self._alarms.due_ns
 
     def power_on(self, t_ns: int, delay_ns: int | None) -> None:
-        """Voltage comes; the boot-up message follows after the delay. None: it came long ago, nobody was listening."""
+        """Switch the voltage on; the boot-up message follows after `delay_ns`.
+
+        None: the message was sent long ago, and the node is *pre-operational* now.
+        """
         self._initialise(t_ns, None if delay_ns is None else t_ns + delay_ns, power_on=True)
         if delay_ns is None:
             self._enter(NmtState.PRE_OPERATIONAL)
 
     def commission(self, bitrate: int) -> None:
-        """The bus has this bit rate [bit/s], and the node was set to it before."""
+        """Set the bit rate [bit/s] of the bus, and store it in the node as if it had been configured before."""
         self._bit_timing.bus_bitrate = bitrate
         self.lss.commission(bitrate)
 
     def receive(self, frame: Frame, t_ns: int) -> None:
-        """A frame of another node ended."""
+        """Handle a frame of another node that has ended."""
         if frame.remote or frame.extended:
             requested = None if frame.extended else self.requests.get(frame.can_id)
             if requested is not None:
@@ -110,12 +114,12 @@ class Node:
             handler(frame.data, t_ns)
 
     def timer(self, t_ns: int) -> None:
-        """Do what is due."""
+        """Serve the timers that are due."""
         self.now_ns = t_ns
         self._alarms.ring(t_ns)
 
     def reset(self, t_ns: int, boot_ns: int | None = None) -> None:
-        """As after power-on; the boot-up message comes after `boot_ns`, None: after the model's reset time."""
+        """Reset the node as at power-on; the boot-up message follows after `boot_ns`, None: the model's reset time."""
         self.now_ns = t_ns
         self._application.link_lost(t_ns)
         self._initialise(t_ns, t_ns + (self._options.reset_ns if boot_ns is None else boot_ns), power_on=True)
@@ -127,7 +131,7 @@ class Node:
         self._initialise(self.now_ns, self.now_ns + self._options.reset_ns, power_on=False)
 
     def _initialise(self, t_ns: int, boot_ns: int | None, *, power_on: bool) -> None:
-        """Enter *initialising* with power-on values: of all objects, or those of communication."""
+        """Enter *initialising* with the power-on values of all objects; without `power_on`, of communication alone."""
         self.now_ns = t_ns
         self.state = NmtState.INITIALISING
         self.process.stop()
@@ -138,6 +142,7 @@ class Node:
         self.sdo.reset()
         self.lss.reset(power_on=power_on)
         self._bit_timing.switch()
+        # The node-ID comes before the values: power-on values may contain it.
         self._renumber(self.lss.active_node)
         self._storage.restore(*(_EVERYTHING if power_on else _COMMUNICATION))
         self.emergencies.restart(power_on=power_on)
@@ -145,11 +150,12 @@ class Node:
             self._time.forget()
             self._application.restart(t_ns)
         self._boot_alarm.at(NEVER_NS if boot_ns is None else boot_ns)
+        # Last, when all parameters have their power-on values.
         self.process.compile()
         self._route()
 
     def _renumber(self, number: int) -> None:
-        """Take the node-ID that LSS gave; without one the last stays in the dictionary, unused."""
+        """Take the node-ID that LSS has set; without one the dictionary keeps the last, unused."""
         if number not in (self.number, UNCONFIGURED):
             self.dictionary.renumber(number - self.number)
             self.number = number
@@ -178,9 +184,10 @@ class Node:
             self._application.link_lost(self.now_ns)
 
     def _route(self) -> None:
-        """Who handles which identifier in the present state."""
+        """Rebuild the handlers for the present state and parameters."""
         works = nmt.WORKING[self.state]
         if self.state is NmtState.INITIALISING and self._boot_alarm.due_ns == NEVER_NS and not self._has_node_id:
+            # No boot-up is pending: LSS alone can bring the node further.
             works = nmt.WITHOUT_NODE_ID
         handlers: dict[int, Handler] = {}
         requests: dict[int, Callable[[int], None]] = {}
@@ -206,6 +213,7 @@ class Node:
     # Services.
 
     def _nmt(self, data: bytes, t_ns: int) -> None:
+        # The second octet is the node-ID that the command is for, 0 for all nodes.
         if len(data) != 2 or data[1] not in (0, self.number):
             return
         command = data[0]
@@ -232,6 +240,7 @@ class Node:
             self._emit(Frame(SDO_RESPONSE_ID + self.number, response))
 
     def _guard(self, t_ns: int) -> None:
+        # A node that produces heartbeats is not guarded: the heartbeat takes precedence.
         if not self._producer.active:
             self._emit(Frame(HEARTBEAT_ID + self.number, self._guarding.request(self.state.value, t_ns)))
 
@@ -240,12 +249,13 @@ class Node:
             self._emit(Frame(HEARTBEAT_ID + self.number, bytes((self.state.value,))))
 
     def _link_lost(self, t_ns: int) -> None:
-        """A watched node or the guarding master fell silent."""
+        """Handle the loss of a monitored node or of the guarding master: emergency, 6007h, and 1029h."""
         self.emergencies.raise_error(HEARTBEAT_LOST)
         self._application.link_lost(t_ns)
         self._enter(nmt.AFTER_ERROR.get((self._objects.error_behaviour, self.state), self.state))
 
     def _link_back(self) -> None:
+        # Both share one error; it is over only when nobody is missing any more.
         if not self._consumers.lost and not self._guarding.lost:
             self.emergencies.clear(HEARTBEAT_LOST)
 

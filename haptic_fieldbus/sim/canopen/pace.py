@@ -1,10 +1,10 @@
-"""Who moves the time of a world: the programs that wait in it, or the wall clock.
+"""The pace of a world: its time is advanced by the programs that wait in it, or follows the wall clock.
 
-Theory: a world is lazy and belongs to nobody. *Stepped*, one thread uses it and its clock is virtual: a program that
-receives makes time pass, so nothing depends on the machine. *Paced*, the clock is the machine's and any number of
-threads use the world at once; there is one lock and one condition and no thread of its own. Whoever touches the world
-first lets all happen that has fallen due by then, each event at its own instant. Who waits sleeps until the next event
-or its own deadline, whichever is sooner; a frame that is sent may be sooner still, so sending wakes all that wait.
+Theory: a world has no thread of its own; it runs its events only when a program calls it. *Stepped*, one thread uses it
+and its clock is virtual: receiving advances the time, so nothing depends on the machine. *Paced*, the clock is the
+machine's, and any number of threads use the world at once under one lock with a condition. Every call first runs the
+events that have fallen due, each at its own instant. A waiting thread sleeps until the next event or its own deadline,
+whichever is sooner. A frame that is sent may cause an earlier event, so sending wakes all waiting threads.
 """
 
 import errno
@@ -21,22 +21,22 @@ from haptic_fieldbus.sim.canopen.link.controller import Controller, Received
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 
 Accept = Callable[[Received], bool]
-"""Whether a frame is one that the program asked for."""
+"""Predicate on a received frame: True when the program wants it."""
 
 LONGEST_WAIT_NS = 60_000_000_000
-"""Stepped: a receive without time-out gives up after so much virtual time without a frame."""
+"""Stepped: virtual time without a frame after which a receive without time-out gives up."""
 RECEIVE_ROOM = 1024
-"""Paced: frames that a program's controller holds for it; a program that reads none loses those that come then."""
+"""Paced: frames that a controller holds for its program; while these are not read, further frames are lost."""
 TRANSMIT_ROOM = 1000
-"""Paced: frames that wait to be sent, the queue length that is recommended for SocketCAN."""
+"""Paced: frames that may wait to be sent; 1000 is the queue length recommended for SocketCAN."""
 _NAP = 3600.0
-"""[s]: the longest single sleep; Python refuses to wait for ages."""
+"""Longest single sleep [s]; Python refuses time-outs beyond some large limit."""
 _LEAVING_NS = 200_000_000
-"""Paced: a program that leaves waits so long for what it sent last."""
+"""Paced: longest time that a leaving program waits until its last frames are sent."""
 
 
 class LazyWorld(Protocol):
-    """A world as far as its pace knows it."""
+    """The part of a world that its pace uses."""
 
     @property
     def clock(self) -> Clock: ...
@@ -59,31 +59,31 @@ class LazyWorld(Protocol):
 
 
 class Pace(Protocol):
-    """How a program uses a world; every time-out is in s, None: for ever."""
+    """The way in which programs use a world. Time-outs are in s; None waits for ever."""
 
     def attach(self, *, receive_own: bool) -> Controller:
-        """A program's end of the wire."""
+        """Connect a program to the wire and return its controller."""
 
     def detach(self, controller: Controller) -> None:
-        """The program leaves; who waits for its frames is woken."""
+        """Disconnect a program; threads that wait for its frames are woken."""
 
     def send(self, controller: Controller, frame: Frame, timeout: float | None) -> None:
-        """Queue a frame at the present; can.CanOperationError when the controller does not take it."""
+        """Queue a frame at the present time; raises can.CanOperationError when the controller does not take it."""
 
     def receive(self, controller: Controller, timeout: float | None, accept: Accept | None) -> Received | None:
-        """The next frame that is accepted, None at the deadline; can.CanOperationError when none can come."""
+        """Return the next accepted frame, None at the deadline; raises can.CanOperationError when none can come."""
 
     def timestamp(self, t_ns: int) -> float:
-        """What a message says about an instant of the world's clock [s]."""
+        """Return the timestamp [s] of a message for an instant of the world's clock."""
 
 
 def pace_of(world: LazyWorld) -> Pace:
-    """By the world's clock: the machine's is followed, every other one is moved."""
+    """Return the pace for a world's clock: a MonotonicClock is followed, any other clock is advanced."""
     return PacedByClock(world) if isinstance(world.clock, MonotonicClock) else Stepped(world)
 
 
 class Stepped:
-    """Virtual time, one thread."""
+    """The pace of virtual time, for one thread."""
 
     def __init__(self, world: LazyWorld) -> None:
         self._world = world
@@ -101,7 +101,7 @@ class Stepped:
     def receive(self, controller: Controller, timeout: float | None, accept: Accept | None) -> Received | None:
         world = self._world
         wait_ns = LONGEST_WAIT_NS if timeout is None else max(0, round(timeout * 1e9))
-        if timeout is not None and accept is None:  # what a loop asks for every period
+        if timeout is not None and accept is None:  # fast path: the loop receives like this in every period
             return world.receive(controller, wait_ns)
         deadline_ns = world.clock.now_ns() + wait_ns
         while True:
@@ -121,11 +121,12 @@ class Stepped:
 
 
 class PacedByClock:
-    """The wall clock, any number of threads."""
+    """The pace of the wall clock, for any number of threads."""
 
     def __init__(self, world: LazyWorld) -> None:
         self._world = world
         self._turn = threading.Condition()
+        # python-can's timestamps count from the Unix epoch, the world's clock from an instant of its own.
         self._epoch_ns = time.time_ns() - world.clock.now_ns()
 
     def attach(self, *, receive_own: bool) -> Controller:
@@ -135,6 +136,7 @@ class PacedByClock:
 
     def detach(self, controller: Controller) -> None:
         with self._turn:
+            # A program often sends a last command and leaves at once; the frame should still go out.
             self._wait_while(lambda: bool(controller.port.waiting), _LEAVING_NS)
             self._world.detach(controller)
             self._turn.notify_all()
@@ -146,6 +148,7 @@ class PacedByClock:
             _check_open(controller)
             if not self._world.send(controller, frame):
                 raise _bus_off()
+            # The frame may cause an event earlier than the one that the waiting threads sleep until.
             self._turn.notify_all()
 
     def receive(self, controller: Controller, timeout: float | None, accept: Accept | None) -> Received | None:
@@ -181,6 +184,8 @@ class PacedByClock:
         world = self._world
         deadline_ns = min(NEVER_NS, world.clock.now_ns() + wait_ns)
         while True:
+            # Read before the events run: at the deadline, all events up to it have happened when the condition is
+            # judged.
             now_ns = world.clock.now_ns()
             world.run()
             if not condition() or now_ns >= deadline_ns:

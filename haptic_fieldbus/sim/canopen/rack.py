@@ -1,7 +1,7 @@
-"""The slaves of a bench, their timers, and the faults that befall them.
+"""The slaves of a bench, their timers, and their faults.
 
-Frames come from a wire, simulated or real, and wait in the ports for it. Everything random (serial number, where within
-a count the encoder's zero lies, boot time) is drawn from the seed.
+Frames come from a wire, simulated or real, and leave through the ports. Everything random (serial number, position of
+the encoder's zero within a count, boot time) is drawn from the seed.
 """
 
 import heapq
@@ -24,9 +24,9 @@ _RESET_NS = (20_000_000, 30_000_000)
 
 
 class Rack:
-    """Slaves by node-ID; all times are those of one clock [ns].
+    """The slaves by node-ID; all times are those of one clock [ns].
 
-    `longest`: so much of the true motion, in segments, is kept at least; None: all of it.
+    At least the `longest` latest segments of the true motion are kept, None: all.
     """
 
     def __init__(self, line: Line, seed: int | str = 0, longest: int | None = None) -> None:
@@ -34,14 +34,15 @@ class Rack:
         self.slaves: dict[int, Slave] = {}
         self.attached: list[tuple[Port, Slave]] = []
         self.due_ns = NEVER_NS
-        """When something is to be done without a frame."""
+        """Time of the next timer or planned action; NEVER_NS when there is none."""
         self._line = line
         self._longest = longest
         self._agenda: list[tuple[int, int, Callable[[int], None]]] = []
+        # Orders actions of the same instant by age; callables cannot be compared.
         self._planned = 0
 
     def add(self, slot: Slot, port: Port, t_ns: int) -> Slave:
-        """Power a drive that sends through this port; ValueError when the node-ID is taken."""
+        """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
         self.check_free(slot.node)
         settings = replace(_drawn(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
         slave = Slave(slot.node, slot.profile, slot.axis, port.send, slot.hand, settings, t_ns=t_ns)
@@ -52,6 +53,7 @@ class Rack:
                 install(fault, slave)
             else:
                 timed.append(fault)
+        # The time of a fault counts from the drive's first *operation enabled*, which is not known yet.
         slave.drive.on_enabled = partial(self._plan_faults, timed, slave)
         self.slaves[slot.node] = slave
         self.attached.append((port, slave))
@@ -60,19 +62,20 @@ class Rack:
         return slave
 
     def check_free(self, node: int) -> None:
-        """ValueError when the node-ID is taken."""
+        """Raise ValueError when the node-ID is taken."""
         if node in self.slaves:
             raise ValueError(f"node {node} is on this bus already")
 
     def receive(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
-        """A frame ended; every slave but its sender hears it."""
+        """Pass a frame that has ended to every slave except its sender."""
         for port, slave in self.attached:
+            # A real bus has no port of ours: then `sender` is None and every slave receives the frame.
             if port is not sender:
                 slave.receive(frame, t_ns)
         self.find_due()
 
     def timers(self, t_ns: int) -> None:
-        """Do what is due."""
+        """Run the planned actions and timers that are due."""
         while self._agenda and self._agenda[0][0] <= t_ns:
             heapq.heappop(self._agenda)[2](t_ns)
         for _port, slave in self.attached:
@@ -81,25 +84,26 @@ class Rack:
         self.find_due()
 
     def find_due(self) -> None:
-        """After anything that may have changed it."""
+        """Update `due_ns`; call it after anything that may have changed a slave's timers."""
         due_ns = self._agenda[0][0] if self._agenda else NEVER_NS
         for _port, slave in self.attached:
             due_ns = min(due_ns, slave.due_ns)
         self.due_ns = due_ns
 
     def plan(self, t_ns: int, action: Callable[[int], None]) -> None:
-        """Do something at an instant, with that instant."""
+        """Plan to call `action` at an instant, with that instant."""
         self._planned += 1
         heapq.heappush(self._agenda, (t_ns, self._planned, action))
 
     def _plan_faults(self, faults: Iterable[TimedFault], slave: Slave, t_ns: int) -> None:
-        """A drive is *operation enabled* for the first time: its faults count from here."""
+        """Plan the faults of a drive that has entered *operation enabled* for the first time: `at` counts from here."""
         for fault in faults:
             self.plan(t_ns + round(fault.at * 1e9), partial(inject, fault, slave, self._line))
 
 
 def _drawn(seed: int | str, node: int) -> DriveSettings:
-    """The random properties of one drive."""
+    """Return the random properties of one drive, drawn from seed and node-ID."""
+    # A generator for each drive, so that adding a drive changes no other one.
     random = Random(f"{seed}/{node}")
     return DriveSettings(
         serial=random.getrandbits(32),

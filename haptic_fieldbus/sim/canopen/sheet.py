@@ -1,7 +1,7 @@
-"""The electronic data sheet of a simulated drive: what its object dictionary is, for programs that want a file.
+"""The electronic data sheet of a simulated drive, for programs that need its object dictionary as a file.
 
-Whether a power-on value follows the node-ID is seen by building the drive twice, as two nodes. The drive of a vendor's
-file keeps that file's names and types.
+The drive is built twice, with two node-IDs; power-on values that differ contain the node-ID. The drive of a vendor's
+file keeps the names and types of that file.
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable
 
 BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
-"""The simulated wire takes any; these are the standard's [kbit/s]."""
+"""Bit rates of the standard [kbit/s]; the simulated wire takes any."""
 _TYPES = {
     DataType.INT8: EdsType.INTEGER8,
     DataType.INT16: EdsType.INTEGER16,
@@ -29,16 +29,16 @@ _TYPES = {
 _STRINGS = (0x1008, 0x1009, 0x100A)
 _ARRAYS = (0x1003, 0x1010, 0x1011, 0x1016)
 _WRITABLE = {Mappable.RPDO: "rww", Mappable.TPDO: "rwr"}
-"""Access of what can be read and written; rw when it is mapped in no way or in both."""
+"""EDS access of an entry that can be read and written; "rw" when it is mappable in no direction or in both."""
 _MEASURED = range(0x6000, 0xA000)
-"""What the drive shows here changes by itself, so a default would say nothing; but for these:"""
+"""Indices at which read-only values change by themselves, so that a default would be meaningless; except `_FIXED`."""
 _FIXED = (0x6075, 0x6076, 0x6502, 0x67FF)
 _DUMMIES = tuple(range(2, 8))
-"""Integers of one to four octets, as space in an RPDO."""
+"""Dummy entries: integers of one to four octets, as space in an RPDO."""
 
 
 def sheet(profile: DriveProfile) -> Eds:
-    """The EDS of the simulated drive with this profile, on the shipped bench."""
+    """Return the EDS of the simulated drive with this profile, on the shipped bench."""
     first, second = (dictionary_of(profile, node) for node in (1, 2))
     known = profile.eds if isinstance(profile, EdsProfile) else Eds({})
     objects: dict[int, dict[int, EdsEntry]] = {}
@@ -55,22 +55,23 @@ def sheet(profile: DriveProfile) -> Eds:
 
 
 def dictionary_of(profile: DriveProfile, node: int) -> Dictionary:
-    """The objects of the simulated drive with this node-ID."""
+    """Return the dictionary of the simulated drive with this profile and node-ID, on the shipped bench."""
     axis = default_axis(Workspace.LINEAR, bus="", node=node, profile=profile.name)
     return Slave(node, profile, axis, lambda _frame: None).drive.dictionary
 
 
 def _default(entry: Entry, other: Entry) -> Value | None:
-    """The power-on value; None for one that the drive measures."""
+    """Return the power-on value; None for a measured value."""
     if entry.type is None:
         return entry.default_text.decode(errors="replace") if entry.index in _STRINGS else entry.default_text or None
     if entry.access is Access.RO and entry.index in _MEASURED and entry.index not in _FIXED:
         return None
+    # The first drive has node-ID 1, so the offset to $NODEID is one less.
     return entry.default if entry.default == other.default else NodeOffset(entry.default - 1)
 
 
 def _entry(entry: Entry, default: Value | None, described: EdsEntry | None) -> EdsEntry:
-    """One sub-index; of a vendor's, types that are stored as octets are shown as the file has them."""
+    """Return one sub-index; types of a vendor's file that are stored as octets appear as in that file."""
     type = described.type if described is not None else _type(entry)
     narrow = entry.type is not None and type in _TYPES.values() and (entry.low, entry.high) != entry.type.limits
     return EdsEntry(
@@ -97,7 +98,7 @@ def _access(entry: Entry) -> str:
 
 
 def _object(index: int, members: dict[int, EdsEntry], described: EdsObject | None) -> EdsObject:
-    """Sub-indices together, each with its name."""
+    """Return an object of these sub-indices, each with its name."""
     if described is not None:
         return EdsObject(index, described.name, described.code, members)
     name = parameter_name(index)
@@ -109,7 +110,7 @@ def _object(index: int, members: dict[int, EdsEntry], described: EdsObject | Non
 
 
 def _device(profile: DriveProfile, dictionary: Dictionary) -> DeviceInfo:
-    """What [DeviceInfo] says, from 1018h and the number of PDOs."""
+    """Return the contents of [DeviceInfo], from 1018h and the number of PDOs."""
     vendor, product, revision = (dictionary.value(0x1018, subindex) for subindex in (1, 2, 3))
     return DeviceInfo(
         vendor_name=profile.drive.vendor,

@@ -1,4 +1,4 @@
-"""A simulated CAN bus with a master on it."""
+"""Creation of a simulated CAN bus with a master on it."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ from haptic_fieldbus.sim.slot import Slot
 
 
 class CanSimulation(Simulation):
-    """The simulated wire of `world`."""
+    """The simulation of CAN buses."""
 
     def simulate(
         self,

@@ -1,6 +1,6 @@
-"""A simulated drive on CAN: the drive, and the CANopen node by which it is reached.
+"""A simulated drive on CAN: the drive together with its CANopen node.
 
-Pure: frames and times [ns] in, frames out through `send`.
+Pure: it takes frames and times [ns] and sends frames through `send`.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from haptic_fieldbus.sim.hand import Hand
 
 
 class Slave:
-    """Joins a drive and its node; it is the `Link` of the drive."""
+    """A drive joined to its node; it is the `DriveLink` of the drive."""
 
     def __init__(
         self,
@@ -30,35 +30,36 @@ class Slave:
         settings: DriveSettings | None = None,
         t_ns: int = 0,
     ) -> None:
-        """Without voltage yet, at `t_ns`."""
+        """Build the slave at `t_ns`, without voltage yet."""
         model, settings = played(canopen_profile(profile), settings or DriveSettings())
         self.silent_until_ns = 0
-        """Until then nothing is sent or received."""
+        """Until this time no frame is sent or received."""
         self._frames = send
         self.drive = Drive(model, axis, self, hand, settings, t_ns)
         dictionary = self.drive.dictionary
         self.node = Node(number, dictionary, self.drive, self._send, node_options(number, model, settings))
         self.not_taken_over = install(dictionary, model, number)
-        """What a vendor's file asks for that this drive cannot do, in words."""
+        """Notes on the parts of a vendor's file that this drive cannot take over."""
 
     # Called by the rack.
 
     @property
     def due_ns(self) -> int:
-        """When something is to be done without a frame."""
+        """Return the time of the next timer; NEVER_NS when there is none."""
         return min(self.node.due_ns, self.drive.due_ns)
 
     def power_on(self, t_ns: int, *, booted: bool = False) -> None:
-        """Voltage comes now and the boot-up message follows, or (`booted`) came long ago."""
+        """Switch the voltage on; the boot-up message follows, or was sent long ago when `booted`."""
         self.node.power_on(t_ns, None if booted else self.drive.settings.start_delay_ns)
 
     def receive(self, frame: Frame, t_ns: int) -> None:
-        """A frame of another node ended."""
+        """Handle a frame of another node that has ended, unless the slave is silent."""
         if t_ns >= self.silent_until_ns:
             self.node.receive(frame, t_ns)
 
     def timer(self, t_ns: int) -> None:
-        """Do what is due."""
+        """Serve the timers that are due."""
+        # The drive first: the node may send values that the drive computes at the same instant.
         if self.drive.due_ns <= t_ns:
             self.drive.timer(t_ns)
         if self.node.due_ns <= t_ns:
@@ -72,7 +73,7 @@ class Slave:
         self.node.emergencies.raise_error(code)
 
     def clear_errors(self, t_ns: int) -> None:
-        """A fault was reset: *error reset*, unless an error of communication goes on."""
+        """Send *error reset* after a fault reset, unless an error of communication persists."""
         self.node.now_ns = t_ns
         self.node.emergencies.clear_all()
 

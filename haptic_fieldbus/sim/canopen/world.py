@@ -1,13 +1,14 @@
 """The simulated world: drives and programs on one wire, as a discrete-event simulation.
 
-Theory: an event is a frame that ends, a timer of a drive, a fault, or the start of a frame; at one instant they come in
-this order, so that whatever is queued at an instant takes part in its arbitration. Plants are moved when a drive looks
-at them, exactly (see `plant`). The world is lazy: it runs when a program sends (up to the present) or receives (up to
-the next frame, or to the deadline, and the clock goes along). Everything random is drawn from the seed (see `rack`), so
-in virtual time the same seed gives the same octets. How programs share it in real time is told in `pace`.
+Theory: an event is a frame that ends, a timer of a drive, a fault, or the start of a frame. Events of one instant
+happen in this order, so every frame queued at an instant takes part in its arbitration. Plants are moved, exactly, when
+a drive reads them (see `plant`). The world is lazy: it runs when a program sends (up to the present) or receives (up to
+the next frame, or to the deadline, and the clock advances with it). Everything random is drawn from the seed (see
+`rack`), so in virtual time the same seed gives the same octets. `pace` describes how programs share the world in real
+time.
 
-A bench with several buses is several worlds with one clock: nothing but a program joins them, so each may catch up when
-it is touched, and what a program sees does not depend on the order.
+A bench with several buses consists of several worlds with one clock. Only a program connects them, so each may catch up
+when it is called, and the program sees the same whatever the order.
 """
 
 from collections import deque
@@ -29,12 +30,13 @@ from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from haptic_fieldbus.sim.slot import Slot
 
 Tap = Callable[[int, int, bytes], None]
+"""Callback for a data frame: end of frame [ns], identifier, octets."""
 
 
 class World:
     """Drives, wire and time; all times are those of the clock [ns].
 
-    `longest`: so many frames and segments of motion are remembered at least; None: all, for a run that ends.
+    At least the `longest` latest frames and motion segments are kept; None: all, for a run that ends.
     """
 
     def __init__(self, clock: Clock, bitrate: int = 1_000_000, seed: int | str = 0, longest: int | None = None) -> None:
@@ -46,7 +48,7 @@ class World:
         self._controllers: list[Controller] = []
         self._taps: list[Tap] = []
         self.pace: Pace = pace_of(self)
-        """How programs use it."""
+        """The way in which programs use this world."""
 
     # Setting up.
 
@@ -62,16 +64,16 @@ class World:
         velocity: float = 0.0,
         booted: bool = True,
     ) -> Slave:
-        """Put a drive on the wire; position [rad] and velocity [rad/s] are those of its shaft.
+        """Put a drive on the wire; `position` [rad] and `velocity` [rad/s] are those of its shaft.
 
-        The bench was switched on before the program came; `booted=False`: it is switched on now, so that the boot-up
-        message is still to come.
-        ValueError when the node-ID is taken.
+        The bench was switched on before the program came; with `booted=False` it is switched on now, and the boot-up
+        message is still to come. Raises ValueError when the node-ID is taken.
         """
         return self.add(Slot(node, profile, axis, hand, tuple(faults), position, velocity, booted))
 
     def add(self, slot: Slot) -> Slave:
-        """Put a drive on the wire; ValueError when the node-ID is taken."""
+        """Put a drive on the wire; raises ValueError when its node-ID is taken."""
+        # Before a port is attached, which a refused drive would leave behind.
         self._rack.check_free(slot.node)
         self.run()
         slave = self._rack.add(slot, self._wire.attach(in_order=False), self._now_ns)
@@ -79,19 +81,19 @@ class World:
         return slave
 
     def attach(self, *, receive_own: bool = False, room: int | None = None) -> Controller:
-        """A program's end of the wire, with a first-in-first-out transmit queue as SocketCAN has."""
+        """Connect a program to the wire, with a first-in-first-out transmit queue as in SocketCAN."""
         controller = Controller(self._wire.attach(in_order=True), receive_own=receive_own, room=room)
         self._controllers.append(controller)
         return controller
 
     def detach(self, controller: Controller) -> None:
-        """The program leaves; what it had queued is not sent."""
+        """Disconnect a program; frames that it had queued are not sent."""
         controller.closed = True
         self._controllers.remove(controller)
         self._wire.detach(controller.port)
 
     def tap(self, callback: Tap) -> None:
-        """Tell (end of frame [ns], identifier, octets) of every data frame on the wire."""
+        """Call `callback` with (end of frame [ns], identifier, octets) of every data frame on the wire."""
         self._taps.append(callback)
 
     # Looking at it.
@@ -100,25 +102,26 @@ class World:
         return self._rack.slaves[node]
 
     def trajectory(self, node: int) -> Trajectory:
-        """The true motion of a shaft up to the present."""
+        """Return the true motion of a shaft up to the present."""
         self.run()
         drive = self._rack.slaves[node].drive
         drive.servo.advance(self._now_ns)
         return Trajectory(drive.plant.recorder, self._now_ns)
 
     def statistics(self, from_ns: int, to_ns: int) -> WireStatistics:
-        """What the wire carried."""
+        """Return the traffic of the frames that end in (from_ns, to_ns]."""
         return self._wire.statistics(from_ns, to_ns)
 
     # Running.
 
     def run(self) -> None:
-        """Catch up with the clock."""
+        """Run all events up to the present of the clock."""
         self._run(self.clock.now_ns())
 
     def send(self, controller: Controller, frame: Frame) -> bool:
-        """Queue a frame at the present; False when the controller is bus-off."""
+        """Queue a frame at the present time; False when the controller is bus-off."""
         now_ns = self.clock.now_ns()
+        # Events of this very instant come later, so that the frame takes part in their arbitration.
         self._run(now_ns - 1)
         self._now_ns = max(self._now_ns, now_ns)
         if not controller.off:
@@ -126,7 +129,10 @@ class World:
         return not controller.off
 
     def receive(self, controller: Controller, timeout_ns: int) -> Received | None:
-        """The next frame for this controller; the clock goes to its end, or to the deadline when there is none."""
+        """Return the next frame for this controller, None when none ends within `timeout_ns`.
+
+        The clock advances to the end of the frame, or to the deadline.
+        """
         received = controller.received
         if not received:
             deadline_ns = self.clock.now_ns() + timeout_ns
@@ -140,26 +146,29 @@ class World:
 
     @property
     def next_ns(self) -> int:
-        """When the next event is, if no program sends before; NEVER_NS: there will be none."""
+        """Return the time of the next event if no program sends before; NEVER_NS when there will be none."""
         return min(self._rack.due_ns, self._wire.end_ns, self._wire.start_ns(self._now_ns))
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing will ever happen unless a program sends."""
+        """Return whether no event will happen unless a program sends."""
         return self.next_ns == NEVER_NS
 
     def _run(self, limit_ns: int, until: deque[Received] | None = None) -> None:
-        """Events up to and including the limit, or until something was received."""
+        """Run the events up to and including the limit, or until a frame was received."""
         wire, rack = self._wire, self._rack
         while not until:
             end_ns, due_ns = wire.end_ns, rack.due_ns
+            # No arbitration can start while a frame is on the wire.
             t_ns = min(end_ns, due_ns) if end_ns != NEVER_NS else min(wire.start_ns(self._now_ns), due_ns)
             if t_ns > limit_ns:
                 self._now_ns = max(self._now_ns, limit_ns)
                 return
             self._now_ns = t_ns
+            # The order of events at one instant, as stated in the theory above.
             if end_ns == t_ns:
                 self._deliver(t_ns)
+            # A frame starts last, after all frames of this instant have been queued.
             elif due_ns == t_ns:
                 rack.timers(t_ns)
             else:
@@ -178,13 +187,13 @@ class World:
     # Faults.
 
     def bus_off(self, t_ns: int, until_ns: int) -> None:
-        """Every program's controller goes bus-off (see `injection.Line`)."""
+        """Put the controllers of all programs in bus-off (see `injection.Line`)."""
         for controller in self._controllers:
             controller.bus_off(t_ns)
             if until_ns != NEVER_NS:
                 self._rack.plan(until_ns, controller.restarted)
 
     def error_frame(self, t_ns: int) -> None:
-        """Every program's controller reports a disturbed frame."""
+        """Report a disturbed frame on the controllers of all programs."""
         for controller in self._controllers:
             controller.error_frame(t_ns)

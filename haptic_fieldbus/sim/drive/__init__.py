@@ -1,1 +1,1 @@
-"""A simulated drive (CiA 402-2), whatever it is reached by: dictionary, automaton, modes of operation, power stage."""
+"""A simulated drive (CiA 402-2), independent of its bus: dictionary, automaton, modes of operation, power stage."""

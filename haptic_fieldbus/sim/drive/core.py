@@ -1,14 +1,17 @@
-"""A simulated CiA 402 drive: its automaton, and what it makes the power stage do.
+"""A simulated CiA 402 drive: its automaton, and the actions of its power stage.
 
-Theory (CiA 402-2): motion comes from the mode of operation in *operation enabled* (see `operation`), and else from the
-slowing down in *quick stop active* and *fault reaction active*. What happens when the link is lost is 6007h's to say,
-what a quick stop does 605Ah's, a fault 605Eh's; 605Bh and 605Ch say whether *shutdown* and *disable operation* slow
-down first: then the state stays *operation enabled* until the motor stands, without following commands, and *enable
-operation* takes it back. Every other state frees the shaft at once.
-Safe torque off is no event of the standard's automaton: here torque ends at once, as by *disable voltage*, *switch on
-disabled* is not left until it is closed, as bit 3 of 60FDh (*interlock*) tells. With an error code in the settings it
-is a fault while torque is made, as with drives that treat it so.
-It knows no bus: a link writes and reads the dictionary, calls the drive at times [ns], and is told of errors (`Link`).
+Theory (CiA 402-2): in *operation enabled* the mode of operation determines the motion (see `operation`), in *quick stop
+active* and *fault reaction active* the slowing down. 6007h determines the reaction to a lost link, 605Ah to a quick
+stop, 605Eh to a fault. 605Bh and 605Ch determine whether *shutdown* and *disable operation* slow down first. If they
+do, the state stays *operation enabled* until the motor stands, without following commands, and *enable operation*
+cancels the stop. Every other state frees the shaft at once.
+
+Safe torque off is no event of the standard's automaton. Here torque ends at once, as by *disable voltage*; *switch on
+disabled* is not left until safe torque off is closed; bit 3 of 60FDh (*interlock*) shows it. With `sto_error` in the
+settings it is a fault while torque is made, as in some drives.
+
+The drive is independent of its bus: a link writes and reads the dictionary, calls the drive at times [ns], and is
+informed of errors (`DriveLink`).
 """
 
 from collections.abc import Callable
@@ -35,32 +38,34 @@ from haptic_fieldbus.sim.drive.stage import Stage
 from haptic_fieldbus.sim.hand import Hand
 
 _VOLTAGE_ENABLED, _REMOTE = 0x0010, 0x0200
+# Period of the loops and of the event-driven TPDOs of a drive whose profile has no control period.
 _SLOWEST_TICK_NS = 1_000_000
 _LAST_ENDING_QUICK_STOP = 4
-"""605Ah: codes up to this one leave *quick stop active* by themselves, those above stay there."""
+"""605Ah: codes up to this one end *quick stop active* by themselves, those above stay in it."""
 _DISABLE = 0
-"""605Ah, 605Eh: disable the drive function, the shaft is free."""
+"""605Ah, 605Eh: disable the drive function at once; the shaft is free."""
 _SLOW_DOWN = 1
 """605Bh, 605Ch: slow down before the transition is made."""
+# Numbers of the transitions that 605Ch and 605Bh may defer.
 _DISABLE_OPERATION, _SHUTDOWN = 5, 8
 _ENERGISED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 _INTERLOCK = 1 << 3
-"""60FDh, bit 3."""
+"""Bit 3 of 60FDh."""
 LINK_LOST, FOLLOWING_ERROR = 0x8130, 0x8611
-"""603Fh."""
+"""Error codes in 603Fh."""
 
-# CiA 402-2, 6007h: what a lost link does.
+# CiA 402-2, 6007h: reaction to a lost link by option code; 0 is no action.
 _LINK_LOSS = {1: Cause.FAULT, 2: Cause.DISABLE_VOLTAGE, 3: Cause.QUICK_STOP}
 
 
 class DriveLink(Protocol):
-    """What a drive tells of itself to the link that it is reached by."""
+    """The link of a drive, which passes on its errors."""
 
     def error(self, code: int, t_ns: int) -> None:
-        """The drive has detected an error."""
+        """Report an error that the drive has detected."""
 
     def clear_errors(self, t_ns: int) -> None:
-        """A fault was reset."""
+        """Report that a fault was reset."""
 
 
 class Drive:
@@ -75,10 +80,11 @@ class Drive:
         settings: DriveSettings,
         t_ns: int = 0,
     ) -> None:
-        """Without voltage yet, at `t_ns`; `restart` is its power-on."""
+        """Build the drive at `t_ns`, without voltage yet; `restart` is its power-on."""
         self.settings = settings
         self.on_enabled: Callable[[int], None] = lambda _t_ns: None
         """Called once, with the time of the first *operation enabled*."""
+        # The order below is that of dependence: objects need the dictionary, units the objects, the stage all of them.
         self.power = PowerAutomaton()
         self.dictionary = Dictionary()
         self.objects = add_objects(
@@ -107,24 +113,25 @@ class Drive:
         self._state = self.power.state
         self._controlword = self.objects.controlword
         self._word = -1
-        """The controlword that needs no second look, -1: none."""
+        """Last controlword that was handled; -1 when the next one must be handled even if it is equal."""
         self._leaving = False
         self._inputs = 0
         self.objects.on_written(self._written, self.units.update)
 
-    # What befalls it.
+    # Faults, safe torque off and inputs.
 
     def fault(self, code: int, t_ns: int) -> None:
-        """The drive detects a fault: the link is told, fault reaction, fault."""
+        """Detect a fault: report it to the link, then go through fault reaction to *fault*."""
         self._link.error(code, t_ns)
         self._fail(code, t_ns)
 
     def sto(self, open_: bool, t_ns: int) -> None:
-        """Safe torque off is opened or closed."""
+        """Open or close safe torque off."""
         self.power.locked = open_
         self.inputs(self._inputs & ~_INTERLOCK | (_INTERLOCK if open_ else 0))
         if not open_:
             return
+        # Before *disable voltage*, after which the state no longer shows that torque was made.
         if self.settings.sto_error and self._state in _ENERGISED:
             self.fault(self.settings.sto_error, t_ns)
         self.power.event(
@@ -133,22 +140,22 @@ class Drive:
         self._follow(t_ns)
 
     def inputs(self, bits: int) -> None:
-        """What the digital inputs 60FDh carry from now on; nothing in the drive depends on them."""
+        """Set the digital inputs 60FDh; they do not affect the drive."""
         self._inputs = self.objects.row(0x60FD).value = bits & 0xFFFF_FFFF
 
     # Called by the link.
 
     @property
     def due_ns(self) -> int:
-        """When `timer` is to be called."""
+        """Return the time of the next call of `timer`; NEVER_NS when there is none."""
         return self.operation.due_ns
 
     def timer(self, t_ns: int) -> None:
-        """Do what is due."""
+        """Serve the timers that are due."""
         self.operation.timer(t_ns)
 
     def sync(self, t_ns: int) -> None:
-        """Latch the measured entries; the control ticks are counted from here."""
+        """Latch the measured entries at a SYNC; control ticks are counted from here."""
         self.servo.sync(t_ns)
         self.operation.sync(t_ns)
         self.stage.show()
@@ -159,14 +166,14 @@ class Drive:
         self.stage.show()
 
     def act(self, t_ns: int) -> None:
-        """Controlword, mode or target may have been received."""
+        """Act on a controlword, mode or target that may have been received."""
         word = self._controlword.value
         if word != self._word:
             self._command(word, t_ns)
         self.operation.act(t_ns)
 
     def link_lost(self, t_ns: int) -> None:
-        """6007h decides."""
+        """React to a lost link as 6007h requires."""
         cause = _LINK_LOSS.get(self.objects.abort_connection_option.value)
         if cause is Cause.FAULT:
             self._fail(LINK_LOST, t_ns)
@@ -175,8 +182,9 @@ class Drive:
             self._follow(t_ns)
 
     def restart(self, t_ns: int) -> None:
-        """Power-on state."""
+        """Return to the power-on state."""
         self.units.update()
+        # Inputs come from outside and keep their state, while the entry was reset to 0.
         self.inputs(self._inputs)
         self.power.start()
         self.operation.restart()
@@ -189,7 +197,7 @@ class Drive:
         self.act(self.plant.t_ns)
 
     def _command(self, word: int, t_ns: int) -> None:
-        """The controlword is new, or something has changed since it was looked at."""
+        """Handle a controlword that is new, or that must be handled again because state or options have changed."""
         self._word = word
         power, row = self.power, self.objects.row
         power.stays_in_quick_stop = row(0x605A).value > _LAST_ENDING_QUICK_STOP
@@ -201,7 +209,7 @@ class Drive:
             self._stop_or_go(word, t_ns)
 
     def _stop_or_go(self, word: int, t_ns: int) -> None:
-        """In *operation enabled*: slow down before leaving it, or halt, or neither."""
+        """Slow down before *operation enabled* is left, or halt, or do neither."""
         if self.power.held is not None:
             if not self._leaving:
                 self._leaving = True
@@ -230,9 +238,10 @@ class Drive:
             self._enter(t_ns)
 
     def _enter(self, t_ns: int) -> None:
-        """The automaton has a new state: make the power stage follow it."""
+        """Make the power stage follow a new state of the automaton."""
         before, self._state = self._state, self.power.state
         state = self._state
+        # The same controlword may have another meaning in the new state.
         self._word, self._leaving = -1, False
         if state is State.OPERATION_ENABLED:
             self._first_enabled(t_ns)
@@ -240,6 +249,7 @@ class Drive:
         elif state is State.QUICK_STOP_ACTIVE:
             self._slow_down(self.objects.row(0x605A).value, t_ns)
         elif state is State.FAULT_REACTION_ACTIVE:
+            # A shaft that was free before the fault, or whose power stage is locked, cannot be slowed down.
             can_brake = before in _ENERGISED and not self.power.locked
             self._slow_down(self.objects.fault_reaction_option.value if can_brake else _DISABLE, t_ns)
         else:
@@ -250,6 +260,7 @@ class Drive:
         self._show_status()
 
     def _first_enabled(self, t_ns: int) -> None:
+        # Bring the plant to this instant, at which the modes start from its speed and angle.
         self.servo.advance(t_ns)
         if not self._enabled_once:
             self._enabled_once = True
@@ -257,7 +268,7 @@ class Drive:
             self.on_enabled(t_ns)
 
     def _slow_down(self, code: int, t_ns: int) -> None:
-        """Brake at the control ticks, or free the shaft and be done."""
+        """Brake at the control ticks, or free the shaft at once for code 0."""
         if code == _DISABLE:
             self.operation.disable(t_ns)
             self._slowed_down(t_ns)
@@ -267,7 +278,7 @@ class Drive:
         self.operation.stop(way_of(code), t_ns, None if stays else self._slowed_down)
 
     def _slowed_down(self, t_ns: int) -> None:
-        """Quick stop or fault reaction complete."""
+        """Complete a quick stop or a fault reaction."""
         cause = Cause.STOPPED if self._state is State.QUICK_STOP_ACTIVE else Cause.REACTION_COMPLETE
         self.power.event(cause)
         self._enter(t_ns)

@@ -1,4 +1,4 @@
-"""The object dictionary of a simulated drive: entries with access rules, and the codes of refusals.
+"""The object dictionary of a simulated drive: entries with access rules, and the abort codes of refused accesses.
 
 Reference: CiA 301 4.2, 7.2.4.3.17 (abort codes), 7.4.7 (access).
 """
@@ -10,7 +10,7 @@ from haptic_fieldbus.drive.objects import DataType
 
 
 class AbortCode(Enum):
-    """CiA 301, table 22."""
+    """SDO abort codes (CiA 301, table 22)."""
 
     TOGGLE_BIT = 0x0503_0000
     TIMEOUT = 0x0504_0000
@@ -39,7 +39,7 @@ class AbortCode(Enum):
 
 
 class Refused(Exception):
-    """An access is refused; `code` says why."""
+    """Error of a refused access; `code` is the SDO abort code."""
 
     def __init__(self, code: AbortCode | int) -> None:
         self.code = code.value if isinstance(code, AbortCode) else code
@@ -54,7 +54,7 @@ class Access(Enum):
 
 
 class Mappable(Flag):
-    """Into which PDOs an entry may be mapped."""
+    """Kinds of PDO into which an entry may be mapped."""
 
     NO = 0
     TPDO = 1
@@ -63,11 +63,11 @@ class Mappable(Flag):
 
 
 class Entry:
-    """One sub-index. `value` is what the last write or the drive put there; octets and strings stand in `text`.
+    """One sub-index. `value` is the last value written by a client or the drive; octets and strings are in `text`.
 
-    `accept` may refuse a write by raising Refused (of octets: it is given their number), `changed` is called after
-    one, `fetch` computes what is read. `default` and `default_text` are the power-on values; those of an entry that is
-    `numbered` contain the node-ID ($NODEID of an EDS).
+    `accept` may refuse a write by raising Refused; for octets its argument is their number. `changed` is called after a
+    write, `fetch` computes the value that is read. `default` and `default_text` are the power-on values; for a
+    `numbered` entry they contain the node-ID ($NODEID of an EDS).
     """
 
     __slots__ = (
@@ -90,13 +90,14 @@ class Entry:
         capacity: int = 0,
         numbered: bool = False,
     ) -> None:
-        """`type` None is a string or a DOMAIN whose octets are `text`; it can be written up to its `capacity`."""
+        """Create an entry; with `type` None it is a string or a DOMAIN of the octets `text`, up to `capacity` long."""
         self.index = index
         self.subindex = subindex
         self.type = type
         self.value = self.default = value
         self.text = self.default_text = text
         self.access = access
+        # Without a type, `high` is the capacity.
         self.low, self.high = limits or (type.limits if type is not None else (0, capacity))
         self.mappable = mappable
         self.numbered = numbered
@@ -109,7 +110,7 @@ class Entry:
         return 8 * self.type.size if self.type is not None else 8 * len(self.text)
 
     def read(self) -> bytes:
-        """The octets of the value, as a link hands them out."""
+        """Return the octets of the value for a link; raises Refused when the entry is write-only."""
         if self.access is Access.WO:
             raise Refused(AbortCode.WRITE_ONLY)
         if self.type is None:
@@ -117,7 +118,7 @@ class Entry:
         return self.type.pack(self.fetch() if self.fetch is not None else self.value)
 
     def begin_write(self, size: int | None) -> None:
-        """Refuse a download of so many octets (None: not known yet) before any of them arrives."""
+        """Raise Refused for a download of `size` octets (None: not known yet) that cannot be accepted."""
         if self.access in (Access.RO, Access.CONST) or (self.type is None and not self.high):
             raise Refused(AbortCode.READ_ONLY)
         if size is None:
@@ -129,11 +130,14 @@ class Entry:
 
     @property
     def capacity(self) -> int:
-        """So many octets can be written at most."""
+        """Return the largest number of octets that can be written."""
         return self.type.size if self.type is not None else self.high
 
     def write(self, data: bytes) -> None:
-        """Take over octets that came by a link."""
+        """Write octets that came by a link.
+
+        Raises Refused for a read-only entry, a wrong length, a value out of limits, or when `accept` refuses.
+        """
         self.begin_write(len(data))
         if self.type is None:
             if self.accept is not None:
@@ -145,7 +149,7 @@ class Entry:
             self.changed()
 
     def reset(self) -> None:
-        """Power-on value."""
+        """Restore the power-on value."""
         self.value, self.text = self.default, self.default_text
 
     def _write_value(self, value: int) -> None:
@@ -157,7 +161,7 @@ class Entry:
 
 
 def one_of(values: Iterable[int]) -> Callable[[int], None]:
-    """An `accept` that refuses every other value as invalid."""
+    """Return an `accept` that refuses every other value as invalid."""
     allowed = frozenset(values)
 
     def accept(value: int) -> None:
@@ -183,30 +187,30 @@ class Dictionary:
         return index in self._objects
 
     def add(self, entry: Entry) -> Entry:
-        """Add an entry, or replace the one at its place."""
+        """Add an entry, replacing one with the same index and sub-index, and return it."""
         self._objects.setdefault(entry.index, {})[entry.subindex] = entry
         return entry
 
     def renumber(self, change: int) -> None:
-        """The node-ID grew by `change`: power-on values follow it."""
+        """Add `change` to the power-on values that contain the node-ID."""
         for entry in self:
             entry.default += change * entry.numbered
 
     def remove(self, index: int, subindex: int | None = None) -> None:
-        """Take away an object, or one sub-index of it: what this model does not have. Unknown ones are passed over."""
+        """Remove an object, or one sub-index of it, that this model lacks; unknown ones are ignored."""
         if subindex is None:
             self._objects.pop(index, None)
         else:
             self._objects.get(index, {}).pop(subindex, None)
 
     def add_record(self, entries: Iterable[Entry]) -> None:
-        """Add the sub-indices of one record together with its sub-index 0, the highest of them."""
+        """Add the sub-indices of one record, and sub-index 0 with the highest of them."""
         members = [self.add(entry) for entry in entries]
         highest = max(entry.subindex for entry in members)
         self.add(Entry(members[0].index, 0, DataType.UINT8, highest, Access.CONST))
 
     def find(self, index: int, subindex: int = 0) -> Entry:
-        """The entry; Refused when the object or its sub-index does not exist."""
+        """Return the entry; raises Refused when the object or its sub-index does not exist."""
         subentries = self._objects.get(index)
         if subentries is None:
             raise Refused(AbortCode.NO_OBJECT)
@@ -216,12 +220,12 @@ class Dictionary:
         return entry
 
     def value(self, index: int, subindex: int = 0) -> int:
-        """What stands in an entry, as the drive itself reads it; 0 where there is none."""
+        """Return the value of an entry for the drive itself, without access rules; 0 when there is no such entry."""
         entry = self._objects.get(index, {}).get(subindex)
         return entry.value if entry is not None else 0
 
     def restore(self, first: int, last: int) -> None:
-        """Power-on values of a range of objects."""
+        """Restore the power-on values of the objects from `first` to `last`."""
         for entry in self:
             if first <= entry.index <= last:
                 entry.reset()

@@ -1,8 +1,8 @@
-"""The objects of CiA 402-2 that the modes of operation work with, as a table.
+"""The objects of CiA 402-2 that the modes of operation use, as a table.
 
-A row says which modes need the object (none named: every drive has it) and its power-on value; where the standard gives
-none ("no default", "manufacturer-specific") it follows from the bench, so that a drive moves as it comes. Ramps that
-are 0 are not limited. The clause of a row is its index in CiA 402-2.
+A row gives the modes that need the object (none: every drive has it) and its power-on value. Where the standard gives
+no value ("no default", "manufacturer-specific"), it follows from the bench, so that a drive moves without
+configuration. Ramps that are 0 are not limited. The clause of a row is its index in CiA 402-2.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ CYCLIC_POSITION, CYCLIC_VELOCITY, CYCLIC_TORQUE = 8, 9, 10
 STANDARD_MODES = frozenset(
     (PROFILE_POSITION, PROFILE_VELOCITY, PROFILE_TORQUE, HOMING, CYCLIC_POSITION, CYCLIC_VELOCITY, CYCLIC_TORQUE)
 )
-"""What this drive can do, by the numbers of 6060h."""
+"""Modes that the simulated drive implements, by the numbers of 6060h."""
 
 NO_LIMIT = 0xFFFF_FFFF
 """6065h: following error control is off; 607Fh, 6080h: speed is not limited."""
 FACTORS = (0x607E, 0x608F, 0x6091, 0x6092)
 """Polarity, encoder resolution, gear ratio, feed constant."""
 CURRENT_POSITION = (35, 37)
-"""6098h: homing on the current position; 37 has replaced 35."""
+"""6098h: the methods of homing on the current position; 37 has replaced 35."""
 
 _POSITIONING = (PROFILE_POSITION, CYCLIC_POSITION)
 _PROFILES = (PROFILE_POSITION, PROFILE_VELOCITY)
@@ -40,12 +40,12 @@ class Defaults:
     velocity: int
     """6081h [position units/s]."""
     acceleration: int
-    """6083h and 6084h; the quick stop is twice as steep [position units/s²]."""
+    """6083h and 6084h [position units/s²]; the quick stop ramp 6085h is twice as steep."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One sub-index; `allowed`: no other values are taken."""
+    """One sub-index of the table; `allowed` lists the only values that it takes, None: all within `limits`."""
 
     index: int
     subindex: int
@@ -59,12 +59,12 @@ class Row:
 
 
 def rows(defaults: Defaults) -> tuple[Row, ...]:
-    """The whole table."""
+    """Return the whole table."""
     return (*_options(), *_torque(defaults), *_speed(defaults), *_position(), *_factors(defaults))
 
 
 def _options() -> tuple[Row, ...]:
-    """Option codes; their defaults are the standard's."""
+    """Option codes, digital inputs and interpolation time; the defaults are those of the standard."""
     int16, no = DataType.INT16, Mappable.NO
     return (
         Row(0x605A, 0, int16, 2, mappable=no, allowed=tuple(range(9))),  # quick stop
@@ -78,7 +78,7 @@ def _options() -> tuple[Row, ...]:
 
 
 def _torque(defaults: Defaults) -> tuple[Row, ...]:
-    """In ‰ of rated torque or current, but for 6075h [mA] and 6087h [‰/s]."""
+    """Objects in ‰ of rated torque or current, except 6075h [mA] and 6087h [‰/s]."""
     int16, uint16, limit = DataType.INT16, DataType.UINT16, defaults.max_torque_permille
     return (
         Row(0x6072, 0, uint16, limit),  # max torque
@@ -95,7 +95,7 @@ def _torque(defaults: Defaults) -> tuple[Row, ...]:
 
 
 def _speed(defaults: Defaults) -> tuple[Row, ...]:
-    """In velocity units, but for 6080h [r/min], times [ms] and ramps [position units/s²]."""
+    """Objects in velocity units, except 6080h [r/min], times [ms] and ramps [position units/s²]."""
     int32, uint16, uint32 = DataType.INT32, DataType.UINT16, DataType.UINT32
     pv, ramp = (PROFILE_VELOCITY,), defaults.acceleration
     return (
@@ -117,7 +117,7 @@ def _speed(defaults: Defaults) -> tuple[Row, ...]:
 
 
 def _position() -> tuple[Row, ...]:
-    """In position units, but for times [ms]."""
+    """Objects in position units, except times [ms]."""
     int32, uint16, uint32 = DataType.INT32, DataType.UINT16, DataType.UINT32
     pp, hm = (PROFILE_POSITION,), (HOMING,)
     return (
@@ -137,7 +137,7 @@ def _position() -> tuple[Row, ...]:
 
 
 def _factors(defaults: Defaults) -> tuple[Row, ...]:
-    """The factor group; as it comes a position unit is one count of the encoder."""
+    """The factor group; by default a position unit is one count of the encoder."""
     uint32, positive, counts = DataType.UINT32, (1, NO_LIMIT), defaults.counts_per_revolution
     return (
         Row(0x607E, 0, DataType.UINT8, 0, mappable=Mappable.NO),  # polarity

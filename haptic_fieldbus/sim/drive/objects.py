@@ -1,8 +1,8 @@
-"""The objects of a simulated drive beyond communication: CiA 402-2, and what its profile names.
+"""The application objects of a simulated drive: CiA 402-2, and the objects that its profile names.
 
-Objects that the profile gives another index or type stand there as the profile says. What the drive does not have
-(6007h, 605Eh, 6076h, 6077h where the profile names none; objects of modes that it lacks; objects that its settings
-leave out) is not in the dictionary; the drive works with its power-on value all the same.
+An object for which the profile gives another index or type has that index or type. Objects that the drive lacks are not
+in the dictionary: 6007h, 605Eh, 6076h and 6077h where the profile names none, objects of modes that it lacks, objects
+that its settings leave out. The drive still works with their power-on values.
 """
 
 from collections.abc import Callable, Iterable
@@ -17,15 +17,16 @@ from haptic_fieldbus.sim.drive.object_table import FACTORS, STANDARD_MODES, Defa
 
 PERMILLE = 1e-3
 _TORQUE_UNITS = {"permille_of_rated_torque": PERMILLE}
-"""Unit of targets and actual values as a share of rated torque."""
+"""Units of target and actual torque, as a share of rated torque."""
 
 DEVICE_TYPE = 0x0002_0192
-"""CiA 402-2, 1000h: device profile 402, servo drive."""
+"""1000h (CiA 402-2): device profile 402, servo drive."""
 
 NO_MODE = 0
 NO_ACTION, SLOW_DOWN = 0, 2
-"""6007h, 605Eh of a drive without them: a lost link changes nothing, a fault is met by the quick stop ramp."""
-# CiA 402-2, 6502h: bit of a mode is its number minus one; manufacturer specific modes are negative, bits 16 on.
+"""6007h and 605Eh of a drive without them: no reaction to a lost link, the quick stop ramp for a fault."""
+# CiA 402-2, 6502h: the bit of a mode is its number minus one; manufacturer-specific modes are negative and have bits 16
+# on.
 _FIRST_MANUFACTURER_BIT = 16
 
 
@@ -45,28 +46,31 @@ class Objects:
     target_torque: Entry
     actual_torque: Entry
     modes: frozenset[int]
-    """Modes of operation that work."""
+    """Modes of operation that the drive offers."""
     torque_mode: int
     rated_torque: float
-    """[N·m], as 6076h says it."""
+    """[N·m], with the rounding of 6076h."""
     torque_unit: float
-    """[N·m] of one step of the target."""
+    """One step of the target torque [N·m]."""
     table: dict[tuple[int, int], Entry]
     """The entries of `object_table`, by index and sub-index."""
 
     def row(self, index: int, subindex: int = 0) -> Entry:
-        """An entry of `object_table`."""
+        """Return an entry of `object_table`."""
         return self.table[index, subindex]
 
     def on_written(self, changed: Callable[[], None], factors_changed: Callable[[], None]) -> None:
-        """Have it told when a client writes one of them; process data is told of by `Drive.act`."""
+        """Set the functions to call after a client has written an entry: `factors_changed` for factors, else `changed`.
+
+        Process data do not call them; `Drive.act` handles these.
+        """
         for entry in (*self.table.values(), self.controlword, self.mode, self.target_torque):
             if entry.access is Access.RW:
                 entry.changed = factors_changed if entry.index in FACTORS else changed
 
     @property
     def torque_limits(self) -> tuple[Entry, Entry, Entry, Entry]:
-        """6072h, 6073h, 60E0h, 60E1h."""
+        """Return 6072h, 6073h, 60E0h and 60E1h."""
         return self.row(0x6072), self.row(0x6073), self.row(0x60E0), self.row(0x60E1)
 
 
@@ -79,7 +83,11 @@ def add_objects(
     modes: frozenset[int] | None = None,
     without: frozenset[int] = frozenset(),
 ) -> Objects:
-    """Fill the dictionary; UsageError for a torque unit that cannot be simulated."""
+    """Add all application objects to the dictionary.
+
+    `rated_torque` is in N·m. Raises UsageError when the profile's torque unit cannot be simulated, or when the rated
+    torque is less than one step of its unit.
+    """
     share = _TORQUE_UNITS.get(profile.torque.target.unit)
     if share is None:
         raise UsageError(f'{profile.name}: targets in "{profile.torque.target.unit}" cannot be simulated')
@@ -123,11 +131,12 @@ def add_objects(
 def _add_table(
     dictionary: Dictionary, table: Iterable[Row], modes: frozenset[int], without: frozenset[int]
 ) -> dict[tuple[int, int], Entry]:
-    """Make all entries; put those into the dictionary that the drive has."""
+    """Create the entries of all rows, and add those that the drive has to the dictionary."""
     entries: dict[tuple[int, int], Entry] = {}
     shown: dict[int, list[Entry]] = {}
     for row in table:
         accept = one_of(row.allowed) if row.allowed is not None else None
+        # Targets and parameters that an RPDO may write may also be read back by a TPDO.
         both = Mappable.BOTH if row.mappable is Mappable.RPDO else row.mappable
         entry = Entry(row.index, row.subindex, row.type, row.value, row.access,
                       limits=row.limits, mappable=both, accept=accept)  # fmt: skip
@@ -143,7 +152,7 @@ def _add_table(
 
 
 def _add_identity(dictionary: Dictionary, profile: Cia402Profile, serial: int) -> None:
-    """CiA 301: 1000h, 1008h, 1018h."""
+    """Add 1000h, 1008h and 1018h (CiA 301)."""
     dictionary.add(Entry(0x1000, 0, DataType.UINT32, DEVICE_TYPE, Access.CONST))
     dictionary.add(Entry(0x1008, 0, None, access=Access.CONST, text=profile.title.encode()))
     identity = profile.identity
@@ -155,7 +164,10 @@ def _add_identity(dictionary: Dictionary, profile: Cia402Profile, serial: int) -
 
 
 def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: float) -> float:
-    """6076h; returns the rated torque as the object, in whole steps of its unit, says it [N·m], UsageError for none."""
+    """Add 6076h; return the rated torque [N·m] in whole steps of its unit.
+
+    Raises UsageError when it is less than one step. Without 6076h in the profile the torque is returned as it is.
+    """
     rated = profile.torque.rated
     if rated is None:
         return rated_torque
@@ -168,7 +180,7 @@ def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: flo
 
 
 def _add_mapped(dictionary: Dictionary, mapped: MappedObject, access: Access, mappable: Mappable) -> Entry:
-    """An object that carries a signal, where the profile has it."""
+    """Add an object that carries a signal, at the index of the profile."""
     entry = Entry(mapped.object, mapped.subindex, mapped.type, 0, access, mappable=mappable)
     if mapped.subindex:
         dictionary.add_record([entry])
@@ -178,7 +190,7 @@ def _add_mapped(dictionary: Dictionary, mapped: MappedObject, access: Access, ma
 def _add_motion(
     dictionary: Dictionary, profile: Cia402Profile, index: int, section: PositionSection | VelocitySection | None
 ) -> Entry:
-    """What the drive measures of the motion; a drive that offers velocity only shows no position."""
+    """Add an object of the measured motion; a drive that offers velocity only has no position object."""
     if section is not None:
         return _add_mapped(dictionary, section.actual, Access.RO, Mappable.TPDO)
     entry = Entry(index, 0, DataType.INT32, mappable=Mappable.TPDO)
@@ -186,15 +198,15 @@ def _add_motion(
 
 
 def _add_option(dictionary: Dictionary, index: int, value: int, codes: Iterable[int]) -> Entry:
-    """An option code with its power-on value; codes that are reserved are refused."""
+    """Add an option code with its power-on value; reserved codes are refused."""
     return dictionary.add(Entry(index, 0, DataType.INT16, value, Access.RW, accept=one_of(codes)))
 
 
 def _hidden(index: int, value: int) -> Entry:
-    """An entry that is not in the dictionary."""
+    """Return an entry that is not in the dictionary."""
     return Entry(index, 0, DataType.INT16, value)
 
 
 def _supported(modes: Iterable[int]) -> int:
-    """6502h."""
+    """Return the value of 6502h."""
     return sum(1 << (mode - 1 if mode > 0 else _FIRST_MANUFACTURER_BIT - mode - 1) for mode in modes if mode)

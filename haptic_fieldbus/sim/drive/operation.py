@@ -1,9 +1,9 @@
-"""What the drive does while its power stage is on: the mode of operation, its changes, halt and every other stop.
+"""The drive with its power stage on: the mode of operation, changes of mode, halt and every other stop.
 
-Theory (CiA 402-2, 6060h, 6061h, controlword bit 8). The mode that acts is the one that 6061h shows; it follows 6060h
-after the drive's mode-change time, in every state of the automaton, halted or not, and the old one goes on until then.
-A mode that the drive does not have is not taken over. A halt slows down as 605Dh says and stays in *operation enabled*.
-The control ticks come from here, and only while somebody needs them: cyclic synchronous torque does not.
+Theory (CiA 402-2, 6060h, 6061h, controlword bit 8). The active mode is that of 6061h. It follows 6060h after the
+drive's mode-change time, in every state of the automaton, halted or not; the old mode stays active until then. A mode
+that the drive lacks is not taken over. A halt slows down as 605Dh requires and stays in *operation enabled*. The
+control ticks are made here, and only while a mode or a stop needs them: cyclic synchronous torque does not.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ HALT = 0x0100
 
 
 class Operation:
-    """Owns the mode at work, or the stop in its place; times [ns]."""
+    """Owner of the active mode, or of the stop that replaces it; times [ns]."""
 
     def __init__(
         self,
@@ -29,11 +29,11 @@ class Operation:
         mode_change_ns: int,
         show: Callable[[], None],
     ) -> None:
-        """`show` is called when `status` has changed."""
+        """Start in mode 0; `show` is called when `status` has changed."""
         self.due_ns = NEVER_NS
-        """When something is to be done without a frame."""
+        """Time of the next tick or mode change; NEVER_NS when there is none."""
         self.status = 0
-        """The bits of the statusword that belong to mode or stop."""
+        """Bits of the statusword that belong to the mode or the stop."""
         self._stage = stage
         self._modes = modes
         self._requested, self._display = objects.mode, objects.mode_display
@@ -49,10 +49,10 @@ class Operation:
         self._tick_ns = self._change_ns = NEVER_NS
         self._change_to = NO_MODE
 
-    # The automaton's orders.
+    # Commands of the automaton.
 
     def enable(self, t_ns: int) -> None:
-        """*Operation enabled* was entered, or a stop in it taken back: the mode goes on from the motion as it is."""
+        """Start the mode from the present motion: on entering *operation enabled*, or when a stop is cancelled."""
         self._enabled, self._halted, self._brake = True, False, None
         self._mode.start(t_ns)
         self._follow(t_ns)
@@ -64,7 +64,7 @@ class Operation:
         self._follow(t_ns)
 
     def disable(self, t_ns: int) -> None:
-        """No torque from now on."""
+        """End the torque at once."""
         if self._enabled:
             self._mode.leave()
         self._enabled = self._halted = False
@@ -73,21 +73,21 @@ class Operation:
         self._follow(t_ns)
 
     def leave(self) -> None:
-        """*Operation enabled* is left with the power stage on."""
+        """Leave *operation enabled* with the power stage on."""
         if self._enabled:
             self._mode.leave()
         self._enabled = self._halted = False
 
     def restart(self) -> None:
-        """Power-on state; 6061h is as after power-on."""
+        """Return to the power-on state; the entry 6061h has its power-on value already."""
         self._change_ns = NEVER_NS
         self._mode = self._modes[NO_MODE]
         self._plan()
 
-    # What comes from outside.
+    # Received objects, SYNC and time.
 
     def act(self, t_ns: int) -> None:
-        """Something was received."""
+        """Act on received objects."""
         if self._requested.value != self._display.value or self._change_ns != NEVER_NS:
             self._request(t_ns)
         if self._enabled:
@@ -99,7 +99,7 @@ class Operation:
             self._mode.act_disabled(t_ns)
 
     def halt(self, controlword: int, t_ns: int) -> None:
-        """Bit 8 was received in *operation enabled*, no other stop going on."""
+        """Handle bit 8 of a controlword in *operation enabled*, while no other stop is under way."""
         wanted = bool(controlword & HALT) and self._mode.halts
         if wanted and not self._halted:
             self._halted = True
@@ -108,13 +108,14 @@ class Operation:
             self.enable(t_ns)
 
     def sync(self, t_ns: int) -> None:
-        """The ticks are counted from here."""
+        """Count the ticks from this SYNC on."""
+        # Ticks that are not needed are not started by a SYNC.
         if self._tick_ns != NEVER_NS:
             self._tick_ns = t_ns
             self._plan()
 
     def timer(self, t_ns: int) -> None:
-        """Do what is due."""
+        """Serve the mode change and the tick that are due."""
         if self._change_ns <= t_ns:
             self._change(t_ns)
         if self._tick_ns <= t_ns:
@@ -123,6 +124,7 @@ class Operation:
     # Inside.
 
     def _request(self, t_ns: int) -> None:
+        # Requesting another mode while a change is pending restarts its time; requesting the active mode cancels it.
         wanted = self._requested.value
         if wanted == self._display.value or wanted not in self._modes:
             self._change_ns = NEVER_NS
@@ -137,6 +139,7 @@ class Operation:
         self._mode.leave()
         self._display.value = self._change_to
         self._mode = self._modes[self._change_to]
+        # A stop goes on through the change, except a halt when the new mode cannot halt.
         if self._enabled and (self._brake is None or (self._halted and not self._mode.halts)):
             self._stage.servo.advance(t_ns)
             self.enable(t_ns)
@@ -153,10 +156,11 @@ class Operation:
             self._done(t_ns)
         else:
             brake.tick(t_ns)
+        # The next tick is later than this one, also when this one is on the grid.
         self._follow(t_ns + 1)
 
     def _follow(self, t_ns: int) -> None:
-        """Find the next tick, not before `t_ns`, and show the bits."""
+        """Find the next tick, not before `t_ns`, and update the bits of the statusword."""
         if self._brake is None and not (self._enabled and self._mode.ticking):
             self._tick_ns = NEVER_NS
         elif self._tick_ns == NEVER_NS:
@@ -175,6 +179,7 @@ class Operation:
             return self._mode.status if self._enabled else 0
         status = INTERNAL_LIMIT if self._stage.limited else 0
         if self._halted:
+            # A halted mode keeps its own bits, but the brake determines standstill and internal limit.
             status |= self._mode.status & ~(self._mode.standing | INTERNAL_LIMIT)
             if self._brake.at_rest(t_ns):
                 status |= self._mode.standing

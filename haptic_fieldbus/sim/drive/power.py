@@ -1,11 +1,11 @@
 """The power drive automaton of CiA 402-2, as the drive runs it.
 
-Theory (CiA 402-2, 8.2): the controlword's bits 0, 1, 2, 3 and 7 name a command; a command or an event makes a numbered
-transition where the table has one from the present state, and nothing elsewhere. Transitions 0 and 1 follow by
+Theory (CiA 402-2, 8.2): bits 0, 1, 2, 3 and 7 of the controlword form a command. A command or an event makes a numbered
+transition where the table has one from the present state; otherwise it has no effect. Transitions 0 and 1 follow by
 themselves at power-on, 13 from any state on a fault, 14 when the fault reaction is complete, 12 also when a quick stop
 is complete. *Switch on and enable operation* from *ready to switch on* makes 3 and then 4. A transition that an option
-code puts off until the motor stands (5 by 605Ch, 8 by 605Bh) is held, and made by `complete`. While the power stage is
-locked (safe torque off) *switch on disabled* is not left. The state is changed only in `_make`.
+code defers until the motor stands (5 by 605Ch, 8 by 605Bh) is held, and made by `complete`. While the power stage is
+locked (safe torque off), *switch on disabled* is not left. Only `_make` changes the state.
 """
 
 from collections.abc import Container
@@ -14,7 +14,7 @@ from enum import Enum
 
 
 class State(Enum):
-    """A state; the value is its name in the standard."""
+    """A state of the automaton; the value is its name in the standard."""
 
     NOT_READY_TO_SWITCH_ON = "not ready to switch on"
     SWITCH_ON_DISABLED = "switch on disabled"
@@ -55,7 +55,8 @@ STATUS_BITS = {
     State.FAULT: 0x0028,
 }
 
-# CiA 402-2, command coding: (mask, bits, command). 0111b is *switch on* or *disable operation*, as the state decides.
+# CiA 402-2, command coding: (mask, bits, commands). The state decides whether 0111b is *switch on* or *disable
+# operation*.
 COMMANDS = (
     (0x87, 0x06, (Cause.SHUTDOWN,)),
     (0x8F, 0x07, (Cause.SWITCH_ON, Cause.DISABLE_OPERATION)),
@@ -68,7 +69,7 @@ FAULT_RESET_BIT = 0x80
 
 @dataclass(frozen=True)
 class Transition:
-    """A numbered arrow of the automaton."""
+    """A numbered transition of the automaton."""
 
     number: int
     start: State
@@ -76,7 +77,7 @@ class Transition:
     end: State
 
 
-# CiA 402-2, state transition table. An entry of its own for each start state that shares a number.
+# CiA 402-2, state transition table. Start states that share a number have an entry each.
 TRANSITIONS = (
     Transition(0, State.NOT_READY_TO_SWITCH_ON, Cause.SELF_TEST_PASSED, State.NOT_READY_TO_SWITCH_ON),
     Transition(1, State.NOT_READY_TO_SWITCH_ON, Cause.INITIALISED, State.SWITCH_ON_DISABLED),
@@ -108,7 +109,7 @@ _TABLE = {(transition.start, transition.cause): transition for transition in TRA
 
 
 def commands_of(controlword: int) -> tuple[Cause, ...]:
-    """The commands that a controlword may mean; none while its fault reset bit is set."""
+    """Return the commands that a controlword may mean; none while its fault reset bit is set."""
     for mask, bits, commands in COMMANDS:
         if controlword & mask == bits:
             return commands
@@ -116,7 +117,7 @@ def commands_of(controlword: int) -> tuple[Cause, ...]:
 
 
 class PowerAutomaton:
-    """The state, and what moves it; every method returns the numbers of the transitions made."""
+    """The state and its transitions; every method returns the numbers of the transitions made."""
 
     def __init__(self) -> None:
         self.state = State.NOT_READY_TO_SWITCH_ON
@@ -125,21 +126,22 @@ class PowerAutomaton:
         self.locked = False
         """Whether the power stage cannot be switched on: transition 2 is not made."""
         self.deferred: Container[int] = ()
-        """Transitions that a controlword only announces; they are made by `complete`."""
+        """Numbers of the transitions that a controlword only announces; `complete` makes them."""
         self.held: Transition | None = None
-        """The one that was announced."""
+        """The announced transition; None when there is none."""
         self._controlword = 0
 
     def start(self) -> tuple[int, ...]:
-        """Power-on: 0 and 1."""
+        """Power on: make transitions 0 and 1."""
         self.state = State.NOT_READY_TO_SWITCH_ON
         self.held = None
         self._controlword = 0
         return self.event(Cause.SELF_TEST_PASSED) + self.event(Cause.INITIALISED)
 
     def controlword(self, value: int) -> tuple[int, ...]:
-        """A controlword was written; it takes back what an earlier one announced, or announces it again."""
+        """Handle a controlword; it cancels a transition that an earlier one announced, or announces it again."""
         self.held = None
+        # A fault is reset by the rising edge of bit 7.
         reset = value & ~self._controlword & FAULT_RESET_BIT
         self._controlword = value
         if reset and (made := self._command(Cause.FAULT_RESET)):
@@ -151,11 +153,11 @@ class PowerAutomaton:
         return ()
 
     def complete(self) -> tuple[int, ...]:
-        """The motor stands: make the transition that was held."""
+        """Make the held transition, as the motor stands."""
         return self._make(self.held) if self.held is not None else ()
 
     def event(self, cause: Cause) -> tuple[int, ...]:
-        """Something happened inside the drive."""
+        """Handle an event inside the drive."""
         transition = _TABLE.get((self.state, cause))
         return self._make(transition) if transition is not None else ()
 

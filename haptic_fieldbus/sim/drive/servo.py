@@ -1,8 +1,8 @@
-"""The drive's power stage and encoder: counts out, torque targets in.
+"""The drive's power stage and encoder: it takes torque targets and returns counts.
 
-Theory: a target that arrives is taken over at the next control tick and held until the next one. Ticks are multiples of
-the control period counted from the end of the last SYNC (from power-on while there was none); a SYNC is a tick itself.
-The encoder counts floor(N·θ/2π + phase + 1/2) in 32 bits; the phase, where within a count the zero lies, is its own.
+Theory: a target that arrives takes effect at the next control tick and is held until the next one. Ticks are multiples
+of the control period counted from the end of the last SYNC (from power-on before the first one); a SYNC is itself a
+tick. The encoder counts floor(N·θ/2π + phase + 1/2) in 32 bits; `phase` is the position of its zero within a count.
 """
 
 import math
@@ -15,12 +15,12 @@ _HALF = 1 << 31
 
 
 class Servo:
-    """Between the drive's firmware and the plant; times in integer nanoseconds."""
+    """The interface between the drive's firmware and the plant; times in integer nanoseconds."""
 
     def __init__(self, plant: Body, *, counts_per_revolution: int, control_period_ns: int, phase: float = 0.0) -> None:
         self.plant = plant
         self.stuck_until_ns = 0
-        """Until then the encoder shows what it showed."""
+        """Until this time the encoder keeps its last counts."""
         self._counts_per_radian = counts_per_revolution / (2 * math.pi)
         self._round = phase + 0.5
         self._offset = 0
@@ -31,7 +31,7 @@ class Servo:
         self._pending = 0.0
 
     def advance(self, t_ns: int) -> None:
-        """Move the plant, taking over the target that waits for a tick on the way."""
+        """Move the plant to `t_ns`; on the way a waiting target takes effect at its tick."""
         if self._pending_ns <= t_ns:
             self.plant.advance(self._pending_ns)
             self._pending_ns = NEVER_NS
@@ -39,23 +39,25 @@ class Servo:
         self.plant.advance(t_ns)
 
     def sync(self, t_ns: int) -> None:
-        """A SYNC ended: the ticks are counted from here."""
+        """Count the control ticks from this SYNC on."""
         self.advance(t_ns)
         self._grid_ns = t_ns
+        # The SYNC is a tick, so a waiting target takes effect now.
         self._pending_ns = min(self._pending_ns, t_ns) if self._pending_ns != NEVER_NS else NEVER_NS
 
     def tick(self, t_ns: int) -> int:
-        """The first control tick at or after `t_ns`."""
+        """Return the first control tick at or after `t_ns`; `t_ns` itself for a drive without control period."""
         if not self._period_ns:
             return t_ns
+        # -(-a // b) is the quotient rounded up, exact for integers.
         return self._grid_ns + -(-(t_ns - self._grid_ns) // self._period_ns) * self._period_ns
 
     def next_tick(self, t_ns: int, period_ns: int) -> int:
-        """The same for loops that need a period even where targets act at once."""
+        """Return the first multiple of `period_ns` at or after `t_ns`, for loops that need a period in every drive."""
         return self._grid_ns + -(-(t_ns - self._grid_ns) // period_ns) * period_ns
 
     def command(self, torque: float, t_ns: int) -> None:
-        """A target [N·m] arrived; it replaces one that still waits."""
+        """Set a new torque target [N·m]; it replaces one that is still waiting."""
         if self._pending_ns <= t_ns:
             self.advance(self._pending_ns)
         self._pending = torque
@@ -68,11 +70,11 @@ class Servo:
         self.plant.set_target(0.0)
 
     def jump(self, counts: int) -> None:
-        """The encoder loses or gains counts from now on."""
+        """Let the encoder lose or gain counts from now on."""
         self._offset += counts
 
     def counts(self) -> int:
-        """What the encoder shows at the plant's present time."""
+        """Return the encoder's counts at the plant's present time, wrapped to 32 bits."""
         plant = self.plant
         if plant.t_ns >= self.stuck_until_ns:
             shown = math.floor(plant.state[0] * self._counts_per_radian + self._round) + self._offset
@@ -80,7 +82,7 @@ class Servo:
         return self._shown
 
     def fine_counts(self) -> float:
-        """The same before rounding, and without end; whole where the shaft stands in the middle of a count."""
+        """Return the counts before rounding and wrapping; whole where the shaft is in the middle of a count."""
         if self.plant.t_ns < self.stuck_until_ns:
             return float(self._shown)
         return self.plant.state[0] * self._counts_per_radian + self._round - 0.5 + self._offset

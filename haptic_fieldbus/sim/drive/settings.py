@@ -1,6 +1,6 @@
-"""What a simulated drive is built from: profile and rig become plant, loops and units.
+"""The parts of a simulated drive, built from profile and rig: plant, loops and units.
 
-What a rig leaves open (inertia, damping, rated torque unknown) is taken from the shipped bench.
+Values that a rig leaves open (inertia, damping, rated torque) are those of the shipped bench.
 """
 
 import math
@@ -21,32 +21,32 @@ from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 
 _RAMP = 0.05
-"""[s]; chosen here."""
+"""Time in which the default ramp reaches the default profile velocity [s]; chosen here."""
 
 
 @dataclass(frozen=True)
 class DriveSettings:
-    """What is neither in profile nor rig; the world draws the random ones from its seed."""
+    """Properties that are neither in the profile nor in the rig; a world draws the random ones from its seed."""
 
     serial: int = 1
     encoder_phase: float = 0.0
-    """[counts], −0.5 to 0.5: where within a count the encoder's zero lies."""
+    """Position of the encoder's zero within a count, −0.5 to 0.5 [counts]."""
     start_delay_ns: int = 0
-    """From power-on to the boot-up message."""
+    """Time from power-on to the boot-up message."""
     reset_ns: int = 20_000_000
-    """The same after a reset."""
+    """Time from a reset to the boot-up message."""
     max_torque_permille: int = 3000
     """6072h, 6073h, 60E0h and 60E1h after power-on [‰ of rated torque]."""
     rated_current: float = 5.0
-    """6075h [A]; assumed, nothing else depends on it."""
+    """6075h [A]; assumed, and used for nothing else."""
     modes: frozenset[int] | None = None
-    """Modes of operation that the drive has, by the numbers of 6060h; the profile's torque mode always, None: all."""
+    """Modes of operation by the numbers of 6060h, None: all; the profile's torque mode is always offered."""
     without: frozenset[int] = frozenset()
-    """Objects of CiA 402-2 that the drive does not show; it works with their power-on values."""
+    """Objects of CiA 402-2 that are not in the dictionary; the drive works with their power-on values."""
     mode_change_ns: int = 0
-    """From the writing of 6060h until 6061h follows; until then the old mode goes on."""
+    """Time from the writing of 6060h until 6061h follows; the old mode stays active until then."""
     following_error_faults: bool = False
-    """Whether a following error is a fault (8611h) and not only bit 13: the standard leaves it open."""
+    """Whether a following error is a fault (8611h) and not only bit 13; the standard leaves this open."""
     sto_error: int = 0
     """Error code of the fault when safe torque off opens while torque is made; 0: no fault, voltage is disabled."""
     position: float = 0.0
@@ -56,7 +56,10 @@ class DriveSettings:
 
 
 def known(axis: RigAxis) -> tuple[float, float, float]:
-    """Inertia [kg·m²], viscous damping [N·m·s/rad] and rated torque [N·m] of the axis, or of the shipped bench."""
+    """Return inertia [kg·m²], viscous damping [N·m·s/rad] and rated torque [N·m] of the axis.
+
+    Unknown values are those of the shipped bench; raises ValueError when that has none.
+    """
     bench = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
     inertia = axis.inertia if axis.inertia is not None else bench.inertia
     damping = axis.viscous_damping if axis.viscous_damping is not None else bench.viscous_damping
@@ -67,13 +70,14 @@ def known(axis: RigAxis) -> tuple[float, float, float]:
 
 
 def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int) -> Body:
-    """Motor, load and hand at the motor shaft, from `t_ns` on; rigid unless the rig asks for more."""
+    """Return motor, load and hand at the motor shaft, from `t_ns` on; a rigid shaft unless the rig has more parts."""
     inertia, damping, _ = known(axis)
     shaft = Shaft(inertia, damping, axis.coulomb_friction, _lag(profile))
     held = grip(hand, axis.mechanism) if hand is not None else None
     position, velocity = settings.position, settings.velocity
     if axis.simulation.is_rigid:
         return Plant(shaft, held, position=position, velocity=velocity, t_ns=t_ns)
+    # Imported here because most rigs are rigid (decision 0007).
     from haptic_fieldbus.sim.mechanics.load import Load
     from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
 
@@ -84,13 +88,13 @@ def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, setting
 
 
 def build_gains(profile: Cia402Profile, axis: RigAxis, tick: float) -> Gains:
-    """Of the drive's own loops [s]."""
+    """Return the gains of the drive's own loops for a control tick [s]."""
     inertia, damping, _ = known(axis)
     return gains(inertia, damping, _lag(profile), tick)
 
 
 def build_units(profile: Cia402Profile, axis: RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
-    """The factor group of this drive, and its own unit of velocity where the profile names one."""
+    """Return the factor group of this drive, with its own unit of velocity if the profile names one."""
     counts_per_radian = axis.encoder_counts_per_revolution / (2 * math.pi)
     unit = _velocity_unit(profile)
     own = velocity_step(unit, axis.encoder_counts_per_revolution) if unit != COUNTS_PER_SECOND else None
@@ -102,7 +106,11 @@ def _velocity_unit(profile: Cia402Profile) -> str:
 
 
 def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettings) -> Defaults:
-    """Ramps that half of rated torque makes with the inertia alone, and the speed they reach in `_RAMP`."""
+    """Return the power-on values that follow from the bench.
+
+    The ramps are the acceleration of the inertia alone by half of rated torque; the profile velocity is the speed that
+    they reach in `_RAMP`.
+    """
     inertia, _, rated = known(axis)
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia * counts / (2 * math.pi)
@@ -117,10 +125,10 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
 
 
 def _whole(value: float) -> int:
-    """In an UNSIGNED32 that can be doubled."""
+    """Return a value rounded into the UNSIGNED32 values whose double is one as well, at least 1."""
     return max(1, min(0x7FFF_FFFF, round(value)))
 
 
 def _lag(profile: DriveProfile) -> float:
-    """Of the torque loop [s]."""
+    """Return the time constant of the torque loop [s]."""
     return 1 / (2 * math.pi * profile.timing.torque_bandwidth)

@@ -1,10 +1,10 @@
-"""The factor group: between counts of the encoder, position and velocity units, and the shaft in SI.
+"""The factor group: conversion between encoder counts, position and velocity units, and the shaft in SI.
 
 Theory (CiA 402-2, 607Eh, 608Fh, 6091h, 6092h). Position [position units] = counts · feed constant / (encoder resolution
-· gear ratio); a velocity unit is one position unit a second, or the one that the drive has of its own (60A9h, r/min and
-parts of it), whatever the factors; an acceleration unit is a position unit a second squared. Bit 7 of
-the polarity turns positions, bit 6 velocities. A drive without feed constant counts on the driving shaft: its feed
-constant is then its encoder resolution.
+· gear ratio). A velocity unit is one position unit a second, or the drive's own unit whatever the factors (60A9h, r/min
+and parts of it). An acceleration unit is a position unit per second squared. Bit 7 of the polarity reverses positions,
+bit 6 velocities. In a drive without feed constant, positions are counts at the driving shaft: the feed constant is its
+encoder resolution.
 """
 
 import math
@@ -19,12 +19,12 @@ _RESOLUTION, _GEAR, _FEED = 0x608F, 0x6091, 0x6092
 
 
 def fit(value: float) -> int:
-    """As an INTEGER32, bounded."""
+    """Return a value rounded and bounded to an INTEGER32."""
     return max(-HALF, min(HALF - 1, round(value)))
 
 
 class Units:
-    """The factors as the objects say; `update` after a change."""
+    """The factors of the objects; call `update` after a change."""
 
     plain: bool
     """Whether a position unit is a count."""
@@ -40,7 +40,10 @@ class Units:
         dictionary: Dictionary,
         velocity_unit: float | None = None,
     ) -> None:
-        """`table`: the factors by index and sub-index; `velocity_unit` [rad/s]: that of a drive with one of its own."""
+        """Take the factors from `table`, by index and sub-index.
+
+        `velocity_unit` [rad/s] is the drive's own unit of velocity, None when it follows from the factors.
+        """
         self.counts_per_radian = counts_per_radian
         self._velocity_unit = velocity_unit
         self._polarity = table[0x607E, 0]
@@ -50,7 +53,7 @@ class Units:
         self.update()
 
     def update(self) -> None:
-        """Take over the objects; a factor of 0 counts as 1."""
+        """Take over the values of the objects; a factor of 0 counts as 1."""
         feed_constant = self._feed if _FEED in self._dictionary else self._resolution
         (counts, turns), (motor, shaft), (feed, per) = (
             (pair[0].value or 1, pair[1].value or 1) for pair in (self._resolution, self._gear, feed_constant)
@@ -64,14 +67,15 @@ class Units:
         self.speed = math.copysign(self._velocity_unit or self.angle, -1 if polarity & _VELOCITY_POLARITY else 1)
 
     def position(self, counts: int) -> int:
-        """Counts as position units, rounded, in 32 bits."""
+        """Return counts as position units, rounded and wrapped to 32 bits."""
+        # Rounding to the nearest in integers: floor(x + 1/2), without the rounding of a float.
         numerator = 2 * counts * self._numerator + self._denominator
         return (numerator // (2 * self._denominator) + HALF) % WRAP - HALF
 
     def counts(self, position: int) -> int:
-        """The nearest count to a position."""
+        """Return the count nearest to a position in position units."""
         return round(position * self._denominator / self._numerator)
 
     def velocity(self, speed: float) -> int:
-        """Speed of the shaft [rad/s] in velocity units, bounded."""
+        """Return a speed of the shaft [rad/s] in velocity units, bounded to an INTEGER32."""
         return fit(speed / self.speed)

@@ -1,1 +1,1 @@
-"""What turns, followed exactly between events: how a shaft moves, and what a rig may hang on it."""
+"""The mechanics of a motor shaft, followed exactly between events: a rigid shaft, and the load that a rig may add."""

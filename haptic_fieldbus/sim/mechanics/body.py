@@ -1,6 +1,6 @@
-"""What turns at the motor shaft, seen from the drive and from the hand; `plant` and `loaded_plant` move it.
+"""The motor shaft as the drive and the hand see it; `plant` and `loaded_plant` implement its motion.
 
-Everything at the motor shaft, SI; `t_ns` is the body's own time.
+All quantities are at the motor shaft, SI; `t_ns` is the body's own time.
 """
 
 from abc import ABC, abstractmethod
@@ -12,16 +12,16 @@ from haptic_fieldbus.sim.mechanics.trajectory import Recorder
 
 
 class Body(ABC):
-    """A shaft, perhaps held by a hand; moves when told to."""
+    """A shaft, with or without a hand; it moves when `advance` is called."""
 
     t_ns: int
     state: State
-    """Begins with the nine of `motion`."""
+    """The nine states of `motion`, in their order, then any further states."""
     recorder: Recorder
     _grip: Grip | None
 
     def __init__(self, t_ns: int, state: State, recorded: int) -> None:
-        """`recorded`: how many states are kept of each segment."""
+        """Start at `t_ns`; `recorded` is the number of states kept of each segment."""
         self.t_ns = t_ns
         self.state = state
         self.recorder = Recorder(recorded)
@@ -29,35 +29,37 @@ class Body(ABC):
 
     @property
     def position(self) -> float:
-        """Shaft angle [rad]."""
+        """Return the shaft angle [rad]."""
         return self.state[ANGLE]
 
     @property
     def velocity(self) -> float:
-        """[rad/s]"""
+        """Return the shaft speed [rad/s]."""
         return self.state[SPEED]
 
     @property
     def torque(self) -> float:
-        """Motor torque after the torque loop [N·m]."""
+        """Return the motor torque after the torque loop [N·m]."""
         return self.state[TORQUE]
 
     def set_target(self, torque: float) -> None:
-        """What the torque loop follows from now on [N·m]."""
+        """Set the target of the torque loop [N·m] from now on."""
         self.recorder.target(self.t_ns, torque)
+        # A repeated target is recorded, but starts no new segment of motion.
         if torque != self.state[TARGET]:
             self._continue((*self.state[:TARGET], torque, *self.state[TARGET + 1 :]))
 
     def start_hand(self) -> None:
-        """The hand's clock starts now."""
+        """Start the hand's clock now; without a hand, do nothing."""
         if self._grip is not None:
             self._agenda.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in self._grip.pieces)
             if self._grip.release is not None:
                 self._agenda.append((self.t_ns + round(self._grip.release * 1e9), None))
+            # A piece at 0 s begins at once.
             self.advance(self.t_ns)
 
     def advance(self, t_ns: int) -> None:
-        """Move to `t_ns`, which is not before the body's own time."""
+        """Move to `t_ns`, which must not be before the body's own time."""
         while self._agenda and self._agenda[0][0] <= t_ns:
             at_ns, piece = self._agenda.popleft()
             self._move(at_ns)
@@ -65,7 +67,7 @@ class Body(ABC):
         self._move(t_ns)
 
     def _begin(self, piece: Piece | None) -> None:
-        """A new piece of the hand's force, or (None) the hand lets go."""
+        """Begin a new piece of the hand's force; None: the hand lets go."""
         if piece is not None:
             self._continue((*self.state[:FORCE], piece.force, piece.slope, *self.state[TARGET:]))
         else:
@@ -74,12 +76,12 @@ class Body(ABC):
 
     @abstractmethod
     def _hold(self, grip: Grip | None) -> None:
-        """The modes of motion with this hand, or with none."""
+        """Set the modes of motion for this hand; None: no hand."""
 
     @abstractmethod
     def _continue(self, state: State) -> None:
-        """Go on from here in the same mode, with another target or another force of the hand."""
+        """Continue from this state in the same mode, with another target or another force of the hand."""
 
     @abstractmethod
     def _move(self, t_ns: int) -> None:
-        """Move to `t_ns`; nothing changes from outside until then."""
+        """Move to `t_ns` without any change from outside."""

@@ -1,11 +1,12 @@
 """A linear motion ż = A z, followed exactly over any time.
 
-Theory: over whole nanoseconds z moves by the matrix exponential, kept for each span. Any other span is a sum of powers
-of two of a nanosecond, whose exponentials are kept as well, and a rest shorter than a nanosecond (for many states at
-once: than `quantum_ns`), over which the Taylor series of the exponential converges to rounding in a few terms (in a
-dozen). The same series, projected on a linear form p·z + p0, is a polynomial in time: that is how the instant is found
-at which the form becomes negative.
-Inside, times are nanoseconds and A is per nanosecond.
+Theory: over whole nanoseconds, z moves by the matrix exponential, which is cached for each span. Any other span is
+split into powers of two of a nanosecond, whose exponentials are cached too, and a rest shorter than a nanosecond. Over
+the rest, a few terms of the Taylor series of the exponential are exact to rounding. For many states at once, the split
+ends at `quantum_ns`, and the series needs a dozen terms. The same series, projected on a linear form p·z + p0, is a
+polynomial in time; its sign gives the instant at which the form becomes negative.
+
+Inside, times are in nanoseconds and A is per nanosecond.
 """
 
 import math
@@ -16,28 +17,35 @@ from haptic_fieldbus.numerics.exact import expm
 from haptic_fieldbus.numerics.linear import Matrix
 
 MAX_TRANSITIONS = 4096
+"""Matrices that one cache holds; it is emptied when full."""
 _TERMS = 16
-"""Of the Taylor series; at a rate of 1/4 a quantum the first one left out is below 1e-22."""
+"""Terms of the Taylor series; at a rate of 1/4 per quantum the first omitted term is below 1e-22."""
+# Enough for the last bit of a float: 2⁻⁶⁰ of the bracket.
 _BISECTIONS = 60
 _BLOCK = 256
-"""Rows that are multiplied at once: they stay in the cache, and the matrix library does it in one thread, so that the
-result does not depend on the machine's load and does not wait for it."""
+"""Rows that are multiplied at once.
+
+A block of them stays in the cache, and the matrix library multiplies it in one thread. So the result does not depend on
+the load of the machine and does not wait for other threads.
+"""
 
 
 class Flow:
-    """One mode of motion; `a` in 1/s, shape (n, n)."""
+    """One mode of motion, ż = A z, with `a` of shape (n, n) in 1/s."""
 
     def __init__(self, a: Matrix, rate: float = 0.0) -> None:
-        """`rate` [1/s]: of changes that the eigenvalues of `a` do not show."""
+        """Prepare the motion; `rate` [1/s] is that of changes that the eigenvalues of `a` do not show."""
         self.a = a * 1e-9
         fastest = max(float(np.abs(np.linalg.eigvals(self.a)).max()), rate * 1e-9)
+        # The largest power of two of a nanosecond whose product with the fastest rate is at most 1/4.
         self._smallest = max(0, int(np.floor(np.log2(0.25 / fastest)))) if fastest > 0 else 20
         self.quantum_ns = float(1 << self._smallest)
+        # Over less than a nanosecond the k-th term is below fastest^k/k!; terms below 1e-20 are omitted.
         self._rest_terms = next((k for k in range(2, _TERMS) if fastest**k < math.factorial(k) * 1e-20), _TERMS)
         self._transitions: dict[int, Matrix] = {}
 
     def transition(self, span_ns: int) -> Matrix:
-        """exp(A·span), (n, n)."""
+        """Return exp(A·span), shape (n, n), for a span of whole nanoseconds."""
         matrix = self._transitions.get(span_ns)
         if matrix is None:
             if len(self._transitions) >= MAX_TRANSITIONS:
@@ -46,7 +54,7 @@ class Flow:
         return matrix
 
     def advance(self, z: Matrix, span_ns: float) -> Matrix:
-        """The state after a span ≥ 0 [ns], not necessarily whole; z (n,)."""
+        """Return the state after a span ≥ 0 [ns], which need not be whole; `z` has shape (n,)."""
         whole = int(span_ns)
         rest = span_ns - whole
         for power in range(whole.bit_length()):
@@ -60,7 +68,7 @@ class Flow:
         return z
 
     def advance_many(self, states: Matrix, spans_ns: Matrix) -> Matrix:
-        """Each state after its own span ≥ 0; states (m, n), spans (m,)."""
+        """Return each state after its own span ≥ 0 [ns]; `states` has shape (m, n), `spans_ns` (m,)."""
         states = states.copy()
         whole = np.floor(spans_ns / self.quantum_ns).astype(np.int64)
         rest = spans_ns - whole * self.quantum_ns
@@ -71,7 +79,7 @@ class Flow:
         return self._taylor(states, rest)
 
     def _taylor(self, states: Matrix, spans_ns: Matrix) -> Matrix:
-        """Each state after its own span, shorter than a quantum; in place, by blocks that stay in the cache."""
+        """Advance each state by its own span, shorter than a quantum; in place, by blocks that stay in the cache."""
         transposed = self.a.T
         for first in range(0, len(states), _BLOCK):
             rows = slice(first, first + _BLOCK)
@@ -84,15 +92,17 @@ class Flow:
         return states
 
     def first_negative(self, z: Matrix, span_ns: float, form: Matrix, offset: float) -> float | None:
-        """When form·z + offset first becomes negative within the span [ns]; None when it does not.
+        """Return the time [ns] at which form·z + offset first becomes negative; None when it does not within the span.
 
-        It is not negative at the start. Found are a change of sign and a dip between two positive ends, told by the
-        sign of its rate; a form whose rate changes sign twice within the span may hide one.
+        The value must not be negative at the start; `z` and `form` have shape (n,). A change of sign is found, and so
+        is a dip between two positive ends, from the signs of the rate there. If the rate changes sign twice within the
+        span, a dip may be missed.
         """
         return self._search(z, self.advance(z, span_ns), span_ns, form, offset)
 
     def _search(self, z: Matrix, end: Matrix, span_ns: float, form: Matrix, offset: float) -> float | None:
-        """`first_negative` between two states; cut at powers of two, whose transitions are at hand."""
+        """Search as `first_negative` between two states; halve at powers of two, whose transitions are cached."""
+        # Nothing to find: not negative at the end and, by the signs of the rate, no minimum inside.
         rate = form @ self.a
         if form @ end + offset >= 0.0 and not (rate @ z < 0.0 < rate @ end):
             return None
@@ -107,7 +117,7 @@ class Flow:
         return None if late is None else cut_ns + late
 
     def _series(self, z: Matrix, form: Matrix, offset: float) -> list[float]:
-        """Coefficients of form·exp(A·h)·z + offset in h [ns]."""
+        """Return the coefficients of form·exp(A·h)·z + offset as a polynomial in h [ns]."""
         term = z
         coefficients = [float(form @ z) + offset]
         for k in range(1, _TERMS):
@@ -117,7 +127,7 @@ class Flow:
 
 
 def moved(states: Matrix, transition: Matrix) -> Matrix:
-    """Each of the states (m, n) after the same transition (n, n)."""
+    """Return each of the states (m, n) after the same transition (n, n); the result has shape (m, n)."""
     after = np.empty_like(states)
     for first in range(0, len(states), _BLOCK):
         rows = slice(first, first + _BLOCK)
@@ -126,7 +136,7 @@ def moved(states: Matrix, transition: Matrix) -> Matrix:
 
 
 def _first_negative(series: list[float], span_ns: float) -> float | None:
-    """First instant at which the polynomial is negative; its rate changes sign at most once."""
+    """Return the first time at which the polynomial is negative; its rate changes sign at most once."""
     if _value(series, span_ns) < 0.0:
         return _crossing(series, 0.0, span_ns)
     slope = [k * coefficient for k, coefficient in enumerate(series)][1:]
@@ -135,7 +145,10 @@ def _first_negative(series: list[float], span_ns: float) -> float | None:
 
 
 def _crossing(series: list[float], low: float, high: float) -> float:
-    """The end of the last bracket of a bisection: not negative before it, negative at it, to 2⁻⁶⁰ of the span."""
+    """Return the time of the sign change by bisection, to 2⁻⁶⁰ of the span.
+
+    The polynomial is negative at the returned time, and was not negative at the last lower bound.
+    """
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         if _value(series, middle) < 0.0:

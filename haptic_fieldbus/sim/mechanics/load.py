@@ -1,16 +1,17 @@
-"""What a rig may ask beyond a rigid shaft, as linear systems and as torques that are not linear.
+"""The parts that a rig may add to a rigid shaft, as linear systems and as nonlinear torques.
 
 The nine states of `motion` are followed by a constant one, the twist ψ = θ − θ_L of the coupling and the speed ω_L of
-the load behind it. Motor J_m and load J_L share the inertia of the axis; hand and weight hold on to the load:
+the load behind it. Motor J_m and load J_L share the inertia of the axis; hand and weight act on the load:
 
     J_m·ω'   = τ + c − b·ω − T + n_m          ψ' = ω − ω_L
     J_L·ω_L' = T + k_h·δ + d_h·(ν − ω_L) + G + n_L          δ' = ν − ω_L
 
 Coupling, on the flank σ = ±1 of a backlash β: T = k·(ψ − σ·β/2) + d·(ω − ω_L), which never pulls. Contact ends where
-σ·T falls to zero; it begins where the flanks meet, or where σ·T rises from zero while they still overlap. In between
-T = 0. Without backlash there is one flank, and it also pulls. Without coupling motor and load are one.
+σ·T falls to zero. It begins where the flanks meet, or where σ·T rises from zero while they still overlap. In between T
+= 0. Without backlash there is one flank, and it also pulls. Without a coupling, motor and load are one body.
 
-Not linear are n_m (cogging, Stribeck) and n_L (a weight on a lever). Everything at the motor shaft, SI.
+The nonlinear torques are n_m (cogging, Stribeck) and n_L (a weight on a lever). All quantities are at the motor shaft,
+SI.
 """
 
 import math
@@ -41,7 +42,7 @@ ORDER = motion.ORDER + 3
 
 @dataclass(frozen=True)
 class Load:
-    """Shaft and optional parts; `lever`: handle per motor angle, signed, None of a linear mechanism."""
+    """Shaft and optional parts; `lever` is the signed ratio of handle to motor angle, None for a linear mechanism."""
 
     shaft: Shaft
     mechanics: Mechanics
@@ -49,39 +50,43 @@ class Load:
 
     @property
     def motor_inertia(self) -> float:
-        """[kg·m²], of all where nothing gives way."""
+        """Return the inertia on the motor's side of the coupling [kg·m²]; without a coupling, all of it."""
         coupling = self.mechanics.coupling
         return self.shaft.inertia - (coupling.load_inertia if coupling is not None else 0.0)
 
     @property
     def load_inertia(self) -> float:
-        """[kg·m²] of what the hand holds."""
+        """Return the inertia of the part that the hand holds [kg·m²]."""
         coupling = self.mechanics.coupling
         return self.shaft.inertia if coupling is None else coupling.load_inertia
 
     @property
     def held(self) -> int:
-        """The state that is the speed of what the hand holds."""
+        """Return the index of the state that is the speed of the part that the hand holds."""
         return SPEED if self.mechanics.coupling is None else LOAD_SPEED
 
     @property
     def half_play(self) -> float:
-        """[rad]"""
+        """Return half of the backlash [rad]; 0 without one."""
         coupling = self.mechanics.coupling
         return coupling.backlash / 2 if coupling is not None else 0.0
 
     @property
     def breakaway(self) -> float:
-        """The torque that standing friction can hold [N·m]."""
+        """Return the largest torque that friction can hold at standstill [N·m]."""
         stribeck = self.mechanics.stribeck
         return self.shaft.coulomb + (stribeck.torque if stribeck is not None else 0.0)
 
     def system(self, grip: Grip | None, *, sticking: bool, flank: int) -> Matrix:
-        """The linear part, (12, 12) in 1/s; flank ±1 (0: the coupling is open; 1 where there is no backlash)."""
+        """Return the linear part, shape (12, 12) in 1/s.
+
+        `flank` is ±1, 0 while the coupling is open, and 1 where there is no backlash.
+        """
         a = np.zeros((ORDER, ORDER))
         a[TORQUE, TARGET], a[TORQUE, TORQUE] = 1 / self.shaft.lag, -1 / self.shaft.lag
         if not sticking:
             a[ANGLE, SPEED] = 1.0
+            # A sticking shaft does not move; the coupling and the hand still do.
             a[SPEED] = self._acting(grip, flank) / self.motor_inertia
             a[SPEED, SPEED] -= self.shaft.damping / self.motor_inertia
             a[SPEED, FRICTION] = 1 / self.motor_inertia
@@ -96,28 +101,29 @@ class Load:
         return a
 
     def coupling_torque(self, flank: int) -> Matrix:
-        """T as a form of the states, (12,)."""
+        """Return T as a form of the states, shape (12,)."""
         form = np.zeros(ORDER)
         coupling = self.mechanics.coupling
         if coupling is not None and flank:
+            # The constant state carries the offset of the flank.
             form[TWIST], form[ONE] = coupling.stiffness, -flank * coupling.stiffness * self.half_play
             form[SPEED], form[LOAD_SPEED] = coupling.damping, -coupling.damping
         return form
 
     def pull(self, grip: Grip | None, flank: int) -> Matrix:
-        """What acts on the motor at rest, friction and the torques that are not linear apart, (12,)."""
+        """Return the torque on the motor at rest as a form, shape (12,), without friction and nonlinear torques."""
         form = self._acting(grip, flank)
         form[SPEED] = 0.0
         return form
 
     def _acting(self, grip: Grip | None, flank: int) -> Matrix:
-        """What acts on the motor, its own friction and the torques that are not linear apart, (12,)."""
+        """Return the torque on the motor as a form, shape (12,), without its own friction and nonlinear torques."""
         form = self._on_load(grip) if self.mechanics.coupling is None else -self.coupling_torque(flank)
         form[TORQUE] = 1.0
         return form
 
     def _on_load(self, grip: Grip | None) -> Matrix:
-        """What hand and constant weight do to the load, (12,)."""
+        """Return the torque of hand and constant weight on the load as a form, shape (12,)."""
         form = np.zeros(ORDER)
         if grip is not None:
             form += _hand(grip, self.held)
@@ -128,14 +134,14 @@ class Load:
 
 
 def _hand(grip: Grip, held: int) -> Matrix:
-    """What the hand's spring and damper do to what it holds, (12,)."""
+    """Return the torque of the hand's spring and damper on the part that it holds as a form, shape (12,)."""
     form = np.zeros(ORDER)
     form[STRETCH], form[HAND_SPEED], form[held] = grip.stiffness, grip.damping, -grip.damping
     return form
 
 
 class Torques:
-    """The torques that are not linear, of a shaft that slips in a direction or sticks (0)."""
+    """The nonlinear torques of a load."""
 
     def __init__(self, load: Load) -> None:
         self._load = load
@@ -144,15 +150,19 @@ class Torques:
         on_load = parts.gravity is not None and load.lever is not None
         rows = [SPEED] * on_motor + [load.held] * on_load
         self.rows = tuple(dict.fromkeys(rows))
-        """The speeds on which they act, each once."""
+        """Indices of the speeds on which they act, each once."""
         self.inertias = tuple(load.motor_inertia if row == SPEED else load.load_inertia for row in self.rows)
         self.scale = self._scale()
-        """Largest torque [N·m]."""
+        """Sum of the largest torques [N·m]."""
         self.fineness = self._fineness()
-        """Largest angular frequency along the shaft's angle."""
+        """Largest angular frequency of the torques along the shaft's angle [rad/rad]."""
 
     def at(self, angle: Matrix, speed: Matrix, handle: Matrix, direction: int) -> Matrix:
-        """On each of `rows` [N·m] at m instants, (rows, m); `handle` is the angle of the load at the motor shaft."""
+        """Return the torques on each of `rows` [N·m] at m instants, shape (len(rows), m).
+
+        `angle`, `speed` and `handle` have shape (m,); `handle` is the angle of the load at the motor shaft. `direction`
+        is that in which the shaft slips, 0 while it sticks.
+        """
         torques = np.zeros((len(self.rows), len(angle)))
         parts, lever = self._load.mechanics, self._load.lever
         if parts.cogging is not None:

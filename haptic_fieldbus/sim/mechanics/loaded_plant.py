@@ -1,13 +1,13 @@
-"""The shaft of a rig that asks for more than a rigid one: coupling, backlash, weight, cogging, Stribeck friction.
+"""A shaft with more than a rigid load: coupling, backlash, weight, cogging, Stribeck friction.
 
-Theory: the motion is a chain of legs. On each the law stays the same: the shaft slips in one direction or sticks, the
-coupling is on one flank or open. What is linear is followed exactly, the other torques within `leg.TOLERANCE`; the
-length of a leg is halved until they are. A leg ends at its length, or where a reversal, a breakaway, or a flank that
-meets or parts is found on it; a new target or force of the hand cuts it short. How often the shaft is looked at changes
-nothing: looking is following the leg from its start.
+Theory: the motion is a chain of legs. The law does not change on a leg: the shaft slips in one direction or sticks, the
+coupling is on one flank or open. The linear part is followed exactly, the nonlinear torques within `leg.TOLERANCE`; the
+length of a leg is halved until they are. A leg ends at its length, or earlier where a reversal, a breakaway, or a flank
+that meets or parts is found on it; a new target or force of the hand cuts it short. Reading the shaft does not change
+its motion, because each reading follows the leg from its start.
 
-A reversal could hide only in an oscillation faster than the ten nodes of a leg can show, and legs are short enough for
-all the frequencies that the linear part has. Everything at the motor shaft, SI; `t_ns` is the plant's own time.
+A reversal could be missed only in an oscillation faster than the ten nodes of a leg can show, and legs are short enough
+for all frequencies of the linear part. All quantities are at the motor shaft, SI; `t_ns` is the plant's own time.
 """
 
 import numpy as np
@@ -21,24 +21,26 @@ from haptic_fieldbus.sim.mechanics.motion import ANGLE, FRICTION, SPEED, TORQUE,
 
 _LONGEST_NS = 1 << 22
 _HALVINGS = 18
-"""The shortest leg, 16 ns, is taken as it comes."""
+"""Halvings of the shortest leg, 16 ns, which is used whatever its error."""
 _UNBOUNDED_NS = 1 << 40
-"""Where nothing ends a leg."""
+"""Length of a leg that nothing ends."""
 _PHASE = 6.0
-"""[rad] of the fastest oscillation on one leg."""
+"""Largest phase of the fastest oscillation on one leg [rad]."""
 _MAX_EVENTS = 100
-"""In succession within `_LONGEST_NS`; after that one leg is followed without looking for more."""
+"""Events in succession within `_LONGEST_NS` after which one leg is followed without looking for more."""
+# A shaft at exactly its limit must not switch between sticking and slipping by rounding.
 _BREAKAWAY = 1.0 + 1e-12
 _SPEED, _PULL, _TWIST, _SPRING = range(4)
-"""Rows that are watched: ω, what pulls a shaft at rest, ψ, and k·ψ + d·(ω − ω_L)."""
+"""Indices of the watched forms: ω, the pull on a shaft at rest, ψ, and k·ψ + d·(ω − ω_L)."""
 
 
 class LoadedPlant(Body):
-    """A shaft with a load, perhaps held by a hand; moves when told to."""
+    """A shaft with a load, with or without a hand; it moves when `advance` is called."""
 
     def __init__(
         self, load: Load, grip: Grip | None, *, position: float = 0.0, velocity: float = 0.0, t_ns: int = 0
     ) -> None:
+        # The load moves with the motor at first.
         behind = 0.0 if load.mechanics.coupling is None else velocity
         state = (position, velocity, 0.0, 0.0, velocity if grip else 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, behind)
         self._load = load
@@ -46,7 +48,7 @@ class LoadedPlant(Body):
         super().__init__(t_ns, state, ORDER + TERMS * len(self._torques.rows))
         self._flank = 0 if load.half_play else 1
         self._parting = 0
-        """The flank, of an open coupling, that overlaps still while it parts faster than its spring."""
+        """Flank of an open coupling that still overlaps, because it parts faster than its spring follows; else 0."""
         self._direction = 1
         self._halvings = 0
         self._event: LegWatch | None = None
@@ -82,7 +84,7 @@ class LoadedPlant(Body):
     # Legs.
 
     def _begin_leg(self, begin_ns: int, offset_ns: float) -> None:
-        """From `state` on, at this time."""
+        """Begin a leg from `state` at this time."""
         self._begin_ns, self._offset_ns = begin_ns, offset_ns
         self._leg, self._z = self._long_enough()
         found = self._leg.first(self._z, self._watches()) if self._may_change(begin_ns + offset_ns) else None
@@ -90,9 +92,10 @@ class LoadedPlant(Body):
         self.recorder.segment(begin_ns, offset_ns, self._leg.flow, tuple(self._z.tolist()))
 
     def _end_leg(self) -> None:
-        """At its length, or with an event."""
+        """End the leg at its length or at its event, and begin the next one."""
         z = self._leg.flow.advance(self._z, self._span_ns)
         end_ns = self._offset_ns + self._span_ns
+        # Whole and fractional nanoseconds are kept apart, because their sum would lose digits.
         whole_ns = int(end_ns)
         self.state = self._state(z)
         if self._event is not None:
@@ -101,7 +104,7 @@ class LoadedPlant(Body):
         self._begin_leg(self._begin_ns + whole_ns, end_ns - whole_ns)
 
     def _long_enough(self) -> tuple[Leg, Matrix]:
-        """The longest leg on which the torques are what they should be, a little longer than the last one at most."""
+        """Return the longest leg on which the torques are accurate, at most twice the last one, and its start."""
         halvings = max(self._halvings, self._fewest)
         while True:
             leg = self._leg_of(halvings)
@@ -109,6 +112,7 @@ class LoadedPlant(Body):
             if off <= 1.0 or halvings >= _HALVINGS:
                 break
             halvings += 1
+        # Doubling the length multiplies the error by about 2^TERMS, so try it only when that leaves it permitted.
         self._halvings = halvings - 1 if off < 0.5**TERMS else halvings
         return leg, z
 
@@ -132,7 +136,7 @@ class LoadedPlant(Body):
         return bool(self._load.breakaway or self._load.half_play or self._torques.rows)
 
     def _fewest_halvings(self) -> int:
-        """So that the fastest oscillation turns by `_PHASE` at most on a leg."""
+        """Return the number of halvings for which the fastest oscillation turns by at most `_PHASE` on a leg."""
         systems = [self._load.system(self._grip, sticking=s, flank=f) for s in (False, True) for f in (0, 1)]
         fastest = float(np.abs(np.linalg.eigvals(np.array(systems)).imag).max())
         turns = fastest * _LONGEST_NS * 1e-9 / _PHASE
@@ -141,7 +145,7 @@ class LoadedPlant(Body):
     # Events.
 
     def _watches(self) -> list[LegWatch]:
-        """What ends a leg."""
+        """Return the watches that end a leg under the present law."""
         watches = []
         if self._load.breakaway:
             if self._direction:
@@ -156,22 +160,24 @@ class LoadedPlant(Body):
                 return [*watches, LegWatch(_SPRING, self._flank, -preload)]
             for flank in (1, -1):
                 if self._parting == flank:
+                    # Overlapping flanks touch again when the spring pushes, or have parted when the overlap is gone.
                     watches += [LegWatch(_SPRING, -flank, preload), LegWatch(_TWIST, flank, -half)]
                 else:
                     watches.append(LegWatch(_TWIST, -flank, half))
         return watches
 
     def _may_change(self, now_ns: float) -> bool:
-        """Whether events are looked for: not after too many of them in too short a time."""
+        """Return whether events are looked for: not after too many of them in too short a time."""
         while self._events and self._events[0] < now_ns - _LONGEST_NS:
             self._events.pop(0)
         return len(self._events) < _MAX_EVENTS
 
     def _change(self, event: LegWatch) -> None:
-        """Another law: friction or coupling."""
+        """Change the law of friction or of the coupling after an event."""
         if event.row in (_SPEED, _PULL):
             self._from_rest()
             return
+        # The contact has ended; the flanks may still overlap then, if the damper pulled.
         if self._flank:
             overlap = self._flank * self.state[TWIST] - self._load.half_play
             self._parting = self._flank if overlap > 0.0 else 0
@@ -185,7 +191,7 @@ class LoadedPlant(Body):
             self._from_rest()
 
     def _from_rest(self) -> None:
-        """The shaft stands: it sticks, or goes where it is pulled."""
+        """Decide, at standstill, whether the shaft sticks or slips in the direction of the pull."""
         self.state = (self.state[ANGLE], 0.0, *self.state[TORQUE:])
         pull = float(self._pull[self._flank] @ self.state)
         if self._torques.rows and self._torques.rows[0] == SPEED:

@@ -1,4 +1,4 @@
-"""The modes of motion of the shaft, each a linear system: slipping or sticking, held by a hand or not.
+"""The modes of motion of the shaft, each a linear system: slipping or sticking, with a hand or without.
 
 States: shaft angle θ and speed ω, motor torque τ, stretch δ = φ_h − θ of the hand's spring and the hand's speed ν, the
 hand's force f and its slope g, the target u of the torque loop and the friction torque c:
@@ -6,7 +6,7 @@ hand's force f and its slope g, the target u of the torque loop and the friction
     θ' = ω          ω' = (τ + c − b·ω + k·δ + d·(ν − ω)) / J         τ' = (u − τ) / T
     δ' = ν − ω      ν' = (f − k·δ − d·(ν − ω)) / m                   f' = g,  g' = −Ω²·f
 
-Sticking, θ and ω stand still and the rest goes on. Everything at the motor shaft, SI.
+While sticking, θ and ω are constant and the other equations hold. All quantities are at the motor shaft, SI.
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,10 @@ from haptic_fieldbus.sim.mechanics.flow import MAX_TRANSITIONS, Flow
 ANGLE, SPEED, TORQUE, STRETCH, HAND_SPEED, FORCE, SLOPE, TARGET, FRICTION = range(9)
 ORDER = 9
 State = tuple[float, ...]
-"""All nine, in this order."""
+"""All states, the nine of this module first, in this order."""
 
 _COUPLED = (SPEED, TORQUE, STRETCH, HAND_SPEED, FORCE, SLOPE, TARGET, FRICTION)
+# Entries of the transition matrix that may be neither 0 nor 1, in the order in which `_held` and `_free` unpack them.
 _HELD_ENTRIES = (
     *((row, column) for row in (ANGLE, SPEED, STRETCH, HAND_SPEED) for column in _COUPLED),
     *((TORQUE, TORQUE), (TORQUE, TARGET), (FORCE, FORCE), (FORCE, SLOPE), (SLOPE, FORCE), (SLOPE, SLOPE)),
@@ -35,7 +36,7 @@ _FREE_ENTRIES = (
 
 @dataclass(frozen=True)
 class Shaft:
-    """Motor, load and torque loop at the motor shaft [kg·m², N·m·s/rad, N·m, s]."""
+    """Inertia [kg·m²], viscous damping [N·m·s/rad], Coulomb friction [N·m] and lag of the torque loop [s]."""
 
     inertia: float
     damping: float
@@ -44,7 +45,7 @@ class Shaft:
 
 
 class Motion:
-    """One mode; `step` is the work of every period, in plain floats on the entries that are not zero."""
+    """One mode of motion; `step` is the work of every period, in plain floats on the entries that are not zero."""
 
     def __init__(self, shaft: Shaft, grip: Grip | None, *, sticking: bool) -> None:
         self.flow = Flow(_matrix(shaft, grip, sticking))
@@ -53,9 +54,10 @@ class Motion:
         self._tables: dict[int, tuple[float, ...]] = {}
 
     def step(self, state: State, span_ns: int) -> State:
-        """The state after a whole number of nanoseconds."""
+        """Return the state after a whole number of nanoseconds."""
         table = self._tables.get(span_ns)
         if table is None:
+            # The spans of a run repeat, so the cache rarely fills.
             if len(self._tables) >= MAX_TRANSITIONS:
                 self._tables.clear()
             transition = self.flow.transition(span_ns)

@@ -1,12 +1,13 @@
-"""Motor shaft, friction and hand, followed exactly between events; `loaded_plant` is for all that a rig may ask beyond.
+"""Motor shaft, friction and hand, followed exactly between events; `loaded_plant` has the further parts of a rig.
 
-Theory: with a constant target the shaft moves linearly while it *slips* in one direction s (friction −fc·s) and while
-it *sticks*. It sticks when it comes to rest with |pull| ≤ fc, the pull being what acts on it at rest, friction apart;
-it slips again when the pull exceeds fc (by one part in 1e12, so that rounding cannot make it hesitate). The instants of
-both are found inside a step: a change of sign always, a dip where the tangent at the start of the step allows one. A
-step lasts 1 ms at most when there is Coulomb friction, so only an oscillation above some 500 Hz could hide a reversal.
+Theory: with a constant target the motion is linear while the shaft *slips* in one direction s (friction −fc·s) and
+while it *sticks*. The pull is the torque on the shaft at rest, friction apart. The shaft sticks when it comes to rest
+with |pull| ≤ fc. It slips again when the pull exceeds fc by one part in 1e12, so that rounding cannot make it switch
+back and forth. The instants of both are found inside a step: a change of sign always, a dip where the tangent at the
+start of the step allows one. With Coulomb friction a step lasts at most 1 ms, so only an oscillation above some 500 Hz
+could hide a reversal.
 
-Everything at the motor shaft, SI; `t_ns` is the plant's own time.
+All quantities are at the motor shaft, SI; `t_ns` is the plant's own time.
 """
 
 import numpy as np
@@ -32,12 +33,12 @@ from haptic_fieldbus.sim.mechanics.motion import (
 
 MAX_STEP_NS = 1_000_000
 _MAX_EVENTS = 100
-"""In one step; after that the mode is kept to the step's end."""
+"""Events in one step after which the mode is kept to the end of the step."""
 _BREAKAWAY = 1.0 + 1e-12
 
 
 class Plant(Body):
-    """A rigid shaft, perhaps held by a hand; moves when told to."""
+    """A rigid shaft, with or without a hand; it moves when `advance` is called."""
 
     def __init__(
         self, shaft: Shaft, grip: Grip | None, *, position: float = 0.0, velocity: float = 0.0, t_ns: int = 0
@@ -73,23 +74,25 @@ class Plant(Body):
     def _step(self, span_ns: int) -> None:
         before = self.state
         after = self._motion.step(before, span_ns)
+        # Without Coulomb friction the mode never changes; with it, most steps end at this cheap test.
         if self._coulomb and self._may_switch(before, after, span_ns * 1e-9):
             after = self._through_events(before, after, span_ns)
         self.state = after
         self.t_ns += span_ns
 
     def _pull(self, state: State) -> float:
-        """Torque on the shaft at rest, friction apart [N·m]."""
+        """Return the torque on the shaft at rest, friction apart [N·m]."""
         return state[TORQUE] + self._stiffness * state[STRETCH] + self._damping * state[HAND_SPEED]
 
     def _may_switch(self, before: State, after: State, span: float) -> bool:
-        """Whether an event inside the step is possible."""
+        """Return whether an event inside the step is possible."""
         direction = self._direction
         if direction:
             speed = before[SPEED]
             drag = (self._shaft.damping + self._damping) * speed
             acceleration = (self._pull(before) + before[FRICTION] - drag) / self._shaft.inertia
             return direction * after[SPEED] < 0.0 or direction * (speed + acceleration * span) < 0.0
+        # A bound on the rate of the pull, from the rates of the torque loop and of the hand's spring and damper.
         rate = abs(before[TARGET] - before[TORQUE]) / self._shaft.lag
         if self._grip is not None:
             press = before[FORCE] - self._stiffness * before[STRETCH] - self._damping * before[HAND_SPEED]
@@ -97,12 +100,13 @@ class Plant(Body):
         return abs(self._pull(after)) > self._threshold or abs(self._pull(before)) + rate * span > self._threshold
 
     def _through_events(self, before: State, after: State, span_ns: int) -> State:
-        """The state at the end of the step, through the changes of mode inside it."""
+        """Return the state at the end of the step, through the changes of mode inside it."""
         z = np.array(before)
         left_ns = float(span_ns)
         for count in range(_MAX_EVENTS):
             event_ns = self._first_event(z, left_ns)
             if event_ns is None:
+                # No event after all: keep the state of the cached step.
                 if count == 0:
                     return after
                 break
@@ -124,7 +128,7 @@ class Plant(Body):
         return min((event_ns for event_ns in found if event_ns is not None), default=None)
 
     def _from_rest(self) -> None:
-        """The shaft stands: it sticks, or goes where it is pulled."""
+        """Decide, at standstill, whether the shaft sticks or slips in the direction of the pull."""
         self.state = (self.state[ANGLE], 0.0, *self.state[TORQUE:])
         pull = self._pull(self.state)
         self._enter(0 if abs(pull) <= self._coulomb else 1 if pull > 0.0 else -1)
@@ -132,6 +136,7 @@ class Plant(Body):
     def _enter(self, direction: int) -> None:
         """Slip in a direction, or stick (0)."""
         self._direction = direction
+        # Without Coulomb friction a shaft at rest is not held: it slips with no friction.
         self._motion = self._slipping if direction or not self._coulomb else self._sticking
         self.state = (*self.state[:FRICTION], -self._coulomb * direction)
 

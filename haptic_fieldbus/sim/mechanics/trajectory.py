@@ -1,6 +1,6 @@
-"""The true motion of a simulated shaft, kept as the few states from which everything between follows exactly.
+"""The true motion of a simulated shaft, stored as the few states from which all others follow exactly.
 
-A segment starts where the motion changes its law: a new target, a piece of the hand's force, a reversal, standstill.
+A segment starts where the law of the motion changes: a new target, a piece of the hand's force, a reversal, standstill.
 """
 
 from array import array
@@ -16,9 +16,9 @@ Times = NDArray[np.int64]
 
 
 class Recorder:
-    """What the plant writes: segments (start [ns], start within the nanoseconds, state) and targets.
+    """The record that a plant writes: segments (start [ns], fraction of the start [ns], state) and targets.
 
-    `order`: so many states are kept. `longest`: of so many segments at least, the last ones are kept; None: all.
+    `order` is the number of states of a segment. At least the `longest` latest segments are kept, None: all.
     """
 
     def __init__(self, order: int, longest: int | None = None) -> None:
@@ -31,7 +31,8 @@ class Recorder:
         self.target_torques = array("d")
 
     def segment(self, t_ns: int, offset_ns: float, flow: Flow, state: State) -> None:
-        """From t_ns + offset_ns on, the state follows this flow."""
+        """Add a segment: from t_ns + offset_ns on, the state follows this flow."""
+        # From the end, because the latest flows are the most likely ones.
         for number in range(len(self.flows) - 1, -1, -1):
             if self.flows[number] is flow:
                 break
@@ -44,7 +45,7 @@ class Recorder:
             del self.flow_of_segment[: -self.longest], self.segments[: -self.longest * (2 + self.order)]
 
     def target(self, t_ns: int, torque: float) -> None:
-        """The torque loop takes over a target [N·m]."""
+        """Add a target [N·m] of the torque loop."""
         self.target_times_ns.append(t_ns)
         self.target_torques.append(torque)
         if self.longest is not None and len(self.target_torques) > 2 * self.longest:
@@ -69,33 +70,41 @@ class Trajectory:
         )
 
     def sample(self, times_ns: Times) -> tuple[Matrix, Matrix, Matrix]:
-        """Position [rad], velocity [rad/s] and motor torque after the torque loop [N·m] at each time, exact.
+        """Return position [rad], velocity [rad/s] and motor torque after the torque loop [N·m], exact, shape (n,) each.
 
-        ValueError for a time before the start or after `end_ns`.
+        `times_ns` has shape (n,). Raises ValueError for a time before the start or after `end_ns`.
         """
         states = self.states(times_ns)
         return states[:, ANGLE], states[:, SPEED], states[:, TORQUE]
 
     def hand_force(self, times_ns: Times) -> Matrix:
-        """The force on the hand's mass, as a torque at the motor shaft [N·m]."""
+        """Return the force on the hand's mass, as a torque at the motor shaft [N·m], shape (n,).
+
+        Raises ValueError for a time before the start or after `end_ns`.
+        """
         return self.states(times_ns)[:, FORCE]
 
     def targets(self) -> tuple[Times, Matrix]:
-        """When each target was taken over by the torque loop [ns], and its value [N·m]."""
+        """Return (times [ns], torques [N·m]) of the targets that the torque loop took over, shape (n_targets,) each."""
         return self._targets
 
     @property
     def begins_ns(self) -> Matrix:
-        """When each segment begins [ns], not necessarily whole."""
+        """Return the start of each segment [ns], not necessarily whole, shape (n_segments,)."""
         return self._begin_ns
 
     def states(self, times_ns: Times) -> Matrix:
-        """All states of the plant, (n, order)."""
+        """Return all states of the plant at each time, shape (n, order).
+
+        Raises ValueError for a time before the start or after `end_ns`.
+        """
         times = np.asarray(times_ns, dtype=np.int64)
         if times.size and (times.min() < self._start_ns[0] or times.max() > self.end_ns):
             raise ValueError(f"the motion is known from {self._start_ns[0]} to {self.end_ns} ns")
         segment = np.searchsorted(self._begin_ns, times.astype(np.float64), side="right") - 1
         spans = np.maximum((times - self._start_ns[segment]).astype(np.float64) - self._offset_ns[segment], 0.0)
+        # The first time of each evenly spaced run is followed from the start of its segment. Then the states of the
+        # ranks 2^d to 2^(d+1) − 1 follow from known ones by one matrix product for all of them.
         spacing_ns, rank = _runs(times, segment)
         states = self._states[segment]
         first = np.flatnonzero(rank == 0)
@@ -110,7 +119,7 @@ class Trajectory:
         return states
 
     def follow(self, segment: Times, spans_ns: Matrix) -> Matrix:
-        """All states so long after the start of each of these segments, (m, order); spans not necessarily whole."""
+        """Return all states of these segments (m,) after `spans_ns` (m,), which need not be whole; shape (m, order)."""
         states = self._states[segment]
         flow_of_row = self._flow_of_segment[segment]
         for number in np.unique(flow_of_row):
@@ -120,9 +129,9 @@ class Trajectory:
 
 
 def _runs(times: Times, segment: Times) -> tuple[int, Times]:
-    """(spacing [ns], place of each time in its run): a run is evenly spaced within one segment.
+    """Return (spacing [ns], rank of each time in its run); a run is evenly spaced within one segment.
 
-    Only the first of a run is followed from the start of its segment, the others by doubling from there.
+    Only the first time of a run is followed from the start of its segment, the others by doubling from there.
     """
     gaps = np.diff(times)
     spacing_ns = int(np.median(gaps)) if len(gaps) else 0

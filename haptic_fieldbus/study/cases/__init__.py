@@ -1,5 +1,8 @@
-"""The stiff and extreme cases by name, each judged by an oracle of its own: a closed form, extended precision, brute
-force."""
+"""Stiff and extreme cases by name, each judged by an oracle of its own.
+
+An oracle is a closed form, a computation in extended precision, or brute force. Each case is a function whose docstring
+states the claim that it checks.
+"""
 
 from functools import partial
 

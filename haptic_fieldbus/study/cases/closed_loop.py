@@ -1,4 +1,4 @@
-"""Cases of the loop around a puck and a wall: a virtual mass held, free and light, and a start inside the wall."""
+"""Cases of the loop around a puck and a wall: a virtual mass with a held, free or light puck, and a start in a wall."""
 
 import math
 
@@ -21,7 +21,7 @@ PERIOD = 1e-3
 
 
 def stiff_held_puck(quick: bool) -> CaseResult:
-    """With T·√(k/m) = 1000 and the puck moved by one unit, F = −k·cos(ωt): four methods survive, one kind is right."""
+    """Check that with T·√(k/m) = 1000 only four methods stay bounded, and the exact ones give F = −k·cos(ωt)."""
     steps, h = (1000 if quick else 100_000), 1000.0
     k = MASS * (h / PERIOD) ** 2
     exact = -k * np.cos(h * np.arange(steps))
@@ -46,7 +46,7 @@ def stiff_held_puck(quick: bool) -> CaseResult:
 
 
 def _two_masses(puck: float, duration: float, steps: int, method: str) -> float:
-    """Largest error of the puck's position over its largest one, pushed with 1 N; the plant has four states."""
+    """Return the largest error of the position of a puck pushed with 1 N, relative to its largest position."""
     total, reduced = puck + MASS, puck * MASS / (puck + MASS)
     one = integrators.discretise(two_masses(puck, MASS, STIFFNESS), duration / steps, method)
     found = trajectory.follow(one, np.tile([1.0, 0.0], (steps, 1)), [0.0] * 4).states[:, 0]
@@ -59,7 +59,7 @@ def _two_masses(puck: float, duration: float, steps: int, method: str) -> float:
 
 
 def free_puck(quick: bool) -> CaseResult:
-    """Puck and mass on a spring, pushed by 1 N: four states, a double root at 0, and an oscillation."""
+    """Check a free puck with a mass on a spring, pushed by 1 N: four states, a double root at 0, and an oscillation."""
     steps = 2000 if quick else 20_000
     errors = {name: _two_masses(0.2, steps * PERIOD, steps, name) for name in ("exact-zoh", "exact-foh")}
     worst = max(errors.values())
@@ -74,7 +74,7 @@ def free_puck(quick: bool) -> CaseResult:
 
 
 def light_puck(quick: bool) -> CaseResult:
-    """A puck of 1 mg turns by 14 rad in a period, exactly; a wall's limit for a light handle goes to 2b/T."""
+    """Check a puck of 1 mg, which oscillates by 14 rad in a period, and the limit 2b/T of a wall for light handles."""
     steps = 1000 if quick else 10_000
     error = _two_masses(1e-6, steps * PERIOD, steps, "exact-foh")
     euler = _two_masses(1e-6, steps * PERIOD, steps, "forward-euler")
@@ -93,7 +93,7 @@ def light_puck(quick: bool) -> CaseResult:
 
 
 def _textbook_forces(device: Plant, method: str, steps: int) -> list[float]:
-    """Forces on the free handle, flicked with 0.1 m/s, in plain floats."""
+    """Return the forces on a free handle flicked with 0.1 m/s [N], by textbook rules in plain floats."""
     rule, omega = RULES[method], math.sqrt(STIFFNESS / MASS)
     x, v, q, speed = 0.0, 0.1, 0.0, 0.0
     forces = []
@@ -107,7 +107,7 @@ def _textbook_forces(device: Plant, method: str, steps: int) -> list[float]:
 
 
 def sampled_free_puck(quick: bool) -> CaseResult:
-    """The virtual mass in the loop with a free handle, by every method: forces, and who grows."""
+    """Check the virtual mass in the loop with a free handle: forces by every method, and which methods grow."""
     device, steps = Plant(0.3, 0.2), (8000 if quick else 40_000)
     plant = sample(device, PERIOD, 0.0)
     worst, growing, wrong = 0.0, [], []
@@ -132,7 +132,7 @@ def sampled_free_puck(quick: bool) -> CaseResult:
 
 
 def start_inside_the_wall(quick: bool) -> CaseResult:
-    """A run that starts 10 mm inside a wall of 600 N/m fades its force in over 0.5 s: no kick."""
+    """Check that a run which starts 10 mm inside a wall of 600 N/m fades its force in over 0.5 s, without a kick."""
     cycle = Feeder(select(Task("wall", settings={"wall.position": -0.01})).plan)
     forces = []
     for number in range(1000 if quick else 10_000):

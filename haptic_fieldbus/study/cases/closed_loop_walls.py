@@ -14,11 +14,11 @@ from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3
 BENCH = Plant(0.1, 50.0)
-"""Friction that is strong for its mass: growth near the limit shows within 1e5 steps."""
+"""Device with strong friction for its mass, so that growth near the limit shows within 1e5 steps."""
 
 
 def _limit(device: Plant, period: float = PERIOD, delay: float = 0.0) -> float:
-    """What the package says; `delay` in periods."""
+    """Return the stiffness limit that the package computes [N/m]; `delay` in periods."""
     return stiffness_limit(device, period, delay * period, spring)
 
 
@@ -27,13 +27,14 @@ def _law(stiffness: float) -> Callable[[float], float]:
 
 
 def at_boundary(factor: float, quick: bool) -> CaseResult:
-    """At so much of its limit a wall's motion fades or grows as slowly as theory says.
+    """Check that at `factor` of its limit a wall's motion fades or grows as slowly as theory predicts.
 
-    Judged is ln of the growth over many periods against N·ln ρ, ρ² = e + K·c0 where the roots are complex.
+    The logarithm of the growth over N periods is compared with N·ln ρ, where ρ² = e + K·c0 for complex roots.
     """
     steps = 100_000 if quick else 1_000_000
     limit, exact = _limit(BENCH), jury_limit(BENCH, PERIOD)
     e, _, c0 = plain_terms(BENCH, PERIOD)
+    # `growth_of` compares the first with the last tenth of the run, which are 0.9 of it apart.
     expected = 0.9 * steps * 0.5 * math.log(e + factor * exact * c0)
     measured = growth_of(simulate(BENCH, PERIOD, _law(factor * limit), steps))
     return CaseResult(
@@ -48,7 +49,7 @@ def at_boundary(factor: float, quick: bool) -> CaseResult:
 
 
 def _chatter(stiffness: float, steps: int, push: float) -> tuple[float, float]:
-    """Swing [m] in the last tenth of a run against a one-sided wall: batch engine, and plain floats."""
+    """Return the swing in the last tenth of a run against a one-sided wall [m], by the batch engine and by hand."""
     wall = loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=stiffness, unilateral=True,
                  push=push, position=1e-3)  # fmt: skip
     peak = float(batch.run(wall, steps).peaks[-1, 0])
@@ -57,7 +58,7 @@ def _chatter(stiffness: float, steps: int, push: float) -> tuple[float, float]:
 
 
 def wall_over(quick: bool) -> CaseResult:
-    """Half as stiff again as its limit, a wall that a hand leans on chatters for ever; at half its limit it rests."""
+    """Check that a wall with a hand leaning on it chatters for ever at 1.5 times its limit, and rests at half of it."""
     steps, push = (4000 if quick else 50_000), 5.0
     limit = jury_limit(BENCH, PERIOD)
     chatter, brute = _chatter(1.5 * limit, steps, push)
@@ -81,7 +82,7 @@ def wall_over(quick: bool) -> CaseResult:
 
 
 def delayed(delay: float, quick: bool) -> CaseResult:
-    """The force comes so many periods late: limits of many devices against Schur and Cohn, and a run beside one."""
+    """Check the limits of many devices with delay against Schur and Cohn, and runs below and above one of them."""
     masses = (1e-5, 0.1, 10.0) if quick else (1e-5, 1e-3, 0.1, 1.0, 10.0)
     devices = [Plant(mass, damping) for mass in masses for damping in (1e-2, 1.0, 1e2)]
     worst = max(abs(_limit(each, delay=delay) / schur_cohn_limit(each, PERIOD, delay) - 1.0) for each in devices)
@@ -100,7 +101,7 @@ def delayed(delay: float, quick: bool) -> CaseResult:
 
 
 def slow_loop(quick: bool) -> CaseResult:
-    """From 20 Hz to 0.1 Hz the device stops between samples: the limit goes to 2b/(T − 2m/b), a wall is refused."""
+    """Check slow loops from 20 Hz to 0.1 Hz: the device stops between samples, and the limit goes to 2b/(T − 2m/b)."""
     device, stiffness = Plant(0.1, 5.0), 600.0
     periods = (0.05, 0.2, 1.0, 10.0)
     worst = max(abs(_limit(device, period) / jury_limit(device, period) - 1.0) for period in periods)
@@ -119,7 +120,7 @@ def slow_loop(quick: bool) -> CaseResult:
 
 
 def undamped_wall(quick: bool) -> CaseResult:
-    """Without any friction no stiffness is stable: the product of the roots is 1 + K·T²/2m."""
+    """Check that without friction no stiffness is stable: the product of the roots is 1 + K·T²/2m."""
     plants = [Plant(mass, 0.0) for mass in (1e-5, 0.1, 10.0)]
     limits = [_limit(plant, delay=delay) for plant in plants for delay in (0.0, 0.5, 1.0, 2.0, 10.0)]
     limits += [passive_limit(each, PERIOD, 0.0) for each in plants]

@@ -1,4 +1,4 @@
-"""What a bus, an encoder and a clock can do to a running loop: it lets go, or goes on as if nothing had happened."""
+"""Cases of faults of bus, encoder and clock: a running loop takes its torque away, or goes on unaffected."""
 
 import math
 from fractions import Fraction
@@ -16,7 +16,7 @@ from haptic_fieldbus.study.cases.drive_bench import COUNT, PERIOD_NS, UNIT, Feed
 
 
 def lost_bus(quick: bool) -> CaseResult:
-    """Bus-off in contact: our command is zero in that period, and the drive alone takes its torque away."""
+    """Check that after bus-off in contact the target is 0 in that period, and the drive alone takes its torque away."""
     cycle = running(plan_of(Constant("handle", 3.0)))
     before = torque(cycle)
     after = [torque(cycle, flags=LinkFlag.BUS_OFF), *(torque(cycle) for _ in range(100))]
@@ -38,7 +38,10 @@ def lost_bus(quick: bool) -> CaseResult:
 
 
 def stale_position(quick: bool) -> CaseResult:
-    """Without new feedback force is held for a period, halved, and taken away for good; one new sample resets that."""
+    """Check that without new feedback force is held for a period, then halved, then taken away for good.
+
+    One new sample within that time restores it.
+    """
     full = round(3.0 / UNIT)
     cycle = running(plan_of(Constant("handle", 3.0)))
     mended = [torque(cycle, flags=flag) for _ in range(3) for flag in (LinkFlag.STALE, LinkFlag.STALE, 0)]
@@ -56,7 +59,7 @@ def stale_position(quick: bool) -> CaseResult:
 
 
 def non_finite_input(quick: bool) -> CaseResult:
-    """A force that is not a number or infinite becomes zero torque and a trip; walls and states hide none of it."""
+    """Check that a force of NaN or infinity becomes zero torque and a trip, and that walls and states pass NaN on."""
     values = (math.nan, -math.nan, math.inf, -math.inf, 1e308 * 10.0, math.inf - math.inf)
     torques, trips = [], 0
     for value in values:
@@ -83,7 +86,7 @@ def non_finite_input(quick: bool) -> CaseResult:
 
 
 def denormal_input(quick: bool) -> CaseResult:
-    """Forces and motions below 2.2e-308 give a torque of 0 without a trip, and virtual states that keep their law."""
+    """Check that forces below 2.2e-308 N give no torque and no trip, and such motions keep virtual states exact."""
     targets, trips = [], 0
     for value in (5e-324, -5e-324, 1e-310, 2.2250738585072014e-308):
         cycle = running(plan_of(Constant("handle", value)))
@@ -105,11 +108,12 @@ def denormal_input(quick: bool) -> CaseResult:
 
 
 def encoder_wrap(quick: bool) -> CaseResult:
-    """An encoder that passes 2³¹ on its way there and back is followed as if it had no end."""
+    """Check that an encoder which passes 2³¹ to and fro is followed as if its counts had no end."""
     cycle = running(plan_of(Wall("handle", stiffness=1.0, position=-1.0, damping=0.5)), 0x7FFF_FFFF - 2000)
     true, off, off_speed, crossings = 0, 0.0, 0.0, 0
     ways = [way for _ in range(20 if quick else 2000) for way in (700, 700, 700, 1, 699, -700, -1, -699, -700, -700)]
     counts = 0x7FFF_FFFF - 2000
+    # The unlimited count in integers and the position in fractions: no rounding of floats in the oracle.
     for way in ways:
         true += way
         moved = (counts + way + 2**31) % 2**32 - 2**31
@@ -130,7 +134,7 @@ def encoder_wrap(quick: bool) -> CaseResult:
 
 
 def encoder_jump(quick: bool) -> CaseResult:
-    """A jump that the speed limit allows is rendered at the slew limit; one count more lets go in the same period."""
+    """Check that a jump within the speed limit is rendered at the slew limit, and one count more trips at once."""
     limit = 10.0
     allowed = math.floor(Fraction(10, 1000) / Fraction(1, 20 * 4096)) + 1
     plan = plan_of(Wall("handle", stiffness=2000.0))
@@ -158,7 +162,7 @@ def encoder_jump(quick: bool) -> CaseResult:
 
 
 def clock_backwards(quick: bool) -> CaseResult:
-    """Time stamps that stand still or go back: a wall never looks at them, and a timed velocity keeps its value."""
+    """Check time stamps that stand still or go back: a wall is unaffected, and a timed velocity keeps its value."""
     wall, damped = Wall("handle", stiffness=600.0), Wall("handle", stiffness=600.0, damping=0.5)
     timed = running(plan_of(damped, estimator="tick-interval"), t_ns=600 * PERIOD_NS)
     plain = running(plan_of(wall))
@@ -183,12 +187,12 @@ def clock_backwards(quick: bool) -> CaseResult:
 
 
 def long_clock(quick: bool) -> CaseResult:
-    """Near 2⁶² ns (146 years) a timed velocity is as exact as at 0, and a trip and a period are to the nanosecond."""
+    """Check that near 2⁶² ns (146 years) velocity is as exact as at 0, and trips and periods are to the nanosecond."""
     start = 2**62 + 12_345
     cycle = running(plan_of(Wall("handle", 600.0, damping=0.5), estimator="tick-interval"), t_ns=start - PERIOD_NS)
     error, counts, t_ns = 0.0, 0, start
     for n in range(400):
-        late = (n * 7919) % 1000 - 500
+        late = (n * 7919) % 1000 - 500  # scattered over ±0.5 µs, the same in each run: 7919 is prime
         feed(cycle, counts := counts + 5, t_ns=(stamp := start + n * PERIOD_NS + late))
         exact = Fraction(5, 20 * 4096) / Fraction(stamp - t_ns, 10**9) if n else None
         error = error if exact is None else max(error, abs(float(Fraction(cycle.value("velocity")) / exact - 1)))
@@ -207,7 +211,7 @@ def long_clock(quick: bool) -> CaseResult:
 
 
 def rotary_equals_linear(quick: bool) -> CaseResult:
-    """With a radius of 1 m, metres and radians, newtons and newton metres are the same numbers."""
+    """Check that with a radius of 1 m the linear and the rotary workspace give the same numbers."""
     wall = Wall("handle", stiffness=30.0, position=0.01, damping=0.002)
     limits = Limits(effort=0.3, speed=100.0)
     plans = [plan_of(wall, workspace=space, radius=1.0, limits=limits) for space in Workspace]

@@ -1,4 +1,4 @@
-"""The bench of the cases of `drive`: a plan without files, a cycle fed with octets, and a short simulated run."""
+"""Bench of the cases in `drive`: a plan without files, a cycle fed with octets, and a short simulated run."""
 
 import math
 from collections.abc import Sequence
@@ -29,13 +29,15 @@ from haptic_fieldbus.sim.hand import hand_named
 
 PERIOD_NS = 1_000_000
 COUNT = 0.05 / 4096
-"""[m]: 50 mm a turn of 4096 counts."""
+"""Encoder count at the handle [m]: 50 mm a turn of 4096 counts."""
 UNIT = 0.4 / 1000 / (0.05 / (2 * math.pi))
-"""[N]: a thousandth of the rated 0.4 N·m at the handle."""
+"""Step of torque at the handle [N]: a thousandth of the rated 0.4 N·m."""
 ENABLED = 0x0637
+"""Statusword of operation enabled."""
 FADED_IN = 501
+"""Periods of the fade-in of 0.5 s at 1 kHz, and one more."""
 CONTACT = 0.6
-"""[s]; the pushing hand is in the wall by then."""
+"""Time at which the bus is lost [s]; the pushing hand is in the wall by then."""
 
 
 def plan_of(
@@ -45,7 +47,7 @@ def plan_of(
     limits: Limits | None = None,
     estimator: str | None = None,
 ) -> Plan:
-    """A plan on the shipped bench; `radius` [m] replaces that of a linear mechanism."""
+    """Return a plan on the shipped bench; `radius` [m] replaces that of a linear mechanism."""
     scene = Scene("case", "a case of the report", (SceneAxis("handle", workspace),), elements)
     axis = default_axis(workspace, bus="sim", node=1, profile=DEFAULT_DRIVE)
     if radius is not None and workspace is Workspace.LINEAR:
@@ -56,33 +58,34 @@ def plan_of(
 
 
 class Feeder(Cycle):
-    """A cycle that remembers its plan, and so how its octets are packed."""
+    """Cycle that keeps its plan, with which its octets are packed."""
 
     def __init__(self, plan: Plan) -> None:
         super().__init__(plan)
         self.plan = plan
 
     def value(self, name: str) -> float:
-        """Of the last period, by its column of the handle."""
+        """Return a column of the handle in the last period."""
         return self.row[self.columns.index(f"handle.{name}")]
 
     @property
     def tripped(self) -> TripKind | None:
+        """Kind of the trip; None when there was none."""
         return self.trip.kind if self.trip else None
 
 
 def feed(cycle: Feeder, counts: int = 0, flags: int = 0, t_ns: int = 0) -> bytes:
-    """One period in operation enabled with this position; the octets of the output image."""
+    """Run one period in operation enabled at this position, and return the octets of the output image."""
     return bytes(cycle(cycle.plan.image.input.pack(t_ns, 0, flags, 0, ENABLED, counts)))
 
 
 def torque(cycle: Feeder, counts: int = 0, flags: int = 0, t_ns: int = 0) -> int:
-    """One period, and its target torque [‰ of rated]."""
+    """Run one period, and return its target torque [‰ of rated torque]."""
     return int(cycle.plan.image.output.unpack(feed(cycle, counts, flags, t_ns))[-1])
 
 
 def running(plan: Plan, counts: int = 0, t_ns: int = 0) -> Feeder:
-    """A cycle that has stood in operation enabled until force has faded in."""
+    """Return a cycle that has been in operation enabled, at rest, until force is faded in."""
     cycle = Feeder(plan)
     for _ in range(FADED_IN):
         feed(cycle, counts, t_ns=t_ns)
@@ -91,17 +94,20 @@ def running(plan: Plan, counts: int = 0, t_ns: int = 0) -> Feeder:
 
 @dataclass(frozen=True)
 class BusOffOutcome:
-    """How a simulated run ended: times in s, torque in N·m."""
+    """End of a simulated run in which the bus was lost."""
 
     error: str
+    """Class of the error that ended the run; "none" without one."""
     guard: float
+    """Guard time that the drive was given [s]."""
     pushed: float
-    """The drive's torque target when the bus was lost."""
+    """Target torque of the drive when the bus was lost [N·m]."""
     torque_free_after: float
+    """Time from the loss to a target torque of 0 [s]; ∞ when it was not 0 at the end."""
 
 
 def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: Sequence[Fault]) -> tuple[World, LoopReport, str]:
-    """A pushing hand on the simulated drive; the name of the error that ended it."""
+    """Run a plan on the simulated drive with a pushing hand; return the world, the report and the error's class."""
     world, report, error = World(clock, 1_000_000), LoopReport(), "none"
     axis = plan.axes[0]
     world.add_drive(axis.node, axis.profile, axis.rig, hand_named("push"), faults=faults)
@@ -117,7 +123,7 @@ def _run(plan: Plan, clock: VirtualClock, cycles: int, faults: Sequence[Fault]) 
 
 
 def bus_off_in_contact() -> BusOffOutcome:
-    """Our controller goes bus-off while the wall pushes back; the drive is watched for 0.5 s more."""
+    """Run into a bus-off of our own controller while the wall pushes back, then watch the drive for 0.5 s."""
     plan, clock = plan_of(Wall("handle", stiffness=600.0, position=0.02)), VirtualClock()
     world, report, error = _run(plan, clock, 700, [BusOff("bus_off", CONTACT)])
     clock.sleep_until(clock.now_ns() + 500_000_000)
@@ -130,6 +136,6 @@ def bus_off_in_contact() -> BusOffOutcome:
 
 
 def odd_periods(start_ns: int, cycles: int) -> tuple[int, int]:
-    """(periods of another length than asked, periods run) of a simulated run whose clock begins at `start_ns`."""
+    """Return how many periods had a wrong length, and how many there were; the clock begins at `start_ns`."""
     _, report, _ = _run(plan_of(Wall("handle", stiffness=600.0)), VirtualClock(start_ns), cycles, ())
     return int((report.sample("period_ns")[1:] != PERIOD_NS).sum()), report.cycles

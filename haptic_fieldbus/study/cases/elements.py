@@ -1,4 +1,4 @@
-"""Elements at their edges: fast impacts, stiff tissue, slipping bristles, a standstill, a detent that is too sharp."""
+"""Cases of elements at their limits: fast impacts, stiff tissue, slipping bristles, a standstill, a sharp detent."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -19,19 +19,19 @@ from haptic_fieldbus.study.case import CaseResult, listed
 from haptic_fieldbus.study.cases.oracles import jury_limit, simulate
 
 LOSS, IMPACT_MASS = 0.6, 0.2
-"""Of the impact: p [s/m], and the mass that hits [kg]."""
+"""Loss factor p of the impact [s/m], and the mass that hits [kg]."""
 BODY = HuntCrossley("handle", effort=100.0, depth=0.01, exponent=1.5, loss=LOSS)
 """F = −k·xⁿ·(1 + p·v), k = 1e5 N/m^1.5."""
 PERIOD = 1e-3
 
 
 def _contact(depth: float, speed: float) -> float:
-    """Its push out, below 0 where it pulls."""
+    """Return the force with which the body pushes outwards [N]; below 0 when it pulls."""
     return 0.0 - BODY.force(depth, speed)
 
 
 def _impact(speed: float, period: float) -> tuple[float, float]:
-    """(exit speed [m/s], smallest force [N]) of a mass that hits at `speed`, followed by RK4."""
+    """Return exit speed [m/s] and smallest force [N] of a mass that hits at `speed`, computed by RK4."""
     step = bind_rates(lambda t, z: (z[1], -_contact(*z) / IMPACT_MASS), (0.0, speed), period, "rk4")
     smallest, (depth, now) = 0.0, step()
     while depth >= 0.0:
@@ -41,7 +41,7 @@ def _impact(speed: float, period: float) -> tuple[float, float]:
 
 
 def _exit_speed(speed: float) -> float:
-    """The w with −p·w − ln(1 − p·w) = p·v − ln(1 + p·v), by bisection."""
+    """Return the exit speed w [m/s] with −p·w − ln(1 − p·w) = p·v − ln(1 + p·v), by bisection."""
     entry, low, high = LOSS * speed - math.log1p(LOSS * speed), 0.0, 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -50,7 +50,7 @@ def _exit_speed(speed: float) -> float:
 
 
 def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
-    """Exit speeds of slow and fast impacts solve p·v − ln(1 + p·v) equal at entry and exit, and nothing pulls."""
+    """Check that p·v − ln(1 + p·v) is equal at entry and exit of slow and fast impacts, and the body never pulls."""
     speeds = (0.1, 1.0, 5.0, 20.0)
     found = [_impact(speed, 2e-6 if quick else 2e-7) for speed in speeds]
     exact = [_exit_speed(speed) for speed in speeds]
@@ -68,23 +68,24 @@ def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
 
 
 TISSUE = GeneralisedMaxwell("handle", rest=100.0, branches=((200.0, 0.1), (300.0, 1e-3), (500.0, 1e-5)))
-"""[N/m], and [N/m, s] of each branch."""
+"""Tissue with a lasting stiffness [N/m], and branches of stiffness [N/m] and relaxation time [s]."""
 
 
 def _pressed(branches: Sequence[tuple[float, float]], steps: int) -> list[float]:
-    """The closed form of the force [N] from the period after a press of 1 mm on."""
+    """Return the closed form of the force in the periods from a press of 1 mm on [N]."""
     return [-1e-3 * (TISSUE.rest + sum(k * math.exp(-n * PERIOD / tau) for k, tau in branches)) for n in range(steps)]
 
 
 def _relaxation(method: str, steps: int) -> list[float]:
-    """Force minus the closed form [N]."""
+    """Return the force of a method minus the closed form [N], for each period."""
     step = bind(TISSUE.linearised(), PERIOD, method)
     step(0.0)
     return [step(1e-3) - force for force in _pressed(TISSUE.branches, steps)]
 
 
 def _law(steps: int) -> float:
-    """The element's own step, exact for a press that takes one period: largest difference to its closed form [N]."""
+    """Return the largest difference of the element's own step from its closed form [N]."""
+    # The element takes the press as a ramp over one period: each branch has relaxed a little at its end.
     law = TISSUE.begin(PERIOD)
     law(0.0)
     ramps = [(k * tau / PERIOD * -math.expm1(-PERIOD / tau), tau) for k, tau in TISSUE.branches]
@@ -92,11 +93,14 @@ def _law(steps: int) -> float:
 
 
 def multi_scale_tissue(quick: bool) -> CaseResult:
-    """Branches of 100 ms, 1 ms and 10 µs at a period of 1 ms: what three methods make of a press of 1 mm."""
+    """Check three methods on a press of 1 mm, with branches of 100 ms, 1 ms and 10 µs at a period of 1 ms.
+
+    Forward Euler explodes, the trapezoidal rule rings, and the exact step follows the closed form.
+    """
     steps = 50
     euler, trapezoid, exact = (_relaxation(method, steps) for method in ("forward-euler", "trapezoidal", "exact-zoh"))
     growth = abs(euler[-1] / euler[-2])
-    late = trapezoid[15:]
+    late = trapezoid[15:]  # the branch of 1 ms has died away, that of 10 µs rings on
     turns = sum(a * b < 0.0 for a, b in pairwise(late))
     ratio = late[2] - late[1], late[1] - late[0]
     error = max(*map(abs, exact), _law(steps))
@@ -115,30 +119,30 @@ def multi_scale_tissue(quick: bool) -> CaseResult:
 
 
 BRISTLE, LEVEL = 1e5, 2.0
-"""LuGre: σ0 [N/m] and g [N], here without Stribeck's rise."""
+"""Stiffness σ0 [N/m] and level g [N] of a LuGre bristle, without the Stribeck effect."""
 LUGRE = LuGre("handle", coulomb=LEVEL, stiffness=BRISTLE)
 
 
 def _bristle(speed: float, steps: int, period: float, method: str) -> float:
-    """Its stretch [m] at constant speed after so many steps of ż = v − σ0·|v|/g·z."""
+    """Return the stretch of a bristle [m] at constant speed after `steps` of a method on ż = v − σ0·|v|/g·z."""
     step = bind_rates(lambda t, z, v: (v - BRISTLE * abs(v) / LEVEL * z[0],), (0.0,), period, method)
     return [step(speed) for _ in range(steps + 1)][-1][0]
 
 
 def _explicit_error(speed: float, steps: int) -> float:
-    """Distance of the bristle from its steady stretch, in steady stretches, by forward Euler."""
+    """Return the distance of the bristle from its steady stretch, relative to it, by forward Euler."""
     return abs(_bristle(speed, steps, PERIOD, "forward-euler") * BRISTLE / LEVEL - 1.0)
 
 
 def _element_bristle(speeds: Iterable[float]) -> list[float]:
-    """The stretch of the element's bristle after each period, at constant speed within it."""
+    """Return the stretch of the element's bristle after each period [m], at constant speed within it."""
     law, place = LUGRE.begin(PERIOD), 0.0
     law(place)
     return [-law(place := place + speed * PERIOD) / BRISTLE for speed in speeds]
 
 
 def lugre_fast_slip(quick: bool) -> CaseResult:
-    """The explicit bristle explodes just above |v| = 2·g/(σ0·T); the element's exact step follows at any speed."""
+    """Check that an explicit bristle explodes above |v| = 2·g/(σ0·T), and the element's exact step at no speed."""
     limit, steps = 2.0 * LEVEL / (BRISTLE * PERIOD), 500
     below, above = _explicit_error(0.99 * limit, steps), _explicit_error(1.01 * limit, steps)
     error = max(
@@ -163,20 +167,20 @@ def lugre_fast_slip(quick: bool) -> CaseResult:
 
 
 INERTIA, VISCOUS, COULOMB, SPIN, LAG = 4e-5, 1e-4, 2e-3, 20.0, 1.6e-4
-"""The shipped bench at the motor shaft [kg·m², N·m·s/rad, N·m], thrown at [rad/s]; its torque loop [s]."""
+"""Shipped bench at the motor shaft [kg·m², N·m·s/rad, N·m], initial speed [rad/s], and lag of the torque loop [s]."""
 RENDERED = Friction("shaft", coulomb=COULOMB, stiffness=0.05)
-"""The same friction from an element, on a shaft that has none."""
+"""Element with the same friction, for a shaft that has none."""
 
 
 def _thrown(damping: float, t_ns: int) -> sim_plant.Plant:
-    """The simulated shaft so long after it was thrown, with no torque and nobody holding it."""
+    """Return the simulated shaft `t_ns` after it was set in motion, without torque and without a hand."""
     plant = sim_plant.Plant(Shaft(INERTIA, damping, COULOMB, LAG), None, velocity=SPIN)
     plant.advance(t_ns)
     return plant
 
 
 def _stop(damping: float) -> tuple[float, float]:
-    """(time [s], angle [rad]) of the simulated standstill, the time by bisection to a nanosecond."""
+    """Return time [s] and angle [rad] of the simulated standstill, the time by bisection to a nanosecond."""
     low, high = 0, 1_000_000_000
     while high - low > 1:
         middle = (low + high) // 2
@@ -185,7 +189,7 @@ def _stop(damping: float) -> tuple[float, float]:
 
 
 def _rendered_way() -> float:
-    """Where the shaft turns back [rad] when the friction is rendered at 1 kHz."""
+    """Return the angle at which the shaft turns back when the friction is rendered at 1 kHz [rad]."""
     plant, law, t_ns = sim_plant.Plant(Shaft(INERTIA, 0.0, 0.0, LAG), None, velocity=SPIN), RENDERED.begin(PERIOD), 0
     way = 0.0
     while plant.velocity > 0.0:
@@ -197,7 +201,7 @@ def _rendered_way() -> float:
 
 
 def coulomb_stop(quick: bool) -> CaseResult:
-    """A shaft thrown against Coulomb friction, its own or a rendered one, stops after a known way."""
+    """Check that a shaft set in motion against Coulomb friction, its own or rendered, stops after a known angle."""
     logarithm = math.log1p(VISCOUS * SPIN / COULOMB)
     times = INERTIA / VISCOUS * logarithm, INERTIA * SPIN / COULOMB
     ways = (
@@ -223,19 +227,19 @@ def coulomb_stop(quick: bool) -> CaseResult:
 
 
 HANDLE, PITCH = Plant(0.6, 1.6), 2e-3
-"""A handle on detents of this pitch [m]."""
+"""Device, and pitch of its detents [m]."""
 DETENTS = Detents("handle", amplitude=1.0, pitch=PITCH)
 
 
 def _swing(stiffness: float, steps: int) -> float:
-    """Growth of a millionth of a pitch in detents of this local stiffness, step by step."""
+    """Return the growth factor of a swing of a millionth of a pitch in detents of this local stiffness [N/m]."""
     start = 1e-6 * PITCH
     positions = simulate(HANDLE, PERIOD, DETENTS.with_stiffness(stiffness).force, steps + 1, start=(start, 0.0))
     return max(map(abs, positions[-499:])) / start
 
 
 def detent_too_sharp(quick: bool) -> CaseResult:
-    """A detent is calm in its valley as long as 2π·A/p is below the stiffness limit of a wall, and not above."""
+    """Check that a detent is calm in its valley when 2π·A/p is below the stiffness limit of a wall, and not above."""
     limit, steps = jury_limit(HANDLE, PERIOD), 20_000 if quick else 200_000
     predicted = stiffness_limit(HANDLE, PERIOD, 0.0, lambda k: gain([[-DETENTS.with_stiffness(k).stiffness]]))
     calm, restless = _swing(0.9 * predicted, steps), _swing(1.1 * predicted, steps)

@@ -1,4 +1,4 @@
-"""Integrator cases of extreme masses and numbers: refusals, overflow, vanishing mass, silence."""
+"""Cases of integrators with extreme masses and numbers: refusals, overflow, vanishing mass, zero input."""
 
 import math
 from fractions import Fraction
@@ -18,14 +18,15 @@ from haptic_fieldbus.study.cases.drive_bench import COUNT, PERIOD_NS, Feeder, to
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
 
 LARGEST = 2**1024
-"""Numbers from here on are no finite double."""
+"""Smallest power of two that is no finite double."""
 SENTENCE = "expected a number above 0"
+"""Part of the message with which a mass is refused."""
 COUNTS, PERIODS = 10, 400
-"""How far the puck is moved at period 1, and how long the cycle is run."""
+"""Counts by which the puck is moved in period 1, and number of periods in the run."""
 
 
 def _overflow_sample(square: int, scale: Fraction) -> int:
-    """Forward Euler in integers from p = 1, q = 0 with T = 1: the first sample at which scale·|p| is no double."""
+    """Return the first sample at which scale·|p| overflows, by forward Euler in integers from p = 1, q = 0, T = 1."""
     p, q, sample = 1, 0, 0
     while scale * abs(p) < LARGEST:
         p, q, sample = p + q, q - square * p, sample + 1
@@ -33,12 +34,15 @@ def _overflow_sample(square: int, scale: Fraction) -> int:
 
 
 def float_overflow(quick: bool) -> CaseResult:
-    """Forward Euler far too slow: the run ends flagged before its first infinity, the drive gets zero from there on."""
+    """Check that forward Euler with much too long a period ends flagged before its first infinity.
+
+    In the cycle, the target torque is zero from there on.
+    """
     space = sprung_mass(100.0, 1.0)
     found = follow(discretise(space, 1.0, "forward-euler"), np.zeros((2_000, 2)), [1.0, 0.0])
     expected = _overflow_sample(100, Fraction(100))
     expected_trip = 1 + _overflow_sample(10_000, Fraction(STIFFNESS * COUNTS * COUNT))
-    # the library's scene with a mass of 20 µg at 1 kHz
+    # The library's scene with a mass of 20 µg at 1 kHz, so that T·ω = 100.
     fast = Task("sprung_mass", settings={"sprung_mass.mass": 2e-8}, method="forward-euler")
     cycle, targets, commands = Feeder(select(fast).plan), [], []
     for period in range(PERIODS):
@@ -63,12 +67,12 @@ def float_overflow(quick: bool) -> CaseResult:
 
 
 def _asked(mass: float) -> str:
-    """What `response` says to a mass."""
+    """Return the message with which `response` refuses a mass; empty when it does not."""
     return refused(lambda: response("sprung_mass", settings={"sprung_mass.mass": mass}, duration=0.01))
 
 
 def mass_zero_refused(quick: bool) -> CaseResult:
-    """No mass has no equation of motion; the smallest double has none either, as k/m is infinite."""
+    """Check that a mass of 0 is refused, and the smallest double too, because k/m overflows."""
     said = [_asked(mass) for mass in (0.0, -0.0)]
     tiny = refused(lambda: discretise(sprung_mass(STIFFNESS, 5e-324), 1e-3))
     return CaseResult(
@@ -81,7 +85,7 @@ def mass_zero_refused(quick: bool) -> CaseResult:
 
 
 def mass_negative_refused(quick: bool) -> CaseResult:
-    """A negative mass runs away by itself, e^{t·√(k/|m|)}: exactly as fast as said, hence refused with a sentence."""
+    """Check that a negative mass is refused, because it would run away as e^{t·√(k/|m|)}."""
     said = [_asked(mass) for mass in (-1e-12, -MASS, -1e12)]
     radius = spectral_radius(discrete(sprung_mass(STIFFNESS, -MASS), 1e-3).a)
     expected = math.exp(1e-3 * math.sqrt(STIFFNESS / MASS))
@@ -95,17 +99,17 @@ def mass_negative_refused(quick: bool) -> CaseResult:
 
 
 def _falling_force(mass: float, stiffness: float, acceleration: float, period: float, sample: int) -> float:
-    """Force of the mass behind a puck on straight lines through a·t²/2 [N]: F_n = −m·a·(h/2)·cot(h/2)·(1 − cos nh).
+    """Return the force of a mass behind a puck on straight lines through a·t²/2 [N].
 
-    The puck's velocity jumps by a·T/2 at first and by a·T at each later sample; each jump starts a sine, and
-    ½·sin(nh) + Σ sin(ih) over i < n is ½·cot(h/2)·(1 − cos nh).
+    It is F_n = −m·a·(h/2)·cot(h/2)·(1 − cos nh). The puck's velocity jumps by a·T/2 at first and by a·T at each later
+    sample. Each jump starts a sine, and ½·sin(nh) + Σ sin(ih) over i < n is ½·cot(h/2)·(1 − cos nh).
     """
     h = period * math.sqrt(stiffness / mass)
     return -mass * acceleration * 0.5 * h / math.tan(0.5 * h) * (1.0 - math.cos(sample * h))
 
 
 def mass_to_zero(quick: bool) -> CaseResult:
-    """A lighter and lighter mass behind an accelerating puck: felt as its inertia, and then not at all."""
+    """Check that a mass behind an accelerating puck is felt as its inertia, and vanishes as it becomes lighter."""
     stiffness, acceleration, period, steps = 2e3, 3.0, 1e-4, 2_000 if quick else 20_000
     masses = [10.0**-exponent for exponent in range(8)]
     tolerance = 1e-12 * stiffness * 0.5 * acceleration * (steps * period) ** 2
@@ -128,7 +132,7 @@ def mass_to_zero(quick: bool) -> CaseResult:
 
 
 def zero_input_stays_zero(quick: bool) -> CaseResult:
-    """Nothing in, nothing out, not even a rounding error: every method, linear and by rates."""
+    """Check that zero input gives exactly zero output with every method, linear and by rates."""
     steps = 2_000 if quick else 100_000
     worst = 0.0
     for stiffness, mass in ((STIFFNESS, MASS), (1e9, 1e-6)):

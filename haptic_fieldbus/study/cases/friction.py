@@ -1,7 +1,8 @@
-"""Cases of encoder steps and Coulomb friction: a handle pressed to the edge between two counts, and above the limit.
+"""Cases of encoder counts and Coulomb friction: a handle pressed to the edge between two counts, and above the limit.
 
-Pressed to the edge by half a count's force more than one count gives, the handle feels ±K·D/2 and nothing between: a
-relay. It rests there only if friction bridges that, fc ≥ K·D/2, whatever the period.
+A hand presses with the force of one and a half counts, so the handle stands on the edge between counts 1 and 2. There
+the total force is ±K·D/2 and nothing in between: a relay. The handle rests only if friction bridges that force,
+fc ≥ K·D/2, for any period.
 """
 
 import math
@@ -17,11 +18,11 @@ from haptic_fieldbus.study.cases.oracles import moved
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)
 KNOCK = 6e-4
-"""Speed at the start [m/s], so that a handle at rest has come to rest."""
+"""Initial speed [m/s]: a handle that is at rest in the end has come to rest, and was not left untouched."""
 
 
 def recorded(many: Loops, settle: int, samples: int) -> Array:
-    """Positions and velocities of handles after they had time to settle, shape (samples, 2, n)."""
+    """Return positions and velocities of n handles after `settle` periods, `(samples, 2, n)`."""
     running, states = Running(many), np.empty((samples, 2, len(many)))
     running.advance(settle)
     for sample in range(samples):
@@ -31,17 +32,22 @@ def recorded(many: Loops, settle: int, samples: int) -> Array:
 
 
 def _moves(many: Loops, settle: int) -> list[bool]:
-    """Whether each handle still moves between two samples; a cycle of two samples comes back every second time."""
+    """Return whether each handle still moves after `settle` periods."""
+    # Differences of neighbours over 21 samples: the ends alone would miss a cycle of two samples.
     steps = np.diff(recorded(many, settle, 21)[:, 0], axis=0)
     return [bool(each.any()) for each in steps.T]
 
 
 def _slide(x: float, v: float, force: float, coulomb: float, span: float) -> tuple[float, float]:
-    """The device under a constant force, written apart: v tends to (F − fc·s)/b with the time constant m/b."""
+    """Return position and velocity of the device with friction after `span` [s] of constant force, by hand.
+
+    While it slides in the direction s, v tends to (F − fc·s)/b with the time constant m/b.
+    """
     while span > 0.0:
         if v == 0.0 and abs(force) <= coulomb:
             return x, 0.0
         left = force - math.copysign(coulomb, v or force)
+        # Time until the velocity passes 0, where the handle sticks or slides on the other way.
         turn = MASS / DAMPING * math.log(1.0 - v * DAMPING / left) if v * left < 0.0 else math.inf
         x, v = moved(DEVICE, x, v, left, min(turn, span))
         v = 0.0 if turn <= span else v
@@ -50,7 +56,7 @@ def _slide(x: float, v: float, force: float, coulomb: float, span: float) -> tup
 
 
 def _moves_by_hand(stiffness: float, step: float, coulomb: float, period: float, settle: int) -> bool:
-    """The handle pressed to the edge between counts 1 and 2, and knocked, in plain floats."""
+    """Return whether a handle pressed to the edge between counts 1 and 2 still moves after a knock, by hand."""
     x, v = 1.5 * step, KNOCK
     for _ in range(settle):
         counted = math.floor(x / step + 0.5) * step
@@ -59,6 +65,7 @@ def _moves_by_hand(stiffness: float, step: float, coulomb: float, period: float,
 
 
 def _pressed(stiffness: float, step: float | Array, coulomb: float | Array, period: float) -> Loops:
+    """Return loops with handles pressed to the edge between counts 1 and 2; arrays have the shape `(n,)`."""
     return loops(
         mass=MASS, damping=DAMPING, period=period, stiffness=stiffness, resolution=step, coulomb=coulomb,
         push=1.5 * stiffness * np.asarray(step), position=1.5 * np.asarray(step), velocity=KNOCK,
@@ -66,7 +73,7 @@ def _pressed(stiffness: float, step: float | Array, coulomb: float | Array, peri
 
 
 def coarse_encoder(quick: bool) -> CaseResult:
-    """The step from which a pressed wall chatters has no period in it."""
+    """Check that the encoder count from which a pressed wall chatters does not depend on the period."""
     stiffness, coulomb = 600.0, 0.003
     border, settle = 2.0 * coulomb / stiffness, 1500 if quick else 12_000
     steps = np.linspace(0.81, 1.19, 20) * border
@@ -87,7 +94,7 @@ def coarse_encoder(quick: bool) -> CaseResult:
 
 
 def coulomb_rescue(quick: bool) -> CaseResult:
-    """Friction that bridges half a count's force ends the chatter of a pressed wall."""
+    """Check that friction of half a count's force ends the chatter of a pressed wall."""
     stiffness, settle = 1000.0, 2000 if quick else 30_000
     needed = 0.5 * stiffness * STEP
     shares = np.append(0.0, 0.025 * np.arange(60) + 0.0125)
@@ -104,7 +111,7 @@ def coulomb_rescue(quick: bool) -> CaseResult:
 
 
 def one_count_wall(quick: bool) -> CaseResult:
-    """A wall felt one count deep is a relay: its chatter is a symmetric cycle, speed K·D/(2·b)·tanh(b·n·T/(2·m))."""
+    """Check that a wall pressed one count deep chatters in a symmetric cycle of speed K·D/(2·b)·tanh(b·n·T/(2·m))."""
     stiffness, settle = 600.0, 10_000 if quick else 200_000
     many = loops(
         mass=MASS, damping=DAMPING, period=PERIOD, stiffness=stiffness, resolution=STEP, unilateral=True,
@@ -127,7 +134,7 @@ def one_count_wall(quick: bool) -> CaseResult:
 
 
 def local_stability(quick: bool) -> CaseResult:
-    """Above 2b/T small motions stick and large ones cycle; the threshold is where friction makes up for damping."""
+    """Check that above K = 2b/T small motions stick and large ones cycle, by the threshold of describing functions."""
     stiffness, most = 8000.0, 5.0
     coulomb = 1.2 * 0.5 * stiffness * STEP
     turn = math.sqrt(stiffness / MASS)

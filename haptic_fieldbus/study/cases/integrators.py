@@ -1,6 +1,6 @@
-"""Integrator cases on the oscillator, h = T·√(k/m): tiny and huge steps, limits of stability, ten million steps.
+"""Cases of integrators on the oscillator, h = T·√(k/m): tiny and huge steps, limits of stability, ten million steps.
 
-The oracles are recursions written here by hand, in fifty decimal digits or in fractions, and closed forms.
+The oracles are closed forms, and recursions written by hand in fifty decimal digits or in fractions.
 """
 
 import math
@@ -23,12 +23,12 @@ PERIOD = 1e-3
 
 
 def _swing(space: StateSpace, period: float, method: str, start: tuple[float, float], steps: int) -> Matrix:
-    """True (position, velocity) at the samples of a free motion, shape (steps + 1, 2)."""
+    """Return position and velocity at the samples of a free motion, `(steps + 1, 2)`."""
     return follow(discretise(space, period, method), np.zeros((steps + 1, 1)), start).states
 
 
 def tiny_h(quick: bool) -> CaseResult:
-    """h = 1e-6: the puck jumps by one and is held; no digit is lost over a million steps."""
+    """Check that at h = 1e-6, with a puck that jumps by one unit, no digit is lost over a million steps."""
     h, steps = 1e-6, 50_000 if quick else 1_000_000
     worst, where = 0.0, ""
     for method in METHODS:
@@ -49,7 +49,7 @@ def tiny_h(quick: bool) -> CaseResult:
 
 
 def h_sweep(quick: bool) -> CaseResult:
-    """Spectral radius of every method over nine decades of h, on three masses."""
+    """Check the spectral radius of every method over nine decades of h, on three masses."""
     worst, count = 0.0, 13 if quick else 91
     for h in np.geomspace(1e-6, 1e3, count).tolist():
         for mass, period in ((0.5, 1e-3), (1e-5, 1e-4), (10.0, 1.0)):
@@ -67,7 +67,7 @@ def h_sweep(quick: bool) -> CaseResult:
 
 
 def forward_euler_any_t(quick: bool) -> CaseResult:
-    """Forward Euler gains energy at every period; T only sets how fast."""
+    """Check that forward Euler gains energy with every period T, which only sets how fast."""
     steps = 2_000 if quick else 10_000
     worst, gains = 0.0, []
     for period in np.geomspace(1e-6, 1e-2, 9).tolist():
@@ -88,7 +88,7 @@ def forward_euler_any_t(quick: bool) -> CaseResult:
 
 
 def rk4_at_its_limit(quick: bool) -> CaseResult:
-    """RK4 at h = 2·√2 keeps the energy, one part in ten thousand to either side it loses or gains it."""
+    """Check that RK4 keeps the energy at h = 2·√2, and loses or gains it a ten-thousandth to either side."""
     steps = 1_000 if quick else 20_000
     by_fractions = np.linalg.matrix_power(np.array([[-1, -1], [8, -1]], dtype=object) * Fraction(1, 3), 60)
     swing = _swing(oscillator(8.0), 1.0, "rk4", (1.0, 0.0), steps)
@@ -112,7 +112,7 @@ def rk4_at_its_limit(quick: bool) -> CaseResult:
 
 
 def semi_implicit_at_its_limit(quick: bool) -> CaseResult:
-    """At h = 2 the double root −1 grows linearly, just below nothing grows, just above it grows exponentially."""
+    """Check linear growth by the double root −1 at h = 2, no growth just below it, and exponential growth above."""
     steps = 1_000 if quick else 50_000
     linear = _swing(oscillator(4.0), 1.0, "semi-implicit", (0.0, 1.0), steps)[-1, 0]
     expected = -steps * (-1.0) ** steps
@@ -133,7 +133,7 @@ def semi_implicit_at_its_limit(quick: bool) -> CaseResult:
 
 
 def damper_b_equals_kt(quick: bool) -> CaseResult:
-    """A virtual damper b = k·T takes from forward Euler exactly what it gains; 1 % more or less is seen at once."""
+    """Check that a damper b = k·T removes exactly the energy that forward Euler adds, and 1 % more or less does not."""
     square, steps = 250.0 / 0.4 * PERIOD**2, 2_000 if quick else 50_000
     found = _swing(oscillator(square, square), 1.0, "forward-euler", (1.0, 0.0), steps)
     one, s = Decimal(1), Decimal(square)
@@ -156,7 +156,7 @@ def damper_b_equals_kt(quick: bool) -> CaseResult:
 
 
 def lecture_constants(quick: bool) -> CaseResult:
-    """The held puck moved by one unit: ω_n, f_n and T_n from zero crossings, Euler's eigenvalues 1 ± jT·√(k/m)."""
+    """Check the lecture's held puck moved by one unit: ω_n, f_n, T_n, overshoot, and Euler's eigenvalues."""
     natural = math.sqrt(STIFFNESS / MASS)
     turns = 5 if quick else 100
     step = bind(sprung_mass(), PERIOD, "exact-foh")
@@ -180,7 +180,10 @@ def lecture_constants(quick: bool) -> CaseResult:
 
 
 def energy_drift(quick: bool) -> CaseResult:
-    """Ten million steps (quick: a hundred thousand) of a mass that swings freely: energy of exact-foh and of Verlet."""
+    """Check the energy of exact-foh and of Verlet over ten million steps of a mass that swings freely.
+
+    A quick report takes a hundred thousand steps.
+    """
     steps = 100_000 if quick else 10_000_000
     h2 = STIFFNESS / MASS * PERIOD**2
     exact, verlet = growth.follow("exact-foh", steps).energy, growth.follow("verlet", steps).energy

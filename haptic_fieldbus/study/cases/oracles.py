@@ -1,7 +1,7 @@
-"""Oracles of closed loops, written apart from `numerics` and `margins`: closed forms in plain numbers.
+"""Oracles of closed loops, written independently of `numerics` and `margins`: closed forms in plain numbers.
 
-A plant m·ẍ = −b·ẋ + F takes a force that is held, F_k = −K·x_k, from td after its sample. With τ = m/b and
-ε(t) = 1 − exp(−t/τ) the force f moves it within t, from rest, by f·(t − τ·ε)/b, to the speed f·ε/b.
+A plant m·ẍ = −b·ẋ + F is driven by a held force F_k = −K·x_k, which acts from td after its sample. With τ = m/b and
+ε(t) = 1 − exp(−t/τ), a force f moves the plant from rest within t by f·(t − τ·ε)/b, to the speed f·ε/b.
 """
 
 import math
@@ -12,16 +12,16 @@ from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.study.cases.textbook import Number
 
 DIGITS = 60
-"""Of Decimal: a polynomial of degree 13 with roots close to 1 loses many."""
+"""Digits of Decimal; a polynomial of degree 13 with roots close to 1 loses many of them."""
 
 
 def moved(device: Plant, x: float, v: float, force: float, span: float) -> tuple[float, float]:
-    """Position and velocity after a span [s] of constant force."""
+    """Return position [m] and velocity [m/s] after a span [s] of constant force [N]."""
     if not device.damping:
         a = force / device.mass
         return x + span * (v + 0.5 * a * span), v + a * span
     tau = device.mass / device.damping
-    part = -math.expm1(-span / tau)
+    part = -math.expm1(-span / tau)  # keeps its digits when the span is short
     return x + tau * part * v + force * (span - tau * part) / device.damping, v + part * (force / device.damping - v)
 
 
@@ -35,7 +35,11 @@ def simulate(
     push: float = 0.0,
     start: tuple[float, float] = (1e-3, 0.0),
 ) -> list[float]:
-    """Positions at the samples; `delay` in periods, `push` a constant force of the hand."""
+    """Return the positions at the samples [m]; fewer than `steps` when the loop diverged.
+
+    `law` maps a position to a force, `delay` is in periods, `push` is a constant force of the hand [N], and `start` is
+    position and velocity at the first sample.
+    """
     whole = math.floor(delay)
     rest = (delay - whole) * period
     x, v = start
@@ -44,7 +48,7 @@ def simulate(
     for _ in range(steps):
         positions.append(x)
         forces = [law(x), *forces[:-1]]
-        if rest:
+        if rest:  # until the delay is over, the force of the sample before still acts
             x, v = moved(device, x, v, forces[whole + 1] + push, rest)
         x, v = moved(device, x, v, forces[whole] + push, period - rest)
         if not abs(x) < 1e100:
@@ -53,26 +57,26 @@ def simulate(
 
 
 def growth_of(positions: list[float]) -> float:
-    """ln of the greatest of the last tenth over that of the first."""
+    """Return ln of the greatest |position| in the last tenth over that in the first tenth."""
     tenth = max(1, len(positions) // 10)
     return math.log(max(map(abs, positions[-tenth:])) / max(map(abs, positions[:tenth])))
 
 
 def plain_terms(device: Plant, period: float) -> tuple[float, float, float]:
-    """(e, c1, c0) of z² − (1 + e)·z + e + K·(c1·z + c0), the loop without delay."""
+    """Return (e, c1, c0) of the loop without delay, z² − (1 + e)·z + e + K·(c1·z + c0)."""
     tau, e = device.mass / device.damping, math.exp(-period * device.damping / device.mass)
     part = -math.expm1(-period / tau)
     return e, (period - tau * part) / device.damping, (tau * part - e * period) / device.damping
 
 
 def jury_limit(device: Plant, period: float) -> float:
-    """Its three conditions by hand: K > 0, K < 2·(1 + e)/(c1 − c0), K < (1 − e)/c0."""
+    """Return the stiffness limit without delay [N/m] by Jury's conditions K < 2·(1 + e)/(c1 − c0), K < (1 − e)/c0."""
     e, c1, c0 = plain_terms(device, period)
     return min(2.0 * (1.0 + e) / (c1 - c0), -math.expm1(-period * device.damping / device.mass) / c0)
 
 
 def schur_cohn_limit(device: Plant, period: float, delay: float) -> float:
-    """Stiffness [N/m] at which a root first leaves the unit circle, in 60 digits; `delay` in periods."""
+    """Return the stiffness at which a root first leaves the unit circle [N/m], in 60 digits; `delay` in periods."""
     with localcontext(prec=DIGITS):
         free, by_force = polynomials(device, period, delay)
 
@@ -84,7 +88,10 @@ def schur_cohn_limit(device: Plant, period: float, delay: float) -> float:
 
 
 def largest(stable: Callable[[Number], bool], first: Number, factor: Number, share: Number) -> Number:
-    """Where `stable` ends, first reached by steps of a factor and then bisected to a share of it; 0: nowhere."""
+    """Return the largest stable value, within a share of itself; 0 when even `first` is not stable.
+
+    The search multiplies `first` by `factor` up to the first value that is not stable, and then bisects.
+    """
     low, high = 0 * first, first
     while stable(high):
         low, high = high, high * factor
@@ -95,10 +102,11 @@ def largest(stable: Callable[[Number], bool], first: Number, factor: Number, sha
 
 
 def polynomials(device: Plant, period: float, delay: float) -> tuple[list[Decimal], list[Decimal]]:
-    """(z − 1)(z − e)·z^(n+1), and what K multiplies: (z − e)(b_x + a_x·z) + l·(b_v + a_v·z); highest power first.
+    """Return two polynomials P and Q of the characteristic equation P + K·Q = 0, highest power first.
 
-    l is the way per speed in a period; a force moves the device by (a_x, a_v) within the period after it began to act
-    and by (b_x, b_v) in the one before.
+    P = (z − 1)(z − e)·z^(n+1) and Q = (z − e)(b_x + a_x·z) + l·(b_v + a_v·z). A force moves the device by (a_x, a_v)
+    in the period in which it begins to act, and by (b_x, b_v) in the next one; l is the distance per speed in a period.
+    `delay` is in periods.
     """
     m, b, span = Decimal(device.mass), Decimal(device.damping), Decimal(period)
     whole, tau = math.floor(delay + 1e-9), m / b
@@ -118,7 +126,10 @@ def polynomials(device: Plant, period: float, delay: float) -> tuple[list[Decima
 
 
 def _all_inside(polynomial: list[Decimal]) -> bool:
-    """Schur and Cohn: each step lowers the degree by one and keeps the number of roots outside."""
+    """Return whether all roots are inside the unit circle, by Schur and Cohn.
+
+    Each step lowers the degree by one and keeps the number of roots outside.
+    """
     while len(polynomial) > 1:
         first, last = polynomial[0], polynomial[-1]
         if abs(last) >= abs(first):

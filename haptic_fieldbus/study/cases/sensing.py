@@ -1,4 +1,4 @@
-"""Cases of what is measured and when: velocity from counts, tachometers, jittered and missing samples."""
+"""Cases of measurement: velocity from counts, tachometers, jittered and missing samples."""
 
 import math
 from collections.abc import Iterable
@@ -17,21 +17,23 @@ from haptic_fieldbus.study.cases.oracles import moved
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD, STEP = 1e-3, 1e-5
+"""Period [s] and encoder count [m]."""
+# A fraction by which phases of a count come as evenly as they can: multiples of the golden ratio never repeat.
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 def _counted(speed: float, samples: int) -> list[float]:
-    """A steady motion as the encoder tells it [m], sample by sample."""
+    """Return the positions that an encoder gives for a steady motion [m], sample by sample."""
     return [STEP * math.floor(speed * PERIOD * number / STEP) for number in range(samples)]
 
 
 def _estimated(spec: str, positions: Iterable[float], period: float = PERIOD) -> list[float]:
-    """Velocities [m/s] by an estimator that knows the step of the encoder."""
+    """Return the velocities of an estimator that is given the encoder count [m/s]."""
     return list(map(estimators.bind(spec, period, STEP), positions))
 
 
 def velocity_quantisation(quick: bool) -> CaseResult:
-    """A difference of counts knows whole multiples of D/T only."""
+    """Check that a difference of counts takes whole multiples of D/T only, with the rms error of theory."""
     samples, ratio = 20_000 if quick else 1_000_000, 3.0 + GOLDEN
     found = np.array(_estimated("backward-difference", _counted(ratio * STEP / PERIOD, samples))[1:])
     unit = STEP / PERIOD
@@ -48,7 +50,7 @@ def velocity_quantisation(quick: bool) -> CaseResult:
 
 
 def zero_transition_window(quick: bool) -> CaseResult:
-    """A window in which no count comes reads zero though the handle moves; the time between counts does not."""
+    """Check that a window without a count reads 0 although the handle moves, and the time between counts does not."""
     samples, ratio, window = 20_000 if quick else 1_000_000, GOLDEN / 10.0, 8
     speed = ratio * STEP / PERIOD
     positions = _counted(speed, samples)
@@ -71,7 +73,7 @@ def zero_transition_window(quick: bool) -> CaseResult:
 
 
 def differentiator_tau_below_half_t(quick: bool) -> CaseResult:
-    """s/(τs + 1) by the forward mapping has its pole at 1 − T/τ: refused below τ = T/2, and rightly."""
+    """Check that s/(τs + 1) by the forward mapping is refused below τ = T/2, where its pole 1 − T/τ is unstable."""
     steps = 100 if quick else 10_000
     tau = 0.49 * PERIOD
     refusal = refused(lambda: estimators.bind(f"filtered-derivative:tau={tau!r},mapping=forward", PERIOD))
@@ -91,7 +93,7 @@ def differentiator_tau_below_half_t(quick: bool) -> CaseResult:
 
 
 def lecture_noise(quick: bool) -> CaseResult:
-    """y = sin t + 0.1·sin 10t differentiated: the tenth becomes as large as the signal; a filter gives some back."""
+    """Check y = sin t + 0.1·sin 10t differentiated: the noise grows as large as the signal, a filter reduces it."""
     turns, samples = 3, 2000 if quick else 200_000
     period, tau = 2.0 * math.pi / samples, 0.2
     times = period * np.arange(turns * samples)
@@ -119,7 +121,7 @@ def lecture_noise(quick: bool) -> CaseResult:
 
 
 def tachometer_drift(quick: bool) -> CaseResult:
-    """A tachometer rounded down drifts by half a step of velocity; one rounded to nearest loses slow motions."""
+    """Check that a tachometer rounded down drifts by half a step, and one rounded to nearest loses slow motions."""
     samples, unit = 20_001 if quick else 1_000_001, 1e-3
     down, near = tachometer.bind_position(PERIOD), tachometer.bind_position(PERIOD)
     x = slow = 0.0
@@ -139,7 +141,7 @@ def tachometer_drift(quick: bool) -> CaseResult:
 
 
 def tachometer_alias(quick: bool) -> CaseResult:
-    """A motion to and fro at the sampling rate looks steady; below half of it the trapezoid takes amplitude."""
+    """Check that a motion to and fro at the sampling rate reads as a steady one, and a slower one loses amplitude."""
     samples, phase, size = 2000 if quick else 200_000, 0.3, 1e-4
     turn = 2.0 * math.pi / PERIOD
     aliased, slower = tachometer.bind_position(PERIOD), tachometer.bind_position(PERIOD)
@@ -160,7 +162,7 @@ def tachometer_alias(quick: bool) -> CaseResult:
 
 
 def jittered_sampling(quick: bool) -> CaseResult:
-    """Jitter costs stiffness by its square, and looks like a speed to a difference that takes T for granted."""
+    """Check that jitter lowers the limit by its square, and is an error to a difference that assumes the period T."""
     number, plant = 300 if quick else 3000, Plant(5.0, 0.5)
     times = PERIOD * (1.0 + np.random.default_rng(4).uniform(-0.5, 0.5, number))
     devices = [sample(plant, float(time), 0.0) for time in times]
@@ -190,18 +192,19 @@ def jittered_sampling(quick: bool) -> CaseResult:
 
 
 def _grows_by_hand(plant: Plant, stiffness: float, lengths: tuple[int, ...]) -> bool:
-    """Whether (x, v) grows over a pattern: each force held for its whole gap, in plain floats, Jury for the map."""
+    """Return whether (x, v) grows over a pattern of gaps, each force held for its whole gap, in plain floats."""
     columns = []
     for x, v in ((1.0, 0.0), (0.0, 1.0)):
         for length in lengths:
             x, v = moved(plant, x, v, -stiffness * x, length * PERIOD)
         columns.append((x, v))
     (a, c), (b, d) = columns
+    # Jury's conditions of the map [[a, b], [c, d]]: determinant and trace.
     return not (abs(a * d - b * c) < 1.0 and abs(a + d) < 1.0 + a * d - b * c)
 
 
 def dropped_frames(quick: bool) -> CaseResult:
-    """Lost frames with a held force cost stiffness by the squares of their gaps."""
+    """Check that lost frames with a held force lower the limit by the squares of their gaps."""
     plant = Plant(5.0, 0.5)
     patterns: dict[str, tuple[int, ...]] = {
         "none": (1,), "every second": (2,), "one of three": (1, 2), "two of five": (1, 1, 3),

@@ -1,7 +1,7 @@
-"""Energy and passivity: ledgers of held forces.
+"""Cases of energy and passivity: sums of the work of held forces, here called ledgers.
 
-The force held from sample k to k + 1 works over x_{k+1} − x_k. For F = −K·x and a motion that comes back to where it
-began, the sum of that is K/2·Σ(x_{k+1} − x_k)²: the energy that a sampled spring gives away, its leak.
+The force held from sample k to k + 1 does work over x_{k+1} − x_k. For F = −K·x and a motion that returns to its start,
+the sum of this work is K/2·Σ(x_{k+1} − x_k)²: the energy that a sampled spring generates, its leak.
 """
 
 import math
@@ -21,18 +21,21 @@ from haptic_fieldbus.study.cases.oracles import moved
 
 PERIOD = 1e-3
 STIFFNESS, AMPLITUDE, TURN = 600.0, 0.01, 40
-"""[N/m], [m]; samples in a cycle of the handle's sine."""
+"""Stiffness [N/m], amplitude of the handle's sine [m], and samples in a cycle of it."""
 EXACT = 1e-9
-"""Relative, of sums that are equal but for rounding."""
+"""Permitted relative difference of sums that are equal but for rounding."""
 
 
 def _handle(times: Array) -> Array:
-    """Position of a handle that is moved by a sine, times in periods [m]."""
+    """Return the position of a handle that moves in a sine [m], `(n,)`, at times in periods."""
     return np.asarray(AMPLITUDE * np.sin(2.0 * math.pi / TURN * times))
 
 
 def passivity_observer_timing(quick: bool) -> CaseResult:
-    """Only the pairing of a force with the displacement while it was held sees the leak; the others see −leak and 0."""
+    """Check that a ledger shows the leak only when it pairs a force with the displacement during its hold.
+
+    Pairing the force with the displacement before it gives −leak, and the mean of both gives 0.
+    """
     cycles = 10 if quick else 1_000
     x = _handle(np.arange(cycles * TURN + 1, dtype=np.float64))
     force, way = -STIFFNESS * x, np.diff(x)
@@ -52,18 +55,21 @@ def passivity_observer_timing(quick: bool) -> CaseResult:
 
 
 def _worked(force: Array, cycles: int, delay: float, parts: int = 50) -> float:
-    """∫f·v over whole cycles, the force of each sample acting `delay` periods later, by the midpoint of each part."""
+    """Return ∫f·v over whole cycles [J], with the force of each sample acting `delay` periods later.
+
+    The integral is taken by the midpoint of each of `parts` parts of a period.
+    """
     times = (np.arange(cycles * TURN * parts) + 0.5) / parts + TURN
     angular = 2.0 * math.pi / TURN
     speed = AMPLITUDE * angular * np.cos(angular * times)
     acting = np.floor(times - delay).astype(np.int64) % TURN
-    # a part lasts 1/parts; its mean speed is sin(y)/y times that of its midpoint
+    # The mean speed of a part is sin(y)/y times the speed at its midpoint, y half of its angle: exact for a sine.
     half = 0.5 * angular / parts
     return float(force[acting] @ speed) / parts * math.sin(half) / half
 
 
 def passivity_observer_delay(quick: bool) -> CaseResult:
-    """A ledger that does not know of the delay sees (T/2)/(T/2 + td) of the leak; shifted by it, all of it."""
+    """Check that a ledger shows (T/2)/(T/2 + td) of the leak without regard to the delay td, and all when shifted."""
     cycles = 10 if quick else 1_000
     delays = (0.0, 0.3, 1.0, 1.7)
     angle = 2.0 * math.pi / TURN
@@ -92,7 +98,10 @@ def passivity_observer_delay(quick: bool) -> CaseResult:
 
 
 def _shifted(force: Array, x: Array, delay: float) -> float:
-    """Each force with the way made while it acted: whole samples on, the rest of the delay by interpolation of x."""
+    """Return the ledger of forces and displacements shifted by `delay` periods [J].
+
+    The fraction of a period is shifted by interpolation between samples.
+    """
     whole = math.floor(delay)
     rest, count = delay - whole, len(force)
     late = (1.0 - rest) * x[whole : whole + count + 1] + rest * x[whole + 1 : whole + count + 2]
@@ -100,7 +109,7 @@ def _shifted(force: Array, x: Array, delay: float) -> float:
 
 
 def saturation_ledger(quick: bool) -> CaseResult:
-    """A free mass's energy changes by the work of the torque after saturation, not by that of the one asked for."""
+    """Check that the energy of a free mass changes by the work of the force after saturation, not before it."""
     mass, most, steps = 0.5, 2.0, 400 if quick else 40_000
     many = loops(
         mass=mass, damping=0.0, period=PERIOD, stiffness=STIFFNESS, saturation=most, position=-0.002, velocity=0.6
@@ -122,11 +131,11 @@ def saturation_ledger(quick: bool) -> CaseResult:
 
 
 def half_sample_wall(quick: bool) -> CaseResult:
-    """F = −K·(x + v·T/2) gives no energy with the true velocity; with a backward difference it is a partial cure.
+    """Check that F = −K·(x + v·T/2) generates no energy with the true velocity, and little with a backward difference.
 
-    The mass is leant on the wall, 1 cm deep, so that it never leaves it.
-    Without damping one period's matrix has determinant 1 + h²/2 without the prediction, and exactly 1 with it. The
-    difference is right up to a lag of θ³/4 where the plain wall has θ/2: it grows by h⁴/8 a period, instead of h²/4.
+    The mass leans on the wall, 1 cm deep, so that it never leaves it. Without damping, the matrix of one period has the
+    determinant 1 + h²/2 without the prediction, and exactly 1 with it. With a backward difference a lag of θ³/4 is
+    left, compared with θ/2 of the plain wall, and the motion grows by h⁴/8 a period instead of h²/4.
     """
     mass, steps = 0.5, 4_000 if quick else 400_000
     h = PERIOD * math.sqrt(STIFFNESS / mass)
@@ -157,12 +166,16 @@ def half_sample_wall(quick: bool) -> CaseResult:
 
 
 def _growth_a_period(mass: float, force: Callable[[float, float], float], steps: int) -> float:
-    """Log of the growth a period of a mass that swings about 0 under a force of stiffness STIFFNESS, by running it."""
+    """Return the logarithm of the growth a period of a mass that swings about 0, by simulation.
+
+    `force` takes position and velocity and has the stiffness STIFFNESS.
+    """
     device = Plant(mass, 0.0)
     x, v, first, last = 0.001, 0.0, 0.0, 0.0
     window = round(2.0 * math.pi / (PERIOD * math.sqrt(STIFFNESS / mass)))
     for step in range(steps):
         x, v = moved(device, x, v, force(x, v), PERIOD)
+        # Twice the energy, summed over one swing at each end: it varies within a swing, its sum does not.
         size = STIFFNESS * x * x + mass * v * v
         if step < window:
             first += size

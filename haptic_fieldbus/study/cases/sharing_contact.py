@@ -1,4 +1,4 @@
-"""Energy and passivity: what a wall gives at entry and exit, in a contact too short to see, and when a hand lets go."""
+"""Cases of energy in contact: entry and exit of a wall, a contact shorter than a sample, and a hand that lets go."""
 
 import math
 
@@ -14,13 +14,16 @@ from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3
 SPEED = 0.2
-"""[m/s] towards the wall."""
+"""Speed towards the wall [m/s]."""
 EXACT = 1e-9
-"""Relative, of sums that are equal but for rounding."""
+"""Permitted relative difference of sums that are equal but for rounding."""
 
 
 def _bounced(mass: float, stiffness: float, phases: Array, steps: int, saturation: float = math.inf) -> Array:
-    """Exit speed [m/s] of masses that reach the wall with each phase of a period left to the next sample."""
+    """Return the exit speeds of masses that hit the wall [m/s], `(n,)`.
+
+    `phases`, `(n,)`, are the shares of a period that are left from the impact to the next sample.
+    """
     many = loops(
         mass=mass, damping=0.0, period=PERIOD, stiffness=stiffness, unilateral=True, saturation=saturation,
         position=-SPEED * PERIOD * (1.0 - phases), velocity=SPEED,
@@ -29,10 +32,10 @@ def _bounced(mass: float, stiffness: float, phases: Array, steps: int, saturatio
 
 
 def bounce_energy(quick: bool) -> CaseResult:
-    """A bounce on an undamped wall gives e^{πh/2} − 1 of the energy it got on average, and its phase decides the rest.
+    """Check that a bounce on an undamped wall generates e^{πh/2} − 1 of its energy on average, more or less by phase.
 
-    With y_0 the first sample inside and y_N the first one outside again, the wall's work is exactly
-    K/2·(Σ(y_{k+1} − y_k)² + y_0² − y_N²): the hold's leak, and up to a sample at entry and at exit.
+    With y_0 the first sample inside and y_N the first one outside again, the work of the wall is exactly
+    K/2·(Σ(y_{k+1} − y_k)² + y_0² − y_N²): the leak of the hold, and terms of up to one sample at entry and at exit.
     """
     mass, stiffness, count = 0.5, 2000.0, 200 if quick else 5_000
     h = PERIOD * math.sqrt(stiffness / mass)
@@ -55,7 +58,7 @@ def bounce_energy(quick: bool) -> CaseResult:
 
 
 def _leak(mass: float, stiffness: float, phase: float, steps: int) -> float:
-    """The wall's work by the identity of `bounce_energy`, the motion by x'' = F/m in plain sums [J]."""
+    """Return the work of the wall by the identity of `bounce_energy` [J], with the motion simulated by hand."""
     start = -SPEED * PERIOD * (1.0 - phase), SPEED
     x = np.array(simulate(Plant(mass, 0.0), PERIOD, lambda x: -stiffness * max(x, 0.0), steps + 1, start=start))
     inside = x[:-1] > 0.0
@@ -65,10 +68,10 @@ def _leak(mass: float, stiffness: float, phase: float, steps: int) -> float:
 
 
 def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
-    """Where π·√(m/K) < T one sample sees the wall and throws the handle out with (h²·φ − 1) times its speed.
+    """Check that a contact of less than a period throws the handle out with (h²·φ − 1) times its speed.
 
-    φ is the part of the period that was left after the edge. It leaves within one period where φ ≥ 1/(h²/2 − 1); a
-    bound on the force bounds the speed to F·T/m − v.
+    A contact lasts π·√(m/K), and φ is the share of the period that is left after the impact. The handle leaves within
+    one period when φ ≥ 1/(h²/2 − 1). A limit of the force limits the speed to F·T/m − v.
     """
     mass, stiffness, count = 0.02, 5e5, 200 if quick else 20_000
     square, most = PERIOD**2 * stiffness / mass, 20.0
@@ -92,7 +95,7 @@ def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
 
 
 def hand_lets_go(quick: bool) -> CaseResult:
-    """A wall that is stable in the hand grows once the hand lets go: the limit to quote is that of the free handle."""
+    """Check that a wall which is stable in a hand can grow when the hand lets go: the free handle sets the limit."""
     plant = Plant(mass=0.1, damping=2.0)
     free = stiffness_limit(plant, PERIOD, 0.0, spring)
     stiffness = 1.5 * free
@@ -114,7 +117,7 @@ def hand_lets_go(quick: bool) -> CaseResult:
 
 
 def _let_go(plant: Plant, stiffness: float, steps: int) -> tuple[float, float]:
-    """Growth rates [1/s] of the handle's swing at the wall before and after the hand lets go, by brute force."""
+    """Return the growth rates of the handle's swing before and after the hand lets go [1/s], by brute force."""
     state = np.array([1e-3, 0.0, 1e-3, 0.0])
     found = []
     for link in (1.0, 0.0):
@@ -122,6 +125,7 @@ def _let_go(plant: Plant, stiffness: float, steps: int) -> tuple[float, float]:
         for step in range(steps):
             peaks[step] = abs(state[0])
             state = period[:4] @ np.append(state, -stiffness * state[0])
+        # The first third is left out: the modes that fade faster have died away after it.
         third = steps // 3
         first, last = peaks[third : 2 * third].max(), peaks[2 * third :].max()
         found.append(math.log(last / first) / (third * PERIOD))
@@ -129,7 +133,10 @@ def _let_go(plant: Plant, stiffness: float, steps: int) -> tuple[float, float]:
 
 
 def _period(plant: Plant, link: float) -> Array:
-    """A period of handle and hand (x, v, x_hand, v_hand, held force) in eight Runge–Kutta steps, each Σ (A·T/8)ⁿ/n!."""
+    """Return the matrix of a period of (x, v, x_hand, v_hand, held force), `(5, 5)`, by eight Runge–Kutta steps.
+
+    A step of the fourth order is Σ (A·T/8)ⁿ/n! for n up to 4. `link` is 1 with the hand and 0 without it.
+    """
     stiffness, damping = link * HAND.stiffness, link * HAND.damping
     pull = np.array([-stiffness, -damping, stiffness, damping, 0.0])
     rates = np.zeros((5, 5))

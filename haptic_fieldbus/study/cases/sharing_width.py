@@ -1,11 +1,11 @@
-"""Energy and passivity: how stiff and how damped a wall may be, and what a filter in its damper costs or saves.
+"""Cases of Z-width: how stiff and how damped a wall may be, and the effect of a filter in its damper.
 
-With p = e^{−b·T/m}, N what the stiffness multiplies in a loop without damper (`oracles.polynomials`), and a
-damper through a low-pass of pole r, the loop's characteristic polynomial is
+Let p = e^{−b·T/m}, N the polynomial that the stiffness multiplies in a loop without damper (`oracles.polynomials`), and
+r the pole of a low-pass in the damper. The loop's characteristic polynomial is
 
     (z − 1)·(z − p)·(z − r)·zⁿ⁺¹ + N·(K·(z − r) + B·(1 − r)·(z − 1)/T).
 
-The oracle takes its roots; the package takes eigenvalues of matrices and runs loops.
+The oracle takes its roots. The package takes eigenvalues of matrices, and simulates loops.
 """
 
 import math
@@ -23,23 +23,23 @@ from haptic_fieldbus.study.cases.oracles import largest, plain_terms, polynomial
 from haptic_fieldbus.study.measure import region
 
 Point = tuple[float, float, float]
-"""Virtual damping B, delay [s], pole of the low-pass."""
+"""Virtual damping B [N·s/m], delay [s], pole of the low-pass."""
 PERIOD = 1e-3
 DEVICE = Plant(mass=0.1, damping=2.0)
 AGREEMENT = 1e-6
-"""Relative, of the package's limit with the oracle's."""
+"""Permitted relative difference of the limits of package and oracle."""
 APART = 0.03
-"""How far below and above a limit loops are run."""
+"""Distance below and above a limit at which loops are simulated, relative to it."""
 ROOTS = "roots of a characteristic polynomial derived by hand (bisected in K, to 1e-6); loops run 3 % either side"
 
 
 def wall(stiffness: float, damping: float, pole: float = 0.0) -> StateSpace:
-    """A spring and a damper on a low-passed backward difference, as the loop runs them."""
+    """Return a wall whose damper acts on a low-passed backward difference, as a discrete environment."""
     return region.wall(stiffness, damping, PERIOD, f"low-pass:pole={pole}")
 
 
 def oracle_limit(damping: float, delay: float, pole: float) -> float:
-    """The stiffness at which a root first leaves the unit circle [N/m]; 0: none is stable."""
+    """Return the stiffness at which a root first leaves the unit circle [N/m]; 0 when none is stable."""
     free, force = (np.array(each, dtype=np.float64) for each in polynomials(DEVICE, PERIOD, delay / PERIOD))
     damper = damping * (1.0 - pole) / PERIOD * np.array([1.0, -1.0])
 
@@ -51,11 +51,12 @@ def oracle_limit(damping: float, delay: float, pole: float) -> float:
 
 
 def _package_limit(damping: float, delay: float, pole: float) -> float:
+    """Return the stiffness limit that the package computes [N/m]."""
     return stiffness_limit(DEVICE, PERIOD, delay, lambda stiffness: wall(stiffness, damping, pole))
 
 
 def _right(limit: float, point: Point, quick: bool) -> int:
-    """How many of the two loops that are run below and above a limit decay and grow so."""
+    """Return how many of two simulated loops behave as the limit says: one below it decays, one above it grows."""
     damping, delay, pole = point
     many = loops(
         mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, delay=delay, position=1e-3,
@@ -66,7 +67,10 @@ def _right(limit: float, point: Point, quick: bool) -> int:
 
 
 def _judged(points: list[Point], law: str, holds: Callable[[list[float]], bool], quick: bool) -> CaseResult:
-    """Limits by package, oracle and loops that run; `holds` says whether the oracle's follow the law."""
+    """Return the result on limits by package, oracle and simulated loops.
+
+    `law` describes how the limits vary, and `holds` tells whether those of the oracle do so.
+    """
     expected = [oracle_limit(*point) for point in points]
     found = [_package_limit(*point) for point in points]
     apart = max(abs(one - other) / other if other else abs(one) for one, other in zip(found, expected, strict=True))
@@ -83,7 +87,7 @@ def _judged(points: list[Point], law: str, holds: Callable[[list[float]], bool],
 
 
 def z_width_damping(quick: bool) -> CaseResult:
-    """Without delay, virtual damping widens the range of stiffness up to a point and then closes it."""
+    """Check that without delay, virtual damping first widens the range of stable stiffness and then closes it."""
 
     def holds(limits: list[float]) -> bool:
         low = limits[0] * PERIOD / (2.0 * DEVICE.damping)
@@ -94,21 +98,21 @@ def z_width_damping(quick: bool) -> CaseResult:
 
 
 def z_width_delay(quick: bool) -> CaseResult:
-    """Delay narrows it: with the same damper each further part of a period costs stiffness."""
+    """Check that delay lowers the stiffness limit with the same damper, further with each part of a period."""
     points = [(10.0, delay * PERIOD, 0.0) for delay in (0.0, 0.5, 1.0, 1.7, 3.0)]
     law = "K limit with B = 10 N·s/m falls with delays of 0, ½, 1, 1.7, 3 T"
     return _judged(points, law, lambda limits: limits == sorted(limits)[::-1], quick)
 
 
 def z_width_filter(quick: bool) -> CaseResult:
-    """A low-pass in the damper costs stiffness, with little virtual damping and with much."""
+    """Check that a low-pass in the damper lowers the stiffness limit, with little and with much virtual damping."""
     points = [(b, 0.0, pole) for b in (10.0, 160.0) for pole in (0.0, 0.5, 0.9)]
     law = "K limit falls with low-passes of pole 0, 0.5, 0.9, with B = 10 and with B = 160 N·s/m"
     return _judged(points, law, lambda k: k[0] > k[1] > k[2] > 0.0 and k[3] > k[4] > k[5] > 0.0, quick)
 
 
 def pure_damper_limit(quick: bool) -> CaseResult:
-    """A damper alone is stable up to B = T/(a·d − p·c), near 2·m/T, and passive up to the device's own b only."""
+    """Check that a damper alone is stable up to B = T/(a·d − p·c), near 2·m/T, and passive up to the device's b."""
     p, c1, c0 = plain_terms(DEVICE, PERIOD)
     expected = min(PERIOD / c0, (1.0 + p) * PERIOD / (c1 - c0))
     device = sample(DEVICE, PERIOD, 0.0)
@@ -133,9 +137,10 @@ def pure_damper_limit(quick: bool) -> CaseResult:
 
 
 def filtered_damper_passivity(quick: bool) -> CaseResult:
-    """Behind a low-pass of pole r a damper needs b = K·T/2 + B·(1 − r)/(1 + r): a filter makes passivity easier.
+    """Check that with a low-pass of pole r, passivity needs b = K·T/2 + B·(1 − r)/(1 + r), less than without it.
 
-    The Colgate–Schenkel condition's weight turns the damper into −B·Re{e^{−jθ}·(1 − r)/(1 − r·e^{−jθ})}, largest at π.
+    With the weight of the Colgate–Schenkel condition, the damper becomes −B·Re{e^{−jθ}·(1 − r)/(1 − r·e^{−jθ})}, which
+    is largest at θ = π.
     """
     stiffness, virtual = 800.0, 3.0
     poles = (0.0, 0.3, 0.8, 0.95)
@@ -155,7 +160,8 @@ def filtered_damper_passivity(quick: bool) -> CaseResult:
 
 
 def _given_at_nyquist(stiffness: float, virtual: float, pole: float) -> float:
-    """Work that a wall gives to a handle driven to ±1 mm in turn at constant speed, over ∫v² [N·s/m]."""
+    """Return the work of a wall on a handle driven between ±1 mm at constant speed, over ∫v² [N·s/m]."""
+    # To and fro each period is the Nyquist frequency. The first half of the run lets the low-pass settle.
     position, velocity, work, square = 1e-3, 0.0, 0.0, 0.0
     for step in range(2_000):
         velocity = pole * velocity + (1.0 - pole) * 2.0 * position / PERIOD

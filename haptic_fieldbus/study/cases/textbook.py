@@ -1,4 +1,4 @@
-"""A mass on a spring, q̈ = ω²·(x − q), by every method as textbooks write it, in floats or in fifty decimal digits."""
+"""Mass on a spring, q̈ = ω²·(x − q), by every method as textbooks have it, in floats or in fifty decimal digits."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,11 +10,11 @@ import numpy as np
 Number = TypeVar("Number", float, Decimal)
 DIGITS = 50
 TERMS = 40
-"""Of the series of sine and cosine."""
+"""Number of terms in the series of cosine, and in that of sine."""
 
 
 class Rule(Protocol):
-    """(q, q̇, x before, x now, ω, period) → (q, q̇) now."""
+    """Step of a method: (q, q̇, x before, x now, ω, period) → (q, q̇) now."""
 
     def __call__(
         self, q: Number, v: Number, x: Number, y: Number, w: Number, t: Number, /
@@ -58,7 +58,7 @@ def _rk4(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tu
 
 
 def _exact(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> tuple[Number, Number]:
-    """The handle on a straight line from x to y: q = x + s·time + A·cos + B·sin."""
+    """Solve exactly for a handle on a straight line from x to y: q = x + s·time + A·cos + B·sin."""
     slope = (y - x) / t
     c, s = _cos_sin(w * t)
     a, b = q - x, (v - slope) / w
@@ -66,6 +66,7 @@ def _exact(q: Number, v: Number, x: Number, y: Number, w: Number, t: Number) -> 
 
 
 def _cos_sin(angle: Number) -> tuple[Number, Number]:
+    """Return cosine and sine of an angle [rad]; of a Decimal by their series, with signs in turn."""
     if not isinstance(angle, Decimal):
         return math.cos(angle), math.sin(angle)
     terms = [angle**n / math.factorial(n) for n in range(2 * TERMS)]
@@ -74,6 +75,7 @@ def _cos_sin(angle: Number) -> tuple[Number, Number]:
 
 
 def _leapfrog_radius(h: float) -> float:
+    """Return the spectral radius of the leapfrog methods: 1 up to h = 2, e^{2·acosh(h/2)} beyond."""
     return 1.0 if h <= 2.0 else math.exp(2.0 * math.acosh(0.5 * h))
 
 
@@ -88,6 +90,7 @@ RULES: dict[str, Rule] = {
     "exact-zoh": lambda q, v, x, y, w, t: _exact(q, v, x, x, w, t),
     "exact-foh": _exact,
 }
+"""Step of each method."""
 RADII: dict[str, Callable[[float], float]] = {
     "forward-euler": lambda h: math.hypot(1.0, h),
     "backward-euler": lambda h: 1.0 / math.hypot(1.0, h),
@@ -99,20 +102,24 @@ RADII: dict[str, Callable[[float], float]] = {
     "exact-zoh": lambda h: 1.0,
     "exact-foh": lambda h: 1.0,
 }
-"""h = T·ω → spectral radius of a free motion."""
+"""Spectral radius of a free motion as a function of h = T·ω, in closed form."""
 
 
 def puck_moved(method: str, square: float, sample: int) -> float:
-    """Force over stiffness at a sample from 2 on, h² = `square`; x is 0 at sample 0 and 1 from sample 1 on."""
+    """Return force over stiffness at a sample from 2 on, with h² = `square`, for a puck that jumps from 0 to 1.
+
+    The puck is at 0 at sample 0, and at 1 from sample 1 on.
+    """
     with localcontext(prec=DIGITS):
         rule, w, one, none = RULES[method], Decimal(square).sqrt(), Decimal(1), Decimal(0)
         q, v = rule(none, none, none, one, w, one)
+        # After the jump the motion is free about the puck: the matrix of one step is found from two unit states.
         columns = [rule(*start, none, none, w, one) for start in ((one, none), (none, one))]
     return free_motion(list(zip(*columns, strict=True)), (q - 1, v), sample - 1)
 
 
 def free_motion(matrix: Sequence[Sequence[Decimal]], start: Sequence[Decimal], steps: int) -> float:
-    """Position after so many steps of (position, velocity) ← matrix·(position, velocity), in fifty digits."""
+    """Return the position after `steps` of (position, velocity) ← matrix·(position, velocity), in fifty digits."""
     with localcontext(prec=DIGITS):
         power = np.linalg.matrix_power(np.array(matrix, dtype=object), steps)
         return float((power @ np.array(start, dtype=object))[0])

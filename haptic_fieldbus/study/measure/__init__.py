@@ -1,1 +1,1 @@
-"""Numbers of the report: each module measures one thing and knows nothing of pages."""
+"""Measurements of the report: each module measures one thing and is independent of pages."""

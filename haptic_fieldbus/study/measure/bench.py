@@ -1,4 +1,4 @@
-"""The bench that the report's loops run on: the shipped one, as the plan knows it, and the hand that pushes."""
+"""Bench of the report's loops: the shipped one, with the values of its plan, and the hand that holds it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.planning.plan import Plan
 
 FEW_SCENES = ("wall", "damped_wall", "sprung_mass", "detents", "lugre", "generalised_maxwell", "virtual_shaft")
-"""One of each sort, for a quick report."""
+"""Scenes of a quick report: one of each sort."""
 
 
 @dataclass(frozen=True)
 class Tools:
-    """What the report asks of the layers above it: `api.run` and `api.plan`."""
+    """Functions `api.run` and `api.plan`, handed in by the caller."""
 
     run: Callable[..., Result]
     plan: Callable[..., Plan]
@@ -35,7 +35,7 @@ class Bench:
 
 
 def bench_of(plan: Plan) -> Bench:
-    """Of the first axis."""
+    """Return the bench of the plan's first axis; raises PlanError when its mass and friction are unknown."""
     axis = plan.axes[0]
     if axis.plant is None:
         raise PlanError(f"{axis.name}: the report needs a bench whose mass and friction are known")
@@ -43,17 +43,20 @@ def bench_of(plan: Plan) -> Bench:
 
 
 def held(plant: Plant) -> tuple[Matrix, Matrix, Matrix]:
-    """(A, motor's B, hand's B) of the device in the pushing hand; states (x, v, its hand's x, v), force in N."""
+    """Return (A, B of the motor, B of the hand) of a linear device held by a hand; inputs are forces [N].
+
+    The states are position and velocity of the handle, then of the hand. Shapes: `(4, 4)`, `(4, 1)`, `(4, 1)`.
+    """
     return *bodies.dynamics(plant, (HAND,)), np.array([[0.0], [0.0], [0.0], [1.0 / HAND.mass]])
 
 
 def free(plant: Plant) -> tuple[Matrix, Matrix]:
-    """(A, B) of the device by itself, its torque loop included."""
+    """Return (A, B) of the device with a free handle, its torque loop included; states (x, v[, motor force])."""
     return through_torque_loop(*dynamics(plant), plant.torque_lag)
 
 
 def grounded(plant: Plant) -> tuple[Matrix, Matrix]:
-    """(A, B) of the device held by the hand, which leans on the world; states (x, v[, motor force])."""
+    """Return (A, B) of the device held by a hand that leans on the ground; states (x, v[, motor force])."""
     a, b = dynamics(plant)
     a[1] -= np.array([HAND.stiffness, HAND.damping]) / plant.mass
     return through_torque_loop(a, b, plant.torque_lag)

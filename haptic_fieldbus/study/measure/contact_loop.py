@@ -1,9 +1,9 @@
 """Closed loops with a hand: a wall and a sprung mass on the shipped device, pushed by a sine of 4 N.
 
-The device and the hand move in continuous time, exactly; the environment's force is held from sample to sample,
-without delay. The reference is the same loop with an environment in continuous time. The difference is what sampling,
-hold and velocity estimate (or integrator) cost, and it is first order in the period whatever the method: the hold is
-late by T/2.
+The device and the hand move in continuous time, solved exactly. The environment's force is held from sample to sample,
+without delay. The reference is the same loop with an environment in continuous time. The difference is the error of
+sampling, hold and velocity estimate (or integrator). It is of first order in the period for every method, because the
+hold is late by T/2.
 """
 
 import math
@@ -26,24 +26,26 @@ from haptic_fieldbus.study.measure.work_precision import Point, Set, errors, wit
 
 Law = Callable[[float], float]
 HORIZON, STIFFNESS, DAMPING = 1.0, 600.0, 2.0
-"""[s]; the walls of the scene library [N/m], [N·s/m]."""
+"""Length of a run [s], and the walls of the scene library [N/m], [N·s/m]."""
 HAND_FORCE = sine(4.0, 1.0)
 TIMED_STEPS = 200
+"""Steps in one timed pass."""
 DIVERGED = 1e12
+"""Force from which a run counts as diverged [N]; far above any real one, and far below overflow."""
 FIXED_TIMES = ("filtered-derivative",)
-"""Estimators with a time constant that does not shrink with the period: they settle at an error of their own."""
+"""Estimators with a time constant that does not shrink with the period: their error has a limit above 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """An environment in sustained contact, and for each of its methods the force law that a loop runs."""
+    """Environment in sustained contact, and the force law of the loop for each of its methods."""
 
     name: str
     title: str
     space: StateSpace
     methods: tuple[str, ...]
     law: Callable[[str, float, float], Law]
-    """(method, period, encoder step) → position to force."""
+    """Function of method, period [s] and encoder step [m]: returns a law from position [m] to force [N]."""
 
 
 def _wall(method: str, period: float, resolution: float) -> Law:
@@ -58,6 +60,7 @@ def _dragged(method: str, period: float, resolution: float) -> Law:
 
 
 def contacts() -> dict[str, Contact]:
+    """Return all contacts by name."""
     spring, damped = gain([[-STIFFNESS, 0.0]]), gain([[-STIFFNESS, -DAMPING]])
     by_estimator = "wall of 600 N/m and 2 N·s/m, a hand leaning on it; methods are velocity estimators"
     dragged = "sprung mass, dragged by a hand: device, hand and mass in one loop"
@@ -70,10 +73,11 @@ def contacts() -> dict[str, Contact]:
 
 
 def closed(contact: Contact, bench: Bench) -> Problem:
-    """Device, hand and environment in continuous time, moved by the hand's force."""
+    """Return device, hand and environment in continuous time as one problem, with the hand's force as input."""
     (a, motor, hand), space = held(bench.plant), contact.space
     size, inner = len(a), space.order
     feel = np.eye(2, size)  # (position, velocity) of the handle
+    # Feedback u = feel·x of the environment (A_e, B_e, C_e, D_e) closes the loop: F = C_e z + D_e u drives the motor.
     system = np.block([[a + motor @ space.d @ feel, motor @ space.c], [space.b @ feel, space.a]])
     drive = np.block([[hand, np.zeros((size, 1))], [np.zeros((inner, 2))]])
     force = np.hstack([space.d @ feel, space.c])
@@ -81,13 +85,13 @@ def closed(contact: Contact, bench: Bench) -> Problem:
 
 
 def follow(law: Law, bench: Bench, period: float, steps: int) -> Array:
-    """The sampled loop's force at its samples; shorter when it diverged."""
+    """Return the force of the sampled loop at its samples [N], `(steps + 1,)`; fewer values when it diverged."""
     transition, drive = _moved(bench, HAND_FORCE, period)
     state = np.concatenate([np.zeros(4), HAND_FORCE.start])
     forces = np.empty(steps + 1)
     for sample in range(steps + 1):
         force = law(float(state[0]))
-        if not abs(force) < DIVERGED:
+        if not abs(force) < DIVERGED:  # in this form true for NaN too
             return forces[:sample]
         forces[sample] = force
         state = transition @ state + drive * force
@@ -95,7 +99,7 @@ def follow(law: Law, bench: Bench, period: float, steps: int) -> Array:
 
 
 def _moved(bench: Bench, motion: KnownMotion, period: float) -> tuple[Matrix, Array]:
-    """Device, hand and its force over one period with the motor's force held."""
+    """Return the transition of device, hand and its force over one period, and the effect of a held motor force."""
     a, motor, hand = held(bench.plant)
     outer = len(motion.start)
     system = np.block([[a, hand @ motion.output[:1]], [np.zeros((outer, len(a))), motion.system]])
@@ -104,10 +108,10 @@ def _moved(bench: Bench, motion: KnownMotion, period: float) -> tuple[Matrix, Ar
 
 
 def measure(contact: Contact, method: str, bench: Bench, steps: Sequence[int]) -> Set:
-    """One set of points; first order is the most there can be, for the force is held."""
+    """Return the points of one method, one for each number of steps."""
     largest = peak(closed(contact, bench))
     points = [_point(contact, method, bench, count) for count in steps]
-    claimed = None if method in FIXED_TIMES else 1.0
+    claimed = None if method in FIXED_TIMES else 1.0  # the held force permits no higher order
     return Set(contact.name, method, with_order(points, largest), claimed, largest)
 
 
@@ -118,7 +122,9 @@ def _point(contact: Contact, method: str, bench: Bench, steps: int) -> Point:
     found = follow(law, bench, period, steps)
     figures = errors(found, reference)
     largest = float(np.abs(reference).max())
+    # The eigenvalues of a loop with an encoder and an estimator are not at hand: instability is read off the run.
     grew = figures[2] is None or not math.isfinite(figures[2]) or figures[2] > 10.0 * largest
     positions = (0.01 * np.sin(np.linspace(0.0, 6.0, TIMED_STEPS))).tolist()
+    # A fresh law for the timing: the one above has run, and may hold numbers of any size.
     cost = ns_per_call(contact.law(method, period, bench.plant.resolution), positions)
     return Point(contact.name, method, period, *figures, ns_per_step=cost, order=None, stable=not grew)

@@ -1,4 +1,4 @@
-"""How often a period would be missed at a rate: by computing alone, and with the bus that the plan uses."""
+"""Share of periods that would be missed at a rate: by computing alone, and with the exchange on the plan's bus."""
 
 from dataclasses import dataclass
 from itertools import cycle, islice
@@ -10,23 +10,24 @@ from haptic_fieldbus.study.measure.optional_parts import images, running
 from haptic_fieldbus.study.measure.timing import ns_of_each
 
 RATES = (1000.0, 2000.0, 5000.0, 10_000.0)
+"""Rates of the loop [Hz]."""
 SCENE = "damped_wall"
 
 
 @dataclass(frozen=True)
 class RateDeadline:
-    """At one rate [Hz]; shares of all periods."""
+    """Shares of all periods that would be missed at one rate [Hz]."""
 
     rate: float
     missed_computing: float
-    """Computing alone takes longer than the period."""
+    """Share in which computing alone takes longer than the period."""
     missed: float
-    """Computing and the exchange on the bus, one after another, do."""
+    """Share in which computing and the exchange on the bus, one after the other, take longer than the period."""
 
 
 @dataclass(frozen=True)
 class RateDeadlines:
-    """Times of one period [s], and what they mean at each rate."""
+    """Times of one period [s] over `periods` periods, and the missed shares at each rate."""
 
     bus: float
     compute_p50: float
@@ -37,7 +38,7 @@ class RateDeadlines:
 
 
 def deadlines(tools: Tools, periods: int) -> RateDeadlines:
-    """Compute so many periods of the damped wall, each timed by itself, garbage collection and all."""
+    """Compute so many periods of the damped wall, each timed by itself, garbage collection included."""
     plan = tools.plan(SCENE)
     spent = 1e-9 * ns_of_each(running(plan), list(islice(cycle(images(plan)), periods)))
     p50, p999, largest = np.percentile(spent, [50, 99.9, 100]).tolist()

@@ -1,12 +1,12 @@
-"""The plane of damping β = b/(K·T) and friction σ = fc/(K·D), measured by letting walls run, for one size of motion.
+"""Plane of damping β = b/(K·T) and friction σ = fc/(K·D), measured by simulating walls, for motions of one size.
 
 Diolaiti et al. (IEEE Trans. Robotics 22(2), 2006, 256, doi:10.1109/TRO.2005.862487) divide the plane at β = ½ and
-σ = ½. These quadrants are for motions of any size. A motion of one size A grows only where sampling gives more in a
-swing than damping and friction take, by describing functions K·T/2 − b > 4·fc/(π·ω·A), that is below the line
+σ = ½. Their quadrants hold for motions of any size. A motion of amplitude A grows only where sampling adds more energy
+in a swing than damping and friction remove; by describing functions, K·T/2 − b > 4·fc/(π·ω·A). That is below the line
 
     σ = π/4·(A/D)·ωT·(½ − β),   ω = √(K/m).
 
-Above it and above σ = ½ the handle comes to rest, above it and below σ = ½ it moves over the edge of a count for ever.
+Above the line, the handle comes to rest when σ > ½; when σ < ½ it moves over the edge of a count for ever.
 """
 
 import math
@@ -20,17 +20,17 @@ from haptic_fieldbus.numerics.batch import run
 from haptic_fieldbus.numerics.loops import Array, loops
 
 PERIOD, STIFFNESS, COUNT = 1e-3, 600.0, 1e-5
-"""[s, N/m, m]; only the mass matters in the plane."""
+"""Period [s], stiffness [N/m] and encoder count [m]; in the plane's own units only `HEAVINESS` matters."""
 HEAVINESS = 20.0
-"""m/(K·T²); ωT = 0.22."""
+"""m/(K·T²), so that ωT = 0.22."""
 LARGEST = 1.2
-"""Of β and σ."""
+"""Upper end of both axes of the plane, β and σ."""
 GROWN = 1.2
-"""Times its start, at the end of a run: grows."""
+"""Ratio of final to initial amplitude above which a motion counts as growing."""
 
 
 class Ending(IntEnum):
-    """What became of a handle that was pressed against the wall and pulled away."""
+    """End of the motion of a handle that was pressed against the wall and pulled away."""
 
     RESTS = 0
     CYCLES = 1
@@ -39,41 +39,44 @@ class Ending(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """For motions that begin with `start` counts."""
+    """Measured endings of motions that begin `start` counts away from rest."""
 
     start: float
     axis: Array
-    """Of β and of σ, (n,)."""
+    """Values of β and of σ, `(n,)`."""
     outcome: NDArray[np.int64]
-    """Measured `Outcome`, (n, n): rows of one σ."""
+    """Measured `Ending`, `(n, n)`; a row is one σ."""
 
     @property
     def border(self) -> Array:
-        """Predicted: the σ below which it grows, (n,)."""
+        """Predicted σ below which a motion grows, for each β, `(n,)`."""
         return border(self.start, self.axis)
 
     @property
     def agreement(self) -> float:
-        """Share of the points, further than 5 % of the plane from a predicted border, that are as predicted."""
+        """Share of points that end as predicted, among those further than 5 % of the plane from a predicted border."""
         sigma, steepness = self.axis[:, None], -_slope(self.start)
+        # Distance from the slanted border, at a right angle to it.
         above = (sigma - self.border[None, :]) / math.hypot(1.0, steepness)
         predicted = np.where(above < 0.0, Ending.GROWS, np.where(sigma < 0.5, Ending.CYCLES, Ending.RESTS))
         strip = 0.05 * LARGEST
+        # The border σ = ½ exists only above the slanted one.
         apart = (np.abs(above) > strip) & ((np.abs(sigma - 0.5) > strip) | (above < 0.0))
         return float((predicted == self.outcome)[apart].mean())
 
 
 def border(start: float, beta: Array) -> Array:
-    """The σ below which a motion of so many counts grows; 0 where none does."""
+    """Return the σ below which a motion of `start` counts grows, for each β, `(n,)`; 0 when it grows with no σ."""
     return np.maximum(0.0, _slope(start) * (0.5 - beta))
 
 
 def _slope(start: float) -> float:
+    """Return π/4·(A/D)·ωT, the steepness of the border."""
     return 0.25 * math.pi * start / math.sqrt(HEAVINESS)
 
 
 def plane(start: float, points: int, periods: int) -> Plane:
-    """A grid of points × points up to `LARGEST`; each handle is pressed to the edge between two counts."""
+    """Measure a grid of points × points up to `LARGEST`; each handle is pressed to the edge between two counts."""
     axis = (np.arange(points) + 0.5) / points * LARGEST
     beta, sigma = (each.ravel() for each in np.meshgrid(axis, axis))
     pressed = loops(
@@ -83,6 +86,7 @@ def plane(start: float, points: int, periods: int) -> Plane:
         period=PERIOD,
         stiffness=STIFFNESS,
         resolution=COUNT,
+        # The push is in balance with the wall at 1.5 counts, where a rounded position switches from 1 to 2.
         push=1.5 * STIFFNESS * COUNT,
         position=(1.5 + start) * COUNT,
     )

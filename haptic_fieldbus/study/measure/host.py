@@ -1,4 +1,4 @@
-"""What the numbers were measured on."""
+"""Description of the machine on which the report is made."""
 
 import os
 import platform
@@ -12,7 +12,7 @@ PACKAGES = ("haptic-fieldbus", "numpy", "matplotlib", "python-can", "canopen")
 
 
 def host() -> dict[str, str]:
-    """Processor, system and versions, in words."""
+    """Return processor, system, clock and versions as texts by stable keys."""
     clock = get_clock_info("perf_counter")
     return {
         "processor": processor(),
@@ -26,7 +26,7 @@ def host() -> dict[str, str]:
 
 
 def processor() -> str:
-    """As the system names it."""
+    """Return the name of the processor that the system gives, or of its architecture when there is none."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -43,6 +43,7 @@ def _version(package: str) -> str:
 
 
 def _blas() -> str:
+    """Return name and version of numpy's linear algebra library."""
     known = np.show_config(mode="dicts")
     blas = known.get("Build Dependencies", {}).get("blas", {}) if isinstance(known, dict) else {}
     return f"{blas.get('name', 'unknown')} {blas.get('version', '')}".strip()

@@ -1,9 +1,9 @@
-"""Does it matter in the loop whether the integrator preserves stability? Growth rates of a virtual sprung mass.
+"""Growth rates of a virtual sprung mass: does it matter in the loop whether the integrator preserves stability?
 
-Three handles: *clamped* (the lecture's held puck: the method alone decides), *in the hand* (a spring and a damper to
-the world) and *free* (the device's friction alone). The rate is ln(ρ)/T, ρ the largest modulus of the eigenvalues of
-one period: what a motion grows by in a second, in powers of e. A free handle may stay where it is left; that
-eigenvalue of exactly 1 is left out.
+The handle is *clamped* (the held puck of the lecture: the method alone decides), *in the hand* (a spring and a damper
+to the ground) or *free* (the friction of the device alone). The rate is ln(ρ)/T with ρ the largest modulus of the
+eigenvalues of one period, so a motion grows by e^(rate) in a second. A free handle stays where it is left, which is an
+eigenvalue of exactly 1; it is left out.
 """
 
 import math
@@ -22,22 +22,26 @@ from haptic_fieldbus.study.measure.bench import Bench, free, grounded
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
 
 SOFTEST, BEYOND, LOOKED_AT = 1e-6, 1e3, 120
-"""Of m/T²: springs looked at; one beyond these is as good as any."""
+"""Softest and stiffest spring tried, in units of m/T², and their number; beyond the stiffest, any spring is taken as
+stable."""
 HANDLES = ("clamped", "in the hand", "free")
 
 
 @dataclass(frozen=True, eq=False)
 class LoopGrowth:
-    """One method: growth rates [1/s] over the stiffness for each handle, and the stiffest stable spring [N/m]."""
+    """Growth rates and stable springs of one method; dictionaries are by the name of the handle."""
 
     method: str
     stiffness: Array
+    """Stiffnesses [N/m], `(n,)`."""
     rate: dict[str, Array]
+    """Growth rates [1/s], each `(n,)`."""
     limit: dict[str, float]
+    """Stiffest stable spring [N/m]; 0 when none is stable, ∞ when any is."""
     softest: dict[str, float]
-    """The softest spring that is stable below that limit [N/m]; 0: any."""
+    """Softest stable spring below that limit [N/m]; 0 when any below it is stable."""
     at_scene: dict[str, float]
-    """Growth rate [1/s] with the stiffness of the scene."""
+    """Growth rate with the stiffness of the scene [1/s]."""
 
 
 def _virtual(stiffness: float, method: str, period: float) -> StateSpace:
@@ -45,7 +49,7 @@ def _virtual(stiffness: float, method: str, period: float) -> StateSpace:
 
 
 def radius_of(handle: str, bench: Bench, method: str) -> Callable[[float], float]:
-    """Stiffness → largest modulus of the loop's eigenvalues."""
+    """Return a function from stiffness [N/m] to the largest modulus of the loop's eigenvalues."""
     period = bench.period
     if handle == "clamped":
         return lambda k: sampled.spectral_radius(integrators.discrete(sprung_mass(k), period, method).a)
@@ -57,7 +61,7 @@ def radius_of(handle: str, bench: Bench, method: str) -> Callable[[float], float
 
 
 def loop_growth(bench: Bench, method: str, points: int) -> LoopGrowth:
-    """One method over four decades of stiffness, up to where the sampled loop ends anyway."""
+    """Measure one method over four decades of stiffness, up to the range that no sampled loop stands."""
     scale = bench.plant.mass / bench.period**2
     stiffness = np.geomspace(2e-5 * scale, 2e-1 * scale, points)
     radii = {handle: radius_of(handle, bench, method) for handle in HANDLES}
@@ -77,9 +81,10 @@ def loop_growth(bench: Bench, method: str, points: int) -> LoopGrowth:
 
 
 def stable_range(handle: str, method: str, bench: Bench, radius: Callable[[float], float]) -> tuple[float, float]:
-    """(softest, stiffest) stable spring [N/m], of the first range that there is; (0, 0): none, 0 and ∞: any.
+    """Return the softest and the stiffest stable spring [N/m] of the first stable range; (0, 0) when there is none.
 
-    Clamped, a double root makes a search imprecise: there the method's own limit h gives m·(h/T)².
+    A softest spring of 0 and a stiffest of ∞ stand for no limit. For the clamped handle the limit is m·(h/T)² with the
+    method's own limit h, because a double root makes a search imprecise there.
     """
     scale = MASS / bench.period**2
     if handle == "clamped":
@@ -95,7 +100,7 @@ def stable_range(handle: str, method: str, bench: Bench, radius: Callable[[float
 
 
 def _edge(radius: Callable[[float], float], stable: float, growing: float) -> float:
-    """Bisection between the two."""
+    """Return the edge between a stable and a growing stiffness [N/m] by bisection, on its stable side."""
     while abs(growing - stable) > 1e-9 * stable:
         middle = 0.5 * (stable + growing)
         stable, growing = (middle, growing) if radius(middle) <= 1.0 + ROUNDING else (stable, middle)
@@ -103,7 +108,7 @@ def _edge(radius: Callable[[float], float], stable: float, growing: float) -> fl
 
 
 def flicked_free(bench: Bench, method: str, duration: float, stiffness: float = STIFFNESS) -> tuple[Array, Array]:
-    """(times [s], force on the free handle [N]) after a flick of 0.1 m/s with the scene's mass on a spring."""
+    """Return times [s] and force on the free handle [N], each `(n,)`, after a flick of 0.1 m/s."""
     period = bench.period
     device = sampled.sample(*free(bench.plant), period, bench.delay)
     force = flicked(device, _virtual(stiffness, method, period), round(duration / period))
@@ -112,9 +117,10 @@ def flicked_free(bench: Bench, method: str, duration: float, stiffness: float = 
 
 
 def flicked(device: SampledPlant, virtual: StateSpace, steps: int) -> Array:
-    """Force of the environment on a handle that starts with 0.1 m/s, shape (steps,)."""
+    """Return the force of the environment on a handle that starts with 0.1 m/s [N], `(steps,)`."""
     matrix, order = sampled.loop_matrix(device, virtual), len(device.transition)
     output, state = np.zeros((2, len(matrix)))
+    # Row of the loop's output: force = D·position + C·virtual states, which follow the device's states.
     output[0], output[order : order + virtual.order] = virtual.d[0, 0], virtual.c[0]
     state[1] = 0.1
     forces: Array = np.empty(steps)

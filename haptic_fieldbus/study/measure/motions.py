@@ -1,7 +1,7 @@
 """Prescribed inputs as autonomous linear systems, so that a reference needs one matrix exponential and no quadrature.
 
-u(t) = W w(t) with ẇ = S w. A constant needs one state, a sine two (sin, cos), a polynomial of degree n its n + 1
-derivatives.
+An input is u(t) = W w(t) with ẇ = S w. A constant needs one state, a sine two (sin and cos), and a polynomial of degree
+n needs n + 1, its derivatives.
 """
 
 import math
@@ -16,28 +16,30 @@ from haptic_fieldbus.numerics.response import recursion
 
 @dataclass(frozen=True, eq=False)
 class KnownMotion:
-    """An input (position [m], velocity [m/s]) of time; or (force [N], nothing) where a problem says so."""
+    """Input (position [m], velocity [m/s]) over time; for a puck or handle that is pushed, (force [N], unused)."""
 
     system: Matrix
+    """S, `(n, n)`."""
     output: Matrix
-    """W, shape (2, n)."""
+    """W, `(2, n)`."""
     start: Matrix
-    """w(0), shape (n,)."""
+    """w(0), `(n,)`."""
     constant: bool = False
+    """True when the input stays as it is from time 0 on."""
 
     def inputs(self, period: float, steps: int) -> Matrix:
-        """At 0, T, … steps·T: shape (steps + 1, 2)."""
+        """Return the input at 0, T, … steps·T, `(steps + 1, 2)`."""
         drive = np.zeros((steps, len(self.start)))
         return recursion(expm(self.system * period), drive, self.start) @ self.output.T
 
 
 def step_by(height: float) -> KnownMotion:
-    """`height` from time 0 on."""
+    """Return a step to `height` at time 0."""
     return KnownMotion(np.zeros((1, 1)), np.array([[height], [0.0]]), np.ones(1), constant=True)
 
 
 def sine(amplitude: float, frequency: float) -> KnownMotion:
-    """amplitude·sin(2π·frequency·t), frequency in Hz."""
+    """Return amplitude·sin(2π·frequency·t), frequency in Hz."""
     turn = 2.0 * math.pi * frequency
     return KnownMotion(
         np.array([[0.0, turn], [-turn, 0.0]]),
@@ -47,8 +49,11 @@ def sine(amplitude: float, frequency: float) -> KnownMotion:
 
 
 def minimum_jerk(way: float, duration: float) -> KnownMotion:
-    """way·(10 τ³ − 15 τ⁴ + 6 τ⁵), τ = t/duration, for 0 ≤ τ ≤ 1: how hands reach (Flash & Hogan 1985,
-    doi:10.1523/JNEUROSCI.05-07-01688.1985)."""
+    """Return the motion of a reaching hand, way·(10 τ³ − 15 τ⁴ + 6 τ⁵) with τ = t/duration, valid for 0 ≤ τ ≤ 1.
+
+    Source: Flash & Hogan 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985.
+    """
+    # States are the derivatives by τ; those of order 3 to 5 at τ = 0 are 3!·10, −4!·15 and 5!·6.
     chain = np.diag(np.ones(5), 1) / duration
     derivatives = way * np.array([0.0, 0.0, 0.0, 60.0, -360.0, 720.0])
     output = np.zeros((2, 6))

@@ -1,4 +1,4 @@
-"""What each optional part costs: the whole period of a few scenes, and the parts by themselves."""
+"""Cost of each optional part: whole periods of a few scenes, and the parts by themselves."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -21,16 +21,17 @@ from haptic_fieldbus.study.measure.problems import free_puck, sprung_mass
 from haptic_fieldbus.study.measure.timing import Spread, ns_per_call, spread
 
 ENABLED = 0x0637
-"""A statusword: operation enabled."""
+"""Statusword of operation enabled."""
 IMAGES = 1000
+"""Input images in one timed pass, one swing of the handle."""
 PLACES = {Workspace.LINEAR: (0.025, 0.004), Workspace.ROTARY: (0.5, 0.08)}
-"""[m or rad]: where the handle moves and how far, inside the wall, far below the speed that trips."""
+"""Centre and amplitude of the handle's swing [m or rad]: inside the wall, and far below the speed that trips."""
 POSITION, SWING = PLACES[Workspace.LINEAR]
 
 
 @dataclass(frozen=True)
 class OptionalPart:
-    """A part and what it adds to a period [ns]; whole periods say how single ones are distributed."""
+    """Time that a part adds to a period [ns]; for a whole period also the distribution of single ones."""
 
     part: str
     ns_per_step: float
@@ -38,13 +39,16 @@ class OptionalPart:
 
 
 def images(plan: Plan, count: int = IMAGES) -> list[tuple[bytes]]:
-    """Input images of handles that swing about a place away from where they began, the drives in operation enabled."""
+    """Return input images of handles that swing about their places, with the drives in operation enabled.
+
+    Each image stands in a tuple, as the arguments of one call.
+    """
     swings = [math.sin(2.0 * math.pi * number / IMAGES) for number in range(count)]
     return [(_image(plan, 1.0, swing, number),) for number, swing in enumerate(swings)]
 
 
 def _image(plan: Plan, way: float, swing: float, number: int) -> bytes:
-    """Each handle so far on its way to its place, and so far from there."""
+    """Return the image of period `number`: `way` is the share of the way to the place, `swing` the share of a swing."""
     known = {"t_ns": number * plan.period_ns}
     for axis in plan.axes:
         middle, amplitude = PLACES[axis.workspace]
@@ -57,15 +61,16 @@ def _image(plan: Plan, way: float, swing: float, number: int) -> bytes:
 
 
 def running(plan: Plan) -> Cycle:
-    """A cycle in operation enabled whose handles have been led to their place, the fade-in behind it."""
+    """Return a cycle in operation enabled, after the fade-in, whose handles are at their places."""
     cycle = Cycle(plan)
+    # The zero is where the handle is first, and a jump would trip: the handle is led there over many periods.
     for number in range(IMAGES + 1):
         cycle(_image(plan, number / IMAGES, 0.0, number))
     return cycle
 
 
 def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[OptionalPart]:
-    """Whole periods of these scenes, the wall's first; then each kind of element that the library has, and the rest."""
+    """Yield whole periods of these scenes, the wall first, then each kind of element of the library, then the rest."""
     plans = {name: tools.plan(name) for name in dict.fromkeys(("wall", "damped_wall", *scenes))}
     whole: dict[str, float] = {}
     for scene, plan in plans.items():
@@ -78,6 +83,7 @@ def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[Optiona
 
 
 def _period(plan: Plan) -> tuple[float, Spread]:
+    """Return the shortest mean time of a whole period [ns], and the distribution of single periods."""
     given = images(plan)
     cycle = running(plan)
     cost = ns_per_call(cycle, [image for (image,) in given])
@@ -85,7 +91,7 @@ def _period(plan: Plan) -> tuple[float, Spread]:
 
 
 def _elements(scenes: Sequence[Scene], period: float) -> Iterator[OptionalPart]:
-    """The law of each kind of element, by itself; where it acts on two axes, both move alike."""
+    """Yield the law of each kind of element by itself; both axes of a coupling move alike."""
     kinds: dict[str, tuple[AnyElement, Scene]] = {}
     for scene in scenes:
         for element in scene.elements:
@@ -98,12 +104,13 @@ def _elements(scenes: Sequence[Scene], period: float) -> Iterator[OptionalPart]:
             law, sort = element.begin(period), "coupling"
         else:
             law, sort = law_of(element, period), "element"
+        # A law without signals is called with nothing; the lambda around it costs a call of its own.
         cost = ns_per_call(law, *given) if given else ns_per_call(lambda _, law=law: law(), range(IMAGES))
         yield OptionalPart(f"{sort}: {kind}", cost)
 
 
 def _signals(period: float, workspace: Workspace) -> dict[Signal, list[float]]:
-    """What a law is given along the motion of `images`."""
+    """Return the values of each signal along the motion of `images`."""
     (middle, amplitude), turn = PLACES[workspace], 2.0 * math.pi / IMAGES
     return {
         Signal.POSITION: [middle + amplitude * math.sin(turn * number) for number in range(IMAGES)],
@@ -113,11 +120,12 @@ def _signals(period: float, workspace: Workspace) -> dict[Signal, list[float]]:
 
 
 def _steps(wall: Plan, bench: Bench) -> Iterator[tuple[str, Callable[..., object], Sequence[object]]]:
-    """Parts by themselves: (name, a step of it, what it is given)."""
+    """Yield name, step and inputs of each part that is timed by itself."""
     names, period, count = columns(wall), bench.period, bench.plant.resolution
     swing = [math.sin(0.01 * number) for number in range(IMAGES)]
     yield "record: one row", Record(names, IMAGES).push, [[0.5] * len(names)] * IMAGES
     yield "limits: fade-in, effort, slew", bind_limiter(wall.axes[0].limits, wall.period), swing
+    # Estimators are fed whole counts, as in the loop: some of them branch on a count that stays the same.
     counted = [round((POSITION + SWING * each) / count) * count for each in swing]
     for name in ESTIMATORS:
         yield f"estimator: {name}", estimators.bind(name, period, count), counted

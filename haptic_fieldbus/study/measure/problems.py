@@ -1,6 +1,7 @@
-"""Environments with a prescribed input, and their exact forces: what a work-precision set is measured on.
+"""Problems of the work-precision sets: environments with a prescribed input, and their exact forces.
 
-Every reference is the exponential of the system (z, w) of environment and input together: exact but for rounding.
+Every reference is the matrix exponential of the system (z, w) of environment and input together, which is exact but for
+rounding.
 """
 
 from dataclasses import dataclass
@@ -17,26 +18,26 @@ from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.study.measure.motions import KnownMotion, minimum_jerk, sine, step_by
 
 STIFFNESS, MASS, WAY = 200.0, 0.5, 0.01
-"""[N/m], [kg], [m]: the sprung mass of the scene library, ω = 20 rad/s, moved by 10 mm."""
+"""Stiffness [N/m] and mass [kg] of the library's sprung mass, ω = 20 rad/s, and a motion of 10 mm [m]."""
 DAMPING = 4.0
-"""[N·s/m]: a fifth of critical."""
+"""[N·s/m]; a fifth of the critical damping."""
 SOFT, BRANCHES = 300.0, ((400.0, 0.002), (200.0, 0.1))
-"""Tissue: the lasting stiffness [N/m]; stiffness and relaxation time [s] of the branches that give way."""
+"""Lasting stiffness of the tissue [N/m]; stiffness [N/m] and relaxation time [s] of its Maxwell branches."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A linear environment that starts at rest, and a motion; the force on the handle is what is compared [N]."""
+    """Linear environment that starts at rest, and a motion; methods are compared by the force on the handle [N]."""
 
     name: str
     title: str
     space: StateSpace
     motion: KnownMotion
     horizon: float = 1.0
-    """[s]"""
+    """Length of a run [s]."""
 
     def exact(self, period: float, steps: int) -> Array:
-        """Force at 0, T, … steps·T [N], shape (steps + 1,)."""
+        """Return the exact force at 0, T, … steps·T [N], `(steps + 1,)`."""
         order, extra = self.space.order, len(self.motion.start)
         system = np.zeros((order + extra,) * 2)
         system[:order, :order] = self.space.a
@@ -48,7 +49,8 @@ class Problem:
         return force
 
     def claimed_order(self, method: Integrator) -> float:
-        """What the method claims for this input; ∞ where it makes no error at all."""
+        """Return the order that the method claims for this input; ∞ when it makes no error at all."""
+        # A constant input is known between samples too, so only the error of the free motion remains.
         order = method.free_order if self.motion.constant else float(method.order)
         if method.name == "semi-implicit" and feels_velocity(self.space):
             return min(order, 1.0)
@@ -56,23 +58,23 @@ class Problem:
 
 
 def feels_velocity(space: StateSpace) -> bool:
-    """Whether accelerations or the force depend on a velocity, where kick-then-drift is late by half a period."""
+    """Return whether accelerations or the force depend on a velocity: kick-then-drift has it half a period late."""
     velocities = [not position for position in positions(space)]
     return bool(space.a[np.ix_(velocities, velocities)].any() or space.c[:, velocities].any())
 
 
 def spring(stiffness: float) -> StateSpace:
-    """A wall without damping, pressed or pulled."""
+    """Return a wall without damping, which also pulls."""
     return gain([[-stiffness]])
 
 
 def sprung_mass(stiffness: float = STIFFNESS, mass: float = MASS) -> StateSpace:
-    """The lecture's held puck: a mass behind a spring."""
+    """Return the held puck of the lecture: a mass behind a spring."""
     return SprungMass("handle", stiffness, mass).dynamics
 
 
 def damped_mass() -> StateSpace:
-    """The same with a damper beside the spring: takes the velocity of the puck too."""
+    """Return the held puck with a damper beside the spring, which needs the velocity of the puck too."""
     k, b, m = STIFFNESS, DAMPING, MASS
     return StateSpace(
         np.array([[0.0, 1.0], [-k / m, -b / m]]),
@@ -83,12 +85,12 @@ def damped_mass() -> StateSpace:
 
 
 def free_puck() -> StateSpace:
-    """The lecture's free puck: a puck of 0.5 kg pushed by a force, and the sprung mass."""
+    """Return the free puck of the lecture: a puck of 0.5 kg pushed by a force, and a mass behind a spring."""
     return two_masses(MASS, MASS, 0.5 * STIFFNESS)
 
 
 def two_masses(puck: float, mass: float, stiffness: float) -> StateSpace:
-    """A puck pushed by a force, and a mass behind a spring; states (x, v, p, q)."""
+    """Return a puck pushed by a force, and a mass behind a spring; states (x, v) of the puck, (p, q) of the mass."""
     a = np.zeros((4, 4))
     a[0, 1] = a[2, 3] = 1.0
     a[1, [0, 2]] = -stiffness / puck, stiffness / puck
@@ -99,13 +101,17 @@ def two_masses(puck: float, mass: float, stiffness: float) -> StateSpace:
 
 
 def tissue() -> StateSpace:
-    """Generalised Maxwell: F = −K x − Σ k_i (x − d_i), ḋ_i = (x − d_i)/τ_i; one branch is faster than most periods."""
+    """Return a generalised Maxwell model: F = −K x − Σ k_i (x − d_i), ḋ_i = (x − d_i)/τ_i.
+
+    One branch is faster than most of the periods tried, which makes the problem stiff.
+    """
     stiff, tau = np.array(BRANCHES).T
     b = np.column_stack([1.0 / tau, np.zeros(len(tau))])
     return StateSpace(np.diag(-1.0 / tau), b, stiff[None], np.array([[-SOFT - stiff.sum(), 0.0]]))
 
 
 def problems() -> dict[str, Problem]:
+    """Return all problems by name."""
     reach = minimum_jerk(WAY, 1.0)
     every = (
         Problem("sprung-mass-step", "sprung mass, puck moved at once by 10 mm", sprung_mass(), step_by(WAY)),
@@ -119,10 +125,10 @@ def problems() -> dict[str, Problem]:
 
 
 def periods(quick: bool) -> tuple[int, ...]:
-    """Steps to the horizon: 5 to 5120, the last three a factor of two apart, where orders are read off."""
+    """Return the numbers of steps to the horizon, 5 to 5120; the last three differ by 2 each, to show the order."""
     return (5, 20, 80, 320, 1280, 2560, 5120) if quick else tuple(5 * 2**power for power in range(11))
 
 
 def peak(problem: Problem) -> float:
-    """The largest exact force [N]."""
+    """Return the largest exact force of a run [N]."""
     return float(np.abs(problem.exact(problem.horizon / 2000, 2000)).max())

@@ -1,8 +1,9 @@
-"""The K–B region of a wall: predicted by eigenvalues and by passivity, measured by letting many loops run at once.
+"""K–B region of a wall: predicted by eigenvalues and by passivity, measured by simulating many loops at once.
 
-Measured: a handle that is flicked swings against a bilateral wall, period by period: sample, backward difference, force
-after the delay, held. A loop whose largest excursion in the last quarter of the run is above that in the second is
-unstable; close to a boundary, motions neither grow nor fade within a run, and it cannot tell.
+In the measurement, a handle that is flicked swings against a bilateral wall. In each period its position is sampled,
+differentiated by backward difference, and the force acts after the delay until the next one. A loop is unstable when
+its largest excursion in the last quarter of the run exceeds that in the second quarter. Close to a boundary, motions
+neither grow nor fade within a run, so that the measurement is undecided there.
 """
 
 from dataclasses import dataclass
@@ -21,42 +22,42 @@ from haptic_fieldbus.study.measure.bench import Bench
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Of one bench: axes of the grid, what was measured there, and the predicted limits along the damping."""
+    """Measured grid of one bench, and the predicted limits along the damping."""
 
     title: str
     stiffness: Array
-    """(n,) [N/m]"""
+    """Stiffnesses of the grid [N/m], `(n,)`."""
     damping: Array
-    """(m,) [N·s/m]"""
+    """Dampings of the grid [N·s/m], `(m,)`."""
     grew: NDArray[np.bool_]
-    """Measured, (m, n): whether the loop grew."""
+    """Mask of the loops that grew, measured, `(m, n)`."""
     stable_limit: Array
-    """Predicted, (m,) [N/m]"""
+    """Predicted limit of stability for each damping [N/m], `(m,)`."""
     passive_limit: Array
-    """Predicted, (m,) [N/m]"""
+    """Predicted limit of passivity for each damping [N/m], `(m,)`."""
 
     @property
     def agreement(self) -> float:
-        """Share of grid points, further than 1 % from the predicted boundary, where both say the same."""
+        """Share of grid points measured as predicted, among those further than 1 % from the predicted boundary."""
         predicted = self.stiffness[None, :] > self.stable_limit[:, None]
         apart = np.abs(self.stiffness[None, :] - self.stable_limit[:, None]) > 0.01 * self.stable_limit.max()
         return float((predicted == self.grew)[apart].mean())
 
 
 def wall(stiffness: float, damping: float, period: float, estimator: str = "backward-difference") -> StateSpace:
-    """As the loop runs it."""
+    """Return a wall with its estimator as the discrete environment of the loop."""
     return environment(gain([[-stiffness, -damping]]), period=period, method=None, estimator=estimator)
 
 
 def predicted(bench: Bench, damping: float) -> tuple[float, float]:
-    """(stable, passive) stiffness with that damping [N/m]."""
+    """Return the limits of stability and of passivity with that damping [N/m]."""
     loop = bench.plant, bench.period, bench.delay, partial(wall, damping=damping, period=bench.period)
     stable = stiffness_limit(*loop)
     return stable, min(passive_limit_of(*loop, stable), stable) if stable else 0.0
 
 
 def largest_damping(bench: Bench) -> float:
-    """About the virtual damping above which no stiffness is stable [N·s/m]."""
+    """Return the virtual damping above which no stiffness is stable [N·s/m], within 1 %."""
     low, high = 0.0, 2.0 * bench.plant.mass / bench.period
     while high - low > 0.01 * high:
         middle = 0.5 * (low + high)
@@ -67,19 +68,23 @@ def largest_damping(bench: Bench) -> float:
 
 
 def grew(bench: Bench, stiffness: Array, damping: Array, periods: int) -> NDArray[np.bool_]:
-    """Let loops run side by side from a flick of 1 m/s; stiffness and damping of the same shape."""
+    """Simulate loops side by side after a flick of 1 m/s, and return a mask of those that grew.
+
+    `stiffness` [N/m], `damping` [N·s/m] and the mask have the same shape.
+    """
     plant = bench.plant
     flicked = loops(
         mass=plant.mass, damping=plant.damping, period=bench.period, delay=bench.delay, lag=plant.torque_lag,
         stiffness=stiffness.ravel(), virtual_damping=damping.ravel(), velocity=1.0,
     )  # fmt: skip
     finished = batch.run(flicked, periods, parts=4)
+    # Of the four quarters, the first is left out: it has the flick itself.
     found: NDArray[np.bool_] = finished.diverged | (finished.peaks[3] > finished.peaks[1])
     return found.reshape(stiffness.shape)
 
 
 def region(title: str, bench: Bench, points: int, periods: int, damping: float | None = None) -> Region:
-    """A grid of points × points over all that can be stable and a tenth more, or up to a damping [N·s/m]."""
+    """Return a grid of points × points up to a damping [N·s/m]; for None, over the stable region and a tenth more."""
     dampings = np.linspace(0.0, 1.1 * largest_damping(bench) if damping is None else damping, points)
     limits = np.array([predicted(bench, value) for value in dampings.tolist()])
     stiffnesses = (np.arange(points) + 0.5) / points * 1.1 * float(limits[:, 0].max())

@@ -1,4 +1,4 @@
-"""The force error of the shipped scenes on the simulated bench, split by source."""
+"""Force error of the shipped scenes on the simulated bench, split by source."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,23 +9,23 @@ from haptic_fieldbus.study.measure.bench import Tools
 
 @dataclass(frozen=True)
 class Misfit:
-    """One scene with its own hand; errors in N or N·m, None with the reason where it could not run."""
+    """Force error of one scene with its own hand [N or N·m]; None, and the reason, when it was not measured."""
 
     scene: str
     rms: float | None = None
     max: float | None = None
     unit: str = "N"
     by_source: Mapping[str, float] = field(default_factory=dict)
-    """Shares that sum to 1; negative where a source undoes another."""
+    """Shares that sum to 1; negative where a source compensates another one."""
     contact: float | None = None
-    """rms error over rms force in contact."""
+    """Rms error over rms force in contact; None without contact."""
     energy: float | None = None
-    """[J] that sampling put into the hand."""
+    """Energy that the error put into the hand [J]."""
     reason: str = ""
 
 
 def scene_error(tools: Tools, scene: str, duration: float) -> Misfit:
-    """Run it for `duration` [s] of virtual time."""
+    """Run a scene for `duration` [s] of virtual time, and return its error; a run that fails becomes a reason."""
     try:
         result = tools.run(scene, duration=duration)
     except HapticFieldbusError as error:

@@ -1,4 +1,4 @@
-"""The largest stable step of each method: what it claims, and what bisection of its own step finds."""
+"""Largest stable step of each method: the claim of the method, and the result of bisection on its own step."""
 
 import math
 from collections.abc import Callable
@@ -12,14 +12,17 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
 
 LARGEST = 1e3
-"""Steps beyond this count as any."""
+"""Step above which a method counts as stable with any step."""
 EXCESS = 1e-7
-"""Above 1 by less may be the rounding of a double root."""
+"""Excess of a spectral radius over 1 that may be rounding; a double root loses half of the digits."""
 
 
 @dataclass(frozen=True)
 class StepLimit:
-    """In units of √(m/k) for the undamped oscillator and of the time constant for a decay; ∞: any step."""
+    """Claimed and measured limits; ∞ when any step is stable.
+
+    Steps are in units of √(m/k) for the undamped oscillator, and of the time constant for a decay.
+    """
 
     method: str
     oscillator_claimed: float
@@ -27,30 +30,32 @@ class StepLimit:
     lag_claimed: float
     lag_measured: float
     radius: float
-    """Of the step at T·ω = 0.1 on the undamped oscillator."""
+    """Spectral radius of the step at T·ω = 0.1 on the undamped oscillator."""
 
 
 def oscillator(square: float, damping: float = 0.0) -> StateSpace:
-    """p̈ = −square·p − damping·ṗ, the force being p."""
+    """Return the oscillator p̈ = −square·p − damping·ṗ with the output p."""
     return StateSpace(
         np.array([[0.0, 1.0], [-square, -damping]]), np.zeros((2, 1)), np.array([[1.0, 0.0]]), np.zeros((1, 1))
     )
 
 
 def _largest(radius: Callable[[float], float]) -> float:
-    """Bisection between 1e-3 and 1e3; 0 when the smallest already grows."""
+    """Return the largest step between 1e-3 and 1e3 that does not grow; 0 when the smallest does, ∞ when none does."""
     low, high = 1e-3, LARGEST
     if radius(low) > 1.0 + EXCESS:
         return 0.0
     if radius(high) <= 1.0 + EXCESS:
         return math.inf
     while high - low > 1e-12 * high:
+        # The geometric mean halves decades, the arithmetic one digits.
         middle = math.sqrt(low * high) if high > 2.0 * low else 0.5 * (low + high)
         low, high = (middle, high) if radius(middle) <= 1.0 + EXCESS else (low, middle)
     return low
 
 
 def step_limit(name: str) -> StepLimit:
+    """Return claimed and measured limits of a method."""
     method = METHODS[name]
 
     def radius(space: StateSpace) -> float:

@@ -1,4 +1,4 @@
-"""What one call costs on this machine."""
+"""Timing of single calls on this machine."""
 
 import gc
 from collections import deque
@@ -11,16 +11,23 @@ import numpy as np
 from haptic_fieldbus.numerics.loops import Array
 
 REPEATS = 25
-"""Passes whose shortest counts, after one that only warms up; what interrupts a pass makes it longer, never shorter."""
+"""Number of timed passes after one that only warms up.
+
+The shortest pass counts: interruptions make a pass longer, never shorter.
+"""
 
 
 def ns_per_call(call: Callable[..., object], *inputs: Sequence[object], repeats: int = REPEATS) -> float:
-    """Shortest mean time of a call along `inputs` [ns], without the garbage collector."""
+    """Return the shortest mean time of a call [ns], with the garbage collector off.
+
+    `inputs` has one sequence for each argument, all of the same length; a pass calls along all of them.
+    """
     spent, was_on = [], gc.isenabled()
     gc.disable()
     try:
         for _ in range(repeats + 1):
             begun = perf_counter_ns()
+            # The calls are driven in C, without the cost of a Python loop around them.
             deque(map(call, *inputs), maxlen=0)
             spent.append(perf_counter_ns() - begun)
     finally:
@@ -31,7 +38,7 @@ def ns_per_call(call: Callable[..., object], *inputs: Sequence[object], repeats:
 
 @dataclass(frozen=True)
 class Spread:
-    """How single calls are distributed [ns], the clock's own cost taken off."""
+    """Distribution of the times of single calls [ns], without the time of reading the clock."""
 
     p50: float
     p999: float
@@ -39,14 +46,14 @@ class Spread:
 
 
 def spread(call: Callable[..., object], inputs: Sequence[tuple[object, ...]]) -> Spread:
-    """Each call timed by itself."""
-    empty = min(-perf_counter_ns() + perf_counter_ns() for _ in range(1000))  # between two looks at the clock
+    """Return the distribution of calls that are timed one by one; `inputs` has the arguments of each."""
+    empty = min(-perf_counter_ns() + perf_counter_ns() for _ in range(1000))  # time between two readings of the clock
     p50, p999, largest = np.percentile(np.maximum(ns_of_each(call, inputs) - empty, 0.0), [50, 99.9, 100])
     return Spread(float(p50), float(p999), float(largest))
 
 
 def ns_of_each(call: Callable[..., object], inputs: Sequence[tuple[object, ...]]) -> Array:
-    """Time of each call [ns], the clock's own cost included, shape (n,)."""
+    """Return the time of each call [ns], reading the clock included, `(n_calls,)`."""
     clock, spent = perf_counter_ns, np.empty(len(inputs))
     for number, arguments in enumerate(inputs):
         begun = clock()

@@ -1,7 +1,8 @@
 """Error against cost: problem × method × step size.
 
-A point is one run over the problem's horizon with one step size. Its errors are those of the force, against the exact
-one; its cost is that of the step the loop runs. A run that leaves the finite numbers has no error, and stays a point.
+A point is one run over the problem's horizon with one step size. Its errors are those of the force against the exact
+force. Its cost is that of the step in the form that the loop runs. A run that overflows has no error, but is kept as a
+point.
 """
 
 import math
@@ -19,15 +20,16 @@ from haptic_fieldbus.study.measure.problems import Problem, peak
 from haptic_fieldbus.study.measure.timing import ns_per_call
 
 GROWS = 1e-6
-"""A spectral radius this little above 1 may be the rounding of a double root."""
+"""Excess of a spectral radius over 1 that may be rounding; a double root loses half of the digits."""
 ROUNDING = 1e-11
-"""Of the peak force: errors below it tell nothing of an order."""
+"""Share of the peak force below which errors are rounding, and show no order."""
 TIMED_STEPS = 200
+"""Steps in one timed pass."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """One run; errors in N, None where it left the finite numbers; `order` is that of the whole set."""
+    """One run; errors in N, None when it overflowed."""
 
     problem: str
     method: str
@@ -37,30 +39,34 @@ class Point:
     error_max: float | None
     ns_per_step: float
     order: float | None
-    """As measured with the smallest steps; None where the error is only rounding."""
+    """Order measured with the smallest steps of the whole set; None when their errors are only rounding."""
     stable: bool
-    """No mode of the step (or of the loop) grows, and the run stayed finite."""
+    """True when no mode of the step (or of the loop) grows, and the run stayed finite."""
 
 
 @dataclass(frozen=True)
 class Set:
-    """All step sizes of one method on one problem, the largest first."""
+    """Points of one method on one problem, the largest step first."""
 
     problem: str
     method: str
     points: tuple[Point, ...]
     claimed: float | None
-    """Order; ∞: exact for this input, None: nothing is claimed."""
+    """Claimed order; ∞ when the method is exact for this input, None when it claims nothing."""
     peak: float
     """Largest exact force [N]."""
 
     @property
     def order(self) -> float | None:
+        """Measured order, the same in all points."""
         return self.points[0].order
 
 
 def errors(found: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float | None, float | None, float | None]:
-    """(final, rms, max) [N]; None for a run that ended early or whose error overflows."""
+    """Return final, rms and largest error [N]; all None when the run ended early or its error overflows.
+
+    `found` has the shape `(n,)`; `exact` is as long or longer.
+    """
     if len(found) < len(exact):
         return None, None, None
     with np.errstate(over="ignore", invalid="ignore"):
@@ -70,7 +76,10 @@ def errors(found: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[floa
 
 
 def measured_order(points: Sequence[Point], peak: float) -> float | None:
-    """Slope of log rms error by log period between the two smallest steps whose errors are more than rounding."""
+    """Return the slope of log rms error over log period between the two smallest steps with more than rounding.
+
+    None when fewer than two steps have an error above rounding. The largest step comes first in `points`.
+    """
     told = [(p.period_s, p.error_rms) for p in points if p.error_rms is not None and p.error_rms > ROUNDING * peak]
     if len(told) < 2:
         return None
@@ -79,11 +88,13 @@ def measured_order(points: Sequence[Point], peak: float) -> float | None:
 
 
 def with_order(points: list[Point], peak: float) -> tuple[Point, ...]:
+    """Return the points with the order of their set."""
     order = measured_order(points, peak)
     return tuple(replace(point, order=order) for point in points)
 
 
 def measure(problem: Problem, method: str, steps: Sequence[int]) -> Set:
+    """Return the points of one method on one problem, one for each number of steps."""
     largest = peak(problem)
     points = [_point(problem, method, count) for count in steps]
     return Set(problem.name, method, with_order(points, largest), problem.claimed_order(METHODS[method]), largest)
@@ -92,6 +103,7 @@ def measure(problem: Problem, method: str, steps: Sequence[int]) -> Set:
 def _point(problem: Problem, method: str, steps: int) -> Point:
     period = problem.horizon / steps
     inputs = problem.motion.inputs(period, steps)
+    # Accuracy from the matrices of the step, for speed; the cost is that of the step in plain floats (`_cost`).
     one = integrators.discretise(problem.space, period, method)
     run = follow(one, inputs, [0.0] * problem.space.order)
     figures = errors(run.outputs[:, 0], problem.exact(period, steps))
@@ -100,7 +112,7 @@ def _point(problem: Problem, method: str, steps: int) -> Point:
 
 
 def _cost(problem: Problem, method: str, period: float) -> float:
-    """Of the step that the loop would run, in plain floats [ns]."""
+    """Return the cost of the step that the loop would run, in plain floats [ns]."""
     step = integrators.bind(problem.space, period, method)
     positions, velocities = problem.motion.inputs(problem.horizon / TIMED_STEPS, TIMED_STEPS).T.tolist()
     return ns_per_call(step, *((positions, velocities) if problem.space.uses_velocity else (positions,)))

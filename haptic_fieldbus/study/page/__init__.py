@@ -1,1 +1,1 @@
-"""The report as people read it: sections of text, tables and figures."""
+"""Page of the report: sections of text, tables and figures."""

@@ -1,4 +1,4 @@
-"""What every section is given."""
+"""Context that every section is given: bench, tools, choices, and the rows of the report."""
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
@@ -8,29 +8,32 @@ from haptic_fieldbus.study.measure.bench import Bench, Tools
 
 Item = TypeVar("Item")
 Progress = Callable[[str, float], None]
-"""(what is being measured, share of the section that is done)."""
+"""Function called with a label of the present measurement, and the share that is done (0 to 1)."""
 
 
 @dataclass(frozen=True)
 class Context:
-    """`quick` trades length and resolution for time; `names` chooses among problems and cases, None: all."""
+    """Arguments of a section; `quick` asks for shorter and coarser measurements."""
 
     tools: Tools
     bench: Bench
     quick: bool
     names: frozenset[str] | None = None
+    """Names of the problems or cases to measure; None for all."""
     progress: Progress = lambda label, share: None
     rows: dict[str, list[dict[str, object]]] = field(default_factory=dict)
-    """What `report.json` keeps, by its key; sections add to it."""
+    """Rows of `report.json` by their key; sections add to them, and all share the same dictionary."""
 
     def wanted(self, name: str) -> bool:
+        """Return whether a problem or case is to be measured."""
         return self.names is None or name in self.names
 
     def add(self, key: str, row: dict[str, object]) -> None:
+        """Add a row to `report.json`."""
         self.rows.setdefault(key, []).append(row)
 
     def each(self, items: Collection[Item], label: Callable[[Item], str]) -> Iterator[Item]:
-        """The items one after another; progress is told before each."""
+        """Yield the items one after another, and report progress before each."""
         for place, item in enumerate(items):
             self.progress(label(item), place / len(items))
             yield item

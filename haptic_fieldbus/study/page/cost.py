@@ -1,4 +1,4 @@
-"""The section on what each optional part costs, and on deadlines."""
+"""Section on the cost of each optional part, and on missed periods."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, astuple
@@ -16,6 +16,7 @@ from haptic_fieldbus.study.page.style import dress, figure, svg
 
 QUICK, FULL = 20_000, 1_000_000
 """Periods that are timed one by one."""
+# By the text before the colon in the name of a part.
 COLOURS = {"whole period": BLUE, "estimator": ORANGE, "integrator, two states": GREEN, "integrator, four states": GREEN}
 
 EXPLAINED = """The shortest mean time of many calls in this Python process, after a warm-up: what a part costs when
@@ -27,9 +28,11 @@ does them. The bus, not the computer, sets the highest rate."""
 
 
 def cost_section(context: Context) -> Section:
+    """Time all parts and the periods, and return their section."""
     found: list[OptionalPart] = []
     for each in parts(context.tools, context.bench, FEW_SCENES if context.quick else scene_names()):
         found.append(each)
+        # The number of parts is not known before; about 30 fill most of the bar.
         context.progress(each.part, min(len(found) / 30, 0.9))
         context.add("optional_parts", {"part": each.part, "ns_per_step": each.ns_per_step})
     context.progress("deadlines", 0.9)
@@ -60,9 +63,11 @@ def cost_section(context: Context) -> Section:
 
 
 def draw(found: Sequence[OptionalPart]) -> Figure:
+    """Return a figure with a bar for each part, on a logarithmic scale."""
     drawn = figure(1.2 + 0.24 * len(found))
     panel = drawn.subplots()
     for row, each in enumerate(found):
+        # At least 1 ns: a part that is a difference of two times can come out negative, and the scale is logarithmic.
         colour = COLOURS.get(each.part.partition(":")[0], SKY)
         panel.barh(row, max(each.ns_per_step, 1.0), color=colour, height=0.68)
         panel.text(max(each.ns_per_step, 1.0) * 1.06, row, f"{each.ns_per_step:,.0f}".replace(",", " "), va="center",
@@ -79,6 +84,7 @@ def draw(found: Sequence[OptionalPart]) -> Figure:
 
 
 def _late_table(late: RateDeadlines) -> str:
+    """Return the times of a period in words, and a table of missed periods at each rate."""
     shown = [number(1e6 * value) for value in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)]
     times = (
         f"{number(float(late.periods))} periods of <code>{SCENE}</code>: computing {shown[0]} µs (median), "
@@ -92,6 +98,7 @@ def _late_table(late: RateDeadlines) -> str:
 
 
 def _share(value: float) -> Cell:
+    """Return a share of missed periods; good only when none was missed."""
     if value in (0.0, 1.0):
         return Cell("every period", "bad") if value else Cell("0", "good")
     return Cell(percent(value, 4 if value < 1e-2 else 1), "bad")

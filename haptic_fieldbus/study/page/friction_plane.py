@@ -1,4 +1,4 @@
-"""The part of the region section on friction and encoder: what became of motions of one size."""
+"""Part of the region section on friction and encoder: the endings of motions of one size."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from haptic_fieldbus.study.page.html import paragraph, percent, picture
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg
 
 STARTS = (5.0, 20.0, 100.0)
-"""Encoder counts."""
+"""Distances from rest at which motions begin, one for each panel [encoder counts]."""
 COLOURS = {
     Ending.RESTS: ("#d3ebe0", "comes to rest"),
     Ending.CYCLES: ("#e7e1ee", "moves over the edge of a count for ever"),
@@ -26,7 +26,7 @@ takes, K·T/2 − b &gt; 4·fc/(π·ω·A): the larger it is, the nearer its bor
 
 
 def part(found: Sequence[Plane]) -> tuple[str, str]:
-    """HTML, and the figure in it."""
+    """Return the part as HTML, and the SVG document of its figure."""
     document = svg(side_by_side(found, _panel, 4.2, ncols=5))
     share = min(each.agreement for each in found)
     told = "all handles" if share == 1.0 else f"{percent(share, 1)} of the handles"
@@ -38,10 +38,11 @@ def part(found: Sequence[Plane]) -> tuple[str, str]:
 
 
 def _panel(panel: Axes, each: Plane) -> None:
+    """Draw the measured endings, the predicted border and the quadrants."""
     colours = ListedColormap([COLOURS[outcome][0] for outcome in Ending])
     panel.pcolormesh(each.axis, each.axis, each.outcome, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest",
                      rasterized=True)  # fmt: skip
-    for colour, label in COLOURS.values():
+    for colour, label in COLOURS.values():  # empty areas, for the legend
         panel.fill_between([], [], color=colour, label=label)
     beta = np.linspace(0.0, 0.5, 50)
     panel.plot(beta, border(each.start, beta), color="#0072B2", linewidth=2.0, label="predicted: grows below")

@@ -1,4 +1,4 @@
-"""The section on error along the run."""
+"""Section on the growth of the error along a run."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -16,7 +16,7 @@ from haptic_fieldbus.study.page.html import Cell, Section, number, paragraph, pi
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
 
 QUICK, FULL = 10**5, 10**7
-"""Steps."""
+"""Steps of each run."""
 
 EXPLAINED = """The puck is held and the virtual mass (200 N/m, 0.5 kg) swings freely behind it at 1 kHz, for as many
 steps as shown, each of them a call of the step that the loop runs. The force is known for ever, k·A·cos ωt. On the
@@ -27,6 +27,7 @@ digits."""
 
 
 def growth_section(context: Context) -> Section:
+    """Measure all methods and return their section."""
     total = QUICK if context.quick else FULL
     told = f"{total:.0e} steps of ".replace("e+0", "e")
     found = [growth.follow(method, total) for method in context.each(METHODS, lambda method: f"{told}{method}")]
@@ -47,6 +48,7 @@ def growth_section(context: Context) -> Section:
 
 
 def draw(found: Sequence[Growth]) -> Figure:
+    """Return a figure of the force's error and of the energy's drift over the steps."""
     drawn = figure(4.9)
     left, right = drawn.subplots(1, 2)
     for each in found:
@@ -62,7 +64,8 @@ def draw(found: Sequence[Growth]) -> Figure:
 
 
 def _curve(panel: Axes, each: Growth, values: Sequence[float]) -> None:
-    low, high = 1e-16, 1e2
+    """Draw one method; values outside the frame are drawn at its edge, × marks where numbers overflowed."""
+    low, high = 1e-16, 1e2  # from the rounding of doubles to errors far larger than the force itself
     panel.loglog(each.steps, np.clip(np.abs(values), low, high), **line(each.method))
     if each.diverged_at is not None:
         panel.loglog([each.diverged_at], [high], linestyle="none", marker="x", markersize=9, markeredgewidth=2.0,
@@ -71,6 +74,7 @@ def _curve(panel: Axes, each: Growth, values: Sequence[float]) -> None:
 
 
 def growth_table(found: Sequence[Growth]) -> str:
+    """Return a table of the last errors and the energy drifts."""
     rows = [
         [
             each.method,

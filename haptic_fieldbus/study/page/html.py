@@ -1,4 +1,4 @@
-"""Pieces of a page: text, tables and figures as HTML that needs no other file."""
+"""Parts of a page: text, tables and figures as HTML that needs no other file."""
 
 import math
 from base64 import b64encode
@@ -41,7 +41,7 @@ details { margin: 8px 0 18px; } summary { cursor: pointer; color: #0060a0; }
 
 @dataclass(frozen=True)
 class Section:
-    """One part of the report; `figures` are SVG documents by the name of their file."""
+    """Section of the report; `body` is HTML, `figures` are SVG documents by the name of their file."""
 
     name: str
     title: str
@@ -50,25 +50,26 @@ class Section:
     """Sentences for the top of the page, as HTML."""
     figures: dict[str, str] = field(default_factory=dict)
     details: object = None
-    """What `details.json` keeps of it."""
+    """Entry of `details.json`; None for no entry."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """An entry of a table that is marked."""
+    """Entry of a table with a mark."""
 
     text: str
     kind: str
-    """`text`, `good` or `bad`."""
+    """Class of the style sheet: `text`, `good` or `bad`; empty for none."""
 
 
 def paragraph(text: str) -> str:
-    """`text` is HTML."""
+    """Return a paragraph; `text` is HTML, and is not escaped."""
     return f"<p>{text}</p>\n"
 
 
 def picture(name: str, document: str, caption: str) -> str:
-    """A figure from an SVG document, inside the page; `caption` is HTML and says what is to be seen."""
+    """Return a figure with an SVG document inside the page; `caption` is HTML, and is not escaped."""
+    # As an image with its own document, the SVG cannot clash with names or styles of the page.
     data = b64encode(document.encode()).decode()
     alternative = escape(_plain(caption), quote=True)
     return (
@@ -81,7 +82,10 @@ Entry = str | Cell | float | None
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[Entry]], text_columns: int = 1) -> str:
-    """The first columns are text, the others numbers; cells are plain text and escaped, or a `number`."""
+    """Return a table whose first `text_columns` are aligned as text, the others as numbers.
+
+    Cells are escaped; floats and None are written by `number`.
+    """
     head = "".join(
         f'<th class="text">{escape(word)}</th>' if place < text_columns else f"<th>{escape(word)}</th>"
         for place, word in enumerate(headings)
@@ -92,7 +96,7 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[Entry]], text_columns
 
 
 def folded(summary: str, body: str) -> str:
-    """A part that opens when asked for."""
+    """Return a part that is folded until a reader opens it; `body` is HTML."""
     return f"<details><summary>{escape(summary)}</summary>{body}</details>\n"
 
 
@@ -104,13 +108,13 @@ def _cell(entry: Entry, is_text: bool) -> str:
 
 
 def _plain(text: str) -> str:
-    """Without tags."""
+    """Return HTML without its tags."""
     parts = text.split("<")
     return parts[0] + "".join(part.partition(">")[2] for part in parts[1:])
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """For tables; – where there is none."""
+    """Return a number for a table, rounded to `digits`, or as a power of ten; – for None and NaN."""
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -126,6 +130,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def percent(share: float, digits: int = 0) -> str:
+    """Return a share in percent with a narrow no-break space before the sign."""
     return f"{100.0 * share:.{digits}f}\u202f%"
 
 
@@ -134,6 +139,7 @@ def _raised(exponent: int) -> str:
 
 
 def page(title: str, lead: str, sections: Sequence[Section]) -> str:
+    """Return the whole page, with the findings of all sections at its top; `lead` is HTML."""
     links = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
     findings = "".join(f"<li>{finding}</li>" for section in sections for finding in section.findings)
     found = f'<div class="findings"><strong>What was found</strong><ul>{findings}</ul></div>' if findings else ""

@@ -1,4 +1,4 @@
-"""The section on the impedance that a hand feels."""
+"""Section on the impedance that a hand feels at the handle."""
 
 from collections.abc import Sequence
 
@@ -16,6 +16,7 @@ from haptic_fieldbus.study.page.html import Entry, Section, number, paragraph, p
 from haptic_fieldbus.study.page.style import dress, figure, svg
 
 SCENES = ("wall", "damped_wall", "sprung_mass")
+"""Scenes that show a spring, an estimated velocity, and virtual states."""
 
 EXPLAINED = """What the hand feels is not the scene but Z(jω) = force of the hand over velocity of the handle, with
 the device's own mass and friction in it, in contact with the scene. The sampled curve is that of the whole loop:
@@ -25,6 +26,7 @@ zero, the handle can give a hand more energy than it got."""
 
 
 def impedance_section(context: Context) -> Section:
+    """Compute the impedances of a few scenes and return their section."""
     scenes = context.each(SCENES, lambda scene: f"impedance of {scene}")
     found = [of_plan(context.tools.plan(scene)) for scene in scenes]
     document = svg(draw(found))
@@ -47,18 +49,19 @@ def impedance_section(context: Context) -> Section:
 
 
 def of_plan(plan: Plan) -> Impedance:
-    """The first axis of a plan, in contact."""
+    """Return the impedances of a plan's first axis in sustained contact."""
     bench, group = bench_of(plan), next(grouped(plan.axes[:1], plan.period))
     space = parallel([element.linearised() for element in plan.axes[0].elements])
     return impedance(plan.scene.name, bench, space, group.environment())
 
 
 def error(each: Impedance) -> np.ndarray:
-    """|Z/Z_ideal − 1|."""
+    """Return the relative error |Z/Z_ideal − 1|, `(n,)`."""
     return np.asarray(np.abs(each.felt / each.ideal - 1.0))
 
 
 def draw(found: Sequence[Impedance]) -> Figure:
+    """Return a figure of magnitude, relative error and real part, a column for each scene."""
     drawn = figure(7.6)
     panels = drawn.subplots(3, len(found), sharex=True, squeeze=False, height_ratios=[1.3, 1.0, 1.0])
     for (top, middle, bottom), each in zip(panels.T, found, strict=True):
@@ -72,6 +75,7 @@ def draw(found: Sequence[Impedance]) -> Figure:
         bottom.semilogx(f, each.ideal.real, color=INK, linewidth=1.0)
         bottom.fill_between(f, each.felt.real, 0.0, where=each.felt.real < 0.0, color=VERMILION, alpha=0.3, linewidth=0)
         bottom.axhline(0.0, color=INK, linewidth=0.7)
+        # Resonances would stretch the axis: it is scaled by the ideal, whose real part is the damping felt.
         top_of = 1.5 * float(each.ideal.real.max())
         bottom.set_ylim(-0.6 * top_of, top_of)
         first = each is found[0]
@@ -83,6 +87,7 @@ def draw(found: Sequence[Impedance]) -> Figure:
 
 
 def impedance_table(found: Sequence[Impedance]) -> str:
+    """Return a table of errors, and of the frequencies at which an error is felt or the real part is negative."""
     places = (1.0, 10.0, 100.0)
 
     def row(each: Impedance) -> list[Entry]:
@@ -95,7 +100,7 @@ def impedance_table(found: Sequence[Impedance]) -> str:
 
 
 def _first(each: Impedance, holds: np.ndarray) -> str:
-    """The lowest frequency at which it holds."""
+    """Return the lowest frequency at which the mask `holds`, `(n,)`, is True; "nowhere" when there is none."""
     return f"{each.frequency[int(np.argmax(holds))]:.3g} Hz" if holds.any() else "nowhere"
 
 

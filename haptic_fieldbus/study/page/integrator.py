@@ -1,5 +1,4 @@
-"""The section that answers the lecture's open question: does it matter in the loop that an integrator preserves
-stability?"""
+"""Section on the lecture's open question: does it matter in the loop that an integrator preserves stability?"""
 
 import math
 from collections.abc import Sequence
@@ -18,10 +17,11 @@ from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragr
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, svg
 
 QUICK, FULL = 40, 160
-"""Stiffnesses looked at."""
+"""Number of stiffnesses tried."""
 FLICKED = ("forward-euler", "semi-implicit-drift-first", "exact-zoh", "exact-foh", "backward-euler")
+"""Methods shown with the flicked handle."""
 SHARE, SECONDS = 0.87, 3.0
-"""Of the stiffest stable spring, for the handle that is flicked; [s]."""
+"""Stiffness of the flicked handle's spring as a share of the stiffest stable one, and time shown [s]."""
 TITLES = {
     "clamped": "handle clamped (the lecture's held puck)",
     "in the hand": "handle in the hand that leans",
@@ -35,6 +35,7 @@ whole, ln(ρ)/T, over the stiffness of a virtual 0.5 kg mass at 1 kHz on the shi
 
 
 def integrator_section(context: Context) -> Section:
+    """Measure the growth rates of all methods and return their section."""
     points = QUICK if context.quick else FULL
     methods = context.each(METHODS, lambda method: f"loop with {method}")
     found = [in_the_loop.loop_growth(context.bench, method, points) for method in methods]
@@ -68,6 +69,7 @@ def integrator_section(context: Context) -> Section:
 
 
 def draw(found: Sequence[LoopGrowth]) -> Figure:
+    """Return a figure of growth rates over stiffness, a panel for each handle."""
     drawn = figure(4.6)
     for panel, name in zip(drawn.subplots(1, 3, sharey=True), HANDLES, strict=True):
         for each in found:
@@ -79,6 +81,8 @@ def draw(found: Sequence[LoopGrowth]) -> Figure:
 
 
 def _axis(panel: Axes) -> None:
+    """Scale the axes of a panel and shade the half in which motions grow."""
+    # Rates have both signs and many decades: logarithmic beyond ±0.1 1/s, linear in between.
     panel.set_xscale("log")
     panel.set_yscale("symlog", linthresh=0.1, linscale=0.5)
     panel.set_ylim(-1e3, 1e3)
@@ -89,7 +93,7 @@ def _axis(panel: Axes) -> None:
 
 
 def draw_flicked(bench: Bench, stiffness: float) -> Figure:
-    """The force on the free handle over time at a stiffness that only some methods stand."""
+    """Return a figure of the force on the free handle over time, at a stiffness that only some methods keep stable."""
     drawn = figure(3.4)
     panel = drawn.subplots()
     largest = 0.0
@@ -98,6 +102,7 @@ def draw_flicked(bench: Bench, stiffness: float) -> Figure:
         if method == "exact-foh":
             largest = float(np.abs(force).max())
         panel.plot(times, force, **line(method, marked=False))
+    # Growing curves leave the frame; a frame around them would hide the stable ones.
     panel.set_ylim(-3.0 * largest, 3.0 * largest)
     panel.margins(x=0)
     dress(panel, f"virtual mass of 0.5 kg on {stiffness:.0f} N/m, handle free", "time [s]", "force on the handle [N]")
@@ -106,11 +111,12 @@ def draw_flicked(bench: Bench, stiffness: float) -> Figure:
 
 
 def _limit(found: Sequence[LoopGrowth], method: str, name: str = "free") -> float:
+    """Return the stiffest stable spring of a method with this handle [N/m]."""
     return next(each.limit[name] for each in found if each.method == method)
 
 
 def limits_table(found: Sequence[LoopGrowth]) -> str:
-    """Stiffest stable spring with each handle, and the rate with the scene's."""
+    """Return a table of the stiffest stable springs, and of the rates with the stiffness of the scene."""
 
     def row(each: LoopGrowth) -> list[Entry]:
         limits = [each.limit[name] for name in HANDLES]
@@ -131,6 +137,7 @@ def limits_table(found: Sequence[LoopGrowth]) -> str:
 
 
 def short_answer(found: Sequence[LoopGrowth]) -> str:
+    """Return the answer in short, as HTML."""
     best = _limit(found, "exact-foh")
     euler, drift, held = (_limit(found, name) for name in ("forward-euler", "semi-implicit-drift-first", "exact-zoh"))
     return (
@@ -143,7 +150,7 @@ def short_answer(found: Sequence[LoopGrowth]) -> str:
 
 
 def _softest(found: Sequence[LoopGrowth]) -> str:
-    """What forward Euler does with a soft spring in a hand."""
+    """Return a sentence on forward Euler with a soft spring in a hand; empty when it is stable with any soft spring."""
     softest = next(each.softest["in the hand"] for each in found if each.method == "forward-euler")
     if not softest:
         return ""
@@ -154,7 +161,7 @@ def _softest(found: Sequence[LoopGrowth]) -> str:
 
 
 def answer(found: Sequence[LoopGrowth]) -> str:
-    """The same at length."""
+    """Return the answer at length, as HTML."""
     clamped = next(each.at_scene["clamped"] for each in found if each.method == "forward-euler")
     doubling = f"{math.log(2.0) / clamped:.2g} s" if clamped > 0.0 else "no time"
     return (

@@ -1,4 +1,4 @@
-"""The section on the K–B region, measured and predicted."""
+"""Section on the K–B region, measured and predicted."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,8 +15,9 @@ from haptic_fieldbus.study.page.html import Entry, Section, number, paragraph, p
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg
 
 QUICK, FULL = (32, 3000), (120, 20_000)
+"""Points of each axis of a K–B region, and periods of each run."""
 QUICK_PLANE, FULL_PLANE = (20, 2000), (60, 6000)
-"""Points of each axis, and periods."""
+"""Points of each axis of a friction plane, and periods of each run."""
 
 EXPLAINED = """A bilateral wall of stiffness K and damping B (velocity by backward difference) on the shipped bench
 without a hand. Each pixel is a loop that was let run from a flick in the batch engine: blue where the motion fades,
@@ -26,7 +27,11 @@ hurts; and passive is far stricter than stable, because it must hold for any han
 
 
 def region_section(context: Context) -> Section:
-    """The bench as it is, a closer look near its own damping, and the same with one more period of delay."""
+    """Measure three regions and the friction planes, and return their section.
+
+    The regions are that of the bench, a part of it near the bench's own damping, and that with one more period of
+    delay.
+    """
     points, periods = QUICK if context.quick else FULL
     bench = context.bench
     late = replace(bench, delay=bench.delay + bench.period)
@@ -67,12 +72,14 @@ def region_section(context: Context) -> Section:
 
 
 def _panel(panel: Axes, each: Region) -> None:
-    scale = 1e-3
+    """Draw the measured grid and the predicted limits of a region."""
+    scale = 1e-3  # N/m to N/mm
     panel.pcolormesh(each.damping, scale * each.stiffness, each.grew.T, cmap=ListedColormap(["#cfe5f2", "#f8dcc4"]),
                      vmin=0, vmax=1, shading="nearest", rasterized=True)  # fmt: skip
     panel.plot(each.damping, scale * each.stable_limit, color="#0072B2", linewidth=2.0, label="predicted: stable below")
     panel.plot(each.damping, scale * each.passive_limit, color=GREEN, linewidth=2.0, linestyle="--",
                label="predicted: passive below")  # fmt: skip
+    # Empty areas, for the legend: a mesh has no entry of its own there.
     panel.fill_between([], [], color="#cfe5f2", label="measured: fades")
     panel.fill_between([], [], color="#f8dcc4", label="measured: grows", edgecolor=VERMILION)
     panel.set_xlim(0.0, each.damping[-1])

@@ -1,4 +1,4 @@
-"""The section on where the force error of a rendered scene comes from."""
+"""Section on the sources of the force error of rendered scenes."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -14,7 +14,8 @@ from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragr
 from haptic_fieldbus.study.page.style import dress, figure, svg
 
 QUICK, FULL = 2.0, 10.0
-"""[s] of virtual time."""
+"""Length of each run [s of virtual time]."""
+# Colour and hatching of each source, in the order in which they are made real.
 COLOURS = {
     "sampling and delay": (BLUE, ""),
     "encoder": (ORANGE, "//"),
@@ -33,7 +34,7 @@ from what the others did."""
 
 
 def sources_section(context: Context) -> Section:
-    """All scenes of the library, or a few."""
+    """Run all scenes of the library, or a few for a quick report, and return their section."""
     names, duration = (FEW_SCENES, QUICK) if context.quick else (scene_names(), FULL)
     scenes = context.each(names, lambda scene: f"scene {scene}")
     found = [scene_error(context.tools, scene, duration) for scene in scenes]
@@ -52,9 +53,11 @@ def sources_section(context: Context) -> Section:
 
 
 def draw(found: Sequence[Misfit]) -> Figure:
+    """Return a figure with a bar for each scene, stacked from the shares of its sources."""
     drawn = figure(1.6 + max(0.28 * len(found), min(0.5 * len(found), 2.0)))
     panel = drawn.subplots()
     for row, each in enumerate(found):
+        # Positive shares are stacked to the right of 0, negative ones to the left.
         ends = {True: 0.0, False: 0.0}
         for source, share in each.by_source.items():
             colour, hatch = COLOURS.get(source, (GREY, ""))
@@ -64,7 +67,7 @@ def draw(found: Sequence[Misfit]) -> Figure:
     panel.set_ylim(len(found) - 0.4, -0.6)
     panel.axvline(0.0, color="#222222", linewidth=0.8)
     dress(panel, "error split by source", "share of the mean square error [1]", "")
-    for source in _seen(found):
+    for source in _seen(found):  # bars of no length, for a legend with each source once
         colour, hatch = COLOURS[source]
         panel.barh(0, 0, color=colour, hatch=hatch, edgecolor="white", label=source)
     drawn.legend(loc="outside lower center", ncols=len(COLOURS) + 1, frameon=False, fontsize=9)
@@ -72,11 +75,12 @@ def draw(found: Sequence[Misfit]) -> Figure:
 
 
 def _seen(found: Sequence[Misfit]) -> list[str]:
-    """Sources that any of the scenes has."""
+    """Return the sources that occur in any of the scenes, in their usual order."""
     return [source for source in COLOURS if any(source in each.by_source for each in found)]
 
 
 def sources_table(found: Sequence[Misfit]) -> str:
+    """Return a table of errors and shares, or of the reason why a scene was not measured."""
     sources = _seen(found)
 
     def row(each: Misfit) -> list[Entry]:

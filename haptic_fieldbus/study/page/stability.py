@@ -1,4 +1,4 @@
-"""The section on stiff and extreme cases: each runs by itself, and one that breaks is a case that failed."""
+"""Section on stiff and extreme cases; a case that raises an error counts as failed, and the others go on."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -14,7 +14,7 @@ precision, or brute force. <i>Expected</i> is what theory says, <i>measured</i> 
 
 
 def run_case(case: Case, quick: bool) -> tuple[CaseResult, float]:
-    """The result and the seconds it took; whatever goes wrong inside is a failure of the case, and told."""
+    """Return the result of a case and the time it took [s]; an exception in the case is reported as its failure."""
     begun = perf_counter()
     try:
         result = case(quick)
@@ -25,6 +25,7 @@ def run_case(case: Case, quick: bool) -> tuple[CaseResult, float]:
 
 
 def stability_section(context: Context) -> Section:
+    """Run the chosen cases and return their section."""
     chosen = {name: case for name, case in CASES.items() if context.wanted(name)}
     found = {}
     for name, case in context.each(chosen.items(), lambda item: f"case {item[0]}"):

@@ -1,4 +1,4 @@
-"""How curves look: colours of Okabe and Ito, a marker for each, the same for a method in every figure."""
+"""Style of the figures: colours of Okabe and Ito and a marker for each curve, the same for a method in every figure."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, 
 
 Item = TypeVar("Item")
 WIDTH = 11.4
-"""[inches] of a figure: what fits a page of 1180 px."""
+"""Width of a figure that fits a page of 1180 px [inches]."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """A curve's colour, marker and dashes."""
+    """Colour, marker and dashes of a curve; `size` is that of the marker [points]."""
 
     colour: str
     marker: str
@@ -28,6 +28,7 @@ class Look:
     hollow: bool = False
 
 
+# Several methods give nearly the same curve: large hollow markers leave the smaller ones inside them visible.
 LOOKS = {
     "forward-euler": Look(VERMILION, "o"),
     "backward-euler": Look(ORANGE, "s"),
@@ -54,12 +55,13 @@ OTHERS = (Look(BLUE, "o"), Look(VERMILION, "s"), Look(GREEN, "^"), Look(PURPLE, 
 
 
 def look_of(name: str) -> Look:
-    """That of a known method, else one by the name's letters: stable from figure to figure."""
+    """Return the look of a method; for an unknown name, one that depends on its letters alone."""
+    # Not `hash`, which differs from run to run.
     return LOOKS.get(name) or OTHERS[sum(map(ord, name)) % len(OTHERS)]
 
 
 def line(name: str, label: str | None = None, marked: bool = True) -> dict[str, Any]:
-    """Arguments of `plot` for a curve of that name."""
+    """Return the arguments of `plot` for the curve of a method."""
     look = look_of(name)
     marker: dict[str, Any] = {"marker": look.marker, "markersize": look.size} if marked else {}
     if look.hollow and marked:
@@ -69,13 +71,13 @@ def line(name: str, label: str | None = None, marked: bool = True) -> dict[str, 
 
 
 def legend(drawn: Figure, labels: Mapping[str, str], marked: bool = True, **words: Any) -> None:
-    """Names of curves and how they are called, below the figure."""
+    """Put a legend below the figure; `labels` maps methods to their texts, `words` are passed on to matplotlib."""
     handles = [Line2D([], [], **line(name, label, marked)) for name, label in labels.items()]
     drawn.legend(handles=handles, loc="outside lower center", frameon=False, fontsize=9, **words)
 
 
 def side_by_side(items: Sequence[Item], draw: Callable[[Axes, Item], None], height: float, ncols: int) -> Figure:
-    """A panel for each, with one legend below for all."""
+    """Return a figure with a panel for each item and one legend below, made from the first panel."""
     drawn = figure(height)
     for panel, each in zip(drawn.subplots(1, len(items), squeeze=False)[0], items, strict=True):
         draw(panel, each)
@@ -85,11 +87,12 @@ def side_by_side(items: Sequence[Item], draw: Callable[[Axes, Item], None], heig
 
 
 def figure(height: float, width: float = WIDTH) -> Figure:
+    """Return an empty figure of this size [inches]."""
     return Figure(figsize=(width, height), facecolor="white", layout="constrained")
 
 
 def dress(panel: Axes, title: str, x: str, y: str) -> None:
-    """Title, axes with units, a quiet grid."""
+    """Give a panel a title, labels of its axes, and a light grid."""
     panel.set_title(title, loc="left", size=10.5, color=INK)
     panel.set_xlabel(x)
     panel.set_ylabel(y)
@@ -99,8 +102,9 @@ def dress(panel: Axes, title: str, x: str, y: str) -> None:
 
 
 def svg(drawn: Figure) -> str:
-    """The document as text, the same for the same figure; letters are outlines, so no font is asked for."""
+    """Return a figure as an SVG document; letters are outlines, so that no font is needed to show it."""
     buffer = BytesIO()
+    # A fixed salt, and no date: the same figure gives the same text, so that reports can be compared.
     with rc_context({"svg.hashsalt": "haptic-fieldbus", "svg.fonttype": "path"}):
         drawn.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue().decode("utf-8")

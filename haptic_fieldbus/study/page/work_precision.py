@@ -1,4 +1,4 @@
-"""The section on error against time: work-precision sets."""
+"""Section on error against computing time: work-precision sets."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -20,13 +20,13 @@ from haptic_fieldbus.study.page.html import Cell, Entry, Section, folded, number
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
 
 FAILED = 10.0
-"""Times the largest force: an error beyond it is a failure, whatever number it has."""
+"""Error, as a multiple of the largest force, beyond which a run counts as failed."""
 ZONE = 0.22
-"""Share of the height, more or less, that shows failures."""
+"""Height of the zone of failures, as a share of the logarithmic scale below it."""
 CLOSE = 0.05
-"""Of orders."""
+"""Permitted difference of observed and claimed orders."""
 FIXED_PERIOD, FIXED_COST = 1e-3, 300.0
-"""[s]; [µs] of computing for each second that is rendered."""
+"""Period [s], and computing time for a second of simulated time [µs], at which methods are compared in the table."""
 
 EXPLAINED = """Each marker is one run with one step size; its force is compared with the exact one at every sample. On
 the left the error stands over the step size: a method of order <i>p</i> falls by 10<sup><i>p</i></sup> a decade. On
@@ -39,6 +39,7 @@ input the classic orders show."""
 
 
 def work_precision_section(context: Context) -> Section:
+    """Measure the chosen problems and contacts with all their methods, and return their section."""
     every: dict[str, Problem | Contact] = {**problems(), **contact_loop.contacts()}
     chosen = [(name, item) for name, item in every.items() if context.wanted(name)]
     body, figures, found = [paragraph(EXPLAINED)], {}, []
@@ -66,6 +67,7 @@ another matter, below."""
 
 
 def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
+    """Return an iterator that measures one method after another."""
     steps = periods(context.quick)
     if isinstance(item, Problem):
         return (work_precision.measure(item, method, steps) for method in METHODS)
@@ -73,15 +75,17 @@ def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
 
 
 def has_failed(point: Point, peak: float) -> bool:
-    """Whether it is drawn at the top edge."""
+    """Return whether a run overflowed or has an error beyond `FAILED`; it is drawn in the zone of failures."""
     return point.error_rms is None or point.error_rms > FAILED * peak
 
 
 def draw(sets: Sequence[Set]) -> Figure:
+    """Return a figure of errors over step size and over cost, with the zone of failures at the top."""
     drawn = figure(5.1)
     left, right = drawn.subplots(1, 2, sharey=True)
     peak = sets[0].peak
     errors = [p.error_rms for each in sets for p in each.points if p.error_rms and not has_failed(p, peak)]
+    # The scale is logarithmic: heights in the zone are powers of the ratio of its ends. No axis goes below rounding.
     low, edge = max(min(errors, default=1e-6) / 3.0, 1e-17), FAILED * peak
     top = edge * (edge / low) ** ZONE
     for row, each in enumerate(sets):
@@ -103,12 +107,12 @@ def draw(sets: Sequence[Set]) -> Figure:
 
 
 def computing(point: Point) -> float:
-    """[µs] for one second of simulated time."""
+    """Return the computing time for one second of simulated time [µs]."""
     return 1e-3 * point.ns_per_step / point.period_s
 
 
 def _curve(panel: Axes, each: Set, places: Sequence[float], height: float) -> None:
-    """Runs that failed stand in the zone at the top, a row for each method."""
+    """Draw the runs of one method; those that failed stand at `height` in the zone of failures."""
     good = [(x, p.error_rms) for x, p in zip(places, each.points, strict=True) if not has_failed(p, each.peak)]
     failed = [x for x, p in zip(places, each.points, strict=True) if has_failed(p, each.peak)]
     panel.loglog([x for x, _ in good], [max(e or 0.0, 1e-17) for _, e in good], **line(each.method))
@@ -118,13 +122,16 @@ def _curve(panel: Axes, each: Set, places: Sequence[float], height: float) -> No
 
 
 def is_as_claimed(each: Set) -> bool:
-    """Whether the observed order is the claimed one; an exact method shows rounding only."""
+    """Return whether the observed order is the claimed one, or nothing is claimed.
+
+    An exact method shows rounding only, and has no observed order.
+    """
     order = math.inf if each.order is None else each.order
     return each.claimed is None or order == each.claimed or abs(order - each.claimed) <= CLOSE
 
 
 def order_words(each: Set) -> str:
-    """Observed (claimed)."""
+    """Return the observed order, and the claimed one in brackets."""
     observed = "rounding only" if each.order is None else f"{each.order:.2f}"
     if each.claimed is None:
         return f"{observed} (no claim)"
@@ -132,6 +139,7 @@ def order_words(each: Set) -> str:
 
 
 def _caption(sets: Sequence[Set]) -> str:
+    """Return the caption: numbers of runs, failures and unstable steps."""
     failed = sum(has_failed(point, each.peak) for each in sets for point in each.points)
     total = sum(len(each.points) for each in sets)
     unstable = sum(not point.stable for each in sets for point in each.points)
@@ -142,7 +150,10 @@ def _caption(sets: Sequence[Set]) -> str:
 
 
 def at_fixed_cost(each: Set, cost: float = FIXED_COST) -> float | None:
-    """rms error [N] that so much computing buys, between two runs on a straight line of logarithms."""
+    """Return the rms error [N] at a computing time `cost` [µs] for a second; None when it lies outside the runs.
+
+    Between two runs the error is interpolated by a straight line of logarithms.
+    """
     known = sorted((computing(p), p.error_rms) for p in each.points if p.error_rms)
     if not known or not known[0][0] <= cost <= known[-1][0]:
         return None
@@ -151,11 +162,12 @@ def at_fixed_cost(each: Set, cost: float = FIXED_COST) -> float | None:
 
 
 def nearest(each: Set) -> Point:
-    """The run whose period is nearest to 1 ms."""
+    """Return the run whose period is nearest to `FIXED_PERIOD`, on a logarithmic scale."""
     return min(each.points, key=lambda point: abs(math.log(point.period_s / FIXED_PERIOD)))
 
 
 def sets_table(sets: Sequence[Set]) -> str:
+    """Return a table of all methods on one problem: orders, largest stable step, errors and cost."""
     period = 1e3 * nearest(sets[0]).period_s
 
     def row(each: Set) -> list[Entry]:
@@ -181,6 +193,7 @@ def sets_table(sets: Sequence[Set]) -> str:
 
 
 def _limits_table() -> str:
+    """Return a table of the largest stable steps of all methods."""
     rows = [
         [name, *(number(each, 6) for each in limits), f"{radius:.9f}"]
         for name, *limits, radius in map(astuple, map(step_limit, METHODS))
@@ -191,6 +204,7 @@ def _limits_table() -> str:
 
 
 def _findings(found: Sequence[Sequence[Set]]) -> Iterator[str]:
+    """Yield the findings that the measured sets permit: on orders, and on the two exact steps."""
     every = [each for sets in found for each in sets]
     told = [each for each in every if each.claimed is not None]
     if told:

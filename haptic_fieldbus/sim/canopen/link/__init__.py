@@ -1,1 +1,1 @@
-"""The data link layer of CAN: frames and their bits, the wire with its arbitration, a program's controller."""
+"""The data link layer of CAN: frames and their bits, the wire with its arbitration, the controller of a program."""

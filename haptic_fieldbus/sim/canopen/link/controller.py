@@ -1,4 +1,4 @@
-"""The CAN controller of a program on the simulated bus: what it received, and whether it is bus-off."""
+"""The CAN controller of a program on the simulated bus: its received frames and its bus-off state."""
 
 from collections import deque
 from typing import NamedTuple
@@ -6,14 +6,15 @@ from typing import NamedTuple
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.link.wire import Port
 
-# linux/can/error.h: classes of an error message frame, and what its second octet says of a controller problem.
+# linux/can/error.h: the classes of an error message frame, and the second octet of a controller problem (receive
+# overflow).
 _CONTROLLER, _PROTOCOL_VIOLATION, _BUS_OFF, _RESTARTED = 0x004, 0x008, 0x040, 0x100
 _NO_DETAIL = bytes(8)
 _RECEIVE_OVERFLOW = bytes((0, 0x01, 0, 0, 0, 0, 0, 0))
 
 
 class Received(NamedTuple):
-    """One frame as it comes out of the controller; `error`: an error message of the controller itself."""
+    """One frame as the controller delivers it; `error` marks an error message of the controller itself."""
 
     t_ns: int
     frame: Frame
@@ -22,47 +23,48 @@ class Received(NamedTuple):
 
 
 class Controller:
-    """The master's end of the wire; `room`: frames that it holds for the program, None: as many as come."""
+    """A program's CAN controller; `room` is the number of frames that it holds for the program, None for no limit."""
 
     def __init__(self, port: Port, *, receive_own: bool = False, room: int | None = None) -> None:
         self.port = port
         self.received: deque[Received] = deque()
         self.off = False
-        """Bus-off: nothing is sent or received."""
+        """True while bus-off: no frame is sent or received."""
         self.closed = False
-        """The program has left."""
+        """True once the program has left."""
         self.lost = 0
-        """Frames that came while there was no room; an error message tells so once there is."""
+        """Number of frames that came while there was no room; reported by an error message once there is room."""
         self._told = 0
         self._room = room
         self._receive_own = receive_own
 
     def frame_ended(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
-        """A frame was on the wire."""
+        """Receive a frame that has ended on the wire, unless bus-off; count it as lost when there is no room."""
         own = sender is self.port
         if self.off or (own and not self._receive_own):
             return
         if self._room is not None and len(self.received) >= self._room:
             self.lost += 1
             return
+        # The error message needs room too, so it is queued before the first frame that fits again.
         if self.lost != self._told:
             self._told = self.lost
             self._report(_CONTROLLER, t_ns, _RECEIVE_OVERFLOW)
         self.received.append(Received(t_ns, frame, own))
 
     def bus_off(self, t_ns: int) -> None:
-        """The error counter overflowed; what waited is lost."""
+        """Go bus-off because the error counter overflowed; frames waiting to be sent are lost."""
         self.off = True
         self.port.waiting.clear()
         self._report(_BUS_OFF, t_ns)
 
     def restarted(self, t_ns: int) -> None:
-        """Back on the bus."""
+        """Return to the bus."""
         self.off = False
         self._report(_RESTARTED, t_ns)
 
     def error_frame(self, t_ns: int) -> None:
-        """A frame was disturbed."""
+        """Report that a frame was disturbed."""
         self._report(_PROTOCOL_VIOLATION, t_ns)
 
     def _report(self, error_class: int, t_ns: int, detail: bytes = _NO_DETAIL) -> None:

@@ -1,7 +1,7 @@
 """The medium: one transmission at a time, arbitration by identifier, a transmit queue for each node.
 
-A frame is received at the end of its end of frame; the bus is free three bits later. What is queued at the instant at
-which the bus becomes free takes part in that arbitration. Times are integer nanoseconds.
+A frame is received when its end of frame is over; the bus is free three bits later. Frames queued at the instant at
+which the bus becomes free take part in that arbitration. Times are integer nanoseconds.
 """
 
 from array import array
@@ -17,7 +17,7 @@ from haptic_fieldbus.sim.canopen.link.frame import INTERMISSION_BITS, Frame, arb
 
 @dataclass(frozen=True)
 class WireStatistics:
-    """What was on the wire in a window; `bits` include stuffing and intermission."""
+    """Traffic in a time window; `bits` include stuffing and intermission, `load` is their share of the window."""
 
     frames: int
     bits: int
@@ -25,9 +25,10 @@ class WireStatistics:
 
 
 class Port:
-    """One node's controller: frames waiting to be sent.
+    """The transmit side of one node's controller: the frames waiting to be sent.
 
-    `in_order`: one queue, first in first out, as SocketCAN sends; else by priority, as a controller with mailboxes.
+    With `in_order` the queue is first in, first out, as SocketCAN sends; otherwise frames go by priority, as from a
+    controller with mailboxes.
     """
 
     def __init__(self, *, in_order: bool) -> None:
@@ -39,7 +40,7 @@ class Port:
         self.waiting.append((arbitration_key(frame), frame))
 
     def candidate(self) -> tuple[int, Frame]:
-        """What takes part in the next arbitration; of equal priorities the older."""
+        """Return the frame that takes part in the next arbitration; of equal priorities the older one."""
         return self.waiting[0] if self.in_order or len(self.waiting) == 1 else min(self.waiting, key=_key)
 
 
@@ -52,9 +53,10 @@ def _port_key(port: Port) -> int:
 
 
 class Wire:
-    """Who sends when, and how long it takes; two nodes that send the same identifier at once are not modelled.
+    """The arbitration of all ports and the duration of each frame.
 
-    `longest`: of so many frames at least, the last ones, statistics are kept; None: of all.
+    Two nodes that send the same identifier at once are not modelled. Statistics cover at least the `longest` latest
+    frames, None: all.
     """
 
     def __init__(self, bitrate: int, longest: int | None = None) -> None:
@@ -63,23 +65,24 @@ class Wire:
         self.sender: Port | None = None
         self._frame: Frame | None = None
         self.end_ns = NEVER_NS
-        """When the frame on the wire will have been received; NEVER_NS when there is none."""
+        """End of the frame on the wire; NEVER_NS when there is none."""
         self._free_ns = 0
         self._ends = array("q")
         self._bits = array("H")
         self._longest = longest
 
     def attach(self, *, in_order: bool) -> Port:
+        """Add a node and return its port."""
         port = Port(in_order=in_order)
         self.ports.append(port)
         return port
 
     def detach(self, port: Port) -> None:
-        """Remove a node; what it is sending is completed."""
+        """Remove a node; a frame that it is sending is completed."""
         self.ports.remove(port)
 
     def start_ns(self, now_ns: int) -> int:
-        """When the next arbitration takes place, as things stand."""
+        """Return the time of the next arbitration; NEVER_NS while a frame is on the wire or none is waiting."""
         if self.end_ns != NEVER_NS:
             return NEVER_NS
         for port in self.ports:
@@ -88,7 +91,7 @@ class Wire:
         return NEVER_NS
 
     def start(self, t_ns: int) -> None:
-        """Arbitrate and put the winner on the wire."""
+        """Arbitrate at `t_ns` and put the winning frame on the wire."""
         contenders = [port for port in self.ports if port.waiting]
         winner = contenders[0] if len(contenders) == 1 else min(contenders, key=_port_key)
         item = winner.candidate()
@@ -99,11 +102,12 @@ class Wire:
         self._free_ns = t_ns + self.duration_ns(bits + INTERMISSION_BITS)
         self._ends.append(self.end_ns)
         self._bits.append(bits + INTERMISSION_BITS)
+        # Cut only at twice the length, so that the deletion costs little per frame on average.
         if self._longest is not None and len(self._ends) > 2 * self._longest:
             del self._ends[: -self._longest], self._bits[: -self._longest]
 
     def finish(self) -> Frame:
-        """Take the received frame off the wire."""
+        """Take the received frame off the wire and return it; raises RuntimeError when there is none."""
         frame = self._frame
         if frame is None:
             raise RuntimeError("nothing is on the wire")
@@ -112,11 +116,11 @@ class Wire:
         return frame
 
     def duration_ns(self, bits: int) -> int:
-        """Time of a number of bits, to the nearest nanosecond."""
+        """Return the duration of a number of bits, to the nearest nanosecond."""
         return (bits * 1_000_000_000 + self.bitrate // 2) // self.bitrate
 
     def statistics(self, from_ns: int, to_ns: int) -> WireStatistics:
-        """Frames whose end lies in (from_ns, to_ns]."""
+        """Return the traffic of the frames that end in (from_ns, to_ns]."""
         first, last = bisect_right(self._ends, from_ns), bisect_right(self._ends, to_ns)
         bits = int(np.frombuffer(self._bits, dtype=np.uint16)[first:last].sum()) if last > first else 0
         window = max(to_ns - from_ns, 1)

@@ -1,1 +1,1 @@
-"""What makes the node of one model of drive: its PDOs, its quirks, the file of its vendor."""
+"""The node of one model of drive: its PDOs, its quirks, the file of its vendor."""

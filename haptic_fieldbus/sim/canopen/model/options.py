@@ -1,4 +1,4 @@
-"""What a node is built from: PDOs after power-on, and where models of drives differ."""
+"""Properties by which the nodes of different models differ, and the PDOs after power-on."""
 
 from dataclasses import dataclass, replace
 
@@ -10,12 +10,15 @@ from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 
 _PREDEFINED = 4
-"""CiA 301, table 39: PDOs with an identifier of their own."""
+"""Number of PDOs of each direction that have a predefined identifier (CiA 301, table 39)."""
 
 
 @dataclass(frozen=True)
 class NodeOptions:
-    """What differs between models: PDOs, the object that watches the master, when RPDOs act, how long a reset takes."""
+    """Properties of a model: its PDOs, the object of its heartbeat consumers, when RPDOs act, how long a reset takes.
+
+    `consumer` is the index of the heartbeat consumer object, None when the model has none.
+    """
 
     rpdos: list[PdoDefaults]
     tpdos: list[PdoDefaults]
@@ -25,9 +28,14 @@ class NodeOptions:
 
 
 def node_options(node: int, profile: CanopenProfile, settings: DriveSettings) -> NodeOptions:
-    """PDOs after power-on: the first of each direction valid, all with the predefined identifiers, event-driven."""
+    """Return the options of a node as its profile and settings describe them.
+
+    After power-on all PDOs are event-driven, with the predefined identifiers; only the first of each direction is
+    valid.
+    """
     signals = profile.entries()
     status, control = signals[Signal.STATUSWORD], signals[Signal.CONTROLWORD]
+    # Seconds to the steps of 100 µs of 1800h:03.
     inhibit = round(profile.pdo.inhibit_time_default * 1e4)
     measured = signals.get(Signal.POSITION) or signals[Signal.VELOCITY]
     pdo = profile.pdo
@@ -44,7 +52,10 @@ def node_options(node: int, profile: CanopenProfile, settings: DriveSettings) ->
 def _defaults(
     count: int, first_id: int, max_entries: int, inhibit: int, word: ObjectEntry, value: ObjectEntry
 ) -> list[PdoDefaults]:
-    """PDO 1 carries the word, PDO 2 word and value where it has room, the others nothing."""
+    """Return the PDOs of one direction.
+
+    PDO 1 maps the word, PDO 2 word and value if its mapping has room for two, the others nothing.
+    """
     both = (word.mapping, value.mapping) if max_entries > 1 else ()
     mappings = {1: (word.mapping,), 2: both}
     return [

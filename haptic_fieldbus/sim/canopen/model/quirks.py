@@ -1,7 +1,7 @@
-"""Quirks: where a drive leaves the standards, by the keys of a profile's [simulation].
+"""Quirks: deviations of real drives from the standards, by the keys of a profile's [simulation].
 
-Each is something that a master meets on real drives. It changes the profile or the settings that the simulated drive is
-built from, or its dictionary once it is built; the master never reads the section, so it meets the quirk unprepared.
+Each quirk changes the profile or the settings that the simulated drive is built from, or its dictionary once it is
+built. The master never reads this section, so it meets the quirk unprepared, as on the real drive.
 """
 
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ from haptic_fieldbus.sim.drive.settings import DriveSettings
 
 @dataclass(frozen=True)
 class Quirk:
-    """One key of [simulation], what it does, and which drive is known for it."""
+    """One key of [simulation], its effect, and the drives on which it was seen."""
 
     key: str
     effect: str
@@ -66,7 +66,7 @@ QUIRKS = (
         "ros-industrial/ros2_canopen issue 370 (1 s asked for, as 20 ms did not do)",
     ),
 )
-"""All keys; inhibit times of TPDOs have their own, `pdo.inhibit_time_default`."""
+"""All keys. Inhibit times of TPDOs after power-on are set by `pdo.inhibit_time_default` instead."""
 
 _NS = 1_000_000_000
 _HEARTBEAT_CONSUMER = 0x1016
@@ -76,7 +76,7 @@ _PDO_COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
 
 
 def played(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
-    """Profile and settings with the quirks of the profile, to build the drive from."""
+    """Return the profile and the settings with the quirks of the profile applied, to build the drive from."""
     quirks, link_loss, torque = profile.simulation, profile.link_loss, profile.torque
     absent = frozenset(quirks.absent)
     boot_ns = round(quirks.boot_time * _NS)
@@ -88,6 +88,7 @@ def played(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenPro
         start_delay_ns=settings.start_delay_ns + boot_ns,
         reset_ns=settings.reset_ns + boot_ns,
     )
+    # The drive is built without an absent object, so that its effects are missing too, not only the entry.
     abort, reaction = link_loss.abort_connection_option, link_loss.fault_reaction_option
     link_loss = replace(
         link_loss,
@@ -105,7 +106,10 @@ def played(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenPro
 
 
 def install(dictionary: Dictionary, profile: CanopenProfile, node: int) -> tuple[str, ...]:
-    """What is left to do once the drive is built; what a vendor's file asks in vain comes back in words."""
+    """Apply the quirks of the dictionary once the drive is built.
+
+    Returns notes, in words, on the parts of a vendor's file that could not be taken over; empty without such a file.
+    """
     quirks = profile.simulation
     notes = extend(dictionary, profile.eds, node) if isinstance(profile, EdsProfile) else ()
     for index in quirks.absent:
@@ -116,6 +120,7 @@ def install(dictionary: Dictionary, profile: CanopenProfile, node: int) -> tuple
     for entry in _cob_ids(dictionary):
         if quirks.cob_ids_missing:
             _start_with(entry, INVALID)
+            # Without an identifier there is no node-ID in the value that a new node-ID could change.
             entry.numbered = False
         elif quirks.pdos_disabled:
             _start_with(entry, entry.default | INVALID)
@@ -135,14 +140,14 @@ def _cob_ids(dictionary: Dictionary) -> Iterable[Entry]:
 
 
 def _not_in_file(profile: CanopenProfile) -> frozenset[int]:
-    """Objects of CiA 402-2 that a vendor's drive does not have."""
+    """Return the objects of CiA 402-2 that a vendor's file does not have; empty for a profile without such a file."""
     if not isinstance(profile, EdsProfile):
         return frozenset()
     return frozenset(index for index in _APPLICATION if index not in profile.eds)
 
 
 def _modes(profile: CanopenProfile) -> frozenset[int] | None:
-    """Modes of operation by 6502h of a vendor's file; None where it does not say."""
+    """Return the modes of operation in 6502h of a vendor's file; None when it gives none."""
     entry = profile.eds.find(0x6502) if isinstance(profile, EdsProfile) else None
     value = entry.value(1) if entry is not None else None
     if not isinstance(value, int) or not value:

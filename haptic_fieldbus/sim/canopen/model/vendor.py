@@ -1,10 +1,10 @@
 """A simulated drive with the object dictionary of a vendor's EDS.
 
-What the simulated drive works with keeps its behaviour and takes access, type, limits, mappability and power-on value
-from the file; what it does not know is plain storage; what the file does not have is taken away. Values that describe
-the bench rather than the model (rated torque and current, ramps, encoder and gear) stay those of the rig, because a
-file gives them for some other motor and without unit. REAL32 is stored as its octets, BOOLEAN as one octet, larger
-types and those the file leaves open as rows of octets that cannot be mapped.
+Objects that the simulated drive implements keep their behaviour and take access, type, limits, mappability and power-on
+value from the file. Other objects of the file become plain storage. Objects that the file does not have are removed.
+Values that describe the bench rather than the model (rated torque and current, ramps, encoder and gear) stay those of
+the rig, because a file gives them for some other motor and without a unit. REAL32 is stored as its octets and BOOLEAN
+as one octet. Larger types, and types that the file leaves open, are stored as octets that cannot be mapped.
 """
 
 import struct
@@ -17,22 +17,22 @@ from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused
 
 STRING_OCTETS = 256
-"""Room of a string that can be written."""
+"""Capacity of a string that can be written."""
 DOMAIN_OCTETS = 32 * 1024
-"""Room of a DOMAIN."""
+"""Capacity of a DOMAIN."""
 UNKNOWN_OCTETS = 8
-"""Room of an entry whose type the file leaves open."""
+"""Capacity of an entry whose type the file leaves open."""
 BENCH_VALUES = frozenset((0x6075, 0x6076, 0x6081, 0x6083, 0x6084, 0x6085, 0x608F, 0x6090, 0x6091, 0x6092))
-"""Rated current and torque, profile velocity, ramps, factors: they follow from the rig."""
+"""Rated current and torque, profile velocity, ramps and factors, which follow from the rig."""
 COMMUNICATION = range(0x1000, 0x2000)
-"""Types and limits are CiA 301's here: a file was found that limits 1016h to 65535, which names no node."""
+"""Objects whose types and limits stay those of CiA 301: one file limits 1016h to 65535, which names no node."""
 SHOWN_VALUES = frozenset((0x1000, 0x1008, 0x1009, 0x100A, 0x1018, 0x6502))
-"""What the drive only shows; other values that it shows are its own."""
+"""Read-only objects whose values are taken from the file; the drive computes its other read-only values itself."""
 _MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 _MAPPING = 0x200
-"""From the communication record of a PDO to its mapping."""
+"""Difference of index from the communication record of a PDO to its mapping record."""
 _LEFT_OPEN = {0: 2, 1: INVALID, 2: 255}
-"""Of a communication record, where the file gives no value: no identifier, event-driven."""
+"""Values of a communication record by sub-index where the file gives none: no identifier, event-driven."""
 _DUMMIES = range(2, 8)
 _MAX_BITS = 64
 _ACCESS = {access.value: access for access in Access} | {"rwr": Access.RW, "rww": Access.RW}
@@ -43,7 +43,10 @@ _WAYS = {
 
 
 def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
-    """Make the dictionary that of the file, for this node-ID; what could not be taken over comes back in words."""
+    """Turn the dictionary into that of the file, for this node-ID.
+
+    Returns notes, in words, on the PDOs that could not be taken over.
+    """
     implemented = {(entry.index, entry.subindex): entry for entry in dictionary}
     _take_away(dictionary, eds)
     for described in eds:
@@ -60,25 +63,26 @@ def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
 
 
 def _understood(entry: Entry, described: EdsEntry) -> bool:
-    """Whether all that the file lets an entry hold means something to the drive.
+    """Return whether the drive can work with every value that the file allows for an entry.
 
-    Found: 60E1h as INTEGER16 with the default −1000, where CiA 402-2 has an UNSIGNED16; taken as such it would turn the
-    limit round. It becomes storage, and the drive goes by its own.
+    Counter-example from a vendor's file: 60E1h as INTEGER16 with the default −1000, where CiA 402-2 has an UNSIGNED16.
+    Taken over as it is, it would reverse the limit. Such an object becomes storage, and the drive uses its own value.
     """
     type = data_type(described)
     if type is None or entry.type is None or type is entry.type:
         return type is entry.type
+    # Another type is acceptable for a value that the master writes, unless it allows values below the drive's range.
     shown = entry.access in (Access.RO, Access.CONST)
     return not shown and _limits(described, type)[0] >= entry.type.limits[0]
 
 
 def _belongs_to_a_pdo(described: EdsEntry, implemented: Container[tuple[int, int]]) -> bool:
-    """A mapping entry beyond the room that the drive's PDOs have."""
+    """Return whether this is a mapping entry beyond the room of the drive's PDOs."""
     return any(described.index in records for records in _MAPPINGS) and (described.index, 0) in implemented
 
 
 def _take_away(dictionary: Dictionary, eds: Eds) -> None:
-    """What the file does not have."""
+    """Remove the entries that the file does not have."""
     for entry in list(dictionary):
         if entry.index not in eds:
             dictionary.remove(entry.index)
@@ -87,7 +91,7 @@ def _take_away(dictionary: Dictionary, eds: Eds) -> None:
 
 
 def _take_over(entry: Entry, described: EdsEntry, node: int) -> None:
-    """An entry that the drive works with becomes what the file says of it."""
+    """Give an entry that the drive implements the properties that it has in the file."""
     shown, measured = entry.access in (Access.RO, Access.CONST), entry.access is Access.RO
     entry.access, entry.mappable = _ACCESS[described.access], _mappable(described)
     if entry.index in BENCH_VALUES or (measured and entry.index not in SHOWN_VALUES):
@@ -106,7 +110,7 @@ def _mappable(described: EdsEntry) -> Mappable:
 
 
 def _limits(described: EdsEntry, type: DataType) -> tuple[int, int]:
-    """The file's limits where they leave a range that the default lies in, else the type's."""
+    """Return the limits of the file if they leave a range that contains the default, else those of the type."""
     low, high = type.limits
     asked = (
         described.low if isinstance(described.low, int) else low,
@@ -116,15 +120,16 @@ def _limits(described: EdsEntry, type: DataType) -> tuple[int, int]:
     return asked if asked[0] < asked[1] and asked[0] <= default <= asked[1] else (low, high)
 
 
-# What the drive does not know.
+# Objects that the drive does not implement.
 
 
 def _stored(described: EdsEntry, node: int) -> Entry:
-    """Plain storage."""
+    """Return an entry that only stores its value."""
     access, value = _ACCESS[described.access], described.value(node)
     type = data_type(described)
     if type is not None:
         low, high = _limits(described, type)
+        # Without a default in the file: 0, or the limit nearest to it.
         initial = value if isinstance(value, int) else max(low, min(high, 0))
         return Entry(described.index, described.subindex, type, initial, access,
                      limits=(low, high), mappable=_mappable(described))  # fmt: skip
@@ -153,7 +158,7 @@ def _room(type: EdsType | None) -> int:
 
 
 def _initial(described: EdsEntry, value: int | float | str | bytes | None, size: int | None) -> bytes:
-    """The octets of a default."""
+    """Return the octets of a default value."""
     if isinstance(value, str):
         return value.encode("utf-16-le" if described.type is EdsType.UNICODE_STRING else "utf-8")
     if isinstance(value, bytes):
@@ -167,7 +172,7 @@ def _initial(described: EdsEntry, value: int | float | str | bytes | None, size:
 
 
 def _whole(size: int) -> Callable[[int], None]:
-    """Octets of a type with a fixed size come all at once."""
+    """Return an `accept` that refuses fewer octets than a type of this size has."""
 
     def accept(octets: int) -> None:
         if octets != size:
@@ -180,7 +185,7 @@ def _whole(size: int) -> Callable[[int], None]:
 
 
 def _set_up_pdos(dictionary: Dictionary, eds: Eds, node: int) -> Iterator[str]:
-    """PDOs after power-on as the file has them; one that cannot work is switched off and told."""
+    """Give the PDOs their power-on values of the file; switch off each PDO that cannot work and yield a note on it."""
     for communication, way in ((0x1400, Mappable.RPDO), (0x1800, Mappable.TPDO)):
         for index in range(communication, communication + pdo_count(eds, communication)):
             for subindex, entry in _record(dictionary, index).items():
@@ -210,7 +215,10 @@ def _default(entry: Entry, value: int | None, otherwise: int) -> None:
 
 
 def _unmappable(dictionary: Dictionary, index: int, way: Mappable) -> str:
-    """Why the mapping of a PDO cannot work, empty if it can; what the file maps itself becomes mappable."""
+    """Return why the mapping of a PDO cannot work, empty when it can.
+
+    Objects that the file itself maps become mappable, even if their entry in the file forbids it.
+    """
     record, bits = _record(dictionary, index), 0
     for position in range(1, record[0].default + 1):
         if position not in record:

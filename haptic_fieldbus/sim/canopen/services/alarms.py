@@ -1,7 +1,7 @@
-"""What a simulated node has to do at a later time.
+"""The timers of a simulated node.
 
-Each service has an alarm of its own. The earliest of them is kept as a number, because it is asked for after every
-frame while alarms are set and rung seldom.
+Each service has an alarm of its own. The earliest time is kept as a number, because it is read after every frame while
+alarms are set and rung seldom.
 """
 
 from collections.abc import Callable
@@ -9,11 +9,11 @@ from collections.abc import Callable
 from haptic_fieldbus.sim import NEVER_NS
 
 Handler = Callable[[bytes, int], None]
-"""What receives octets, at a time [ns]."""
+"""Function that receives the octets of a frame and the time [ns]."""
 
 
 class Alarm:
-    """One time [ns] and what is done then."""
+    """One time [ns], and the function to call then."""
 
     __slots__ = ("_alarms", "due_ns", "ring")
 
@@ -23,9 +23,10 @@ class Alarm:
         self._alarms = alarms
 
     def at(self, due_ns: int) -> None:
-        """Ring at this time instead of any other."""
+        """Ring at this time instead of any earlier setting."""
         before, self.due_ns = self.due_ns, due_ns
         alarms = self._alarms
+        # A search through all alarms is needed only when the earliest one is postponed.
         if due_ns <= alarms.due_ns:
             alarms.due_ns = due_ns
         elif before == alarms.due_ns:
@@ -37,25 +38,26 @@ class Alarm:
 
 
 class Alarms:
-    """All alarms of a node; those that are due at one instant ring in the order in which they were made."""
+    """All alarms of a node; those due at one instant ring in the order of their creation."""
 
     def __init__(self) -> None:
         self.due_ns = NEVER_NS
         self._all: list[Alarm] = []
 
     def new(self, ring: Callable[[int], None]) -> Alarm:
-        """An alarm that is off."""
+        """Return a new alarm, which is off."""
         alarm = Alarm(self, ring)
         self._all.append(alarm)
         return alarm
 
     def ring(self, t_ns: int) -> None:
-        """Do all that is due, each once."""
+        """Ring every alarm that is due, once."""
         for alarm in self._all:
             if alarm.due_ns <= t_ns:
+                # First: the function that is called may set the alarm again.
                 alarm.off()
                 alarm.ring(t_ns)
 
     def find_due(self) -> None:
-        """After the earliest one was put off."""
+        """Find the earliest alarm again, after it was postponed."""
         self.due_ns = min(alarm.due_ns for alarm in self._all)

@@ -1,8 +1,8 @@
-"""The bit timing of a simulated node: whether it and the bus understand each other.
+"""The bit timing of a simulated node: whether it matches that of the bus.
 
-Reference: CiA 305, activate bit timing: silent for the switch delay before the bit timing is switched and as long after
-it. The bit rate of a simulated bus does not change, so a node that is set to another one is silent and deaf until a
-power-on finds the old one stored.
+Reference: CiA 305, activate bit timing. The node is silent for the switch delay before the bit timing is switched, and
+for the same time after it. The bit rate of a simulated bus does not change. A node set to another one is therefore
+silent and deaf until a power-on restores the stored one.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,10 @@ _MS = 1_000_000
 
 
 class BitTiming:
-    """`wanted` tells the bit rate [bit/s] to be used, `changed` is called when the node comes or goes."""
+    """The presence of a node on the bus, by its bit rate.
+
+    `wanted` returns the bit rate [bit/s] to use; `changed` is called when the node leaves the bus or returns.
+    """
 
     def __init__(
         self,
@@ -24,7 +27,7 @@ class BitTiming:
         changed: Callable[[], None],
     ) -> None:
         self.on_bus = True
-        """False: silent and deaf."""
+        """False: the node neither sends nor receives."""
         self.bus_bitrate = bitrate
         self._wanted = wanted
         self._now = now
@@ -32,7 +35,7 @@ class BitTiming:
         self._alarm = alarms.new(lambda _t_ns: self.switch())
 
     def activate(self, delay_ms: int) -> None:
-        """Leave the bus, and come back with the wanted bit rate after two switch delays."""
+        """Leave the bus, and return with the wanted bit rate after two switch delays [ms]."""
         self.on_bus = False
         self._alarm.at(self._now() + 2 * delay_ms * _MS)
         self._changed()

@@ -1,4 +1,4 @@
-"""COB-IDs: the bits above the identifier, and identifiers that no parameter may name.
+"""COB-IDs: the bits above the identifier, and the identifiers of restricted use.
 
 Reference: CiA 301 4.2, 7.3.5 (CAN-IDs of restricted use), 7.5.2.35 and 7.5.2.37 (bits 29 to 31).
 """
@@ -6,11 +6,13 @@ Reference: CiA 301 4.2, 7.3.5 (CAN-IDs of restricted use), 7.5.2.35 and 7.5.2.37
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Refused
 
 INVALID = 1 << 31
-"""Set: the communication object does not exist (of TIME: it is not consumed while clear)."""
+"""Set: the communication object does not exist. In the COB-ID of TIME the bit set means that TIME is consumed."""
 NO_RTR = 1 << 30
-"""Of a TPDO: no remote frame asks for it. Of SYNC and TIME: the node produces it."""
+"""TPDO: no remote frame may request it. SYNC and TIME: the node produces it."""
 EXTENDED = 1 << 29
+"""Set: the identifier has 29 bits, which no object here accepts."""
 ID = 0x7FF
+"""Mask of the 11-bit identifier."""
 
 # CiA 301, table 41.
 _RESTRICTED = (
@@ -20,12 +22,15 @@ _RESTRICTED = (
 
 
 def is_restricted(can_id: int) -> bool:
-    """Whether the standard keeps an 11-bit identifier for other purposes."""
+    """Return whether the standard reserves an 11-bit identifier for other purposes."""
     return any(can_id in identifiers for identifiers in _RESTRICTED)
 
 
 def refuse_move(value: int, *, exists: bool, becomes: bool, can_id: int) -> None:
-    """Refused for an extended or restricted identifier, and for a new one while the object exists."""
+    """Check a new COB-ID of an object that `exists` now with `can_id`, and `becomes` existent with the new value.
+
+    Raises Refused for an extended identifier, for a restricted one, and for another one while the object exists.
+    """
     new_id = value & ID
     if value & EXTENDED or (exists and becomes and new_id != can_id) or (becomes and is_restricted(new_id)):
         raise Refused(AbortCode.INVALID_VALUE)

@@ -1,4 +1,4 @@
-"""Communication objects of a simulated node that no single service owns: 1014h, 1029h, 1200h, and its address in 1018h.
+"""Communication objects that belong to no single service: 1014h, 1029h, 1200h, and the LSS address in 1018h.
 
 Reference: CiA 301 4.2, 7.5.2.17 (1014h), 7.5.2.32 (1029h), 7.5.2.33 (1200h), 7.5.2.21 (1018h).
 """
@@ -15,7 +15,7 @@ _BEHAVIOURS = (0, 1, 2)
 
 
 class NodeObjects:
-    """The objects, for the node-ID `number` to begin with."""
+    """The objects with the power-on values of node-ID `number`."""
 
     def __init__(self, dictionary: Dictionary, number: int) -> None:
         self._dictionary = dictionary
@@ -42,11 +42,11 @@ class NodeObjects:
 
     @property
     def error_behaviour(self) -> int:
-        """1029h:01: what a communication error does to the NMT state."""
+        """Return 1029h:01, the effect of a communication error on the NMT state."""
         return self._behaviour.value
 
     def identity(self) -> list[int]:
-        """The LSS address: vendor-ID, product code, revision number, serial number; 0 for what 1018h does not say."""
+        """Return the LSS address: vendor-ID, product code, revision number, serial number; 0 for any missing one."""
         return [self._dictionary.value(_IDENTITY, subindex) for subindex in range(1, 5)]
 
     def _accept_emergency(self, value: int) -> None:

@@ -1,10 +1,11 @@
 """Deadlines of RPDOs: their event timers (1400h:05).
 
-Theory (CiA 301, 7.5.2.35): the first reception in *operational* arms the deadline, each further one puts it off; when
-it passes there is an emergency 8250h, over with the next reception. A deadline or identifier that is written disarms
-it. The standard leaves to the application what else happens: this drive takes it for a lost link (6007h).
+Theory (CiA 301, 7.5.2.35): the first reception in *operational* arms the deadline, each further one postpones it. When
+it passes, an emergency 8250h is sent, whose error ends with the next reception. Writing the event timer or the
+identifier disarms the deadline. The standard leaves further reactions to the application: this drive treats a missed
+deadline as a lost link (6007h).
 
-The alarm is put off when it rings, not at each reception: a period costs one assignment.
+A reception only notes its time; the alarm is postponed when it rings. So a period costs one assignment.
 """
 
 from collections.abc import Callable, Iterable
@@ -15,7 +16,7 @@ from haptic_fieldbus.sim.canopen.services.pdo import Rpdo
 
 
 class Deadline:
-    """That of one RPDO."""
+    """The deadline of one RPDO."""
 
     def __init__(self, rpdo: Rpdo, alarms: Alarms, emergencies: Emergencies, lost: Callable[[int], None]) -> None:
         self.alarm: Alarm = alarms.new(self._rings)
@@ -27,7 +28,7 @@ class Deadline:
         self._armed = False
 
     def heard(self, t_ns: int) -> None:
-        """The RPDO came."""
+        """Note a reception of the RPDO."""
         self._last_ns = t_ns
         if not self._armed:
             self._armed = True
@@ -35,19 +36,20 @@ class Deadline:
             self._emergencies.clear(RPDO_TIMEOUT, self._rpdo)
 
     def disarm(self) -> None:
-        """Until the next reception; an error that was told of is over."""
+        """Disarm until the next reception; an error that was raised ends."""
         self._armed = False
         self.alarm.off()
         self._emergencies.clear(RPDO_TIMEOUT, self._rpdo)
 
     def check(self) -> None:
-        """Disarm when the parameters are others than before."""
+        """Disarm when the parameters have changed."""
         parameters = (self._rpdo.can_id, self._rpdo.deadline_ns)
         if parameters != self._parameters:
             self._parameters = parameters
             self.disarm()
 
     def _rings(self, t_ns: int) -> None:
+        # The alarm still has the time of an earlier reception: postpone it.
         due_ns = self._last_ns + self._rpdo.deadline_ns
         if due_ns > t_ns:
             self.alarm.at(due_ns)
@@ -58,7 +60,7 @@ class Deadline:
 
 
 class Deadlines:
-    """Those of all RPDOs that have one."""
+    """The deadlines of all RPDOs that have one."""
 
     def __init__(self, alarms: Alarms, emergencies: Emergencies, lost: Callable[[int], None]) -> None:
         self._alarms = alarms
@@ -67,7 +69,7 @@ class Deadlines:
         self._all: dict[Rpdo, Deadline] = {}
 
     def watch(self, rpdos: Iterable[Rpdo]) -> None:
-        """These RPDOs are received, as their parameters now stand."""
+        """Take over the parameters of the RPDOs that are received; disarm the deadlines of all others."""
         received = set(rpdos)
         for rpdo, deadline in self._all.items():
             if rpdo in received:
@@ -76,7 +78,7 @@ class Deadlines:
                 deadline.disarm()
 
     def heard(self, rpdo: Rpdo, receive: Handler) -> Handler:
-        """A receiver that puts the deadline off."""
+        """Return a receiver that notes the reception and then calls `receive`."""
         deadline = self._all.get(rpdo)
         if deadline is None:
             deadline = self._all[rpdo] = Deadline(rpdo, self._alarms, self._emergencies, self._lost)
@@ -89,6 +91,6 @@ class Deadlines:
         return timed
 
     def stop(self) -> None:
-        """Leaving *operational*."""
+        """Disarm all deadlines, on leaving *operational*."""
         for deadline in self._all.values():
             deadline.disarm()

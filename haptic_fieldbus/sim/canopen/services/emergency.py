@@ -1,8 +1,8 @@
 """Errors of a simulated node: emergency messages, the error register and the error history.
 
 Reference: CiA 301 4.2, 7.2.7 (EMCY), 7.5.2.2 (1001h), 7.5.2.4 (1003h), 7.5.2.18 (1015h). An error is active from
-`raise_error` to `clear`; then *error reset* is sent, with what remains in the register. What follows within the inhibit
-time of a message waits, up to `HISTORY` messages.
+`raise_error` to `clear`, which sends *error reset* with the errors that remain in the register. Messages that follow
+within the inhibit time of another wait, up to `HISTORY` of them.
 """
 
 import struct
@@ -23,20 +23,23 @@ SYNC_LENGTH = 0x8240
 RPDO_TIMEOUT = 0x8250
 
 _GENERIC = 0x01
-# CiA 301, tables 26 and 46: bit of the error register by the class of the code; device specific errors are generic too.
+# CiA 301, tables 26 and 46: bit of the error register by the class of the code. Every active error sets the generic bit
+# too; device specific errors (FFxxh) also set bit 7.
 _REGISTER_BITS = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x8: 0x10, 0xF: 0x80}
+# Codes of communication errors, which last until communication works again and end with its reset.
 _MONITORING = range(0x8100, 0x8300)
+# 1015h is in steps of 100 µs.
 _TICK_NS = 100_000
 
 
 class Emergencies:
-    """Active errors and what follows from them; `send` queues the eight octets of an emergency message."""
+    """Active errors, their register, history and messages; `send` queues the eight octets of an emergency message."""
 
     def __init__(
         self, dictionary: Dictionary, send: Callable[[bytes], None], alarms: Alarms, now: Callable[[], int]
     ) -> None:
         self.monitored = 0
-        """So many errors of communication are active: whoever can clear one need not ask otherwise."""
+        """Number of active communication errors; while it is 0, receivers need not call `clear`."""
         self._send = send
         self._now = now
         self._active: list[int] = []
@@ -54,7 +57,7 @@ class Emergencies:
             entry.fetch = partial(self._past, number)
 
     def raise_error(self, code: int, cause: object = None) -> None:
-        """An error occurred: a message, unless the same is active already, from whatever cause."""
+        """Activate an error; send a message unless the same code is active already, from whatever cause."""
         self._causes.setdefault(code, set()).add(cause)
         if code not in self._active:
             self._active.append(code)
@@ -62,7 +65,7 @@ class Emergencies:
             self._report(code)
 
     def clear(self, code: int, cause: object = None) -> None:
-        """The error is over as far as this cause goes; unknown ones are passed over."""
+        """End the error as far as this cause goes; unknown codes and causes are ignored."""
         causes = self._causes.get(code)
         if causes is None:
             return
@@ -73,14 +76,14 @@ class Emergencies:
             self._report(0)
 
     def clear_all(self) -> None:
-        """After a fault reset; errors of communication stay until it works again."""
+        """End all errors after a fault reset, except those of communication, which last until it works again."""
         remaining = [code for code in self._active if code in _MONITORING]
         if remaining != self._active:
             self._keep(remaining)
             self._report(0)
 
     def restart(self, *, power_on: bool) -> None:
-        """A reset: nothing is sent, the history is empty; errors of the device outlive that of communication."""
+        """Reset without a message: empty history; errors of the device survive a reset of communication."""
         self._keep([] if power_on else [code for code in self._active if code not in _MONITORING])
         self._history.clear()
         self._waiting.clear()
@@ -105,7 +108,7 @@ class Emergencies:
             self._next(self._now())
 
     def _next(self, t_ns: int) -> None:
-        """Send what waits, one message each inhibit time."""
+        """Send the waiting messages, one in each inhibit time."""
         while self._waiting:
             self._send(self._waiting.popleft())
             if self._inhibit_time.value:

@@ -1,8 +1,9 @@
 """Node guarding and life guarding of a simulated node: 100Ch, 100Dh.
 
-Reference: CiA 301 4.2, 7.2.8.3.2.1, 7.5.2.11, 7.5.2.12. The master asks by a remote frame; the answer is the NMT state
-with a toggle bit that is 0 first after a reset of communication. Guard time × life time factor is the node life time:
-it is watched from the first request on, and when it passes without another one the master is lost, until it asks again.
+Reference: CiA 301 4.2, 7.2.8.3.2.1, 7.5.2.11, 7.5.2.12. The master requests by a remote frame. The answer is the NMT
+state with a toggle bit, which is 0 in the first answer after a reset of communication. The node life time is guard time
+× life time factor. It is monitored from the first request on; when it passes without another request, the master is
+lost until its next one.
 """
 
 from collections.abc import Callable
@@ -17,7 +18,7 @@ _TOGGLE = 0x80
 
 
 class Guarding(Watch):
-    """The master is watched."""
+    """The monitoring of the master."""
 
     def __init__(
         self, dictionary: Dictionary, alarms: Alarms, lost: Callable[[int], None], back: Callable[[], None]
@@ -29,7 +30,7 @@ class Guarding(Watch):
         self._guard_time.changed = self._factor.changed = self.renew
 
     def request(self, state: int, t_ns: int) -> bytes:
-        """The answer to the master's remote frame."""
+        """Return the answer to the master's remote frame: NMT state and toggle bit."""
         answer = bytes((self._toggle | state,))
         self._toggle ^= _TOGGLE
         life_ns = self._guard_time.value * self._factor.value * _MS
@@ -38,6 +39,6 @@ class Guarding(Watch):
         return answer
 
     def reset(self) -> None:
-        """As after a reset of communication."""
+        """Start anew, as after a reset of communication."""
         self._toggle = 0
         self.stop()

@@ -1,8 +1,8 @@
 """Heartbeat producer and consumers of a simulated node.
 
 Reference: CiA 301 4.2, 7.2.8.3.2.2, 7.5.2.19, 7.5.2.20. Monitoring of a node starts with the first heartbeat received
-from it, not with the writing of 1016h, and starts again with the next one after a loss. A boot-up message (state 0) is
-no heartbeat. An entry of 1016h without a time, or whose node-ID is not 1 to 127, is not used.
+from it, not with the writing of 1016h, and restarts with the next heartbeat after a loss. A boot-up message (state 0)
+is no heartbeat. An entry of 1016h without a time, or whose node-ID is not 1 to 127, is not used.
 """
 
 from collections.abc import Callable
@@ -15,11 +15,15 @@ from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, 
 HEARTBEAT_ID = 0x700
 _MS = 1_000_000
 _LAST_NODE = 127
+# Bits 24 to 31 of 1016h are 0.
 _RESERVED = 0xFF00_0000
 
 
 class Producer:
-    """When our own heartbeat is due; `now` tells the time when 1017h is written, `beat` sends one."""
+    """The timing of the node's own heartbeat.
+
+    `now` returns the time when 1017h is written; `beat` sends a heartbeat.
+    """
 
     def __init__(
         self, dictionary: Dictionary, alarms: Alarms, now: Callable[[], int], beat: Callable[[], None]
@@ -31,18 +35,18 @@ class Producer:
 
     @property
     def active(self) -> bool:
-        """Heartbeats are produced, so the node is not guarded."""
+        """Return whether heartbeats are produced; node guarding is then not answered."""
         return self._time.value != 0
 
     def start(self, t_ns: int) -> None:
-        """The first one comes a period later."""
+        """Send the first heartbeat one period from now, none if the period is 0."""
         if self._time.value:
             self._alarm.at(t_ns + self._time.value * _MS)
         else:
             self._alarm.off()
 
     def stop(self) -> None:
-        """None until `start`."""
+        """Send no heartbeat until `start`."""
         self._alarm.off()
 
     def _rings(self, t_ns: int) -> None:
@@ -51,7 +55,10 @@ class Producer:
 
 
 class Watch:
-    """Someone who has to be heard in time; `lost` is called with the time when not, `back` when heard again."""
+    """A peer that must be heard in time.
+
+    `lost` is called with the time when it is not heard, `back` when it is heard again.
+    """
 
     def __init__(self, alarms: Alarms, lost: Callable[[int], None], back: Callable[[], None]) -> None:
         self.lost = False
@@ -60,19 +67,19 @@ class Watch:
         self._alarm = alarms.new(self._rings)
 
     def heard(self, due_ns: int) -> None:
-        """Now, and to be heard again by then."""
+        """Note that the peer is heard, and expect it again by `due_ns`."""
         self._alarm.at(due_ns)
         if self.lost:
             self.lost = False
             self._back()
 
     def stop(self) -> None:
-        """Not watched until heard again."""
+        """Stop monitoring until the peer is heard again."""
         self._alarm.off()
         self.lost = False
 
     def renew(self) -> None:
-        """The same with other parameters, which ends a loss."""
+        """Restart monitoring after a change of parameters, which ends a loss."""
         was_lost = self.lost
         self.stop()
         if was_lost:
@@ -84,7 +91,7 @@ class Watch:
 
 
 class _Consumer(Watch):
-    """One entry of 1016h; node-ID in bits 16 to 23, time [ms] below."""
+    """One entry of 1016h: node-ID in bits 16 to 23, time [ms] below."""
 
     def __init__(self, entry: Entry, alarms: Alarms, lost: Callable[[int], None], back: Callable[[], None]) -> None:
         super().__init__(alarms, lost, back)
@@ -92,17 +99,17 @@ class _Consumer(Watch):
 
     @property
     def node(self) -> int | None:
-        """The node that is watched; None when nothing is."""
+        """Return the node that is monitored; None when the entry is not used."""
         return _watched(self.entry.value)
 
     def received(self, data: bytes, t_ns: int) -> None:
-        """A message with the watched identifier."""
+        """Handle a message with the monitored identifier."""
         if data and data[0] & 0x7F:
             self.heard(t_ns + (self.entry.value & 0xFFFF) * _MS)
 
 
 class Consumers:
-    """Watch other nodes; `lost` is called with the time when one falls silent, `back` when one returns."""
+    """The monitoring of other nodes: `lost` is called with the time when one falls silent, `back` when one returns."""
 
     def __init__(
         self,
@@ -127,15 +134,15 @@ class Consumers:
 
     @property
     def lost(self) -> bool:
-        """Whether a node is missing."""
+        """Return whether a monitored node is missing."""
         return any(watch.lost for watch in self._watches)
 
     def route(self) -> dict[int, Handler]:
-        """Who is watched, by identifier."""
+        """Return the handlers of the monitored nodes, by identifier."""
         return {HEARTBEAT_ID + watch.node: watch.received for watch in self._watches if watch.node is not None}
 
     def stop(self) -> None:
-        """Not watching until the next heartbeats."""
+        """Stop monitoring until the next heartbeats."""
         for watch in self._watches:
             watch.stop()
 
@@ -153,6 +160,6 @@ class Consumers:
 
 
 def _watched(value: int) -> int | None:
-    """The node-ID that a value of 1016h asks to watch."""
+    """Return the node-ID that a value of 1016h monitors; None when it monitors none."""
     node = value >> 16
     return node if 1 <= node <= _LAST_NODE and value & 0xFFFF else None

@@ -1,10 +1,10 @@
-"""The LSS slave: node-ID and bit timing set over the bus.
+"""The LSS slave: setting of node-ID and bit timing over the bus.
 
-Theory (CiA 305): an LSS slave *waits* until it is switched to *configuration*, with all others or alone by its address,
-vendor-ID, product code, revision number and serial number of 1018h. Only in *configuration* it takes a new node-ID or
-bit timing, which are *pending* until communication is reset; *store* makes them the ones of the next power-on. Node-ID
-FFh is that of a node which has none: its NMT state machine waits in *initialising*, and fastscan finds its address bit
-by bit. Requests and responses have eight octets. Services are table entries by command specifier.
+Theory (CiA 305): an LSS slave *waits* until it is switched to *configuration*, either together with all others or alone
+by its address: vendor-ID, product code, revision number and serial number of 1018h. Only in *configuration* does it
+accept a new node-ID or bit timing. These are *pending* until communication is reset; *store* keeps them for the next
+power-on. Node-ID FFh means that the node has none: its NMT state machine waits in *initialising*, and fastscan finds
+its address bit by bit. Requests and responses have eight octets. Services are table entries by command specifier.
 """
 
 from collections.abc import Callable
@@ -27,20 +27,20 @@ _FASTSCAN_START = 0x80
 _OUT_OF_RANGE = 1
 
 Answer = tuple[int, ...] | None
-"""Octets of a response before padding; None for none."""
+"""Octets of a response before padding; None for no response."""
 
 
 class LssState(Enum):
-    """The value is the mode octet of *switch state global*."""
+    """LSS states; the value is the mode octet of *switch state global*."""
 
     WAITING = 0
     CONFIGURATION = 1
 
 
 class LssSlave:
-    """One slave; `identity` tells the four parts of its address.
+    """One LSS slave; `identity` returns the four parts of its address.
 
-    `configured` is called when a node without node-ID has got one, `activate` with the switch delay [ms].
+    `configured` is called when a node without node-ID has received one, `activate` with the switch delay [ms].
     """
 
     def __init__(
@@ -54,12 +54,12 @@ class LssSlave:
         self.state = LssState.WAITING
         self.active_node = self.node = self._stored_node = node
         self.bitrate = self._stored_bitrate = bitrate
-        """`node` and `bitrate` are pending, those whose names say so are in use or kept."""
+        """`node` and `bitrate` are pending, `active_node` is in use, `_stored_node` and `_stored_bitrate` are kept."""
         self._identity = identity
         self._configured = configured
         self._activate = activate
         self._heard: dict[range, list[int]] = {_SELECT: [], _IDENTIFY: []}
-        """Parts of an address, in the order in which a selective service sends them."""
+        """Parts of an address received so far, in the order in which a selective service sends them."""
         self._position = 0
         self._waiting = {
             **dict.fromkeys(_SELECT, self._select),
@@ -77,7 +77,7 @@ class LssSlave:
         }
 
     def request(self, data: bytes) -> bytes | None:
-        """The response to one request of eight octets, None where there is none."""
+        """Return the response to a request of eight octets; None when there is none."""
         if len(data) != _OCTETS:
             return None
         if data[0] == _SWITCH_GLOBAL:
@@ -89,7 +89,7 @@ class LssSlave:
         return None if answer is None else bytes(answer).ljust(_OCTETS, b"\0")
 
     def reset(self, *, power_on: bool) -> None:
-        """What was stored becomes pending at power-on, what is pending becomes active."""
+        """Make the pending values active; at power-on the stored ones become pending first."""
         if power_on:
             self.node, self.bitrate = self._stored_node, self._stored_bitrate
         self.active_node = self.node
@@ -98,7 +98,7 @@ class LssSlave:
         self._position = 0
 
     def commission(self, bitrate: int) -> None:
-        """Set the bit rate that is in use and kept, as on a bench."""
+        """Set and store the bit rate [bit/s], as when a bench is commissioned."""
         self.bitrate = self._stored_bitrate = bitrate
 
     # Waiting.
@@ -108,17 +108,19 @@ class LssSlave:
         if mode in (state.value for state in LssState):
             self.state = LssState(mode)
             self._forget()
+        # CiA 305: a node without node-ID goes on to boot when it leaves *configuration* with a pending one.
         gets_one = self.active_node == UNCONFIGURED and self.node != UNCONFIGURED
         if before is LssState.CONFIGURATION and self.state is LssState.WAITING and gets_one:
             self._configured()
 
     def _part(self, services: range, data: bytes) -> list[int] | None:
-        """The address so far; None while it is incomplete or out of order."""
+        """Return the address received so far; None while it is incomplete or out of order."""
         heard, position = self._heard[services], data[0] - services.start
         if position == 0:
             heard.clear()
         if len(heard) != position:
             return None
+        # The part must come in its turn: a repeated or skipped one breaks the address until the next first part.
         heard.append(int.from_bytes(data[1:5], "little"))
         return heard if len(heard) == len(services) else None
 
@@ -151,9 +153,11 @@ class LssSlave:
         if bit == _FASTSCAN_START:
             self._position = 0
             return (_IDENTIFIED,)
+        # Only the bits from `bit` up are compared; the lower ones are not scanned yet.
         if bit > 31 or part != self._position or (self._identity()[part] ^ number) >> bit:
             return None
         self._position = following
+        # The whole address is confirmed when the master goes back to an earlier part.
         if bit == 0 and following < part:
             self.state = LssState.CONFIGURATION
         return (_IDENTIFIED,)
@@ -171,6 +175,7 @@ class LssSlave:
         return data[0], 0
 
     def _configure_bit_timing(self, data: bytes) -> Answer:
+        # Table selector 0 is the standard table; no other one is offered.
         rate = BIT_RATES.get(data[2]) if data[1] == 0 else None
         if rate is None:
             return data[0], _OUT_OF_RANGE

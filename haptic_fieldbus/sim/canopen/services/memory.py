@@ -1,7 +1,8 @@
-"""Objects that the simulated drive has as its own manufacturer's: memory for the user's data.
+"""Manufacturer-specific objects of the simulated drive: memory for the user's data.
 
-5FF0h *user data memory* (DOMAIN, rw): two blocks of up to 32 KiB that share 48 KiB, so that long transfers can be tried
-and the memory can be filled. Volatile unless saved by 1010h.
+5FF0h *user data memory* (DOMAIN, rw): two blocks of up to 32 KiB that share 48 KiB, so that a client can try long
+transfers and a full memory. Volatile unless saved by 1010h.
+
 5FF2h *erase user data memory* (UNSIGNED32, wo): *eras* in ASCII empties both blocks.
 """
 

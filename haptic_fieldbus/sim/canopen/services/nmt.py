@@ -1,4 +1,4 @@
-"""The NMT states of a CANopen slave, what leads to them, and which services work in which; tables without behaviour.
+"""The NMT states of a CANopen slave, their commands and their services, as tables without behaviour.
 
 Reference: CiA 301 4.2, 7.2.8.3.1 (commands), 7.3.2 with table 38 (states and communication objects), 7.5.2.32 (1029h).
 """
@@ -7,7 +7,7 @@ from enum import Enum, auto
 
 
 class NmtState(Enum):
-    """The value is the state octet of the heartbeat; that of *initialising* is the boot-up message's."""
+    """NMT states; the value is the state octet of the heartbeat, for *initialising* that of the boot-up message."""
 
     INITIALISING = 0
     STOPPED = 4
@@ -16,14 +16,14 @@ class NmtState(Enum):
 
 
 class Service(Enum):
-    """Kinds of communication objects."""
+    """Kinds of communication objects that work in the same states."""
 
     NMT = auto()
-    """Commands and error control."""
+    """Module control and error control."""
     SDO = auto()
-    """Emergencies and TIME work in the same states."""
+    """SDO, EMCY and TIME."""
     PDO = auto()
-    """SYNC likewise: it governs nothing else."""
+    """PDO and SYNC, which acts only on PDOs."""
     LSS = auto()
 
 
@@ -37,9 +37,9 @@ WORKING = {
     NmtState.STOPPED: frozenset({Service.NMT, Service.LSS}),
 }
 WITHOUT_NODE_ID = frozenset({Service.LSS})
-"""In *initialising*, when there is no node-ID to go on with (CiA 305)."""
+"""Services in *initialising* while the node has no node-ID (CiA 305)."""
 
-# 1029h:01 by the state before; codes and states that are not here change nothing.
+# New state by 1029h:01 and the state before the error; other combinations change nothing.
 AFTER_ERROR = {
     (0, NmtState.OPERATIONAL): NmtState.PRE_OPERATIONAL,
     (2, NmtState.OPERATIONAL): NmtState.STOPPED,

@@ -1,12 +1,13 @@
 """Process data objects of a simulated node: communication and mapping parameters, and the compiled packing.
 
-Theory (CiA 301, 7.2.2 and 7.5.2.35 to 38). A PDO is changed in this order: bit 31 of its COB-ID set, number of mapped
-objects 0, the mapping entries, the number of them, bit 31 cleared; everything else is refused. Types 0 to 240 follow
-SYNC (0: at the SYNC after a change, n: every nth), 254 and 255 an event: a mapped value changed, or the event timer
-elapsed, not sooner than the inhibit time after the last one. TPDOs of type 252 and 253 are sent when a remote frame
-asks for them, 252 with the values of the last SYNC; it may ask for any TPDO whose COB-ID has bit 30 clear. A
-synchronous RPDO acts at the next SYNC, an event-driven one at once; its event timer is a deadline. Whenever a parameter
-changes the PDO is compiled to one `struct` and a list of entries, so a frame costs no look-up.
+Theory (CiA 301, 7.2.2 and 7.5.2.35 to 38). A PDO is changed in this order: set bit 31 of its COB-ID, set the number of
+mapped objects to 0, write the mapping entries, write their number, clear bit 31; any other order is refused.
+Transmission types 0 to 240 follow SYNC (0: at the SYNC after a change, n: at every nth). Types 254 and 255 follow an
+event: a mapped value changed, or the event timer elapsed, but not within the inhibit time after the last transmission.
+TPDOs of type 252 and 253 are sent on a remote frame, 252 with the values of the last SYNC; a remote frame may request
+any TPDO whose COB-ID has bit 30 clear. A synchronous RPDO acts at the next SYNC, an event-driven one at once; its event
+timer is a deadline. When a parameter changes, the PDO is compiled to one `struct` and a list of entries, so a frame
+needs no look-up.
 """
 
 import struct
@@ -25,7 +26,7 @@ _EVENT_DRIVEN = 255
 _RPDO_TYPES = (*range(_LAST_SYNCHRONOUS + 1), 254, _EVENT_DRIVEN)
 _TPDO_TYPES = (*_RPDO_TYPES, 252, 253)
 
-# CiA 301, 7.4.7.1: data types as dummy entries, space in an RPDO that is not used.
+# CiA 301, 7.4.7.1: data types as dummy entries, which are unused space in an RPDO.
 _DUMMIES = {
     0x0002: DataType.INT8, 0x0003: DataType.INT16, 0x0004: DataType.INT32,
     0x0005: DataType.UINT8, 0x0006: DataType.UINT16, 0x0007: DataType.UINT32,
@@ -43,11 +44,11 @@ class PdoDefaults:
     inhibit_time: int = 0
     """[100 µs]"""
     sync_honoured: bool = True
-    """False: a synchronous one acts on reception all the same, a quirk."""
+    """False: an RPDO of a synchronous type still acts on reception (a quirk of some drives)."""
 
 
 class Pdo:
-    """What TPDO and RPDO share: the records, their rules, the compiled form."""
+    """The common part of TPDO and RPDO: the records, their rules, the compiled form."""
 
     direction = Mappable.NO
     communication_base = 0
@@ -67,18 +68,18 @@ class Pdo:
         self.packing = struct.Struct("<")
         self.exists = False
         self.valid = False
-        """It exists and has something mapped."""
+        """True when the PDO exists and maps at least one object."""
         self.can_id = 0
         self.synchronous = False
         self._compile()
 
     @property
     def size(self) -> int:
-        """Octets of the mapped objects."""
+        """Return the octets of the mapped objects."""
         return self.packing.size
 
     def compile(self) -> None:
-        """Take over the parameters as they stand in the dictionary."""
+        """Take over the parameters of the dictionary."""
         self._compile()
         self._changed()
 
@@ -96,11 +97,12 @@ class Pdo:
         type_ = Entry(index, 2, DataType.UINT8, _EVENT_DRIVEN, Access.RW, accept=one_of(self.types))
         cob_id.changed = type_.changed = self._event_timer.changed = self.compile
         self._dictionary.add_record([cob_id, type_, self._event_timer, *self._further(defaults)])
+        # A predefined identifier contains the node-ID, no identifier does not.
         cob_id.numbered = bool(defaults.cob_id & ID)
         return cob_id, type_
 
     def _further(self, _defaults: PdoDefaults) -> Sequence[Entry]:
-        """More entries of the communication record."""
+        """Return the further entries of the communication record."""
         return ()
 
     def _timer(self, subindex: int, value: int, *, locked: bool = False) -> Entry:
@@ -125,7 +127,7 @@ class Pdo:
         refuse_move(value, exists=self.exists, becomes=not value & INVALID, can_id=self.can_id)
 
     def _accept_locked(self, _value: int) -> None:
-        """What may only be changed while the PDO does not exist."""
+        """Refuse a value that may only be changed while the PDO does not exist."""
         if self.exists:
             raise Refused(AbortCode.UNSUPPORTED_ACCESS)
 
@@ -133,6 +135,7 @@ class Pdo:
         self._accept_locked(value)
         if self._count.value:
             raise Refused(AbortCode.UNSUPPORTED_ACCESS)
+        # 0 marks an entry that is not used.
         if value:
             self._resolve(value)
 
@@ -144,7 +147,8 @@ class Pdo:
             raise Refused(AbortCode.MAPPING_TOO_LONG)
 
     def _resolve(self, mapping: int) -> Entry:
-        """The entry that a mapping value names; Refused when it cannot be mapped here."""
+        """Return the entry that a mapping value names; raises Refused when it cannot be mapped here."""
+        # Mapping value: index in bits 16 to 31, sub-index in 8 to 15, length in bits below.
         index, subindex, bits = mapping >> 16, mapping >> 8 & 0xFF, mapping & 0xFF
         if index in _DUMMIES and self.direction is Mappable.RPDO:
             entry = Entry(index, subindex, _DUMMIES[index], mappable=Mappable.RPDO)
@@ -165,7 +169,7 @@ class Rpdo(Pdo):
 
     @property
     def deadline_ns(self) -> int:
-        """The longest time between two of them that is no error; 0: any."""
+        """Return the longest permitted time between two receptions; 0: no deadline."""
         return self._event_timer.value * MS
 
     def apply(self, data: bytes) -> None:
@@ -183,6 +187,7 @@ class Tpdo(Pdo):
     types = _TPDO_TYPES
 
     def __init__(self, dictionary: Dictionary, defaults: PdoDefaults, changed: Callable[[], None]) -> None:
+        # The timer's index needs the number, and the record that super().__init__ adds needs the timer.
         self.number = defaults.number
         self._inhibit_time = self._timer(3, defaults.inhibit_time, locked=True)
         index = self.communication_base + defaults.number - 1
@@ -198,18 +203,18 @@ class Tpdo(Pdo):
 
     @property
     def with_sync(self) -> bool:
-        """SYNC sends it, or takes its sample."""
+        """Return whether a SYNC sends this TPDO or samples it."""
         return self.synchronous or self._type.value == _SAMPLED_AT_SYNC
 
     @property
     def on_request(self) -> bool:
-        """Remote frames are answered."""
+        """Return whether remote frames are answered."""
         return self.valid and not self._cob_id.value & NO_RTR
 
     def restart(self, t_ns: int, *, counted: bool = False) -> None:
-        """Entering *operational*: SYNC is counted from here, and the present values are an event.
+        """Start anew on entering *operational*: count SYNC from here, and treat the present values as an event.
 
-        `counted`: SYNC messages carry a counter, so that the first one may be waited for.
+        With `counted` the SYNC messages carry a counter, and the TPDO waits for its SYNC start value.
         """
         self._syncs = 0
         self._awaited = self._start.value if counted else 0
@@ -219,17 +224,18 @@ class Tpdo(Pdo):
         self._free_ns = t_ns
 
     def data(self) -> bytes:
-        """The mapped values as they stand."""
+        """Return the mapped values as they are now."""
         return self.packing.pack(*[entry.value for entry in self.mapped])
 
     def at_sync(self, counter: int) -> bytes | None:
-        """What is sent after this SYNC."""
+        """Return the octets to send after this SYNC; None for no transmission."""
         if self._awaited:
             if counter != self._awaited:
                 return None
             self._awaited = 0
         self._syncs += 1
         type_ = self._type.value
+        # Acyclic: only when a mapped value has changed since the last transmission.
         if type_ == 0:
             data = self.data()
             if data == self._sent:
@@ -245,7 +251,7 @@ class Tpdo(Pdo):
         return self.data()
 
     def at_event(self, t_ns: int) -> bytes | None:
-        """What an event-driven TPDO sends now [ns]."""
+        """Return the octets that an event-driven TPDO sends at `t_ns`; None for no transmission."""
         if t_ns < self._free_ns:
             return None
         data = self.data()
@@ -253,11 +259,16 @@ class Tpdo(Pdo):
         if data == self._sent and not (timer_ns and t_ns >= self._sent_ns + timer_ns):
             return None
         self._sent, self._sent_ns = data, t_ns
+        # 1800h:03 is in steps of 100 µs.
         self._free_ns = t_ns + self._inhibit_time.value * 100_000
         return data
 
     def at_request(self, measure: Callable[[], None]) -> bytes | None:
-        """The answer to a remote frame: the sample of the last SYNC, or for what no SYNC governs the present values."""
+        """Return the answer to a remote frame; None for no transmission.
+
+        Type 252 answers with the sample of the last SYNC, None before one. Other types answer with the mapped values,
+        which `measure` brings up to date first unless the type is synchronous.
+        """
         if self._type.value == _SAMPLED_AT_SYNC:
             return self._sampled
         if not self.synchronous:

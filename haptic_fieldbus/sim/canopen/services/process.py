@@ -1,9 +1,9 @@
-"""The process data of a simulated node: which PDOs act on SYNC, which on an event, and when.
+"""The process data of a simulated node: the PDOs that act on SYNC or on an event, and their timing.
 
-At a SYNC the measured entries are latched and the synchronous TPDOs made of them, then the synchronous RPDOs received
-since the last one act (CiA 301, 7.2.5); those that come later than the synchronous window (1007h) after it are dropped.
-Event-driven TPDOs are looked at once every `event_period_ns`. What every period needs is decided when a parameter
-changes: an RPDO gets the receiver that its parameters ask for, and no more.
+At a SYNC the measured entries are latched and the synchronous TPDOs are made of them; then the synchronous RPDOs
+received since the last SYNC act (CiA 301, 7.2.5). Synchronous RPDOs that come later than the synchronous window (1007h)
+after SYNC are dropped. Event-driven TPDOs are checked every `event_period_ns`. The work of each period is fixed when a
+parameter changes: an RPDO gets the receiver that its parameters need, and no more.
 """
 
 from collections.abc import Callable
@@ -20,28 +20,28 @@ from haptic_fieldbus.sim.drive.dictionary import Dictionary
 
 
 class Application(Protocol):
-    """What the CANopen half needs of the drive behind it."""
+    """The part of the drive that the CANopen half uses."""
 
     event_period_ns: int
 
     def sync(self, t_ns: int) -> None:
-        """A SYNC ended: latch the measured entries."""
+        """Latch the measured entries at the end of a SYNC."""
 
     def measure(self, t_ns: int) -> None:
         """Bring the measured entries up to date."""
 
     def act(self, t_ns: int) -> None:
-        """Entries were received that may ask for something."""
+        """Act on received entries."""
 
     def link_lost(self, t_ns: int) -> None:
-        """An event of 6007h: heartbeat, life guarding or RPDO deadline missed, *stopped* entered, a reset."""
+        """Handle an event of 6007h: heartbeat, life guarding or RPDO deadline missed, *stopped* entered, or a reset."""
 
     def restart(self, t_ns: int) -> None:
-        """Power-on state."""
+        """Return to the power-on state."""
 
 
 class ProcessData:
-    """All PDOs of a node; works between `start` and `stop`."""
+    """All PDOs of a node; they work between `start` and `stop`."""
 
     def __init__(
         self,
@@ -55,9 +55,9 @@ class ProcessData:
         tpdos: list[PdoDefaults],
         acts_at_sync: bool,
     ) -> None:
-        """`acts_at_sync`: this drive holds even the content of event-driven RPDOs until the next SYNC."""
+        """Create the PDOs; with `acts_at_sync` even event-driven RPDOs wait for the next SYNC."""
         self.skip_tpdos = 0
-        """So many TPDOs are lost inside the node."""
+        """Number of following TPDOs that are lost inside the node (a fault)."""
         self.objects = SyncObjects(dictionary, changed)
         self._application = application
         self._emergencies = emergencies
@@ -80,7 +80,7 @@ class ProcessData:
             pdo.compile()
 
     def start(self, t_ns: int) -> None:
-        """Entering *operational*."""
+        """Start on entering *operational*."""
         for tpdo in self._tpdos:
             tpdo.restart(t_ns, counted=self.objects.counted)
         self._waiting.clear()
@@ -88,17 +88,18 @@ class ProcessData:
         self._poll.at(t_ns)
 
     def stop(self) -> None:
-        """Leaving *operational*."""
+        """Stop on leaving *operational*."""
         self._waiting.clear()
         self._deadlines.stop()
         self._poll.off()
 
     def route(self, t_ns: int) -> dict[int, Handler]:
-        """What is received by which identifier, as the parameters now stand."""
+        """Take over the parameters, and return the handlers of SYNC and of the RPDOs by identifier."""
         self._at_sync = [tpdo for tpdo in self._tpdos if tpdo.valid and tpdo.with_sync]
         self._at_event = [tpdo for tpdo in self._tpdos if tpdo.valid and tpdo.event_driven]
         self._sync_octets = int(self.objects.counted)
         self._window_ns = self.objects.window_ns
+        # An event-driven TPDO is checked at once after a change: it may have become valid.
         self._poll.at(min(self._poll.due_ns, t_ns) if self._at_event else NEVER_NS)
         self._deadlines.watch([rpdo for rpdo in self._rpdos if rpdo.valid])
         handlers: dict[int, Handler] = {rpdo.can_id: self._receiver(rpdo) for rpdo in self._rpdos if rpdo.valid}
@@ -106,20 +107,22 @@ class ProcessData:
         return handlers
 
     def requests(self) -> dict[int, Callable[[int], None]]:
-        """What is asked for by remote frames, by identifier."""
+        """Return the handlers of remote frames, by identifier."""
         return {tpdo.can_id: self._requested(tpdo) for tpdo in self._tpdos if tpdo.on_request}
 
     def sync(self, data: bytes, t_ns: int) -> None:
-        """A SYNC ended."""
+        """Handle a SYNC that has ended."""
         if len(data) != self._sync_octets:
             self._emergencies.raise_error(SYNC_LENGTH)
             return
+        # Asked first, because it is one comparison in a period without errors.
         if self._emergencies.monitored:
             self._emergencies.clear(SYNC_LENGTH)
         self._application.sync(t_ns)
         if self._window_ns:
             self._window_end_ns = t_ns + self._window_ns
         counter = data[0] if data else 0
+        # TPDOs first: they carry the state before the waiting RPDOs act.
         for tpdo in self._at_sync:
             octets = tpdo.at_sync(counter)
             if octets is not None:
@@ -131,7 +134,7 @@ class ProcessData:
             self._application.act(t_ns)
 
     def poll(self, t_ns: int) -> None:
-        """Look at the event-driven TPDOs."""
+        """Check the event-driven TPDOs."""
         self._poll.at(t_ns + self._application.event_period_ns)
         self._application.measure(t_ns)
         for tpdo in self._at_event:
@@ -146,7 +149,7 @@ class ProcessData:
         return self._measured(rpdo, receive)
 
     def _measured(self, rpdo: Rpdo, receive: Handler) -> Handler:
-        """Only frames of the right length, or the right part of them, go on; the others are told of."""
+        """Return a receiver that checks the length: any but the mapped one is an error, a shorter frame is dropped."""
         size, emergencies = rpdo.size, self._emergencies
 
         def measured(data: bytes, t_ns: int) -> None:

@@ -1,9 +1,10 @@
-"""Parameters that outlive a reset: 1010h stores them, 1011h gives the factory's back.
+"""Parameters that outlive a reset: 1010h stores them, 1011h restores the defaults.
 
-Theory (CiA 301, 7.5.2.13 and 7.5.2.14). Nothing happens unless the signature is written, *save* or *load* in ASCII,
-else 0800 0020h. Sub-index 1 means all parameters, 2 those of communication (1000h to 1FFFh), 3 those of the application
-(6000h to 9FFFh), 4 those of the manufacturer (2000h to 5FFFh). What was restored becomes valid at the next reset, of
-the node or, for sub-index 2, of communication. Saved values stand in for power-on values as long as the world exists.
+Theory (CiA 301, 7.5.2.13 and 7.5.2.14). A command needs its signature, *save* or *load* in ASCII; any other value is
+refused with 0800 0020h. Sub-index 1 means all parameters, 2 those of communication (1000h to 1FFFh), 3 those of the
+application (6000h to 9FFFh), 4 those of the manufacturer (2000h to 5FFFh). Restored defaults become valid at the next
+reset, of the node or, for sub-index 2, of communication. Saved values replace the power-on values as long as the world
+exists.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,9 +20,9 @@ GROUPS = {
     4: range(0x2000, 0x6000),
 }
 _ON_COMMAND = 1
-"""Read: the device stores (restores) on command, not by itself."""
+"""Value when read: the device stores (restores) on command, not autonomously."""
 
-# What is not a parameter: histories and commands, controlword and mode, set-points and offsets of CiA 402-2.
+# Objects that are no parameters: histories and commands, controlword and mode, set-points and offsets of CiA 402-2.
 _NO_PARAMETERS = {
     0x1003, 0x1010, 0x1011, 0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FE, 0x60FF,
 }  # fmt: skip
@@ -37,7 +38,7 @@ class Storage:
             dictionary.add_record(self._commands(index, signature, action))
 
     def restore(self, first: int, last: int) -> None:
-        """Values as after power-on: what was saved, else the default."""
+        """Set the objects from `first` to `last` to their power-on values: saved values, else defaults."""
         self._dictionary.restore(first, last)
         for key, (value, text) in self._saved.items():
             if first <= key[0] <= last and key[0] in self._dictionary:
@@ -68,7 +69,7 @@ def _signed(signature: int) -> Callable[[int], None]:
 
 
 def _command(entry: Entry, action: Callable[[int], None]) -> Callable[[], None]:
-    """Obey, and show again what the object can do rather than the signature."""
+    """Return a `changed` that runs the command and then shows the capability of the object, not the signature."""
 
     def changed() -> None:
         entry.value = _ON_COMMAND

@@ -1,7 +1,7 @@
 """SYNC as a simulated node consumes it: 1005h, 1006h, 1007h, 1019h.
 
-Reference: CiA 301 4.2, 7.2.5 and 7.5.2.6 to 7.5.2.8, 7.5.2.22. The node does not produce SYNC. A SYNC counter (1019h)
-is fixed while 1006h says a period. A synchronous RPDO that comes later than 1007h after SYNC is dropped.
+Reference: CiA 301 4.2, 7.2.5 and 7.5.2.6 to 7.5.2.8, 7.5.2.22. The node does not produce SYNC. The SYNC counter (1019h)
+cannot be changed while the period 1006h is not 0. A synchronous RPDO that comes later than 1007h after SYNC is dropped.
 """
 
 from collections.abc import Callable
@@ -11,11 +11,12 @@ from haptic_fieldbus.sim.canopen.services.cob_id import ID, is_restricted
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Refused
 
 SYNC_ID = 0x80
+# 1019h: 0 for no counter, else its highest value; 1 is reserved.
 _COUNTERS = (0, *range(2, 241))
 
 
 class SyncObjects:
-    """The objects and what they mean; `changed` is called when one of them was written."""
+    """The objects of SYNC and their meaning; `changed` is called when one of them was written."""
 
     def __init__(self, dictionary: Dictionary, changed: Callable[[], None]) -> None:
         add = dictionary.add
@@ -32,12 +33,12 @@ class SyncObjects:
 
     @property
     def counted(self) -> bool:
-        """Whether SYNC messages carry a counter."""
+        """Return whether SYNC messages carry a counter."""
         return self._overflow.value != 0
 
     @property
     def window_ns(self) -> int:
-        """The synchronous window; 0: until the next SYNC."""
+        """Return the synchronous window; 0: until the next SYNC."""
         return self._window.value * 1000
 
     def _accept_overflow(self, value: int) -> None:
@@ -48,6 +49,6 @@ class SyncObjects:
 
 
 def _accept_identifier(value: int) -> None:
-    """This node consumes SYNC: it does not produce it (bit 30) and knows 11-bit identifiers only."""
+    """Refuse the production of SYNC (bit 30), 29-bit identifiers and restricted ones."""
     if value & ~ID or is_restricted(value):
         raise Refused(AbortCode.INVALID_VALUE)

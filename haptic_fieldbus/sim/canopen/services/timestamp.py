@@ -1,8 +1,8 @@
 """TIME: the time of day that a simulated node takes from the bus (1012h).
 
 Reference: CiA 301 4.2, 7.2.6, 7.1.6.6 (TIME_OF_DAY: 28 bits milliseconds after midnight, 4 bits void, 16 bits days
-since 1 January 1984), 7.5.2.15. The node consumes TIME while bit 31 is set and never produces it. What it knows is
-shown by its manufacturer's object 5FF1h *time of day*: 1 milliseconds after midnight, 2 days since 1984.
+since 1 January 1984), 7.5.2.15. The node consumes TIME while bit 31 is set and never produces it. The manufacturer's
+object 5FF1h *time of day* shows the result: 1 milliseconds after midnight, 2 days since 1984.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ _MS = 1_000_000
 
 
 class TimeConsumer:
-    """The node's clock; `now` is the time of the simulation [ns]."""
+    """The clock of the node; `now` returns the time of the simulation [ns]."""
 
     def __init__(self, dictionary: Dictionary, now: Callable[[], int], changed: Callable[[], None]) -> None:
         self._now = now
@@ -37,26 +37,26 @@ class TimeConsumer:
 
     @property
     def can_id(self) -> int | None:
-        """The identifier of TIME; None when it is not consumed."""
+        """Return the identifier of TIME; None when it is not consumed."""
         value = self._cob_id.value
         return value & ID if value & _CONSUMED else None
 
     def time_of_day(self) -> tuple[int, int]:
-        """Days since 1984 and milliseconds after midnight; zeros before the first TIME."""
+        """Return (days since 1984, milliseconds after midnight); zeros before the first TIME."""
         if self._set_ns is None:
             return 0, 0
         days, ms = divmod(self._ms + (self._now() - self._set_ns) // _MS, _DAY_MS)
         return (self._day + days) & 0xFFFF, ms
 
     def received(self, data: bytes, t_ns: int) -> None:
-        """A TIME message."""
+        """Set the clock from a TIME message; a message of another length is ignored."""
         if len(data) == _OCTETS:
             self._ms = int.from_bytes(data[:4], "little") & 0x0FFF_FFFF
             self._day = int.from_bytes(data[4:], "little")
             self._set_ns = t_ns
 
     def forget(self) -> None:
-        """Power-on: the time is not known."""
+        """Forget the time, as at power-on."""
         self._set_ns = None
 
     def _accept_cob_id(self, value: int) -> None:

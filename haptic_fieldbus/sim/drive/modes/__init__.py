@@ -1,1 +1,1 @@
-"""The modes of operation of the simulated drive, one file a group."""
+"""The modes of operation of the simulated drive, one file for each group."""

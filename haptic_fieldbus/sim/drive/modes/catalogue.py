@@ -1,4 +1,4 @@
-"""The modes of operation that a drive has, by their number in 6060h."""
+"""The modes of operation of a drive, by their number in 6060h."""
 
 from collections.abc import Callable
 
@@ -20,7 +20,11 @@ from haptic_fieldbus.sim.drive.stage import Stage
 
 
 def build_modes(stage: Stage, objects: Objects, failed: Callable[[int], None]) -> dict[int, Mode]:
-    """One of each that the drive offers, and no mode; a manufacturer's torque mode works as the cyclic one does."""
+    """Return the modes that the drive offers, and the mode for 0; a manufacturer's torque mode works as the cyclic one.
+
+    `failed` is called with the time [ns] when a following error occurs.
+    """
+    # Only the modes with a position demand have a following error to report.
     watched = {PROFILE_POSITION: ProfilePosition, CYCLIC_POSITION: CyclicPosition}
     others: dict[int, Callable[[Stage, Objects], Mode]] = {
         PROFILE_VELOCITY: ProfileVelocity,

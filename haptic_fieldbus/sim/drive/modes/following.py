@@ -1,8 +1,9 @@
 """The following error, in the modes that follow a position demand.
 
-Theory (CiA 402-2, 6065h, 6066h, 60F4h): when the difference of position demand and actual value has been outside the
-window for the time-out, a following error has occurred: bit 13 of the statusword, until it is inside again. A window of
-FFFF FFFFh switches the control off. What else then happens is the manufacturer's to say: here a fault, where asked for.
+Theory (CiA 402-2, 6065h, 6066h, 60F4h): a following error occurs when the difference of position demand and actual
+value has been outside the window for the time-out. Bit 13 of the statusword shows it until the difference is inside the
+window again. A window of FFFF FFFFh switches the control off. The standard leaves further reactions to the
+manufacturer: here a fault, if the settings ask for it.
 """
 
 import math
@@ -16,7 +17,7 @@ from haptic_fieldbus.sim.drive.units import HALF, WRAP, fit
 
 
 class Following:
-    """Shows demand and error, watches the error; `failed` is told when a following error occurs."""
+    """Monitoring and display of the following error; `failed` is called with the time when one occurs."""
 
     def __init__(self, stage: Stage, objects: Objects, failed: Callable[[int], None]) -> None:
         self._stage, self._failed = stage, failed
@@ -26,12 +27,12 @@ class Following:
         self._occurred = False
 
     def restart(self) -> None:
-        """The demand is the actual value."""
+        """Start with no error, as when the demand is the actual value."""
         self._outside.restart()
         self._occurred = False
 
     def check(self, angle: float, t_ns: int) -> int:
-        """At a tick with this demand [rad]; the bit of the statusword."""
+        """Show demand [rad] and error at a tick; return the bit of the statusword, 0 without a following error."""
         unit = self._stage.units.angle
         error = fit((angle - self._stage.angle()) / unit)
         self._demand.value = wrap(angle / unit)
@@ -39,6 +40,7 @@ class Following:
         window = self._window.value
         outside = window != NO_LIMIT and abs(error) > window
         occurred = self._outside(outside, t_ns, self._time_out.value)
+        # Reported once for each occurrence, at its start.
         if occurred and not self._occurred:
             self._failed(t_ns)
         self._occurred = occurred
@@ -46,10 +48,10 @@ class Following:
 
 
 def wrap(position: float) -> int:
-    """A position in 32 bits."""
+    """Return a position rounded and wrapped to 32 bits."""
     return (math.floor(position + 0.5) + HALF) % WRAP - HALF
 
 
 def nearest(target: float, position: float) -> float:
-    """That target modulo 2³² which lies nearest to a position without end."""
+    """Return the position that equals `target` modulo 2³² and is nearest to `position`, which has no end."""
     return position + (target - position + HALF) % WRAP - HALF

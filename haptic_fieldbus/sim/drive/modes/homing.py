@@ -1,10 +1,10 @@
-"""Homing mode (6), by the methods that take the current position: 37, and 35 which it has replaced.
+"""Homing mode (6), by the methods that take the current position: 37, and 35, which 37 has replaced.
 
-Theory (CiA 402-2, homing mode). A rising edge of bit 4 starts; these methods end at once. The zero position is then the
-home position plus the home offset 607Ch, so the position actual value here becomes −607Ch, to the nearest count (there
-are drives that show +607Ch). Bits 13, 12, 10: 001 not started or interrupted, 011 completed. Method 37 does not need
-*operation enabled*; then the bits, which belong to that state, do not show it. Speeds 6099h play no part. Enabled, the
-mode holds the motor at rest by the speed loop.
+Theory (CiA 402-2, homing mode). A rising edge of bit 4 starts homing; these methods finish at once. The zero position
+is the home position plus the home offset 607Ch, so the position actual value here becomes −607Ch, to the nearest count
+(some drives show +607Ch). Bits 13, 12, 10: 001 not started or interrupted, 011 completed. Method 37 does not need
+*operation enabled*; outside that state the bits, which belong to it, do not show the homing. The speeds 6099h are not
+used. While enabled, the mode holds the motor at rest by the speed loop.
 """
 
 from haptic_fieldbus.sim.drive.modes.mode import BIT_12, INTERNAL_LIMIT, NEW_SET_POINT, TARGET_REACHED, Mode
@@ -27,6 +27,7 @@ class Homing(Mode):
         self._controlword, self._method, self._offset = objects.controlword, objects.row(0x6098), objects.row(0x607C)
         self._deceleration = objects.row(0x6084)
         self._edge = False
+        # At rest until `start` replaces it; the rates must not be 0.
         self._motion, self._begin_ns = to_velocity(0.0, 0.0, 1.0, 1.0), 0
         self.status = TARGET_REACHED
 
@@ -37,7 +38,7 @@ class Homing(Mode):
         self.act(t_ns)
 
     def leave(self) -> None:
-        """The next homing has not been started."""
+        """Forget a completed homing."""
         self._edge = False
         self.status = TARGET_REACHED
 

@@ -1,13 +1,15 @@
 """The position modes: profile position (1) and cyclic synchronous position (8).
 
-Theory (CiA 402-2). Profile position: a rising edge of bit 4 hands over a set-point (607Ah with 6081h, 6083h, 6084h; bit
-6: relative to the target before it, 60F2h = 0), which is answered by bit 12 of the statusword, *set-point acknowledge*.
-With bit 5 it replaces what is under way at once, else it is made when that is complete; one set-point can wait. Bit 12
-falls when bit 4 has fallen and nothing waits. An edge while one waits is a set-point only with bit 5. Bit 10 is set
-when |target − actual| has been within 6067h for 6068h. Bit 9, *change on set-point*, is optional and not looked at.
-Cyclic: every new target (607Ah + 60B0h) is reached linearly within the interpolation time 60C2h, so the demand is one
-such time late; 60B1h and 60B2h feed speed and torque forward. Without 60B1h a speed v costs a following error v/k, k
-the gain of the position loop (see `stage`). What stands in 607Ah on entering the mode is a target like any other.
+Theory (CiA 402-2). Profile position: a rising edge of bit 4 hands over a set-point: 607Ah with 6081h, 6083h and 6084h;
+with bit 6, relative to the previous target (60F2h = 0). Bit 12 of the statusword, *set-point acknowledge*, answers it.
+With bit 5 the set-point replaces the positioning under way at once; otherwise it is executed after that is complete.
+One set-point can wait. Bit 12 falls when bit 4 has fallen and no set-point waits. While one waits, a further edge is a
+set-point only with bit 5. Bit 10 is set when |target − actual| has been within 6067h for 6068h. Bit 9, *change on
+set-point*, is optional and ignored.
+
+Cyclic: every new target (607Ah + 60B0h) is reached linearly within the interpolation time 60C2h, so the demand lags by
+that time; 60B1h and 60B2h feed speed and torque forward. Without 60B1h a speed v causes a following error v/k, with the
+gain k of the position loop (see `stage`). The value of 607Ah on entering the mode is a target like any other.
 """
 
 from collections.abc import Callable
@@ -34,7 +36,7 @@ _IMMEDIATELY, _RELATIVE = 0x0020, 0x0040
 
 @dataclass(frozen=True)
 class SetPoint:
-    """As it was handed over: position units, rad/s, rad/s²."""
+    """A set-point as it was handed over: position units, rad/s, rad/s²."""
 
     target: int
     relative: bool
@@ -64,7 +66,7 @@ class ProfilePosition(Mode):
         self._begin(to_velocity(0.0, 0.0, 1.0, 1.0), 0.0, 0)
 
     def start(self, t_ns: int) -> None:
-        """Come to rest; after a halt the set-point under way is made from where the motor then is."""
+        """Come to rest; after a halt, execute the halted set-point from the present position."""
         stage, halted = self.stage, self._active
         velocity, ramp = stage.servo.plant.velocity, stage.ramp(self._deceleration)
         self._begin(to_velocity(velocity, 0.0, ramp, ramp), stage.angle(), t_ns)
@@ -74,13 +76,13 @@ class ProfilePosition(Mode):
         self.act(t_ns)
 
     def leave(self) -> None:
-        """The mode or *operation enabled* is left: what was under way or waited is forgotten."""
+        """Discard the set-point under way and the waiting one, as the mode or *operation enabled* is left."""
         self._active = self._waiting = self._target = None
         self._edge = False
         self.status = 0
 
     def act(self, t_ns: int) -> None:
-        """The handshake."""
+        """Run the handshake of bits 4 and 12."""
         word = self._controlword.value
         edge = bool(word & NEW_SET_POINT)
         if edge and not self._edge:
@@ -105,10 +107,11 @@ class ProfilePosition(Mode):
         self.status |= ACKNOWLEDGE
 
     def _goal(self, point: SetPoint) -> float:
-        """Where a set-point leads [rad]."""
+        """Return the target angle of a set-point [rad]."""
         unit = self.stage.units.angle
         if point.relative:
             return (self._target if self._target is not None else self.stage.angle()) + point.target * unit
+        # Positions wrap at 32 bits; the shorter way round is taken.
         return nearest(point.target, self.stage.angle() / unit) * unit
 
     def _go(self, point: SetPoint, goal: float, t_ns: int) -> None:
@@ -148,10 +151,11 @@ class ProfilePosition(Mode):
         return self._reached(window == NO_LIMIT or distance <= window, t_ns, self._window_time.value)
 
     def _complete(self, t_ns: int) -> None:
-        """The positioning is complete; the set-point that waits comes next."""
+        """Finish the positioning and start the waiting set-point."""
         point, self._active, self._waiting = self._waiting, None, None
         if point is not None:
             self._go(point, self._goal(point), t_ns)
+            # Bit 4 has fallen already: the acknowledgement of the waiting set-point ends now.
             if not self._edge:
                 self.status &= ~ACKNOWLEDGE
 
@@ -173,6 +177,7 @@ class CyclicPosition(Mode):
 
     def start(self, t_ns: int) -> None:
         self._from = self._to = self.stage.angle()
+        # None: the target on entering is taken even when it is the one seen before.
         self._seen, self._begin_ns = None, t_ns
         self._following.restart()
         self.status = FOLLOWS_COMMAND
@@ -186,6 +191,7 @@ class CyclicPosition(Mode):
         self._from = self._demand(t_ns)
         self._to = nearest(wanted, self._from / unit) * unit
         self._seen, self._begin_ns = wanted, t_ns
+        # 60C2h: a number and its power of ten, in seconds.
         self._span_ns = max(1, round(self._time.value * 10.0 ** (self._exponent.value + 9)))
 
     def _demand(self, t_ns: int) -> float:

@@ -1,9 +1,9 @@
-"""Ramps of the profile modes: motions of piecewise constant acceleration, known in closed form from the start.
+"""Ramps of the profile modes: motions of piecewise constant acceleration, computed in closed form at their start.
 
-Theory (CiA 402-2, 6086h = 0, linear ramp). A change of speed goes by the acceleration where speed grows and by the
-deceleration where it falls, through zero with both. A distance d from rest or from speed v is covered with a peak p
-where accelerating and decelerating alone take the whole way, p² = (2·a·b·d + b·v²)/(a + b) with acceleration a and
-deceleration b, or with the profile velocity between them where that is less. What cannot stop before its end, or moves
+Theory (CiA 402-2, 6086h = 0, linear ramp). A change of speed uses the acceleration where speed grows and the
+deceleration where it falls, and both in turn through zero. Over a distance d from speed v, accelerating and then
+decelerating reaches the peak p with p² = (2·a·b·d + b·v²)/(a + b), acceleration a and deceleration b. If the profile
+velocity is less than p, the motion keeps it between the two. A motion that cannot stop before the target, or that moves
 away from it, is stopped first.
 """
 
@@ -17,7 +17,7 @@ Leg = tuple[float, float]
 
 @dataclass(frozen=True)
 class RampPiece:
-    """From `start` [s] on, with constant acceleration."""
+    """A piece of constant acceleration, from `start` [s] on."""
 
     start: float
     position: float
@@ -26,17 +26,18 @@ class RampPiece:
 
 
 class RampMotion:
-    """Pieces one after another from time 0, position 0; the last one does not accelerate and goes on for ever."""
+    """Consecutive pieces from time 0 and position 0; the last one has constant speed and no end."""
 
     def __init__(self, pieces: Sequence[RampPiece]) -> None:
         self._pieces = tuple(pieces)
         self.end = self._pieces[-1].start
-        """When the last change of speed is over [s]."""
+        """End of the last change of speed [s]."""
         self._now = 0
 
     def at(self, time: float) -> tuple[float, float, float]:
-        """Position, velocity and acceleration at a time that is not before the last one asked for."""
+        """Return position, velocity and acceleration at `time` [s], which must not be earlier than in the last call."""
         pieces = self._pieces
+        # Times only grow, so the search continues from the last piece.
         while self._now + 1 < len(pieces) and pieces[self._now + 1].start <= time:
             self._now += 1
         piece = pieces[self._now]
@@ -46,12 +47,12 @@ class RampMotion:
 
 
 def to_velocity(velocity: float, target: float, acceleration: float, deceleration: float) -> RampMotion:
-    """From one speed to another."""
+    """Return the motion from one speed to another."""
     return _motion(velocity, _speed_legs(velocity, target, acceleration, deceleration), None, target)
 
 
 def to_distance(velocity: float, distance: float, speed: float, acceleration: float, deceleration: float) -> RampMotion:
-    """To rest at a distance, not faster than `speed`; with a speed of 0 only to rest."""
+    """Return the motion to rest at a distance, not faster than `speed`; with `speed` 0 only to rest."""
     if speed <= 0.0:
         return to_velocity(velocity, 0.0, acceleration, deceleration)
     legs: list[Leg] = []
@@ -68,7 +69,8 @@ def to_distance(velocity: float, distance: float, speed: float, acceleration: fl
 
 
 def _way(v: float, distance: float, speed: float, a: float, b: float) -> list[Leg]:
-    """Legs to rest over a distance ≥ v²/2b, everything counted forward."""
+    """Return the legs to rest over a distance ≥ v²/2b, with all quantities counted forward."""
+    # Faster than allowed: slow down to `speed`, keep it, then stop.
     if v > speed:
         return [((v - speed) / b, -b), ((distance - v * v / (2 * b)) / speed, 0.0), (speed / b, -b)]
     peak = min(speed, math.sqrt((2 * a * b * distance + b * v * v) / (a + b)))
@@ -86,7 +88,7 @@ def _speed_legs(velocity: float, target: float, acceleration: float, deceleratio
 
 
 def _motion(velocity: float, legs: Iterable[Leg], position: float | None, target: float) -> RampMotion:
-    """The legs one after another; the end is put exactly where it belongs."""
+    """Return the motion of consecutive legs, whose end is placed exactly at `position` (if given) and `target`."""
     time = at = 0.0
     pieces = []
     for duration, acceleration in legs:
@@ -95,4 +97,5 @@ def _motion(velocity: float, legs: Iterable[Leg], position: float | None, target
             at += (velocity + 0.5 * acceleration * duration) * duration
             velocity += acceleration * duration
             time += duration
+    # The sums of the legs are off by rounding; the end must be the target itself.
     return RampMotion((*pieces, RampPiece(time, at if position is None else position, target, 0.0)))

@@ -1,7 +1,8 @@
 """The torque modes: cyclic synchronous torque (10, and the manufacturer's own) and profile torque (4).
 
-Theory (CiA 402-2). Cyclic: target torque 6071h and torque offset 60B2h are the demand at once. Profile: the demand goes
-to the target by the torque slope 6087h [‰/s], one step a control tick; bit 10 is set when it is there.
+Theory (CiA 402-2). Cyclic: the demand is target torque 6071h plus torque offset 60B2h, at once. Profile: the demand
+goes to the target by the torque slope 6087h [‰/s], one step at each control tick; bit 10 is set when it has reached the
+target.
 """
 
 from haptic_fieldbus.sim.drive.modes.mode import FOLLOWS_COMMAND, INTERNAL_LIMIT, TARGET_REACHED, Mode
@@ -41,6 +42,7 @@ class ProfileTorque(Mode):
         self.act(t_ns)
 
     def act(self, t_ns: int) -> None:
+        # The slope ends at the permitted torque: a demand beyond it would never be reached.
         wanted = self._target.value * self._unit
         self._goal = self.stage.limit(wanted)
         if not self.ticking and self._goal != self._demand:

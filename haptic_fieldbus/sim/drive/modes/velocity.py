@@ -1,10 +1,11 @@
 """The velocity modes: profile velocity (3) and cyclic synchronous velocity (9).
 
-Theory (CiA 402-2). Profile velocity: the demand goes to 60FFh, limited by 607Fh and 6080h, by 6083h where speed grows
-and 6084h where it falls. Bit 10 is set when |target − actual| has been within 606Dh for 606Eh; bit 12 (*speed*:
+Theory (CiA 402-2). Profile velocity: the demand goes to 60FFh, limited by 607Fh and 6080h, with 6083h where speed grows
+and 6084h where it falls. Bit 10 is set when |target − actual| has been within 606Dh for 606Eh. Bit 12 (*speed*:
 standstill) falls when the actual speed has exceeded 606Fh for 6070h, and rises as soon as it is below.
-Cyclic: the demand is 60FFh + 60B1h at once. A step of it is followed as a first-order lag of time constant 2/a (see
-`stage`), which the speed loop can follow without overshoot; 60B2h is added to the torque.
+
+Cyclic: the demand is 60FFh + 60B1h at once. A step of the demand is followed as a first-order lag of time constant 2/a
+(see `stage`), which the speed loop can follow without overshoot; 60B2h is added to the torque.
 """
 
 import math
@@ -52,6 +53,7 @@ class ProfileVelocity(Mode):
         goal = stage.slow(self._target.value * stage.units.speed)
         plan = (goal, stage.ramp(self._acceleration), stage.ramp(self._deceleration))
         if plan != self._planned:
+            # A new plan continues from the present demand, not from the actual speed, so that the demand has no step.
             _, velocity, _ = self._motion.at((t_ns - self._begin_ns) * 1e-9)
             self._motion, self._begin_ns, self._planned = to_velocity(velocity, *plan), t_ns, plan
             self._reached.restart()
@@ -89,13 +91,14 @@ class CyclicVelocity(Mode):
         self.status = FOLLOWS_COMMAND
 
     def act(self, t_ns: int) -> None:
-        """The next tick looks."""
+        """Do nothing: the next tick reads the target."""
 
     def tick(self, t_ns: int) -> None:
         stage = self.stage
         wanted = (self._target.value + self._offset.value) * stage.units.speed
         goal = stage.slow(wanted)
         rate = 0.5 * stage.gains.bandwidth
+        # The exact solution of the lag over the time since the last tick.
         self._reference = goal - (goal - self._reference) * math.exp(-rate * (t_ns - self._t_ns) * 1e-9)
         self._t_ns = t_ns
         offset = self._torque_offset.value * stage.permille

@@ -1,7 +1,7 @@
 """Expedited and segmented SDO transfers.
 
-Theory (CiA 301, 7.2.4.3.3 to 7.2.4.3.8): up to four octets travel in the initiate itself; what does not fit follows in
-segments of seven, each with a toggle bit that starts at 0 and is confirmed one by one.
+Theory (CiA 301, 7.2.4.3.3 to 7.2.4.3.8): up to four octets travel in the initiate itself. Longer contents follow in
+segments of seven octets, each confirmed, with a toggle bit that starts at 0.
 """
 
 from haptic_fieldbus.sim.canopen.services.sdo.transfer import Response, Transfer
@@ -13,17 +13,21 @@ _DOWNLOAD_SEGMENT, _UPLOAD_SEGMENT = 0, 3
 
 
 def multiplexed(command: int, entry: Entry) -> bytes:
-    """The first four octets of a response that names its entry."""
+    """Return the first four octets of a response: command, index and sub-index of its entry."""
     return bytes((command, *entry.index.to_bytes(2, "little"), entry.subindex))
 
 
 def initiated(entry: Entry) -> bytes:
-    """The confirmation of a download that was begun, or, expedited, made."""
+    """Return the confirmation of a download initiate, which completes an expedited download."""
+    # Server command specifier 3.
     return multiplexed(0x60, entry) + bytes(4)
 
 
 class Collected:
-    """Octets of a download as they arrive, never more than the entry takes or the client announced."""
+    """The octets of a download as they arrive, never more than the capacity of the entry.
+
+    Raises Refused when the entry cannot be written, or not with the announced number of octets.
+    """
 
     def __init__(self, entry: Entry, announced: int | None) -> None:
         entry.begin_write(announced)
@@ -32,20 +36,23 @@ class Collected:
         self._announced = announced
 
     def add(self, octets: bytes) -> None:
-        """More of them; Refused when there are too many."""
+        """Add octets; raises Refused when there are too many."""
         self.octets += octets
         if len(self.octets) > self._entry.capacity:
             raise Refused(AbortCode.TOO_LONG)
 
     def write(self) -> None:
-        """All have arrived."""
+        """Write the entry once all octets have arrived.
+
+        Raises Refused when their number is not the announced one, or when the entry refuses them.
+        """
         if self._announced is not None and self._announced != len(self.octets):
             raise Refused(AbortCode.LENGTH)
         self._entry.write(bytes(self.octets))
 
 
 class SegmentedDownload(Transfer):
-    """The client sends segments."""
+    """A download in segments."""
 
     def __init__(self, entry: Entry, announced: int | None) -> None:
         super().__init__(entry)
@@ -57,8 +64,10 @@ class SegmentedDownload(Transfer):
 
     def request(self, data: bytes) -> Response:
         _check_toggle(data[0], self._toggle)
+        # Server command specifier 1 with the toggle bit of the request.
         response = bytes((0x20 | self._toggle << 4,)) + bytes(7)
         self._toggle ^= 1
+        # Bits 1 to 3 are the number of octets without data, bit 0 marks the last segment.
         self._collected.add(data[1 : 1 + SEGMENT - (data[0] >> 1 & 7)])
         if data[0] & 0x01:
             self._collected.write()
@@ -67,7 +76,7 @@ class SegmentedDownload(Transfer):
 
 
 class SegmentedUpload(Transfer):
-    """The client fetches segments; of up to four octets there are none, they are in the initiate's response."""
+    """An upload in segments; one of up to four octets is expedited and finished by the initiate's response."""
 
     def __init__(self, entry: Entry, content: bytes) -> None:
         super().__init__(entry)
@@ -77,8 +86,10 @@ class SegmentedUpload(Transfer):
         self._toggle = 0
 
     def begin(self) -> bytes:
-        """The response to the initiate."""
+        """Return the response to the initiate."""
         content = self._content
+        # Server command specifier 2. Bit 0: the size is indicated; bit 1: expedited, with the number of octets without
+        # data in bits 2 and 3.
         if self.finished:
             return multiplexed(0x43 | (EXPEDITED - len(content)) << 2, self.entry) + content.ljust(EXPEDITED, b"\0")
         return multiplexed(0x41, self.entry) + len(content).to_bytes(4, "little")

@@ -1,10 +1,10 @@
-"""The SDO server: which transfer a request begins, continues or ends.
+"""The SDO server: it decides which transfer a request begins, continues or ends.
 
-Theory (CiA 301, 7.2.4.3): the client starts a download or an upload, expedited or segmented (`segments`), or in
-blocks (`block`). One transfer at a time; a new initiate replaces the old one, either side may abort. A request that
-fits no transfer is answered with *command specifier not valid*. A client that goes silent is told *SDO protocol timed
-out* after `TIMEOUT_NS`, and harms nothing: inside a block any octet may be data, so without this its successor would
-not be understood.
+Theory (CiA 301, 7.2.4.3): the client starts a download or an upload, expedited or segmented (`segments`) or in blocks
+(`block`). There is one transfer at a time; a new initiate replaces the old one, and either side may abort. A request
+that fits no transfer is answered with *command specifier not valid*. A transfer whose client is silent for `TIMEOUT_NS`
+is aborted with *SDO protocol timed out*. This protects the next client: inside a block any octet may be data, so
+without it the initiate of that client would be taken for a segment.
 """
 
 from haptic_fieldbus.sim.canopen.services.sdo.block import BlockDownload, BlockUpload
@@ -19,7 +19,10 @@ _DOWNLOAD, _UPLOAD, _ABORT_SPECIFIER, _BLOCK_UPLOAD, _BLOCK_DOWNLOAD = 1, 2, 4, 
 
 
 class SdoServer:
-    """Requests in, responses out; `refuse` aborts chosen accesses whatever the dictionary says."""
+    """The server of one node: it takes requests and returns responses.
+
+    `refuse` maps (index, sub-index) to an abort code for accesses that are refused whatever the dictionary allows.
+    """
 
     def __init__(self, dictionary: Dictionary) -> None:
         self.refuse: dict[tuple[int, int], int] = {}
@@ -36,14 +39,15 @@ class SdoServer:
 
     @property
     def busy(self) -> bool:
-        """Whether a transfer is under way."""
+        """Return whether a transfer is under way."""
         return self._transfer is not None
 
     def request(self, data: bytes) -> Response:
-        """The responses to one request of eight octets; none where the protocol has none."""
+        """Return the responses to one request of eight octets; none where the protocol has none."""
         if len(data) != _FRAME:
             return []
         transfer = self._transfer
+        # A segment of a block may begin with the octet of any command, so the transfer is asked first.
         continues = transfer is not None and transfer.takes(data[0])
         if data[0] == _ABORT or (not continues and data[0] >> 5 == _ABORT_SPECIFIER):
             self._transfer = None
@@ -60,11 +64,11 @@ class SdoServer:
         return responses
 
     def reset(self) -> None:
-        """Forget a transfer under way."""
+        """Discard a transfer under way."""
         self._transfer = None
 
     def expire(self) -> Response:
-        """The client was silent for too long."""
+        """Abort a transfer whose client was silent for too long; return the abort, nothing without a transfer."""
         transfer, self._transfer = self._transfer, None
         if transfer is None:
             return []
@@ -81,8 +85,10 @@ class SdoServer:
         return service(self._dictionary.find(index, subindex), data)
 
     def _download(self, entry: Entry, data: bytes) -> Response:
+        # Bit 0: the size is indicated; bit 1: expedited, with the number of octets without data in bits 2 and 3.
         sized = data[0] & 0x01
         if data[0] & 0x02:
+            # An expedited download without size fills the entry.
             default = min(entry.capacity, EXPEDITED)
             entry.write(data[4 : 4 + (EXPEDITED - (data[0] >> 2 & 3) if sized else default)])
         else:
@@ -119,7 +125,7 @@ def _announced(data: bytes) -> int:
 
 
 def _multiplexer(data: bytes, transfer: Transfer | None) -> tuple[int, int]:
-    """What an abort is about: what an initiate names, else the transfer that was under way."""
+    """Return index and sub-index of an abort: those of an initiate, else those of the transfer under way."""
     names = data[0] >> 5 in (_DOWNLOAD, _UPLOAD) or (
         data[0] >> 5 in _BEGINNINGS and not data[0] & _BEGINNINGS[data[0] >> 5]
     )

@@ -1,4 +1,4 @@
-"""What all SDO transfers that take more than one request have in common."""
+"""The common interface of SDO transfers that take more than one request."""
 
 from abc import ABC, abstractmethod
 
@@ -9,7 +9,7 @@ Response = list[bytes]
 
 
 class Transfer(ABC):
-    """A transfer under way, of the content of an entry; `finished`: nothing more is expected of the client."""
+    """A transfer of the content of an entry; `finished` is True when no further request is expected."""
 
     def __init__(self, entry: Entry) -> None:
         self.entry = entry
@@ -17,8 +17,8 @@ class Transfer(ABC):
 
     @abstractmethod
     def takes(self, command: int) -> bool:
-        """Whether a request with this first octet continues the transfer."""
+        """Return whether a request with this first octet continues the transfer."""
 
     @abstractmethod
     def request(self, data: bytes) -> Response:
-        """One request of it; Refused ends it."""
+        """Handle one request of the transfer and return the responses; raises Refused to abort the transfer."""
