@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, cast, get_args, get_type_hints
 
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.parameters import NOT_SETTABLE, quantities
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
@@ -69,7 +70,7 @@ def _default(field: "Field[Any]") -> str:
     if field.default is MISSING:
         return "must be given" if field.default_factory is MISSING else f"`{field.default_factory()}`"
     if isinstance(field.default, float):
-        return f"{field.default:g}"
+        return exactly(field.default)
     return "none" if field.default in (None, ()) else f"`{field.default}`"
 
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from haptic_fieldbus.numerals import LIMIT_DIGITS, exactly, rounded
 from haptic_fieldbus.numerics.estimators import ESTIMATORS, bind, chosen
 from haptic_fieldbus.numerics.estimators.estimator import Parameter
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -45,13 +46,13 @@ def _methods() -> Iterable[Sequence[str]]:
 
 
 def _method(method: Integrator) -> Sequence[str]:
-    free = "exact" if math.isinf(method.free_order) else f"{method.free_order:g}"
+    free = "exact" if math.isinf(method.free_order) else exactly(method.free_order)
     limits = (method.oscillator_limit, method.lag_limit)
     return (f"`{method.name}`", f"{method.order}", free, f"`{method.inputs}`", method.update, *map(_limit, limits))
 
 
 def _limit(limit: float) -> str:
-    return "never" if limit == 0.0 else "every" if math.isinf(limit) else f"{limit:.4g}"
+    return "never" if limit == 0.0 else "every" if math.isinf(limit) else rounded(limit, LIMIT_DIGITS)
 
 
 def _estimators() -> Iterable[Sequence[str]]:
@@ -72,7 +73,7 @@ def _default(parameter: Parameter) -> str:
         return "one count"
     if isinstance(parameter.default, str):
         return f"`{parameter.default}`"
-    return f"{parameter.default:g} {parameter.unit}".rstrip()
+    return f"{exactly(parameter.default)} {parameter.unit}".rstrip()
 
 
 def _noise_gain(name: str) -> str:
@@ -81,13 +82,13 @@ def _noise_gain(name: str) -> str:
         return "see below"
     step = bind(name, PERIOD)
     step(0.0)
-    return f"{PERIOD * math.hypot(*(step(float(sample == 0)) for sample in range(SETTLED))):.3f}"
+    return rounded(PERIOD * math.hypot(*(step(float(sample == 0)) for sample in range(SETTLED))))
 
 
 def _delay(name: str) -> str:
     choice = chosen(name)
     delay = choice.estimator.delay
-    return "see below" if delay is None else f"{delay(choice.setup(PERIOD)) / PERIOD:.3g}"
+    return "see below" if delay is None else rounded(delay(choice.setup(PERIOD)) / PERIOD)
 
 
 if __name__ == "__main__":

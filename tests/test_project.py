@@ -233,6 +233,36 @@ def modules_in(folder: str) -> set[str]:
     return {f"{prefix}.{path.stem}" for path in (PACKAGE / folder).iterdir() if not path.stem.startswith("__")}
 
 
+# Public functions of one name in several modules: the same question, answered for what their module is about.
+SAME_QUESTION = {
+    "bind": "a fresh step, its parameters bound",
+    "discrete": "the linear system that a step is",
+    "draw": "a picture of what a page or a command shows",
+    "dynamics": "(A, B) of bodies",
+    "environment": "what a sampled loop is closed over, of one axis or several",
+    "free_puck": "the lecture's free puck",
+    "growth": "spectral radius but for shifts, of one axis or several",
+    "loop_matrix": "one period of a loop, of one axis or several",
+    "main": "a program",
+    "measure": "the points of a work-precision set",
+    "parse_bus": "a bus name taken apart, by its protocol",
+    "plan": "the command and the API behind it",
+    "response": "the command and the API behind it",
+    "run": "the command, the API behind it, and a batch of loops",
+    "sample": "a device under the delayed hold",
+    "stability": "the command and the API behind it",
+}
+
+
+def test_a_function_name_occurs_once_but_for_the_same_question() -> None:
+    where: dict[str, set[str]] = {}
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                where.setdefault(node.name, set()).add(str(path))
+    assert {name for name, paths in where.items() if len(paths) > 1} == set(SAME_QUESTION)
+
+
 def test_every_module_fits_on_a_few_screens_and_says_what_it_is() -> None:
     texts = {str(path.relative_to(PROJECT)): path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
     lines = {name: len(text.splitlines()) for name, text in texts.items()}

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus.api.arguments import arguments_of
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.planning.request import check_request
@@ -95,26 +96,26 @@ class _Answer:
 
 
 @arguments_of(OpenLoop)
-def response(asked: OpenLoop) -> Response:
+def response(task: OpenLoop) -> Response:
     """Return the force on the scene's first axis for a prescribed motion; axes coupled to it stand still.
 
     `input` is "step", "ramp" (reaches `amplitude` after one second), "sine@HZ" or a file with the columns time and
     position, which `amplitude` multiplies. `rate` is in Hz, `duration` in s; a file has a duration of its own. Raises
     DocumentError or UsageError.
     """
-    duration, method = asked.duration, asked.method or DEFAULT_METHOD
-    check_request(rate=asked.rate, duration=DEFAULT_DURATION if duration is None else duration)
-    check_rendering(asked)
-    motion = motion_of(asked.input, asked.amplitude)
-    period = round(1e9 / asked.rate) * 1e-9
-    chosen = with_settings(asked.scene, parsed(asked.settings)).at_period(period)
+    duration, method = task.duration, task.method or DEFAULT_METHOD
+    check_request(rate=task.rate, duration=DEFAULT_DURATION if duration is None else duration)
+    check_rendering(task)
+    motion = motion_of(task.input, task.amplitude)
+    period = round(1e9 / task.rate) * 1e-9
+    chosen = with_settings(task.scene, parsed(task.settings)).at_period(period)
     axis = chosen.axes[0]
     # Both ends are sampled.
     samples = round((motion.duration if duration is None else duration) / period) + 1
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
     elements = (*chosen.of_axis(axis.name), *_grounded(chosen, axis.name))
-    answers = _Answers(elements, period, method, asked.estimator or DEFAULT_ESTIMATOR)
+    answers = _Answers(elements, period, method, task.estimator or DEFAULT_ESTIMATOR)
     return answers.to(time, position, motion.rest, axis.workspace)
 
 
@@ -241,7 +242,7 @@ def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
 def motion_of(name: str | Path, amplitude: float) -> PrescribedMotion:
     """Return the motion of a name (`INPUT_FORMS`); raises UsageError when there is none."""
     if not math.isfinite(amplitude):
-        raise UsageError(f"amplitude {amplitude:g}: expected a number")
+        raise UsageError(f"amplitude {exactly(amplitude)}: expected a number")
     text = str(name)
     if text == "step":
         return PrescribedMotion(0.0, lambda time: np.full_like(time, amplitude))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus.assessing.record import Record
 
 if TYPE_CHECKING:  # imported for its type alone: a run without changes never loads `tuning`
-    from haptic_fieldbus.planning.tuning import Applied
+    from haptic_fieldbus.planning.live_changes import Applied
 
 SAMPLES = ("period_ns", "age_ns", "compute_ns")
 

@@ -11,9 +11,9 @@ from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Conversion, Recording, Times, TrueMotion, Truth
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
+from haptic_fieldbus.assessing.run_verdict import ripple, run_verdict
 from haptic_fieldbus.assessing.spans import Handover, Kind, spans
 from haptic_fieldbus.assessing.torque_error import ErrorSplit, split
-from haptic_fieldbus.assessing.verdict import ripple, verdict_of
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -57,7 +57,7 @@ def summarise(run: Run) -> Result:
     felt = [found for name, found in splits.items() if found is not None and plan.scene.holds(name)]
     contacts = [found.error_rms_contact / found.ideal_rms_contact for found in felt if found.ideal_rms_contact]
     first = plan.axes[0]
-    verdict = verdict_of(
+    verdict = run_verdict(
         scene=plan.scene.name.replace("_", " "),
         stable=all(map(_is_stable, [plan, *[applied.change.plan for applied in run.report.changes]])),
         effort=first.workspace.effort_name,
@@ -155,27 +155,27 @@ def _zero(run: Run, axis: AxisPlan, trajectory: TrueMotion, times_ns: Times) -> 
     return 2 * np.pi * run.cycle.zero_counts(axis.name) / axis.steps_per_revolution
 
 
-def _error_of(found: ErrorSplit, contacts: list[float]) -> TorqueError:
+def _error_of(split: ErrorSplit, contacts: list[float]) -> TorqueError:
     """Return the error of one axis with the largest relative error in contact of all axes."""
-    return TorqueError(found.rms, found.max, found.unit, found.by_source, max(contacts, default=None))
+    return TorqueError(split.rms, split.max, split.unit, split.by_source, max(contacts, default=None))
 
 
-def _trace(axis: AxisPlan, columns: dict[str, Array], found: ErrorSplit | None) -> Trace:
+def _trace(axis: AxisPlan, columns: dict[str, Array], split: ErrorSplit | None) -> Trace:
     """Return the trace of an axis: the true motion where its error is known, else the recorded one."""
     start_ns = columns["t_ns"][0] if len(columns["t_ns"]) else 0.0
     times = (columns["t_ns"] - start_ns) * 1e-9
     position = columns[f"{axis.name}.position"]
-    if found is None:
+    if split is None:
         return Trace(axis.name, axis.workspace, times, position, columns[f"{axis.name}.command"])
     return Trace(
         axis.name,
         axis.workspace,
-        (found.times_ns - start_ns) * 1e-9,
-        found.position,
-        found.force,
-        ideal=found.ideal,
+        (split.times_ns - start_ns) * 1e-9,
+        split.position,
+        split.force,
+        ideal=split.ideal,
         sample_times=times,
         samples=position,
-        virtual={name: states[:, 0] for name, states in found.virtual.items()},
+        virtual={name: states[:, 0] for name, states in split.virtual.items()},
         sensor="tachometer" if axis.integrates else "encoder",
     )

@@ -13,7 +13,7 @@ Told = tuple[str, Fault]
 """The file, or what was given as its name, and a fault of it."""
 
 
-def check(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
+def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:
     """Load each file and print the faults of all of them, as lines or as one JSON object.
 
     Raises `typer.Exit` with status 2 when any file has a fault.
@@ -35,10 +35,10 @@ def _faults(name: str, load: Callable[[str], object]) -> Iterator[Told]:
     try:
         load(name)
     except (DocumentError, UsageError) as error:
-        yield from faults_of(name, error)
+        yield from faults_told(name, error)
 
 
-def faults_of(name: str, error: DocumentError | UsageError) -> Iterator[Told]:
+def faults_told(name: str, error: DocumentError | UsageError) -> Iterator[Told]:
     """Yield each fault of a file with its path, or the fault of a name with that name."""
     if isinstance(error, DocumentError):
         yield from ((error.source, fault) for fault in error.faults)

@@ -58,7 +58,7 @@ class SceneOptions:
     estimator: Annotated[str | None, option("NAME", "Velocity estimator.", RENDERING)] = None
     as_json: JsonOption = False
 
-    def given(self, asked: type[Asked]) -> Asked:
+    def given(self, kind: type[Asked]) -> Asked:
         """Return `asked` made from the options; options that were not given keep its defaults.
 
         Raises UsageError when a `--set` is malformed.
@@ -66,9 +66,9 @@ class SceneOptions:
         from haptic_fieldbus.planning.request import parse_settings
 
         # Options such as --plot and --json concern the command alone, and are no fields of `asked`.
-        names = {field.name for field in fields(asked)}
+        names = {field.name for field in fields(kind)}
         values = {name: value for name, value in vars(self).items() if name in names and value is not None}
-        return asked(**{**values, "settings": parse_settings(self.settings or [])})
+        return kind(**{**values, "settings": parse_settings(self.settings or [])})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,13 +86,13 @@ class BenchOptions(SceneOptions):
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
     profiles: ProfilesOption = None
 
-    def given(self, asked: type[Asked]) -> Asked:
+    def given(self, kind: type[Asked]) -> Asked:
         """Return `asked` as for a scene; raises UsageError also when `--rig` meets `--drive` or `--node`."""
         named = {"--drive": self.drive, "--node": self.node}
         wrong = [name for name, value in named.items() if value is not None]
         if self.rig is not None and wrong:
             raise UsageError(f"--rig says which drives and nodes there are; leave out {' and '.join(wrong)}")
-        return super().given(asked)
+        return super().given(kind)
 
 
 def options_of(make: Callable[P, Options]) -> Callable[[Callable[[Options], None]], Callable[P, None]]:

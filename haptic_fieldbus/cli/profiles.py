@@ -13,6 +13,7 @@ import typer
 
 from haptic_fieldbus.cli.options import JsonOption, ProfilesOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
@@ -29,12 +30,12 @@ IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", 
 @app.command("list")
 def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) -> None:
     """List the shipped profiles and your own. One that is broken is told of, and the others are listed."""
-    from haptic_fieldbus.cli.checking import faults_of, faults_to_json
+    from haptic_fieldbus.cli.checking import faults_told, faults_to_json
     from haptic_fieldbus.protocols.catalogue import profile_summaries
 
     found = profile_summaries(profiles)
     summaries = [each for each in found.values() if isinstance(each, dict)]
-    faults = [told for name, each in found.items() if not isinstance(each, dict) for told in faults_of(name, each)]
+    faults = [told for name, each in found.items() if not isinstance(each, dict) for told in faults_told(name, each)]
     if as_json:
         print_json({"profiles": plain(summaries), "errors": plain(faults_to_json(faults))})
         return
@@ -98,11 +99,11 @@ def check_profiles(
     as_json: JsonOption = False,
 ) -> None:
     """Check profiles or vendors' EDS files, and list all faults of each with line and key."""
-    from haptic_fieldbus.cli.checking import check
+    from haptic_fieldbus.cli.checking import check_files
     from haptic_fieldbus.protocols.folders import known_names
 
     known = known_names(profiles)
-    check(names or known, partial(_check_profile, profiles), as_json)
+    check_files(names or known, partial(_check_profile, profiles), as_json)
 
 
 def _check_profile(profiles: str | None, name: str) -> None:
@@ -190,4 +191,4 @@ def _text(key: str, value: object) -> str:
         return str(value.value)
     if isinstance(value, int) and key in IN_HEXADECIMAL:
         return f"{value:04X}h"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return exactly(value) if isinstance(value, float) else str(value)

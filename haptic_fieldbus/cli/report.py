@@ -31,7 +31,7 @@ def report(
     if find_spec("matplotlib") is None:
         raise UsageError("report needs matplotlib: pip install matplotlib")
     from haptic_fieldbus import api
-    from haptic_fieldbus.study.make_report import finite, make_report
+    from haptic_fieldbus.study.make_report import json_ready, make_report
     from haptic_fieldbus.study.measure.bench import Tools
 
     # The page shows the command with which it can be made again.
@@ -46,7 +46,7 @@ def report(
             command=" ".join(filter(None, words)),
         )
     if as_json:
-        told = finite(found)
+        told = json_ready(found)
         print_json({key: plain(value) for key, value in told.items()} if isinstance(told, dict) else {})
         return
     show([("report", str(out / "index.html")), ("", str(out / "report.json"))])

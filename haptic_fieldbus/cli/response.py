@@ -7,6 +7,7 @@ from typing import Annotated
 from haptic_fieldbus.cli.options import RENDERING, SceneOptions, option, options_of
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import plain, print_json, show
+from haptic_fieldbus.numerals import exactly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +28,7 @@ def response(options: ResponseOptions) -> None:
     check_plot(options.plot)
     from haptic_fieldbus import api
     from haptic_fieldbus.api.open_loop import OpenLoop
-    from haptic_fieldbus.report.responses import responses
+    from haptic_fieldbus.report.responses import response_lines
 
     found = api.response.of(options.given(OpenLoop))
     title = f"{options.scene}, {options.input}"
@@ -40,6 +41,6 @@ def response(options: ResponseOptions) -> None:
     if options.as_json:
         print_json({key: plain(value) for key, value in found.to_json().items()})
         return
-    show(responses(found, f"{title} of {options.amplitude:g}"))
+    show(response_lines(found, f"{title} of {exactly(options.amplitude)}"))
     if options.plot is not None:
         show([("plot", str(options.plot))])

@@ -9,6 +9,7 @@ import typer
 
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.numerals import exactly, rounded, rounded_limit
 
 if TYPE_CHECKING:
     from haptic_fieldbus.scenes.element import AnyElement
@@ -73,10 +74,10 @@ def check_scenes(
     as_json: JsonOption = False,
 ) -> None:
     """Check scenes, and list all faults of each file with line and key."""
-    from haptic_fieldbus.cli.checking import check
+    from haptic_fieldbus.cli.checking import check_files
     from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 
-    check(names or scene_names(), load_scene, as_json)
+    check_files(names or scene_names(), load_scene, as_json)
 
 
 def _recommended(scene: "Scene") -> Iterator[str]:
@@ -91,13 +92,14 @@ def _recommended(scene: "Scene") -> Iterator[str]:
             compiled = plan(scene, drive=path)
             # The advice is about the axis with the smallest margin; without any judgement, about the first.
             found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
-            if found is None or found.recommended is None:
-                yield (
-                    f"{name}: any stiffness" if found is not None and found.stiffness else f"{name}: no stiffness in it"
-                )
+            if found is None or found.stiffness is None:
+                yield f"{name}: no stiffness in it"
+            elif found.recommended is None:
+                yield f"{name}: any stiffness" if found.stiffness else f"{name}: no stiffness in it"
             else:
+                asked = f"asked {rounded_limit(found.stiffness)}"
                 unit = f"{space.effort_unit}/{space.length_unit}"
-                yield f"{name}: stiffness up to {found.recommended:.3g} {unit} (asked {found.stiffness:.3g})"
+                yield f"{name}: stiffness up to {rounded(found.recommended)} {unit} ({asked})"
 
 
 def _element_json(element: "AnyElement") -> Any:
@@ -125,4 +127,6 @@ def _shown(value: object) -> str:
     """Return a value as a scene file has it; a hyphen for None."""
     if value is None:
         return "-"
-    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return exactly(value)
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -32,11 +32,11 @@ def simulate(
     as_json: JsonOption = False,
 ) -> None:
     """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
-    from haptic_fieldbus.sim.canopen.hosting import HostRequest, check, host
+    from haptic_fieldbus.sim.canopen.hosting import HostRequest, host, resolve
     from haptic_fieldbus.sim.faults import load_faults
 
     known_faults = load_faults(faults) if faults is not None else ()
-    name, slots = check(HostRequest(drive or ["maxon_epos4"], bus, node, hand, known_faults, profiles))
+    name, slots = resolve(HostRequest(drive or ["maxon_epos4"], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
     with _until_asked_to_stop() as stopped:
         lost = host(name, slots, seed, _teller(name.text, as_json), stopped)

@@ -19,17 +19,14 @@ from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS, AxisImage
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.signals import LinkFlag, Signal
 
-Step = Callable[[], None]
+PeriodStep = Callable[[], None]
 Observe = Callable[[bytes | bytearray], None]
 
 FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 HALF_TURN_OF_INT32, INT32 = 0x8000_0000, 0xFFFF_FFFF
 """Half the range and the mask of the INT32 position actual value, which wraps around."""
-T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD, POSITION_COUNTS = range(6)
-"""Indices into the decoded feedback of an axis; further mapped signals follow.
-
-Index 5 holds the velocity reading when the drive offers no position.
-"""
+T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(2 + len(AXIS_HEADER_FIELDS))
+"""Indices into the decoded feedback of an axis; the mapped signals follow (`_place`)."""
 COMPUTED = ("position", "velocity", "force", "gain", "command")
 """Columns of a row that the axis computes; they follow the decoded ones."""
 
@@ -74,14 +71,11 @@ class AxisCycle:
 
     def begin(self) -> None:
         """Set the zero and the position of the handle, in the first rendered period."""
-        counts = self._feedback[POSITION_COUNTS]  # where the drive offers velocity only: its reading
-        zero = self._axis.rig.mechanism.zero
-        self.state.began_ns = self._feedback[T_NS]
+        self.state.began_ns, self.state.begun = self._feedback[T_NS], True
         if self._axis.integrates:
-            # There is no encoder count to begin at; any number in `zero_counts` makes `observe` follow from now on.
-            self._follow(self._feedback[T_NS], counts)
-            self.state.zero_counts = 0
+            self._follow(self._feedback[T_NS], self._feedback[self._place(Signal.VELOCITY)])
             return
+        counts, zero = self._feedback[self._place(Signal.POSITION)], self._axis.rig.mechanism.zero
         self.state.zero_counts = counts if zero == "start" else zero
         self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
 
@@ -116,6 +110,10 @@ class AxisCycle:
             self._owner.trip = Trip(kind, self._axis.name, self._feedback[T_NS], value, limit, detail)
             self._owner.enabled = False
 
+    def _place(self, signal: Signal) -> int:
+        """Where a mapped signal stands in the feedback."""
+        return STATUSWORD + [mapped.signal for mapped in self._axis.incoming].index(signal)
+
     def _bind_observe(self) -> Observe:
         """Return `observe` for a drive that offers its position: decode, check link and power state, counts → position.
 
@@ -129,7 +127,7 @@ class AxisCycle:
             self._power,
             self._check_motion,
         )
-        unit, mask = axis.position_unit, axis.power.mask
+        unit, mask, place = axis.position_unit, axis.power.mask, self._place(Signal.POSITION)
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
@@ -147,7 +145,7 @@ class AxisCycle:
                 power()
             zero = state.zero_counts
             if zero is not None:
-                counts = feedback[POSITION_COUNTS] - zero
+                counts = feedback[place] - zero
                 # The encoder may wrap around between zero and here; the difference modulo 2³² is still right.
                 if not -HALF_TURN_OF_INT32 <= counts < HALF_TURN_OF_INT32:
                     counts = (counts + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32
@@ -163,7 +161,7 @@ class AxisCycle:
         from haptic_fieldbus.cycle.tachometer import bind_follow  # a drive with a position does without it
 
         state, unpack, link, power = self.state, self._image.input.unpack_from, self._link, self._power
-        mask = self._axis.power.mask
+        mask, place = self._axis.power.mask, self._place(Signal.VELOCITY)
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
         bits_before = -1
 
@@ -176,8 +174,8 @@ class AxisCycle:
             if bits != bits_before:
                 bits_before = bits
                 power()
-            if state.zero_counts is not None:
-                follow(feedback[T_NS], feedback[POSITION_COUNTS])  # here the velocity reading
+            if state.begun:
+                follow(feedback[T_NS], feedback[place])  # here the velocity reading
 
         return observe
 
@@ -214,23 +212,23 @@ class AxisCycle:
             self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
         self._owner.update_enabled()
 
-    def _check_motion(self, here: float, way: float) -> None:
-        """Trip when the handle is too fast or outside its position limits; `way` [m or rad] is its last step.
+    def _check_motion(self, here: float, moved: float) -> None:
+        """Trip when the handle is too fast or outside its position limits; `moved` [m or rad] is its last step.
 
         After periods without feedback the permitted way is that of the whole gap.
         """
         limits = self._axis.limits
         largest_way = limits.speed * self._period + abs(self._axis.position_unit)
         lowest, highest = limits.position or (-math.inf, math.inf)
-        if way > largest_way * self.state.periods_apart:
-            self._trip(TripKind.SPEED, way / self._period, limits.speed)
+        if moved > largest_way * self.state.periods_apart:
+            self._trip(TripKind.SPEED, moved / self._period, limits.speed)
         if not lowest <= here <= highest:
             self._trip(TripKind.POSITION, here, lowest if here < lowest else highest)
 
-    def _bind_sense(self) -> Step | None:
+    def _bind_sense(self) -> PeriodStep | None:
         """Return the step that derives the signals needed beside position; None when the scene needs none."""
         needs, state, sensed = self._axis.needs, self.state, self.sensed
-        steps: list[Step] = []
+        steps: list[PeriodStep] = []
         if Signal.VELOCITY in needs and not self._axis.integrates:
             estimate = self._estimator()
 
@@ -246,9 +244,8 @@ class AxisCycle:
             steps.append(elapsed)
         if Signal.TORQUE_ACTUAL in needs:
             unit = self._axis.effort_unit * self._axis.rig.mechanism.sign
-            signals = [mapped.signal for mapped in self._axis.incoming]
             # Both lists are in the order of the cycle, in which the statusword is the first signal.
-            place = STATUSWORD + signals.index(Signal.TORQUE_ACTUAL)
+            place = self._place(Signal.TORQUE_ACTUAL)
 
             def torque() -> None:
                 sensed.torque_actual = self._feedback[place] * unit
@@ -272,7 +269,7 @@ class AxisCycle:
         estimate = bind(name, self._period, self._axis.resolution)
         return (lambda position: estimate(position, self._feedback[T_NS])) if is_timed(name) else estimate
 
-    def _bind_render(self) -> tuple[Step, Callable[[Field], None]]:
+    def _bind_render(self) -> tuple[PeriodStep, Callable[[Field], None]]:
         """Return `render` (position → force → permitted force → target torque), and a function that sets its field."""
         state, axis, trip = self.state, self._axis, self._trip
         field, limit = summed(self._fields), bind_limiter(axis.limits, self._period)

@@ -9,7 +9,7 @@ puts together the decoded, computed and sent values of the period; a run that is
 from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
-from haptic_fieldbus.cycle.laws import Pair, blended_pair
+from haptic_fieldbus.cycle.laws import PairField, blended_pair
 from haptic_fieldbus.cycle.safety import Trip
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS
@@ -160,7 +160,7 @@ class Cycle:
         self._render = steps[0] if len(steps) == 1 else _in_order(steps)
         self._render()
 
-    def _pair(self, element: CouplingElement, period: float) -> Pair:
+    def _pair(self, element: CouplingElement, period: float) -> PairField:
         """Return a fresh law of the coupling, which reads the signals of its two axes itself."""
         law = element.begin(period)
         read_first, read_second = (self._axes[name].reader(element.needs) for name in element.axes)

@@ -12,7 +12,7 @@ from haptic_fieldbus.signals import Signal
 
 Field = Callable[[float], float]
 """Position of the handle [m or rad] → force on it [N or N·m]; of one element or of a sum of elements."""
-Pair = Callable[[], tuple[float, float]]
+PairField = Callable[[], tuple[float, float]]
 """Forces of a coupling on its two axes [N or N·m], each in the workspace of its axis."""
 
 
@@ -97,7 +97,7 @@ def blended(before: Field, after: Field, periods: int) -> Field:
     return field
 
 
-def blended_pair(before: Pair, after: Pair, periods: int) -> Pair:
+def blended_pair(before: PairField, after: PairField, periods: int) -> PairField:
     """Return the same ramp for the two forces of a coupling."""
     done = 0
 

@@ -73,26 +73,26 @@ def bind_limiter(limits: EffortLimits, period: float) -> Callable[[float], float
     fade = 0.0
     before = 0.0
 
-    def limit(asked: float) -> float:
+    def limit(force: float) -> float:
         nonlocal before
         # The ordinary period. NaN fails every comparison, so it needs no test of its own here.
-        if fade >= 1.0 and -effort <= asked <= effort and -largest_change <= asked - before <= largest_change:
-            before = asked
-            return asked
-        return beyond(asked)
+        if fade >= 1.0 and -effort <= force <= effort and -largest_change <= force - before <= largest_change:
+            before = force
+            return force
+        return beyond(force)
 
-    def beyond(asked: float) -> float:
+    def beyond(force: float) -> float:
         nonlocal fade, before
-        if not math.isfinite(asked):
+        if not math.isfinite(force):
             return math.nan
         if fade < 1.0:  # counted in calls, because the limiter is called in enabled periods only
             fade = min(1.0, fade + growth)
-            asked *= fade
-        if not -effort <= asked <= effort:
-            asked = effort if asked > effort else -effort
-        if not -largest_change <= asked - before <= largest_change:
-            asked = before + (largest_change if asked > before else -largest_change)
-        before = asked
-        return asked
+            force *= fade
+        if not -effort <= force <= effort:
+            force = effort if force > effort else -effort
+        if not -largest_change <= force - before <= largest_change:
+            force = before + (largest_change if force > before else -largest_change)
+        before = force
+        return force
 
     return limit

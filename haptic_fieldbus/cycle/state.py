@@ -20,7 +20,9 @@ class AxisState:
     gain: float = 1.0
     """Factor on the permitted force; below 1 after more than one period without feedback."""
     zero_counts: int | None = None
-    """Encoder count at which the position is 0; None until the first rendered period."""
+    """Encoder count at which the position is 0; None before the first rendered period, and without an encoder."""
+    begun: bool = False
+    """Whether the first rendered period has passed."""
     began_ns: int = 0
     """Latch instant of the first rendered period."""
     position: float = 0.0

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
+from haptic_fieldbus.numerals import rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import LinkFlag
@@ -66,30 +67,35 @@ def _power(trip: Trip, axis: AxisPlan) -> str:
 
 def _feedback(trip: Trip, axis: AxisPlan) -> str:
     # The value of this trip is the age of the feedback [s].
-    return f"no feedback from node {axis.node}: the last is {trip.value * 1e3:.1f} ms old"
+    return f"no feedback from node {axis.node}: the last is {rounded(1e3 * trip.value)} ms old"
 
 
 def _not_finite(trip: Trip, axis: AxisPlan) -> str:
     return f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
 
 
+def _limit(trip: Trip) -> str:
+    """The limit that was exceeded."""
+    return "unknown" if trip.limit is None else rounded_limit(trip.limit)
+
+
 def _speed(trip: Trip, axis: AxisPlan) -> str:
     unit = axis.workspace.length_unit
-    return f"speed {trip.value:.3g} {unit}/s, the limit is {trip.limit:g} {unit}/s"
+    return f"speed {rounded(trip.value)} {unit}/s, the limit is {_limit(trip)} {unit}/s"
 
 
 def _position(trip: Trip, axis: AxisPlan) -> str:
     unit = axis.workspace.length_unit
-    return f"position {trip.value:.4g} {unit}, the limit is {trip.limit:g} {unit}"
+    return f"position {rounded_limit(trip.value)} {unit}, the limit is {_limit(trip)} {unit}"
 
 
 def _drift(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
     return (
-        f"the position may be off by {trip.value:.3g} {unit}, the limit is {trip.limit:.3g} {unit}: what is rounded "
-        f"off {axis.profile.title}'s velocity, its only feedback, in steps of {step:.3g} {unit}/s, adds up (to go on, "
-        f"start anew with the handle at its zero, or raise axis.{axis.name}.limits.drift)"
+        f"the position may be off by {rounded(trip.value)} {unit}, the limit is {_limit(trip)} {unit}: what is "
+        f"rounded off {axis.profile.title}'s velocity, its only feedback, in steps of {rounded(step)} {unit}/s, adds "
+        f"up (to go on, start anew with the handle at its zero, or raise axis.{axis.name}.limits.drift)"
     )
 
 

@@ -5,6 +5,8 @@ The schema is the JSON Schema that Pydantic makes of a dataclass; only the keywo
 
 from typing import Any
 
+from haptic_fieldbus.numerals import exactly
+
 Schema = dict[str, Any]
 KeyPath = tuple[str | int, ...]
 
@@ -110,7 +112,7 @@ def _describe_list(node: Schema, hexadecimal: bool) -> str:
 
 def _bounds(node: Schema, hexadecimal: bool) -> str:
     def shown(bound: float) -> str:
-        return f"0x{int(bound):X}" if hexadecimal and bound >= 0 else str(int(bound) if bound == int(bound) else bound)
+        return f"0x{int(bound):X}" if hexadecimal and bound >= 0 else exactly(bound) if bound % 1 else str(int(bound))
 
     low, high = node.get("minimum"), node.get("maximum")
     if low is not None and high is not None:

@@ -7,7 +7,7 @@ DefaultValue, PDOMapping, SubNumber, CompactSubObj) and, in a DCF, ParameterValu
 from collections.abc import Mapping
 
 from haptic_fieldbus.eds.lines import FileSection
-from haptic_fieldbus.eds.model import ACCESS_TYPES, EdsEntry, EdsObject, ObjectCode, Value
+from haptic_fieldbus.eds.model import ACCESS_TYPES, EdsEntry, EdsObject, EdsValue, ObjectCode
 from haptic_fieldbus.eds.types import EdsType
 from haptic_fieldbus.eds.values import value_of, whole_number
 from haptic_fieldbus.errors import Fault
@@ -66,9 +66,9 @@ class ObjectReader:
             for subindex, section in sorted(members.items())
         }
 
-    def _check_members(self, head: FileSection, found: EdsObject, count: int) -> None:
+    def _check_members(self, head: FileSection, described: EdsObject, count: int) -> None:
         """Note sub-indices of a simple variable, or a wrong number of them."""
-        if found.is_simple:
+        if described.is_simple:
             self._fault(head, "ObjectType", "a variable with sub-indices: they are read, it is taken as a record")
             return
         said = self._number(head, "SubNumber")
@@ -139,7 +139,7 @@ class ObjectReader:
         value = self._value(section, key, type) if type is None or type.is_integer or type.size else None
         return value if isinstance(value, int | float) else None
 
-    def _value(self, section: FileSection, key: str, type: EdsType | None) -> Value | None:
+    def _value(self, section: FileSection, key: str, type: EdsType | None) -> EdsValue | None:
         """Return a value of the type; None when it is missing, empty or not understood."""
         text = section.text(key)
         if not text:

@@ -56,7 +56,7 @@ def estimated(space: StateSpace, period: float, estimator: str | None) -> StateS
         raise UsageError("a scene that uses velocity needs an estimator")
     from haptic_fieldbus.numerics import estimators  # only scenes that use velocity need it
 
-    return estimated_by(estimators.judged(estimator, period), space)
+    return estimated_by(estimators.linear_form(estimator, period), space)
 
 
 def estimated_by(velocity: StateSpace, space: StateSpace) -> StateSpace:

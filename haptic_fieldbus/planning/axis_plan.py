@@ -127,7 +127,7 @@ def draft_axis(
     method: str | None,
     estimator: str | None,
 ) -> AxisPlan:
-    """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `judging`.
+    """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `verdicts`.
 
     Raises PlanError when the rig lacks the axis or a value that torque is scaled by, or when the drive cannot render
     the scene (SignalUnavailableError, ImageTooLargeError); SceneError when rig and scene differ in the workspace;
@@ -201,8 +201,8 @@ def _check_coupled(name: str, couplings: tuple[CouplingElement, ...], profile: D
         )
 
 
-def _estimator(asked: str | None, profile: DriveProfile) -> str:
-    return (asked or DEFAULT_ESTIMATOR) if _offers_position(profile) else TACHOMETER
+def _estimator(name: str | None, profile: DriveProfile) -> str:
+    return (name or DEFAULT_ESTIMATOR) if _offers_position(profile) else TACHOMETER
 
 
 def _offers_position(profile: DriveProfile) -> bool:

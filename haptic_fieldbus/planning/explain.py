@@ -6,6 +6,7 @@ Golden files keep this text for each scene, and for each profile.
 import math
 from collections.abc import Iterator
 
+from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 
@@ -34,7 +35,7 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
 
 
 def _axis(axis: AxisPlan) -> str:
-    effort = f"at most {axis.limits.effort:.3g} {axis.workspace.effort_unit}"
+    effort = f"at most {in_unit(axis.limits.effort, axis.workspace.effort_unit)}"
     return f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"
 
 
@@ -54,7 +55,7 @@ def delay_text(plan: Plan) -> str:
     """Return the delay budget in one line [ms]."""
     delay = plan.delay
     parts = ", ".join(
-        f"{name} {1e3 * part:.2f}"
+        f"{name} {rounded(1e3 * part)}"
         for name, part in (
             ("bus", delay.bus),
             ("compute", delay.compute),
@@ -63,7 +64,7 @@ def delay_text(plan: Plan) -> str:
         )
     )
     # 500·T is T/2 in ms.
-    return f"{1e3 * delay.total:.2f} ms: {parts}; the hold adds T/2 = {500 * plan.period:.2f}"
+    return f"{rounded(1e3 * delay.total)} ms: {parts}; the hold adds T/2 = {rounded(500 * plan.period)}"
 
 
 def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
@@ -78,10 +79,10 @@ def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
         return
     per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     limits = f"stable {_up_to(limit.stable)}, passive {_up_to(limit.passive)}"
-    yield "stability", f"{stability.verdict.value}: {stability.stiffness:g} {per} asked, {limits}"
+    yield "stability", f"{stability.verdict.value}: {rounded_limit(stability.stiffness)} {per} asked, {limits}"
     if stability.recommended is not None:
-        yield "", f"recommended up to {stability.recommended:.3g} {per}"
+        yield "", f"recommended up to {rounded(stability.recommended)} {per}"
 
 
 def _up_to(limit: float) -> str:
-    return f"to {limit:.4g}" if math.isfinite(limit) else "with no limit"
+    return f"to {rounded_limit(limit)}" if math.isfinite(limit) else "with no limit"

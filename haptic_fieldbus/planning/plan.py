@@ -104,7 +104,7 @@ class Plan:
         bench is unknown."""
         # A group without a stiffness has no margin; as an infinite one it is the weakest only for want of another.
         told = [
-            (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.told_by)
+            (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.reference_axis)
             for axis in self.axes
             if axis.stability is not None and axis.group is not None
         ]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.registry import DEFAULT_PROTOCOL, parse_bus, protocol_named
 
@@ -55,7 +56,7 @@ def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
             continue
         same = changes.setdefault(time, {})
         if key in same:
-            faults.append(f"--change {time:g}:{key}: given twice, as {same[key]} and {value}")
+            faults.append(f"--change {exactly(time)}:{key}: given twice, as {same[key]} and {value}")
         same[key] = value
     _raise(faults)
     return sorted(changes.items())
@@ -118,12 +119,12 @@ def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
     good_rate = 0.0 < rate <= MAXIMUM_RATE
     good_duration = math.isfinite(duration) and duration > 0.0
     checks = [
-        (good_rate, f"rate {rate:g}: expected a rate above 0 and up to {MAXIMUM_RATE:g} Hz"),
-        (good_duration, f"duration {duration:g}: expected a time above 0 s"),
+        (good_rate, f"rate {exactly(rate)}: expected a rate above 0 and up to {exactly(MAXIMUM_RATE)} Hz"),
+        (good_duration, f"duration {exactly(duration)}: expected a time above 0 s"),
         (
             # Only if both are good by themselves: one fault is not to be reported twice.
             not (good_rate and good_duration) or rate * duration >= 1.0,
-            f"duration {duration:g} s: less than one period at {rate:g} Hz",
+            f"duration {exactly(duration)} s: less than one period at {exactly(rate)} Hz",
         ),
         (seed >= 0, f"seed {seed}: expected a whole number from 0"),
     ]

@@ -8,8 +8,8 @@ from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.settings import Settled, settled
-from haptic_fieldbus.planning.task import SIMULATION, Rendering, Task
-from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.planning.task import Rendering, Task
+from haptic_fieldbus.protocols.bus_name import SIMULATION, BusName
 from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
 from haptic_fieldbus.protocols.folders import own_profile
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
@@ -64,22 +64,22 @@ def _with_own_profiles(rig: Rig, profiles: str | Path | None) -> Rig:
     )
 
 
-def check_rendering(asked: Rendering) -> None:
+def check_rendering(rendering: Rendering) -> None:
     """Check the names of method and estimator, even if the scene needs neither, and the elements of a ready-made scene.
 
     Raises UsageError for an unknown name, SceneError for an element that a scene file could not have.
     """
     # Imported only when named, because a scene that needs neither must not import them.
-    if asked.method is not None:
+    if rendering.method is not None:
         from haptic_fieldbus.numerics.integrators import method_named
 
-        method_named(asked.method)
-    if asked.estimator is not None:
+        method_named(rendering.method)
+    if rendering.estimator is not None:
         from haptic_fieldbus.numerics.estimators import chosen
 
-        chosen(asked.estimator)
-    if isinstance(asked.scene, Scene):
-        check_elements(asked.scene, 1.0 / asked.rate, asked.method)
+        chosen(rendering.estimator)
+    if isinstance(rendering.scene, Scene):
+        check_elements(rendering.scene, 1.0 / rendering.rate, rendering.method)
 
 
 def check_known(loaded: Loaded) -> None:

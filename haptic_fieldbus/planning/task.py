@@ -8,14 +8,12 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
 from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.planning.settings import Value
+from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.scene import Scene
 
 DEFAULT_DRIVE = "maxon_epos4"
 DEFAULT_RATE = 1000.0
 """[Hz]"""
-SIMULATION = "sim"
-"""Name of the simulated bus; without a bit rate each bus of the rig keeps its own."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,7 @@ class Rendering:
     _: KW_ONLY
     rate: float = DEFAULT_RATE
     """Periods a second [Hz]."""
-    settings: Mapping[str, Value] | None = None
+    settings: Mapping[str, Setting] | None = None
     """Parameters of the scene, such as {"wall.stiffness": 800.0}, "0.8 N/mm" or "max/2"."""
     method: str | None = None
     """Integrator of virtual states, by name."""

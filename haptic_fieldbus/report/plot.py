@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
 from haptic_fieldbus.assessing.result import Array, Result, Trace
+from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.report.words import key_figures
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
@@ -148,7 +149,7 @@ def _draw_error(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) 
         return
     times = trace.times * per_second
     at, felt = thin(times, FELT * np.abs(trace.ideal))
-    panel.fill_between(at, -felt, felt, color="#dcdcdc", linewidth=0, label=f"±{100 * FELT:.0f} %: a hand cannot tell")
+    panel.fill_between(at, -felt, felt, color="#dcdcdc", linewidth=0, label=f"±{percent(FELT)}: a hand cannot tell")
     _line(panel, times, trace.force - trace.ideal, VERMILION, 1.0, "rendered − ideal")
     panel.set_ylabel(f"error [{units.effort}]")
 

@@ -16,6 +16,7 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.trips import explained, moment, trip_error
 from haptic_fieldbus.errors import BusError, BusTimeoutError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.realtime import no_garbage_collection, threads_give_way
 
@@ -161,6 +162,6 @@ def _not_enabled(plan: Plan, cycle: Cycle) -> BusTimeoutError:
     """Return the error for drives that did not reach operation enabled, with the power state of each axis."""
     states = ", ".join(f"axis {axis.name} is in the state {cycle.power_state(axis.name).value}" for axis in plan.axes)
     return BusTimeoutError(
-        f"operation enabled was not reached within {_enabling_time(plan):g} s: {states}. Check safe torque off (STO), "
-        "the motor supply, and that no brake or enable input holds the drive back"
+        f"operation enabled was not reached within {exactly(_enabling_time(plan))} s: {states}. Check safe torque off "
+        "(STO), the motor supply, and that no brake or enable input holds the drive back"
     )

@@ -17,6 +17,7 @@ from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.numerals import exactly, percent
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
 from haptic_fieldbus.running.loop import run_loop
@@ -124,7 +125,7 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     serial = "" if facts.serial is None else f" (serial {facts.serial:#06x})"
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
-        f"at most {100 * share:.0f} % of rated torque, {axis.limits.speed:g} {axis.workspace.length_unit}/s; "
+        f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
         f"{facts.link_loss}, confirmed in the drive."
     )
 

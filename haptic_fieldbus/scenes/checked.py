@@ -12,6 +12,7 @@ from typing import Any
 
 from haptic_fieldbus.documents import Document, suggestion
 from haptic_fieldbus.errors import Fault, SceneError
+from haptic_fieldbus.numerals import rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.files import check_ratio
@@ -110,7 +111,7 @@ def _with_limit(fault: Fault, element: AnyElement | None, period: float, method:
     if least is None:
         limit = f"{name} renders no mass without growth"
     elif least:
-        limit = f"{name} renders it without growth from {least:.4g} up, at {1.0 / period:g} Hz"
+        limit = f"{name} renders it without growth from {rounded_limit(least)} up, at {rounded(1.0 / period)} Hz"
     else:
         limit = f"as it goes to 0 {name} stays bounded, and so does the force"
     return Fault(fault.key, f"{fault.message}; {limit}", fault.line)

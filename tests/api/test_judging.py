@@ -60,7 +60,7 @@ def test_of_several_axes_the_one_with_the_smallest_margin_is_told() -> None:
 
 def test_less_friction_means_less_stiffness() -> None:
     found = judge_scene(Inquiry("wall"))
-    less, all_of_it = found.group.weakened(0.7).told.stiffness_limit, found.stability.stiffness_limit
+    less, all_of_it = found.group.weakened(0.7).stability.stiffness_limit, found.stability.stiffness_limit
     assert less.quantisation == pytest.approx(0.7 * all_of_it.quantisation)  # type: ignore[operator]
     assert less.stable == pytest.approx(0.7 * all_of_it.stable, rel=0.02)  # type: ignore[operator]
 

@@ -23,7 +23,7 @@ from haptic_fieldbus.protocols.folders import (
     profile_names,
 )
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.hosting import HostRequest, check
+from haptic_fieldbus.sim.canopen.hosting import HostRequest, resolve
 from tests.cli.command import Command
 from tests.drive.test_profile_files import COMPLETE
 
@@ -94,7 +94,7 @@ class TestByName:
         assert haptic_fieldbus.plan("wall", named, profiles=given).axes[0].profile.name == "push1"
 
     def test_drives_are_hosted(self, given: Path | None) -> None:
-        _, slots = check(HostRequest(["push1@5", "maxon_epos4"], "virtual:own", profiles=given))
+        _, slots = resolve(HostRequest(["push1@5", "maxon_epos4"], "virtual:own", profiles=given))
         assert [(slot.profile.name, slot.axis.profile, slot.node) for slot in slots] == [
             ("push1", "push1", 5),
             ("maxon_epos4", "maxon_epos4", 1),

@@ -20,8 +20,8 @@ from haptic_fieldbus.numerics.estimators import (
     chosen,
     discrete,
     is_timed,
-    judged,
-    judged_as,
+    linear_form,
+    linear_stand_in,
 )
 from haptic_fieldbus.numerics.linear import StateSpace
 from tests.lanes import examples
@@ -182,17 +182,17 @@ STAND_INS = {
 @pytest.mark.parametrize("spec", [*NOT_LINEAR, "foaw-best-fit:window=1"])
 def test_what_is_no_linear_system_is_judged_as_one_and_says_so(spec: str) -> None:
     assert discrete(spec, PERIOD) is None
-    stand_in = judged_as(spec)
+    stand_in = linear_stand_in(spec)
     assert stand_in == STAND_INS.get(spec, "backward-difference")
     expected = discrete(stand_in, PERIOD)
     assert expected is not None
     for name in "abcd":
-        np.testing.assert_array_equal(getattr(judged(spec, PERIOD), name), getattr(expected, name))
+        np.testing.assert_array_equal(getattr(linear_form(spec, PERIOD), name), getattr(expected, name))
 
 
 def test_what_is_linear_is_judged_as_itself() -> None:
-    assert judged_as("low-pass") is None
-    assert judged("low-pass:order=3", PERIOD).order == 4
+    assert linear_stand_in("low-pass") is None
+    assert linear_form("low-pass:order=3", PERIOD).order == 4
 
 
 def test_parameters_are_read_with_and_without_spaces() -> None:
@@ -223,7 +223,7 @@ def test_a_band_that_is_not_given_is_one_encoder_count() -> None:
         ("filtered-derivative:mapping=tustin", r"mapping=tustin: expected one of forward, backward, .*, exact"),
         ("foaw-best-fit:band=-1", r"band=-1: expected a number from 0 m or rad up$"),
         ("foaw-best-fit:band=inf", r"band=inf: expected a number from 0 m or rad up$"),
-        ("levant:lipschitz=0", r"lipschitz=0: expected a number from 1e-06 to 1e\+09 m/s² or rad/s²$"),
+        ("levant:lipschitz=0", r"lipschitz=0: expected a number from 1e-6 to 1e9 m/s² or rad/s²$"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said_with_the_nearest_name_or_the_limits(spec: str, sentence: str) -> None:

@@ -12,6 +12,7 @@ import pytest
 import haptic_fieldbus
 from examples.own_element import HardeningSpring
 from haptic_fieldbus.errors import SceneError
+from haptic_fieldbus.numerals import rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.checked import check_elements
@@ -66,7 +67,7 @@ def test_no_mass_is_refused_with_the_smallest_one_of_its_method(method: str) -> 
         assert told == f"as it goes to 0 {method} stays bounded, and so does the force"
     elif limit:
         least = 200.0 * (PERIOD / limit) ** 2
-        assert told == f"{method} renders it without growth from {least:.4g} up, at 1000 Hz"
+        assert told == f"{method} renders it without growth from {rounded_limit(least)} up, at 1000 Hz"
     else:
         assert told == f"{method} renders no mass without growth"
 

@@ -12,7 +12,7 @@ FRAME_SUFFIXES = (".log", ".blf")
 EXTENDED_FLAG = 0x8000_0000
 REMOTE_FLAG = 0x4000_0000
 ERROR_FLAG = 0x2000_0000
-CAN_ID = 0x1FFF_FFFF
+CAN_ID_MASK = 0x1FFF_FFFF
 """Mask of the identifier; it and the three flags make up a CAN-ID as SocketCAN writes it (linux/can.h)."""
 BUFFER = 1 << 16
 """[octets]; the loop writes to the disk only when so many have gathered."""
@@ -66,8 +66,8 @@ class CandumpWriter:
 
 def _candump_frame(can_id: int, data: bytes | bytearray) -> str:
     if can_id & ERROR_FLAG:
-        return f"{can_id & (ERROR_FLAG | CAN_ID):08X}#{data.hex().upper()}"
-    name = f"{can_id & CAN_ID:08X}" if can_id & EXTENDED_FLAG else f"{can_id & CAN_ID:03X}"
+        return f"{can_id & (ERROR_FLAG | CAN_ID_MASK):08X}#{data.hex().upper()}"
+    name = f"{can_id & CAN_ID_MASK:08X}" if can_id & EXTENDED_FLAG else f"{can_id & CAN_ID_MASK:03X}"
     return f"{name}#R" if can_id & REMOTE_FLAG else f"{name}#{data.hex().upper()}"
 
 
@@ -94,7 +94,7 @@ class BlfWriter:
             Message(
                 timestamp=t_ns * 1e-9,
                 channel=channel,
-                arbitration_id=can_id & CAN_ID,
+                arbitration_id=can_id & CAN_ID_MASK,
                 is_extended_id=bool(can_id & EXTENDED_FLAG),
                 is_remote_frame=bool(can_id & REMOTE_FLAG),
                 is_error_frame=bool(can_id & ERROR_FLAG),

@@ -9,16 +9,13 @@ from collections.abc import Callable
 import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
-from haptic_fieldbus.buses.canopen.frames import FrameLog
+from haptic_fieldbus.buses.canopen.frames import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, FrameLog
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 
 Handler = Callable[[bytearray], None]
 
-EXTENDED_FLAG = 0x8000_0000
-REMOTE_FLAG = 0x4000_0000
-ERROR_FLAG = 0x2000_0000
 BUS_OFF_ERROR = 0x040
 """Bit in the identifier of an error frame (linux/can/error.h, CAN_ERR_BUSOFF)."""
 

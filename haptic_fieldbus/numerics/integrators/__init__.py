@@ -11,8 +11,9 @@ the sampled loop with a hand (`margins`). A method that preserves energy does no
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.integrators import one_step, staggered
-from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, check
+from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, check_system
 from haptic_fieldbus.numerics.integrators.stepping import Step, bind_general, bind_pair
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 
@@ -68,13 +69,13 @@ def discretise(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -
     for an implicit method whose equation has no solution at this period.
     """
     chosen = method_named(method)
-    check(space, period)
+    check_system(space, period)
     try:
         return chosen.discretise(space, period)
     except np.linalg.LinAlgError as error:
         raise UsageError(
-            f"{method} has no step of {period:g} s for these virtual states: one of their modes grows too fast for its "
-            "implicit equation; a shorter period has one"
+            f"{method} has no step of {exactly(period)} s for these virtual states: one of their modes grows too fast "
+            "for its implicit equation; a shorter period has one"
         ) from error
 
 

@@ -11,7 +11,7 @@ from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.bus_name import SIMULATION, BusName
 
 DEFAULT_BITRATE = 1_000_000
 """Bit rate that is assumed when none is given [bit/s]."""
@@ -31,8 +31,6 @@ CAN_INTERFACES = (
     "pcan", "robotell", "seeedstudio", "serial", "slcan", "socketcan", "socketcand", "systec", "udp_multicast",
     "usb2can", "vector", "virtual",
 )  # fmt: skip
-SIMULATION = "sim"
-"""Name of the simulated bus; without a bit rate it takes that of the bus which it replaces in a rig."""
 LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 """Usual name of a CAN interface under Linux, which users write without `socketcan:`."""
 

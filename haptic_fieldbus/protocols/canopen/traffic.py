@@ -11,6 +11,7 @@ from functools import cached_property
 
 from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.errors import BusOverloadError
+from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, Direction, Pdo, worst_case_bits
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
@@ -190,11 +191,12 @@ class CanTraffic:
             return
         rate, load, lower = self.rate, self.load, self._fitting_rate()
         subject = f"bus {bus}: " if bus else ""
-        fits = "No rate would fit" if lower is None else f"Would fit: --rate {lower:g}"
+        fits = "No rate would fit" if lower is None else f"Would fit: --rate {exactly(lower)}"
         raise BusOverloadError(
-            f"{subject}{rate:g} Hz needs {self.period_bits} bits a period: {100 * load:.0f} % of {self.bitrate} "
-            f"bit/s, and {self.shortest_period * 1e3:.2f} ms for SYNC, TPDOs, {COMPUTE_NS / 1e3:.0f} µs of computing "
-            f"and RPDOs. At most {100 * LARGEST_BUS_LOAD:.0f} % and one period are allowed. {fits}"
+            f"{subject}{exactly(rate)} Hz needs {self.period_bits} bits a period: {percent(load)} of "
+            f"{self.bitrate} bit/s, and {rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, "
+            f"{COMPUTE_NS // 1000} µs of computing and RPDOs. At most {percent(LARGEST_BUS_LOAD)} and one period are "
+            f"allowed. {fits}"
         )
 
     @property
@@ -232,11 +234,11 @@ class CanTraffic:
     def speed(self) -> str:
         """Bit rate in words."""
         fast = self.bitrate >= 1_000_000
-        return f"{self.bitrate / 1e6:g} Mbit/s" if fast else f"{self.bitrate / 1e3:g} kbit/s"
+        return f"{exactly(self.bitrate / 1e6)} Mbit/s" if fast else f"{exactly(self.bitrate / 1e3)} kbit/s"
 
     def line(self) -> str:
         """Return rate, bit rate and load in words."""
-        return f"{self.rate:g} Hz at {self.bitrate / 1e6:g} Mbit/s, load {100 * self.load:.1f} % (worst case)"
+        return f"{exactly(self.rate)} Hz at {self.speed}, load {percent(self.load)} (worst case)"
 
     @cached_property
     def _bits_in(self) -> int:

@@ -87,7 +87,7 @@ def host(
         can_bus.shutdown()
 
 
-def check(request: HostRequest) -> tuple[BusName, list[Slot]]:
+def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
     """Return the bus of a request and the slots to put on it.
 
     Raises one UsageError that lists all faults of the request, or ProfileError or EdsError for a bad profile file.

@@ -11,7 +11,7 @@ from functools import partial
 from random import Random
 
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.canopen.injection import Line, inject, install
+from haptic_fieldbus.sim.canopen.injection import Line, inject, install_fault
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.link.wire import Port
 from haptic_fieldbus.sim.canopen.slave import Slave
@@ -50,7 +50,7 @@ class Rack:
         timed: list[TimedFault] = []
         for fault in faults_of(slot.faults, slot.node):
             if isinstance(fault, LastingFault):
-                install(fault, slave)
+                install_fault(fault, slave)
             else:
                 timed.append(fault)
         # The time of a fault counts from the drive's first *operation enabled*, which is not known yet.

@@ -84,7 +84,7 @@ def torque(cycle: Feeder, counts: int = 0, flags: int = 0, t_ns: int = 0) -> int
     return int(cycle.plan.image.output.unpack(feed(cycle, counts, flags, t_ns))[-1])
 
 
-def running(plan: Plan, counts: int = 0, t_ns: int = 0) -> Feeder:
+def running_feeder(plan: Plan, counts: int = 0, t_ns: int = 0) -> Feeder:
     """Return a cycle that has been in operation enabled, at rest, until force is faded in."""
     cycle = Feeder(plan)
     for _ in range(FADED_IN):

@@ -47,7 +47,7 @@ def images(plan: Plan, count: int = IMAGES) -> list[tuple[bytes]]:
     return [(_image(plan, 1.0, swing, number),) for number, swing in enumerate(swings)]
 
 
-def _image(plan: Plan, way: float, swing: float, number: int) -> bytes:
+def _image(plan: Plan, travel: float, swing: float, number: int) -> bytes:
     """Return the image of period `number`: `way` is the share of the way to the place, `swing` the share of a swing."""
     known = {"t_ns": number * plan.period_ns}
     for axis in plan.axes:
@@ -55,12 +55,12 @@ def _image(plan: Plan, way: float, swing: float, number: int) -> bytes:
         known |= {
             f"{axis.name}.age_ns": 100_000,
             f"{axis.name}.statusword": ENABLED,
-            f"{axis.name}.position counts": round((middle * way + amplitude * swing) / axis.position_unit),
+            f"{axis.name}.position counts": round((middle * travel + amplitude * swing) / axis.position_unit),
         }
     return plan.image.input.pack(*(known.get(name, 0) for name in decoded_columns(plan)))
 
 
-def running(plan: Plan) -> Cycle:
+def running_cycle(plan: Plan) -> Cycle:
     """Return a cycle in operation enabled, after the fade-in, whose handles are at their places."""
     cycle = Cycle(plan)
     # The zero is where the handle is first, and a jump would trip: the handle is led there over many periods.
@@ -85,7 +85,7 @@ def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[Optiona
 def _period(plan: Plan) -> tuple[float, Spread]:
     """Return the shortest mean time of a whole period [ns], and the distribution of single periods."""
     given = images(plan)
-    cycle = running(plan)
+    cycle = running_cycle(plan)
     cost = ns_per_call(cycle, [image for (image,) in given])
     return cost, spread(cycle, given * 10)
 

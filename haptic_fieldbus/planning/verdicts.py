@@ -10,7 +10,7 @@ from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, AxisPlan
 from haptic_fieldbus.protocols.traffic import Delay
 
 
-def delayed(draft: AxisPlan, delay: Delay, period: float) -> AxisPlan:
+def with_delay(draft: AxisPlan, delay: Delay, period: float) -> AxisPlan:
     """Return the axis with its delay, and with its plant as the loop samples it; `period` in s."""
     return replace(draft, delay=delay, plant=_seen(draft, period))
 
@@ -23,14 +23,14 @@ def _seen(axis: AxisPlan, period: float) -> Plant | None:
     return replace(axis.plant, resolution=abs(axis.velocity_unit) * period, tachometer=True)
 
 
-def judged(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
+def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
     """Return the axes with the verdicts on their groups; an axis has none when a bench in its group is unknown.
 
     Raises UsageError for a stiffness, method or estimator that cannot be judged.
     """
     found = {axis.name: axis for axis in axes}
     for each in grouped(axes, period):
-        for name, verdict in each.judged().items():
+        for name, verdict in each.stabilities().items():
             found[name] = replace(found[name], stability=verdict, group=each)
     return tuple(found.values())
 
