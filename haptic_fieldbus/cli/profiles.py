@@ -30,7 +30,7 @@ IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", 
 @app.command("list")
 def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) -> None:
     """List the shipped profiles and your own. One that is broken is told of, and the others are listed."""
-    from haptic_fieldbus.cli.checking import faults_told, faults_to_json
+    from haptic_fieldbus.cli.checking import faults_to_json, faults_told
     from haptic_fieldbus.protocols.catalogue import profile_summaries
 
     found = profile_summaries(profiles)
