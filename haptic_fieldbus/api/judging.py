@@ -4,18 +4,17 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, Stability, stiffness_limit
 from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.sampled import TACHOMETER
-from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering, select
 from haptic_fieldbus.planning.settings import settled
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.protocols.bus_name import SIMULATION
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -91,7 +90,7 @@ class Judgement:
 
 def judge_scene(inquiry: Inquiry) -> Judgement:
     """Judge the scene on its bench, or on the device if one is given; raises DocumentError, UsageError or PlanError."""
-    check_request(bus=inquiry.bus or SIMULATION, node=inquiry.node, rate=inquiry.rate)
+    check_request(bus=inquiry.bus or DEFAULT_BUS, node=inquiry.node, rate=inquiry.rate)
     if inquiry.device is not None:
         return _on_device(inquiry, inquiry.device)
     plan = select(inquiry).plan

@@ -17,10 +17,16 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.api.arguments import arguments_of
 from haptic_fieldbus.cycle.laws import law_of
+from haptic_fieldbus.defaults import (
+    DEFAULT_AMPLITUDE,
+    DEFAULT_ESTIMATOR,
+    DEFAULT_METHOD,
+    DEFAULT_MOTION,
+    DEFAULT_MOTION_DURATION,
+)
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering
 from haptic_fieldbus.planning.settings import parsed, with_settings
@@ -31,7 +37,6 @@ from haptic_fieldbus.signals import Signal, Workspace
 
 Array = NDArray[np.float64]
 
-DEFAULT_DURATION = 1.0
 INPUT_FORMS = "step, ramp, sine@HZ or FILE.csv with the columns time and position"
 STATE_NAMES = ("position", "velocity")
 """Names of the first two virtual states; further states are numbered."""
@@ -41,9 +46,9 @@ STATE_NAMES = ("position", "velocity")
 class OpenLoop(Rendering):
     """A scene without a bench, and the prescribed motion of the puck."""
 
-    input: str | Path = "step"
+    input: str | Path = DEFAULT_MOTION
     """The motion: step, ramp, sine@HZ, or a file with the columns time and position."""
-    amplitude: float = 1.0
+    amplitude: float = DEFAULT_AMPLITUDE
     """Size of the motion [m or rad]; the positions of a file are multiplied by it."""
     duration: float | None = None
     """Duration [s]; None is that of the file, or one second."""
@@ -83,7 +88,7 @@ class PrescribedMotion:
 
     rest: float
     at: Callable[[Array], Array]
-    duration: float = DEFAULT_DURATION
+    duration: float = DEFAULT_MOTION_DURATION
 
 
 @dataclass
@@ -104,7 +109,7 @@ def response(task: OpenLoop) -> Response:
     DocumentError or UsageError.
     """
     duration, method = task.duration, task.method or DEFAULT_METHOD
-    check_request(rate=task.rate, duration=DEFAULT_DURATION if duration is None else duration)
+    check_request(rate=task.rate, duration=DEFAULT_MOTION_DURATION if duration is None else duration)
     check_rendering(task)
     motion = motion_of(task.input, task.amplitude)
     period = round(1e9 / task.rate) * 1e-9

@@ -11,6 +11,7 @@ from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.buses.access import BusAccess
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
+from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import BusPlan, Plan
@@ -33,7 +34,7 @@ class Conditions:
     """The conditions on a simulated bench; `seed` determines all random numbers."""
 
     hand: Hand | None = None
-    seed: int = 0
+    seed: int = DEFAULT_SEED
     faults: tuple[Fault, ...] = ()
 
 

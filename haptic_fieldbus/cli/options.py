@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Annotated, ParamSpec, TypeVar
 
 import typer
 
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
     from haptic_fieldbus.planning.task import Rendering
@@ -30,9 +32,16 @@ SHOWN = (
 """Options that the help lists first, in this order; others follow in the order of their dataclass."""
 
 
-def option(metavar: str | None, text: str, panel: str | None = None, *names: str) -> object:
-    """Return an option with its help text, in a panel of the help; without `names` it has the name of its field."""
-    return typer.Option(*names, metavar=metavar, help=text, rich_help_panel=panel)
+HANDS = "push, tap, sine, guide, release or none."
+"""Names of the simulated hands, for the help."""
+
+
+def option(
+    metavar: str | None, text: str, panel: str | None = None, *names: str, default: float | str | None = None
+) -> object:
+    """Return an option whose help text ends with the default; without `names` it has the name of its field."""
+    told = "" if default is None else rf" \[default: {exactly(default) if isinstance(default, float) else default}]"
+    return typer.Option(*names, metavar=metavar, help=text + told, rich_help_panel=panel, show_default=False)
 
 
 JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
@@ -49,7 +58,7 @@ class SceneOptions:
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
     ]
-    rate: Annotated[float, option("HZ", r"Periods a second. \[default: 1000]", RENDERING)] = 1000.0
+    rate: Annotated[float, option("HZ", "Periods a second.", RENDERING, default=DEFAULT_RATE)] = DEFAULT_RATE
     settings: Annotated[
         list[str] | None,
         option("ELEMENT.PARAMETER=VALUE", "Change the scene; may be repeated.", RENDERING, "--set"),
@@ -75,14 +84,14 @@ class SceneOptions:
 class BenchOptions(SceneOptions):
     """Options of a scene on a bench."""
 
-    drive: Annotated[
-        str | None, option("PROFILE", r"Drive profile by name or path. \[default: maxon_epos4]", BENCH)
-    ] = None
+    drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DEFAULT_DRIVE)] = (
+        None
+    )
     bus: Annotated[
         str | None,
-        option("BUS", r"sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0. \[default: sim]", BENCH),
+        option("BUS", "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0.", BENCH, default=DEFAULT_BUS),
     ] = None
-    node: Annotated[int | None, option("ID", r"Node-ID of the first axis. \[default: 1]", BENCH)] = None
+    node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
     profiles: ProfilesOption = None
 

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptic_fieldbus.cli.checking import check_files, faults_to_json, faults_told
 from haptic_fieldbus.cli.options import JsonOption, ProfilesOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.errors import EdsError, UsageError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
@@ -30,7 +32,6 @@ IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", 
 @app.command("list")
 def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) -> None:
     """List the shipped profiles and your own. One that is broken is told of, and the others are listed."""
-    from haptic_fieldbus.cli.checking import faults_to_json, faults_told
     from haptic_fieldbus.protocols.catalogue import profile_summaries
 
     found = profile_summaries(profiles)
@@ -99,7 +100,6 @@ def check_profiles(
     as_json: JsonOption = False,
 ) -> None:
     """Check profiles or vendors' EDS files, and list all faults of each with line and key."""
-    from haptic_fieldbus.cli.checking import check_files
     from haptic_fieldbus.protocols.folders import known_names
 
     known = known_names(profiles)
@@ -111,7 +111,6 @@ def _check_profile(profiles: str | None, name: str) -> None:
 
     A profile can be made from an EDS with faults in parts that it does not need. Here all faults of an EDS count.
     """
-    from haptic_fieldbus.errors import EdsError
     from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
     from haptic_fieldbus.protocols.catalogue import load_profile
 
@@ -123,7 +122,6 @@ def _check_profile(profiles: str | None, name: str) -> None:
 def _write_eds(profile: "DriveProfile", path: Path) -> None:
     """Write the EDS of the profile's simulated drive; raises UsageError when the file cannot be written."""
     from haptic_fieldbus.eds import eds_text
-    from haptic_fieldbus.errors import UsageError
     from haptic_fieldbus.sim.canopen.sheet import sheet
 
     now = datetime.now().astimezone()

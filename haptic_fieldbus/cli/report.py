@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptic_fieldbus.cli.options import JsonOption
+from haptic_fieldbus.cli.options import JsonOption, option
 from haptic_fieldbus.cli.screen import console, plain, print_json, show
+from haptic_fieldbus.defaults import DEFAULT_REPORT
 from haptic_fieldbus.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,9 +21,9 @@ LABEL_WIDTH = 44
 
 
 def report(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for index.html, figures and report.json.")] = Path(
-        "report"
-    ),
+    out: Annotated[
+        Path, option("DIR", "Folder for index.html, figures and report.json.", default=DEFAULT_REPORT)
+    ] = Path(DEFAULT_REPORT),
     quick: Annotated[bool, typer.Option("--quick", help="Under a minute: fewer steps, shorter runs.")] = False,
     only: Annotated[str | None, typer.Option(metavar="NAME", help="One section, problem or case by its name.")] = None,
     as_json: JsonOption = False,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptic_fieldbus.cli.options import (
+    HANDS,
     OUTPUT,
     RENDERING,
     SIMULATION,
@@ -20,6 +21,7 @@ from haptic_fieldbus.cli.options import (
 )
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
+from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 
 if TYPE_CHECKING:
@@ -31,7 +33,9 @@ if TYPE_CHECKING:
 class RunOptions(BenchOptions):
     """Further options of `run`."""
 
-    duration: Annotated[float, option("S", r"Time from enabling on. \[default: 10]", RENDERING)] = 10.0
+    duration: Annotated[float, option("S", "Time from enabling on.", RENDERING, default=DEFAULT_DURATION)] = (
+        DEFAULT_DURATION
+    )
     change: Annotated[
         list[str] | None,
         option(
@@ -43,9 +47,9 @@ class RunOptions(BenchOptions):
     force: Annotated[bool, option(None, "Go on although the loop would be unstable.", RENDERING, "--force")] = False
     hand: Annotated[
         str | None,
-        option("NAME", r"push, tap, sine, guide, release or none. \[default: that of the scene, or push]", SIMULATION),
+        option("NAME", HANDS, SIMULATION, default=f"that of the scene, or {DEFAULT_HAND}"),
     ] = None
-    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION)] = 0
+    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
     faults: Annotated[Path | None, option("FILE", "Faults of drive and link.", SIMULATION)] = None
     record: Annotated[Path | None, option("PATH", "Frames as .log (candump) or .blf, rows as .csv.", OUTPUT)] = None
     plot: PlotOption = None

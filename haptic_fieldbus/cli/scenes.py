@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from haptic_fieldbus.cli.checking import check_files
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
 from haptic_fieldbus.numerals import exactly, rounded, rounded_limit
@@ -74,7 +75,6 @@ def check_scenes(
     as_json: JsonOption = False,
 ) -> None:
     """Check scenes, and list all faults of each file with line and key."""
-    from haptic_fieldbus.cli.checking import check_files
     from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 
     check_files(names or scene_names(), load_scene, as_json)

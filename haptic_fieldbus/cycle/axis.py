@@ -13,6 +13,7 @@ from typing import Protocol
 from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind, bind_limiter, hold_gain
 from haptic_fieldbus.cycle.state import AxisState, Sensed
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS, AxisImage
@@ -263,7 +264,7 @@ class AxisCycle:
     def _estimator(self) -> Callable[[float], float]:
         """Return a fresh velocity estimator: position [m or rad] → velocity [m/s or rad/s]."""
         # Imported here, because a scene without velocity needs no estimator.
-        from haptic_fieldbus.numerics.estimators import DEFAULT_ESTIMATOR, bind, is_timed
+        from haptic_fieldbus.numerics.estimators import bind, is_timed
 
         name = self._axis.estimator or DEFAULT_ESTIMATOR
         estimate = bind(name, self._period, self._axis.resolution)

@@ -7,6 +7,7 @@ field, without a wrapper. Other signals are derived once a period, before any fi
 from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.state import Sensed
+from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, Law, MemoryElement, StaticElement
 from haptic_fieldbus.signals import Signal
 
@@ -23,7 +24,7 @@ def law_of(element: AnyElement, period: float, method: str | None = None) -> Law
     """
     if isinstance(element, DynamicElement):
         # Imported here, because only virtual states need an integrator.
-        from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, bind
+        from haptic_fieldbus.numerics.integrators import bind
 
         return bind(element.dynamics, period, method or DEFAULT_METHOD)
     if isinstance(element, MemoryElement):

@@ -12,7 +12,7 @@ from haptic_fieldbus.eds.types import EdsType
 from haptic_fieldbus.eds.values import value_of, whole_number
 from haptic_fieldbus.errors import Fault
 
-DEFAULT_ACCESS = "ro"
+ACCESS_WHEN_MISSING = "ro"
 """Access of an entry that gives none: read-only does no harm."""
 _TYPES = {type.value: type for type in EdsType}
 
@@ -82,7 +82,7 @@ class ObjectReader:
         # The object's own section describes all of its elements.
         pattern = self.entry(head, 1)
         length = EdsEntry(
-            self._index, 0, "Number of entries", EdsType.UNSIGNED8, DEFAULT_ACCESS, default=count, line=head.line
+            self._index, 0, "Number of entries", EdsType.UNSIGNED8, ACCESS_WHEN_MISSING, default=count, line=head.line
         )
         entries = {0: length}
         for subindex in range(1, count + 1):
@@ -132,7 +132,7 @@ class ObjectReader:
         if type is not EdsType.DOMAIN or access:
             found = f'"{access}"' if access else "missing"
             self._fault(section, "AccessType", f"{found}, expected one of {', '.join(ACCESS_TYPES)}: taken as ro")
-        return DEFAULT_ACCESS
+        return ACCESS_WHEN_MISSING
 
     def _limit(self, section: FileSection, key: str, type: EdsType | None) -> int | float | None:
         """Return a limit; None for texts and octets, which have none."""

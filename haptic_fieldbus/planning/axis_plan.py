@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.drive.rig import Rig, RigAxis
@@ -42,8 +43,6 @@ PROVIDERS = {
 A velocity estimated from position has known dynamics, while the filter behind the drive's own velocity is unknown. A
 position integrated from velocity drifts.
 """
-DEFAULT_ESTIMATOR = "backward-difference"
-DEFAULT_METHOD = "exact-foh"
 """Both names stand here instead of being imported from `numerics`, because a scene that needs neither an estimator nor
 an integrator must not import one. A test compares them with the originals.
 """

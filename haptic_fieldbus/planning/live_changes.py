@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins.linear import ROUNDING
+from haptic_fieldbus.margins.transition import SHARES, mixed
 from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.compile import compile_plan
@@ -101,8 +102,6 @@ def _beyond(running: Plan, plan: Plan) -> Iterator[str]:
 
 def _check_transition(before: Plan, after: Plan) -> None:
     """Raise UnstableSceneError when a mix of two stable sets of elements, old and new, is unstable."""
-    from haptic_fieldbus.margins.transition import SHARES, mixed
-
     changing = {new.name for old, new in zip(before.axes, after.axes, strict=True) if _forces(old) != _forces(new)}
     for share in SHARES:
         axes = [

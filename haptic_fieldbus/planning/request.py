@@ -8,11 +8,19 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from haptic_fieldbus.defaults import (
+    DEFAULT_BUS,
+    DEFAULT_DURATION,
+    DEFAULT_NODE,
+    DEFAULT_PROTOCOL,
+    DEFAULT_RATE,
+    DEFAULT_SEED,
+)
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.bus_name import BusName
-from haptic_fieldbus.protocols.registry import DEFAULT_PROTOCOL, parse_bus, protocol_named
+from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 
 MAXIMUM_RATE = 100_000.0
 """Highest rate accepted [Hz]: far above the rate of any bus here, and low enough for the clock to resolve a period."""
@@ -82,11 +90,11 @@ class Choice:
 
 def check_request(
     *,
-    bus: str = "sim",
-    node: int = 1,
-    rate: float = 1000.0,
-    duration: float = 10.0,
-    seed: int = 0,
+    bus: str = DEFAULT_BUS,
+    node: int = DEFAULT_NODE,
+    rate: float = DEFAULT_RATE,
+    duration: float = DEFAULT_DURATION,
+    seed: int = DEFAULT_SEED,
     choices: Sequence[Choice] = (),
     record: Path | None = None,
     plot: Path | None = None,

@@ -3,13 +3,14 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from haptic_fieldbus.drive.rig import BusSection, LinearMechanism, Rig, RigAxis, RotaryMechanism, default_axis
+from haptic_fieldbus.defaults import DEFAULT_BUS
+from haptic_fieldbus.drive.rig import COUNTS_PER_REVOLUTION, BusSection, Rig, RigAxis, default_axis, shipped_mechanism
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.settings import Settled, settled
 from haptic_fieldbus.planning.task import Rendering, Task
-from haptic_fieldbus.protocols.bus_name import SIMULATION, BusName
+from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
 from haptic_fieldbus.protocols.folders import own_profile
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
@@ -48,7 +49,7 @@ def load(task: Task) -> Loaded:
     check_rendering(task)
     rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig
     # A bus that is named replaces the buses of the rig; without either it is the simulation.
-    bus = parse_bus(task.bus or SIMULATION) if rig is None or task.bus is not None else _bus_of(rig)
+    bus = parse_bus(task.bus or DEFAULT_BUS) if rig is None or task.bus is not None else _bus_of(rig)
     if rig is not None and task.bus is not None:
         rig = _on_bus(rig, bus)
     scene = settled(task.scene, task.settings)
@@ -173,5 +174,4 @@ def _shipped_bench(scene: Scene, drive: str, bus: BusName, node: int) -> Rig:
 
 def _unknown_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
     """Return an axis of a real bench that no rig file describes, with the mechanism of the shipped bench."""
-    mechanism = LinearMechanism("linear", 0.05) if workspace is Workspace.LINEAR else RotaryMechanism("rotary")
-    return RigAxis(bus, node, profile, mechanism, encoder_counts_per_revolution=4096)
+    return RigAxis(bus, node, profile, shipped_mechanism(workspace), COUNTS_PER_REVOLUTION)

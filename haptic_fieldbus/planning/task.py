@@ -7,13 +7,10 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
+from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.scene import Scene
-
-DEFAULT_DRIVE = "maxon_epos4"
-DEFAULT_RATE = 1000.0
-"""[Hz]"""
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ class Task(Rendering):
     """Profile of the shipped bench, by name or path."""
     bus: str | None = None
     """sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE]; None is the simulation, or the buses of the rig."""
-    node: int = 1
+    node: int = DEFAULT_NODE
     """Node-ID of the first axis of the shipped bench; the others count from it."""
     profiles: str | Path | None = None
     """Folder of one's own profiles, beside the shipped ones; None is HAPTIC_FIELDBUS_PROFILES of the environment."""

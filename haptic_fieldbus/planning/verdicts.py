@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.numerics.sampled import TACHOMETER
-from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, AxisPlan
+from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.traffic import Delay
 
 

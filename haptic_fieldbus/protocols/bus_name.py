@@ -4,9 +4,6 @@ from dataclasses import dataclass
 
 from haptic_fieldbus.drive.rig import BusSection
 
-SIMULATION = "sim"
-"""The simulated bus without a bit rate: it has that of each bus of the rig in whose place it stands."""
-
 
 @dataclass(frozen=True)
 class BusName:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from haptic_fieldbus.defaults import DEFAULT_PROTOCOL
 from haptic_fieldbus.documents import (
     Document,
     KeyPath,
@@ -28,7 +29,6 @@ from haptic_fieldbus.protocols.folders import profile_names as profile_names
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import (
     BUILT_IN,
-    DEFAULT_PROTOCOL,
     UNBUILT,
     protocol_named,
     protocol_names,

@@ -38,13 +38,13 @@ class OwnElement:
     fault: str | None
 
 
-def added() -> dict[str, tuple[EntryPoint, ...]]:
+def own_entry_points() -> dict[str, tuple[EntryPoint, ...]]:
     """Return the entry points of the group by their kind, several where packages disagree; nothing is imported."""
-    return _added(tuple(sys.path))
+    return _entry_points_on(tuple(sys.path))
 
 
 @cache  # a scene asks several times for each of its elements
-def _added(path: tuple[str, ...]) -> dict[str, tuple[EntryPoint, ...]]:
+def _entry_points_on(path: tuple[str, ...]) -> dict[str, tuple[EntryPoint, ...]]:
     found: dict[str, dict[tuple[str, str], EntryPoint]] = {}
     for entry in entry_points(group=GROUP):
         found.setdefault(entry.name, {})[_package(entry), entry.value] = entry
@@ -53,7 +53,7 @@ def _added(path: tuple[str, ...]) -> dict[str, tuple[EntryPoint, ...]]:
 
 def own_type(kind: str) -> type[AnyElement]:
     """Import the class of a kind; KeyError for an unknown one, UsageError that names package, entry point and fault."""
-    entries = added()[kind]
+    entries = own_entry_points()[kind]
     if not _KIND.fullmatch(kind):
         found, faults = None, ["its name is no kind; expected a letter, then letters, digits, _, - or ."]
     elif len(entries) > 1:
@@ -67,17 +67,17 @@ def own_type(kind: str) -> type[AnyElement]:
 
 def own_kind(element: type[AnyElement]) -> str | None:
     """Return the kind of a class that has been imported; None where no entry point names it."""
-    return next((kind for kind, entries in added().items() if _present(entries[0]) is element), None)
+    return next((kind for kind, entries in own_entry_points().items() if _present(entries[0]) is element), None)
 
 
 def described(taken: Container[str]) -> list[OwnElement]:
     """Describe every element of the group, in the order of their kinds; a kind in `taken` is a shipped one."""
-    return [_described(kind, taken) for kind in sorted(added())]
+    return [_described(kind, taken) for kind in sorted(own_entry_points())]
 
 
 def _described(kind: str, taken: Container[str]) -> OwnElement:
     """Describe one kind, and import its class unless its name is taken."""
-    entries, fault = added()[kind], None
+    entries, fault = own_entry_points()[kind], None
     if kind in taken:
         fault = f'element "{kind}" of {_places(entries)}: a shipped element has this name, and scenes get that one'
     else:

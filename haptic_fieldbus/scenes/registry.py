@@ -61,9 +61,9 @@ def element_type(kind: str) -> type[AnyElement]:
 
 def kind_names() -> list[str]:
     """Return every kind that a scene file can name, without importing any; a shipped kind comes before its namesake."""
-    from haptic_fieldbus.scenes.own import added
+    from haptic_fieldbus.scenes.own import own_entry_points
 
-    return [*ELEMENTS, *sorted(set(added()) - set(ELEMENTS))]
+    return [*ELEMENTS, *sorted(set(own_entry_points()) - set(ELEMENTS))]
 
 
 def kind_of(element: type[AnyElement]) -> str | None:

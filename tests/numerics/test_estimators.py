@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics import estimators
 from haptic_fieldbus.numerics.estimators import (
-    DEFAULT_ESTIMATOR,
     ESTIMATORS,
     bind,
     chosen,

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import scipy.signal
 
+from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics import integrators as package
-from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, METHODS, bind, discrete, discretise, rest
+from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise, rest
 from haptic_fieldbus.numerics.integrators.method import Integrator
 from haptic_fieldbus.numerics.integrators.staggered import positions
 from haptic_fieldbus.numerics.integrators.trajectory import follow

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.assessing.record import ROW_SUFFIXES
 from haptic_fieldbus.buses.canopen.frames import FRAME_SUFFIXES
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.request import RECORD_SUFFIXES, Choice, check_request, parse_changes, parse_settings
 from haptic_fieldbus.protocols.canopen.bus import (
     BITRATES,
-    DEFAULT_BITRATE,
     SIMULATION_INTERFACE,
     CanSection,
     can_interfaces,
@@ -33,10 +33,10 @@ def test_every_interface_of_python_can_is_known() -> None:
 @pytest.mark.parametrize(
     ("text", "interface", "channel", "bitrate", "known"),
     [
-        ("socketcan:can0", "socketcan", "can0", DEFAULT_BITRATE, False),
+        ("socketcan:can0", "socketcan", "can0", DEFAULT_BIT_RATE, False),
         ("socketcan:vcan0@500000", "socketcan", "vcan0", 500_000, True),
-        ("udp_multicast:239.74.163.2", "udp_multicast", "239.74.163.2", DEFAULT_BITRATE, False),
-        ("udp_multicast:ff15:7079::1", "udp_multicast", "ff15:7079::1", DEFAULT_BITRATE, False),
+        ("udp_multicast:239.74.163.2", "udp_multicast", "239.74.163.2", DEFAULT_BIT_RATE, False),
+        ("udp_multicast:ff15:7079::1", "udp_multicast", "ff15:7079::1", DEFAULT_BIT_RATE, False),
         ("pcan:PCAN_USBBUS1@1000000", "pcan", "PCAN_USBBUS1", 1_000_000, True),
         ("slcan:/dev/ttyUSB0@125000", "slcan", "/dev/ttyUSB0", 125_000, True),
         ("virtual:a@b@10000", "virtual", "a@b", 10_000, True),
@@ -52,7 +52,7 @@ def test_a_can_bus_is_interface_channel_and_bit_rate(
     assert bus.text == text
 
 
-@pytest.mark.parametrize(("text", "bitrate"), [("sim", DEFAULT_BITRATE), ("sim@500000", 500_000)])
+@pytest.mark.parametrize(("text", "bitrate"), [("sim", DEFAULT_BIT_RATE), ("sim@500000", 500_000)])
 def test_the_simulated_bus_has_a_bit_rate_that_is_known(text: str, bitrate: int) -> None:
     bus = parse_bus(text)
     assert bus.simulated
@@ -63,8 +63,8 @@ def test_the_simulated_bus_has_a_bit_rate_that_is_known(text: str, bitrate: int)
 @pytest.mark.parametrize(
     ("text", "channel", "bitrate"),
     [
-        ("haptic_sim:bench", "bench", DEFAULT_BITRATE),
-        ("haptic_sim:maxon_epos4@5", "maxon_epos4@5", DEFAULT_BITRATE),
+        ("haptic_sim:bench", "bench", DEFAULT_BIT_RATE),
+        ("haptic_sim:maxon_epos4@5", "maxon_epos4@5", DEFAULT_BIT_RATE),
         ("haptic_sim:maxon_epos4@5,generic_cia402@6@250000", "maxon_epos4@5,generic_cia402@6", 250_000),
     ],
 )

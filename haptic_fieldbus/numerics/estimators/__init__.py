@@ -13,13 +13,13 @@ import math
 from dataclasses import dataclass
 from importlib import import_module
 
+from haptic_fieldbus.documents import nearest
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, ParameterValue
 from haptic_fieldbus.numerics.linear import StateSpace
 
 __all__ = [
-    "DEFAULT_ESTIMATOR",
     "ESTIMATORS",
     "ChosenEstimator",
     "Estimate",
@@ -32,8 +32,6 @@ __all__ = [
     "linear_form",
     "linear_stand_in",
 ]
-
-DEFAULT_ESTIMATOR = "backward-difference"
 
 ESTIMATORS = {
     "backward-difference": "differences",
@@ -107,8 +105,6 @@ def _parsed(name: str, parameter: Parameter, text: str) -> ParameterValue:
 
 
 def _unknown(sentence: str, name: str, known: list[str]) -> str:
-    from haptic_fieldbus.documents import nearest
-
     near = nearest(name, known)
     return f"{sentence}; {f'nearest: {near[0]}; ' if near else ''}there are: {', '.join(known) or 'none'}"
 

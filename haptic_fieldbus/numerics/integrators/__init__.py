@@ -10,6 +10,8 @@ the sampled loop with a hand (`margins`). A method that preserves energy does no
 
 import numpy as np
 
+from haptic_fieldbus.defaults import DEFAULT_METHOD
+from haptic_fieldbus.documents import nearest
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.integrators import one_step, staggered
@@ -18,7 +20,6 @@ from haptic_fieldbus.numerics.integrators.stepping import Step, bind_general, bi
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 
 __all__ = [
-    "DEFAULT_METHOD",
     "METHODS",
     "Integrator",
     "OneStep",
@@ -30,7 +31,6 @@ __all__ = [
     "rest",
 ]
 
-DEFAULT_METHOD = "exact-foh"
 
 METHODS = {
     method.name: method
@@ -56,8 +56,6 @@ def method_named(name: str) -> Integrator:
 
 
 def _unknown(name: str) -> str:
-    from haptic_fieldbus.documents import nearest  # only a mistake needs it
-
     near = nearest(name, METHODS)
     return f'no method "{name}"; {f"nearest: {near[0]}; " if near else ""}there are: {", ".join(METHODS)}'
 

@@ -7,13 +7,13 @@ from typing import Annotated, ClassVar
 
 from annotated_types import Gt
 
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, SIMULATION
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import SIMULATION, BusName
+from haptic_fieldbus.protocols.bus_name import BusName
 
-DEFAULT_BITRATE = 1_000_000
 """Bit rate that is assumed when none is given [bit/s]."""
 BITRATES = (10_000, 1_000_000)
 """Lowest and highest bit rate of CiA 301, table 1 [bit/s]."""
@@ -39,7 +39,7 @@ LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 class CanSection(BusSection):
     """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
-    bitrate: Annotated[int, Gt(0)] = DEFAULT_BITRATE
+    bitrate: Annotated[int, Gt(0)] = DEFAULT_BIT_RATE
     protocol: ClassVar[str] = "canopen"
     __pydantic_config__: ClassVar[dict[str, object]] = STRICT
 
@@ -84,8 +84,8 @@ def _parse_bare(text: str) -> BusName:
     """Parse a name without a colon: the simulated bus, or a slip that gets advice."""
     name, at, bitrate = text.partition("@")
     if name == SIMULATION:
-        speed = _bitrate(text, bitrate) if at else DEFAULT_BITRATE
-        return BusName(text, CanSection(SIMULATION_INTERFACE, "sim", speed))
+        speed = _bitrate(text, bitrate) if at else DEFAULT_BIT_RATE
+        return BusName(text, CanSection(SIMULATION_INTERFACE, SIMULATION, speed))
     if name in can_interfaces():
         raise UsageError(f'bus "{text}" lacks its channel: {name}:CHANNEL[@BITRATE]')
     if LINUX_CHANNEL.fullmatch(name):

@@ -15,6 +15,7 @@ import can
 from can.typechecking import CanFilters
 
 from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.channel import drives_of, slot_of
@@ -50,11 +51,11 @@ class SimulatedBus(can.BusABC):
         channel: str = "",
         can_filters: CanFilters | None = None,
         *,
-        bitrate: int = 1_000_000,
+        bitrate: int = DEFAULT_BIT_RATE,
         clock: Clock | None = None,
         world: World | None = None,
-        seed: int = 0,
-        hand: str = "none",
+        seed: int = DEFAULT_SEED,
+        hand: str = DEFAULT_HOSTED_HAND,
         workspace: str = "linear",
         profiles: str | None = None,
         receive_own_messages: bool = False,

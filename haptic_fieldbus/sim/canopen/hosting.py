@@ -16,9 +16,10 @@ import can
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
 from haptic_fieldbus.buses.canopen.wire import open_can
 from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
-from haptic_fieldbus.protocols.canopen.bus import DEFAULT_BITRATE, NODES, can_section
+from haptic_fieldbus.protocols.canopen.bus import NODES, can_section
 from haptic_fieldbus.protocols.registry import parse_bus
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.channel import NamedDrive, drive_of, slot_of
@@ -55,8 +56,8 @@ class HostRequest:
 
     drives: Sequence[str]
     bus: str | None
-    node: int = 1
-    hand: str = "none"
+    node: int = DEFAULT_NODE
+    hand: str = DEFAULT_HOSTED_HAND
     faults: tuple[Fault, ...] = ()
     profiles: str | Path | None = None
     """Folder of one's own profiles (see `load_profile`)."""
@@ -173,9 +174,9 @@ class Host:
         can_bus: can.BusABC,
         clock: Clock,
         name: str,
-        seed: int = 0,
+        seed: int = DEFAULT_SEED,
         *,
-        bitrate: int = DEFAULT_BITRATE,
+        bitrate: int = DEFAULT_BIT_RATE,
         echoes: bool = False,
     ) -> None:
         self.lost = 0

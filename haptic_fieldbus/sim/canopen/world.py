@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 
 from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim import NEVER_NS
@@ -39,7 +40,13 @@ class World:
     At least the `longest` latest frames and motion segments are kept; None: all, for a run that ends.
     """
 
-    def __init__(self, clock: Clock, bitrate: int = 1_000_000, seed: int | str = 0, longest: int | None = None) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        bitrate: int = DEFAULT_BIT_RATE,
+        seed: int | str = DEFAULT_SEED,
+        longest: int | None = None,
+    ) -> None:
         self.clock = clock
         self.bitrate = bitrate
         self._wire = Wire(bitrate, longest)

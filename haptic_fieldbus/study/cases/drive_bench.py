@@ -9,11 +9,11 @@ from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Rig, default_axis
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.task import DEFAULT_DRIVE, DEFAULT_RATE
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile

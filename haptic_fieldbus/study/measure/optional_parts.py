@@ -8,6 +8,7 @@ from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.cycle.cycle import Cycle, columns, decoded_columns
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.cycle.safety import bind_limiter
+from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -132,4 +133,4 @@ def _steps(wall: Plan, bench: Bench) -> Iterator[tuple[str, Callable[..., object
     moved = [0.01 * each for each in swing]
     for name in METHODS:
         yield f"integrator, two states: {name}", integrators.bind(sprung_mass(), period, name), moved
-    yield f"integrator, four states: {integrators.DEFAULT_METHOD}", integrators.bind(free_puck(), period), moved
+    yield f"integrator, four states: {DEFAULT_METHOD}", integrators.bind(free_puck(), period), moved
