@@ -1,6 +1,7 @@
 # Two commands for newcomers:  make demo      renders a wall on a simulated drive and draws it
 #                              make test      the quick lane of the tests, and how much of the code they must cover
 # Before a commit:             make check     style, types, import contracts
+# After one thing is added:   make docs      pages, tables, schemas and the picture that follow from the code
 # Before a release:            make test-all  every test
 
 VENV := .venv
@@ -24,7 +25,7 @@ PYTEST := $(BIN)/pytest -n 2 --dist loadgroup
 # Of the thorough lane, for `make test-part`.
 PART ?= 0/1
 
-.PHONY: demo test test-all test-part check setup system-packages format clean
+.PHONY: demo test test-all test-part check docs setup system-packages format clean
 
 demo: $(DEMO_STAMP)
 	$(BIN)/haptic-fieldbus run wall --drive maxon_epos4 --duration 10 --plot demo.png
@@ -48,6 +49,15 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# What is written from the code; a test says so where it is out of date. Golden texts are read by a person:
+# `python -m tests.golden` writes those.
+docs: setup
+	$(BIN)/python docs/make_architecture.py
+	$(BIN)/python docs/make_api.py
+	$(BIN)/python docs/make_elements.py
+	$(BIN)/python docs/make_tables.py
+	$(BIN)/python -m haptic_fieldbus.schemas docs/reference/schemas --shipped
 
 format: setup
 	$(BIN)/ruff check --fix .

@@ -28,7 +28,7 @@ stays as it is: [compatibility](compatibility.md). Ready programs: [examples/](.
 In types, `PositiveFloat` is a float above 0 and `NonNegativeFloat` one from 0 up; `Setting` is a float, a
 text such as "0.8 N/mm", or a bool; `Scheduled` is a time [s] with settings; `Array` is an array of numpy's float64.
 
-This page is written by `python docs/make_api.py`.
+This page is written by `make docs`.
 """
 
 GIVEN_BACK = "What they give back"

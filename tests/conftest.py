@@ -1,5 +1,6 @@
 """Lanes, and how hard hypothesis tries: `pytest --lane quick`, `pytest --lane thorough --part 2/4`."""
 
+import os
 import pkgutil
 from importlib import import_module
 from pathlib import Path
@@ -7,8 +8,12 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from haptic_fieldbus.protocols.folders import VARIABLE
 from tests.coverage_gates import pure_modules, pure_rooms
 from tests.lanes import Lane, Part, slow_markers
+
+# Of whoever runs the tests, and no part of them.
+os.environ.pop(VARIABLE, None)
 
 settings.register_profile("thorough", settings.get_profile("default"))
 # The same examples each time: which lines are covered must not be a matter of luck.

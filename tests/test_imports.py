@@ -51,11 +51,12 @@ DOES_WITHOUT = {
         "cli.pictures": "planning.request",
         "cli.plan": "api assessing.result planning.explain planning.task",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.canopen.profile protocols.catalogue"
-        " sim.canopen.sheet",
+        " protocols.folders sim.canopen.sheet",
         "cli.report": "api study.make_report study.measure.bench",
         "cli.response": "api api.open_loop report.plot_response report.responses",
         "cli.run": "api planning.request report.plot report.words",
-        "cli.scenes": "api protocols.catalogue scenes.catalogue scenes.registry scenes.scene",
+        "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
+        " scenes.scene",
         "cli.simulate": "sim.canopen.hosting sim.faults",
         "cli.stability": "api.judging report.plot_region report.stability",
     },
@@ -75,6 +76,8 @@ DOES_WITHOUT = {
         "planning.settings": "scenes.changed",
         "protocols.canopen.protocol": "eds protocols.canopen.from_eds",
         "scenes.checked": "numerics.integrators",
+        "scenes.files": "scenes.own",
+        "scenes.registry": "scenes.own",
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
         "assessing.summary": "assessing.ties",

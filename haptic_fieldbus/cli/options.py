@@ -26,7 +26,7 @@ Asked = TypeVar("Asked", bound="Rendering")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
 SHOWN = (
-    "scene", "input", "amplitude", "drive", "bus", "node", "rig",
+    "scene", "input", "amplitude", "drive", "bus", "node", "rig", "profiles",
     "rate", "duration", "settings", "change", "method", "estimator",
 )  # fmt: skip
 """Options that the help lists first, in this order; others follow in the order of their dataclass."""
@@ -45,6 +45,10 @@ def option(
 
 
 JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
+ProfilesOption = Annotated[
+    str | None,
+    option("DIR", r"Folder of your own drive profiles. \[default: HAPTIC_FIELDBUS_PROFILES]", BENCH, "--profiles"),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +93,7 @@ class BenchOptions(SceneOptions):
     ] = None
     node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
+    profiles: ProfilesOption = None
 
     def given(self, kind: type[Asked]) -> Asked:
         """Return `asked` as for a scene; raises UsageError also when `--rig` meets `--drive` or `--node`."""

@@ -1,5 +1,6 @@
 """Commands `scenes list|show|check`: the scene library, and the parameters of each scene."""
 
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -20,17 +21,22 @@ app = typer.Typer(help="The scene library: list, show, check.", no_args_is_help=
 
 @app.command("list")
 def list_scenes(as_json: JsonOption = False) -> None:
-    """List the shipped scenes."""
+    """List the shipped scenes, and the elements that other packages add."""
     from haptic_fieldbus.scenes.catalogue import scene_summaries
+    from haptic_fieldbus.scenes.registry import own_elements
 
-    summaries = scene_summaries()
+    summaries, own = scene_summaries(), own_elements()
     if as_json:
-        print_json({"scenes": plain(summaries)})
+        print_json({"scenes": plain(summaries), "own_elements": plain([asdict(each) for each in own])})
         return
     show_table(
         ("name", "axes", "description"),
         ((str(each["name"]), ", ".join(each["axes"]), str(each["description"])) for each in summaries),
     )
+    if own:
+        show([(None, "")])
+        show_table(("own element", "package", "entry point"), ((e.kind, e.package, e.entry_point) for e in own))
+    show([("fault", each.fault) for each in own if each.fault is not None], sys.stderr)
 
 
 @app.command("show")
@@ -75,13 +81,15 @@ def check_scenes(
 
 
 def _recommended(scene: "Scene") -> Iterator[str]:
-    """Yield the recommended upper limit of stiffness for each usable profile on the shipped bench."""
+    """Yield the recommended upper limit of stiffness for each usable shipped profile on the shipped bench."""
     from haptic_fieldbus.api import plan
-    from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+    from haptic_fieldbus.protocols.catalogue import load_profile
+    from haptic_fieldbus.protocols.folders import profile_folder, profile_names
 
     for name in profile_names():
-        if load_profile(name).drive.usable:
-            compiled = plan(scene, drive=name)
+        path = str(profile_folder() / f"{name}.toml")  # an own profile may have the same name
+        if load_profile(path).drive.usable:
+            compiled = plan(scene, drive=path)
             # The advice is about the axis with the smallest margin; without any judgement, about the first.
             found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
             if found is None or found.stiffness is None:
@@ -95,16 +103,15 @@ def _recommended(scene: "Scene") -> Iterator[str]:
 
 
 def _element_json(element: "AnyElement") -> Any:
-    """Return an element as JSON has it, with its kind; None for the kind of an element of a user's own."""
-    from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+    """Return an element as JSON has it, with its kind; None for the kind of an element that no scene file can name."""
+    from haptic_fieldbus.scenes.registry import kind_of
 
-    kind = next((kind for kind in ELEMENTS if element_type(kind) is type(element)), None)
-    return {"kind": kind, **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
+    return {"kind": kind_of(type(element)), **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
 
 
 def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
     """Yield name, value and unit of each parameter that `--set` can change."""
-    from haptic_fieldbus.scenes.catalogue import parameters, quantities
+    from haptic_fieldbus.scenes.parameters import parameters, quantities
     from haptic_fieldbus.scenes.scene import axes_of
 
     workspaces = {axis.name: axis.workspace for axis in scene.axes}

@@ -8,7 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from haptic_fieldbus.cli.options import HANDS, SIMULATION, JsonOption, note_assumed_bitrate, option
+from haptic_fieldbus.cli.options import (
+    HANDS,
+    SIMULATION,
+    JsonOption,
+    ProfilesOption,
+    note_assumed_bitrate,
+    option,
+)
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 
@@ -28,6 +35,7 @@ def simulate(
     node: Annotated[
         int, option("ID", "Node-ID of the first drive that names none.", default=DEFAULT_NODE)
     ] = DEFAULT_NODE,
+    profiles: ProfilesOption = None,
     hand: Annotated[str, option("NAME", HANDS, SIMULATION, default=DEFAULT_HOSTED_HAND)] = DEFAULT_HOSTED_HAND,
     seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED,
     faults: Annotated[Path | None, option("FILE", "Faults of the drives.", SIMULATION)] = None,
@@ -38,7 +46,7 @@ def simulate(
     from haptic_fieldbus.sim.faults import load_faults
 
     known_faults = load_faults(faults) if faults is not None else ()
-    name, slots = resolve(HostRequest(drive or [DEFAULT_DRIVE], bus, node, hand, known_faults))
+    name, slots = resolve(HostRequest(drive or [DEFAULT_DRIVE], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
     with _until_asked_to_stop() as stopped:
         lost = host(name, slots, seed, _teller(name.text, as_json), stopped)

@@ -6,7 +6,7 @@ from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.numerals import exactly, rounded, rounded_limit
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import AnyElement, Graded
-from haptic_fieldbus.scenes.files import parameters
+from haptic_fieldbus.scenes.parameters import parameters
 from haptic_fieldbus.signals import Signal
 
 

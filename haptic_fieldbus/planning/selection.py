@@ -12,6 +12,7 @@ from haptic_fieldbus.planning.settings import Settled, settled
 from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
+from haptic_fieldbus.protocols.folders import own_profile
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.checked import check_elements
 from haptic_fieldbus.scenes.scene import Scene
@@ -46,7 +47,7 @@ def select(task: Task) -> Selection:
 def load(task: Task) -> Loaded:
     """Load all that the task names, except profiles, and judge nothing; raises DocumentError or UsageError."""
     check_rendering(task)
-    rig = load_rig(task.rig) if isinstance(task.rig, str | Path) else task.rig
+    rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig
     # A bus that is named replaces the buses of the rig; without either it is the simulation.
     bus = parse_bus(task.bus or DEFAULT_BUS) if rig is None or task.bus is not None else _bus_of(rig)
     if rig is not None and task.bus is not None:
@@ -54,7 +55,14 @@ def load(task: Task) -> Loaded:
     scene = settled(task.scene, task.settings)
     if rig is None:
         rig = _shipped_bench(scene.scene, task.drive, bus, task.node)
-    return Loaded(task, scene, rig, bus)
+    return Loaded(task, scene, _with_own_profiles(rig, task.profiles), bus)
+
+
+def _with_own_profiles(rig: Rig, profiles: str | Path | None) -> Rig:
+    """Return the rig with paths in the place of the names of own profiles, so that loading them needs no folder."""
+    return replace(
+        rig, axis={name: replace(axis, profile=own_profile(axis.profile, profiles)) for name, axis in rig.axis.items()}
+    )
 
 
 def check_rendering(rendering: Rendering) -> None:

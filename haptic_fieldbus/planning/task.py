@@ -46,3 +46,5 @@ class Task(Rendering):
     """sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE]; None is the simulation, or the buses of the rig."""
     node: int = DEFAULT_NODE
     """Node-ID of the first axis of the shipped bench; the others count from it."""
+    profiles: str | Path | None = None
+    """Folder of one's own profiles, beside the shipped ones; None is HAPTIC_FIELDBUS_PROFILES of the environment."""

@@ -13,8 +13,8 @@ from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.explain import delay_text, milliseconds
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.scenes.catalogue import quantities
 from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.scene import axes_of
 from haptic_fieldbus.signals import Workspace
 

@@ -5,23 +5,21 @@ kinds in use are imported. In between, settings replace single parameters and te
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
-from functools import cache
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, cast, get_origin, get_type_hints
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Len
 
 from haptic_fieldbus.documents import Document, file_of, is_path, read_document, suggestion
 from haptic_fieldbus.errors import Fault, SceneError, UsageError
 from haptic_fieldbus.scenes.element import STRICT, AnyElement
-from haptic_fieldbus.scenes.quantities import Quantity, parse_quantity
-from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+from haptic_fieldbus.scenes.parameters import parameters, quantities
+from haptic_fieldbus.scenes.quantities import parse_quantity
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, kind_names
 from haptic_fieldbus.signals import Workspace
 
 LIBRARY = Path(__file__).resolve().parent / "library"
-# Fields that tie an element to its scene, and are no parameters.
-NOT_SETTABLE = ("name", "axis", "axes")
 
 
 @dataclass(frozen=True)
@@ -168,8 +166,21 @@ def elements_of(part: ScenePart, axes: Mapping[str, Workspace]) -> list[AnyEleme
     for index, kind in part.kinds.items():
         _check_workspace(part.document, index, kind, axes)
         convert(part.document, index, element_type(kind), axes)
-    found = [part.document.validate(element_type(kind), ("element", index)) for index, kind in part.kinds.items()]
+    found = [_validated(part.document, index, kind) for index, kind in part.kinds.items()]
     return [element for element in found if element is not None]
+
+
+def _validated(document: Document, index: int, kind: str) -> AnyElement | None:
+    """Return the element, or None with its faults noted; shipped kinds are tested, so only others are looked into."""
+    element = document.validate(element_type(kind), ("element", index))
+    if element is None or kind in ELEMENTS:
+        return element
+    from haptic_fieldbus.scenes.own import fault_of
+
+    fault = fault_of(element)
+    if fault is not None:
+        document.fault(("element", index), f'element "{kind}": {fault}')
+    return element
 
 
 def raise_faults(parts: list[ScenePart]) -> None:
@@ -195,32 +206,6 @@ def _in_file(fault: Fault, source: str, main: str) -> Fault:
         return fault
     line = "" if fault.line is None else f"line {fault.line}: "
     return Fault(f"in {source}: {line}{fault.key}", fault.message)
-
-
-def parameters(element: type[AnyElement]) -> list[str]:
-    """Return the names of the parameters of an element class that a setting can change."""
-    return [field.name for field in fields(cast(Any, element)) if field.name not in NOT_SETTABLE]
-
-
-@cache
-def quantities(element: type[AnyElement]) -> dict[str, Quantity]:
-    """Return the quantity that each numeric parameter of an element class measures."""
-    hints = get_type_hints(element, include_extras=True)
-    return {
-        name: quantity
-        for name in parameters(element)
-        for quantity in _metadata(hints[name])
-        if isinstance(quantity, Quantity)
-    }
-
-
-def _metadata(hint: Any) -> Iterator[object]:
-    """Yield the annotations of a type, also those inside of unions."""
-    yield from getattr(hint, "__metadata__", ())
-    # Annotations inside of a list belong to its members, not to the list.
-    if get_origin(hint) is not tuple:
-        for member in getattr(hint, "__args__", ()):
-            yield from _metadata(member)
 
 
 def _workspace(document: Document, index: int, axes: Mapping[str, Workspace]) -> Workspace | None:
@@ -260,6 +245,18 @@ def convert(document: Document, index: int, kind: type[AnyElement], axes: Mappin
             del table[parameter]
 
 
+def _is_known(document: Document, index: int, kind: str) -> bool:
+    """Return whether there are elements of this kind; the fault of one whose package is broken is noted."""
+    try:
+        element_type(kind)
+    except KeyError:
+        return False
+    except UsageError as error:
+        document.fault(("element", index, "kind"), str(error))
+        return False
+    return True
+
+
 def _name_elements(document: Document) -> dict[int, str]:
     """Return the kinds of the elements by their places, where known.
 
@@ -272,8 +269,8 @@ def _name_elements(document: Document) -> dict[int, str]:
     names: set[object] = set()
     for index, table in tables.items():
         kind = table.get("kind")
-        if not isinstance(kind, str) or kind not in ELEMENTS:
-            document.refuse(("element", index, "kind"), f"a kind of element{suggestion(str(kind or ''), ELEMENTS)}")
+        if not isinstance(kind, str) or not _is_known(document, index, kind):
+            document.refuse(("element", index, "kind"), f"a kind of element{suggestion(str(kind or ''), kind_names())}")
             continue
         if "name" not in table and given.count(kind) > 1:
             document.fault(("element", index, "name"), f'missing; expected one, as the kind "{kind}" stands twice')

@@ -87,7 +87,7 @@ def test_the_page_fits_on_two_screens_with_one_picture() -> None:
 
 def test_the_picture_is_that_of_the_imports() -> None:
     script = maker()
-    assert script.FILE.read_text(encoding="utf-8") == script.picture(), "run: python docs/make_architecture.py"
+    assert script.FILE.read_text(encoding="utf-8") == script.picture(), "run: make docs"
 
 
 @pytest.mark.parametrize("mention", sorted(set(MENTION.findall(TEXT))), ids=": ".join)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS, VELOCITY_UNITS, velocity_step
 from haptic_fieldbus.errors import DocumentError, ProfileError, UsageError
-from haptic_fieldbus.protocols import catalogue
+from haptic_fieldbus.protocols import folders
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.catalogue import (
     load_profile,
@@ -170,7 +170,7 @@ def test_the_pdos_of_maxon_epos4_are_those_of_the_vendors_eds(path: Path) -> Non
 
 
 def test_summaries_have_the_keys_of_the_command_line() -> None:
-    summaries = {summary["name"]: summary for summary in profile_summaries()}
+    summaries = profile_summaries()
     assert list(summaries) == profile_names()
     assert summaries["maxon_epos4"] == {
         "name": "maxon_epos4",
@@ -179,6 +179,7 @@ def test_summaries_have_the_keys_of_the_command_line() -> None:
         "protocol": "canopen",
         "usable": True,
         "evidence": "vendor-data",
+        "source": str(profile_folder() / "maxon_epos4.toml"),
     }
 
 
@@ -194,7 +195,7 @@ def test_profiles_inside_the_package_come_before_those_beside_it(
 ) -> None:
     package = tmp_path / "site" / "haptic_fieldbus"
     (package / "protocols").mkdir(parents=True)
-    monkeypatch.setattr(catalogue, "__file__", str(package / "protocols" / "catalogue.py"))
+    monkeypatch.setattr(folders, "__file__", str(package / "protocols" / "folders.py"))
     assert profile_folder() == tmp_path / "site" / "profiles"
     (package / "profiles").mkdir()
     assert profile_folder() == package / "profiles"
@@ -426,8 +427,6 @@ def test_every_key_of_the_schema_is_documented() -> None:
         reference = str(node.get("$ref", "")).rpartition("/")[2]
         for key in schema["$defs"].get(reference, {}).get("properties", {}):
             assert f"`{section}.{key}`" in readme, f"{section}.{key}"
-    for name in profile_names():
-        assert f"| `{name}` |" in readme
 
 
 @pytest.mark.parametrize("name", profile_names())

@@ -1,8 +1,10 @@
 """Every velocity estimator: the contract, what is written after its name, and the figures it claims."""
 
 import math
+import pkgutil
 import subprocess
 import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -27,7 +29,7 @@ from tests.numerics.estimator_figures import delay, measured_delay, measured_noi
 
 PERIOD = 1e-3
 COUNT = 0.05 / 4096
-NOT_LINEAR = ["foaw-end-fit", "foaw-best-fit", "levant", "tick-interval"]
+NOT_LINEAR = [name for name in ESTIMATORS if discrete(name, PERIOD) is None]
 LINEAR = [
     *(name for name in ESTIMATORS if name not in NOT_LINEAR),
     "moving-average:window=1",
@@ -266,3 +268,6 @@ def test_every_family_is_listed_in_full() -> None:
     assert estimators.estimator_named("levant").name == "levant"
     listed = {name: estimators.estimator_named(name).name for name in ESTIMATORS}
     assert list(listed) == list(listed.values())
+    for each in pkgutil.iter_modules(estimators.__path__, f"{estimators.__name__}."):
+        for estimator in getattr(import_module(each.name), "ESTIMATORS", ()):
+            assert estimator.name in ESTIMATORS, f"add {estimator.name} to ESTIMATORS in {estimators.__file__}"

@@ -9,6 +9,7 @@ none. Frames that the drives send at one instant go out in the order of their pr
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import can
 
@@ -53,6 +54,8 @@ class HostRequest:
     node: int = DEFAULT_NODE
     hand: str = DEFAULT_HOSTED_HAND
     faults: tuple[Fault, ...] = ()
+    profiles: str | Path | None = None
+    """Folder of one's own profiles (see `load_profile`)."""
 
 
 def host(
@@ -104,7 +107,8 @@ def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
         drives = numbered(request.drives, request.node)
     for drive in drives:
         with _collecting(faults):
-            slots.append(slot_of(drive, request.bus or "", Workspace.LINEAR, hand, request.faults, booted=False))
+            bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
+            slots.append(slot_of(*bench, booted=False, profiles=request.profiles))
     if bus is None or faults:
         raise UsageError("\n".join(faults))
     return bus, slots
