@@ -75,7 +75,10 @@ def _protocol_of(document: Document) -> FieldbusProtocol:
     What is no protocol at all is taken for a slip, and the rest for CANopen's.
     """
     path: KeyPath = ("drive", "protocol")
-    name, known = document.value(*path), protocol_names()
+    name = document.value(*path)
+    if isinstance(name, str) and name in BUILT_IN:
+        return protocol_named(name)  # without a look at what is installed, which takes longer than the rest
+    known = protocol_names()
     if isinstance(name, str) and name in UNBUILT and name not in known:
         document.fault(path, f'"{name}" is not available yet in this version; there is: {", ".join(known)}')
         return document.checked(None)
