@@ -20,7 +20,7 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 # Hundreds of processes are started; each would compile again what it imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-PYTEST := $(BIN)/pytest -n 2 --dist loadgroup
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadgroup
 # Of the thorough lane, for `make test-part`.
 PART ?= 0/1
 
@@ -31,9 +31,7 @@ demo: $(DEMO_STAMP)
 
 # The gates come last and repeat how many tests passed and failed.
 test: setup
-	@mkdir -p build
-	@$(PYTEST) --lane quick --cov --cov-report= --cov-report=json:build/coverage.json \
-		--junit-xml=build/tests.xml; status=$$?; \
+	@$(PYTEST) --lane quick -p tests.tracing --coverage build/coverage.json --junit-xml=build/tests.xml; status=$$?; \
 	$(BIN)/python tests/coverage_gates.py build/coverage.json build/tests.xml || exit 1; exit $$status
 
 test-all: setup
