@@ -26,7 +26,7 @@ PACKAGE = PROJECT / "haptic_fieldbus"
 SETTINGS = tomllib.loads((PROJECT / "pyproject.toml").read_text())
 MAKEFILE = (PROJECT / "Makefile").read_text()
 DOCUMENTS = sorted(
-    path for path in PROJECT.rglob("*.md") if not any(part.startswith(".") for part in path.relative_to(PROJECT).parts)
+    path for path in PROJECT.rglob("*.md") if not re.match(r"(.*/)?\.|build/", str(path.relative_to(PROJECT)))
 )
 CURRENT = [path for path in DOCUMENTS if path.parent.name != "decisions"]
 """A decision names what there was when it was made."""
