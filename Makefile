@@ -13,15 +13,25 @@ DEV_STAMP := $(VENV)/.dev
 # Debian packages beside Python. tshark: a foreign program reads what is recorded.
 SYSTEM_PACKAGES := tshark
 
-# PYTHON=/path/to/python chooses another interpreter than the first suitable one.
+# PYTHON=/path/to/python chooses another interpreter than the first suitable one; an environment of another version is
+# made anew.
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python; do \
 	if $$python -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
 	command -v $$python; break; fi; done)
 
+VERSION := -c 'import sys; print(sys.version)'
+ifneq ($(origin PYTHON),file)
+ifneq ($(shell asked=$$("$(PYTHON)" $(VERSION)) && used=$$($(BIN)/python $(VERSION) 2>/dev/null) && \
+	[ "$$asked" != "$$used" ] && echo other),)
+$(info $(VENV) is of another Python, and is made anew with $(PYTHON))
+$(shell rm -rf $(VENV))
+endif
+endif
+
 # Hundreds of processes are started; each would compile again what it imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-PYTEST := $(BIN)/pytest -n 2 --dist loadgroup
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadgroup
 # Of the thorough lane, for `make test-part`.
 PART ?= 0/1
 
@@ -32,9 +42,7 @@ demo: $(DEMO_STAMP)
 
 # The gates come last and repeat how many tests passed and failed.
 test: setup
-	@mkdir -p build
-	@$(PYTEST) --lane quick --cov --cov-report= --cov-report=json:build/coverage.json \
-		--junit-xml=build/tests.xml; status=$$?; \
+	@$(PYTEST) --lane quick -p tests.tracing --coverage build/coverage.json --junit-xml=build/tests.xml; status=$$?; \
 	$(BIN)/python tests/coverage_gates.py build/coverage.json build/tests.xml || exit 1; exit $$status
 
 test-all: setup

@@ -26,7 +26,7 @@ PACKAGE = PROJECT / "haptic_fieldbus"
 SETTINGS = tomllib.loads((PROJECT / "pyproject.toml").read_text())
 MAKEFILE = (PROJECT / "Makefile").read_text()
 DOCUMENTS = sorted(
-    path for path in PROJECT.rglob("*.md") if not any(part.startswith(".") for part in path.relative_to(PROJECT).parts)
+    path for path in PROJECT.rglob("*.md") if not re.match(r"(.*/)?\.|build/", str(path.relative_to(PROJECT)))
 )
 CURRENT = [path for path in DOCUMENTS if path.parent.name != "decisions"]
 """A decision names what there was when it was made."""
@@ -142,6 +142,24 @@ def test_github_and_ci_run_what_a_person_runs() -> None:
 def test_make_makes_the_environment_before_it_uses_it() -> None:
     for target in ("test", "test-all", "test-part", "check", "docs", "format"):
         assert re.search(rf"^{target}: setup$", MAKEFILE, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("version", "stays"), [(sys.version, True), ("3.2.1 (of long ago)", False)])
+def test_an_environment_of_another_python_than_the_one_asked_for_is_made_anew(
+    tmp_path: Path, version: str, stays: bool
+) -> None:
+    environment = tmp_path / ".venv"
+    python = environment / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text(f"#!/bin/sh\necho '{version}'\n")
+    python.chmod(0o755)
+    outside = {
+        name: value for name, value in os.environ.items() if name not in ("PYTHON", "MAKEFLAGS", "MAKEOVERRIDES")
+    }
+    for asked, left in (("NOTHING=", True), ("PYTHON=/nowhere/python", True), (f"PYTHON={sys.executable}", stays)):
+        command = ["make", "--dry-run", "-f", str(PROJECT / "Makefile"), "setup", asked]
+        subprocess.run(command, cwd=tmp_path, env=outside, check=False, capture_output=True)
+        assert environment.exists() is left
 
 
 def test_nobody_is_told_to_install_a_release_while_there_is_none() -> None:

@@ -69,7 +69,10 @@ def _protocol_of(document: Document) -> FieldbusProtocol:
     noted, and the rest is checked as a profile of the default protocol.
     """
     path: KeyPath = ("drive", "protocol")
-    name, known = document.value(*path), protocol_names()
+    name = document.value(*path)
+    if isinstance(name, str) and name in BUILT_IN:
+        return protocol_named(name)  # without a look at what is installed, which takes longer than the rest
+    known = protocol_names()
     if isinstance(name, str) and name in UNBUILT and name not in known:
         document.fault(path, f'"{name}" is not available yet in this version; there is: {", ".join(known)}')
         return document.checked(None)

@@ -4,6 +4,7 @@ import configparser
 import math
 import os
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -121,12 +122,17 @@ def eds_files() -> list[Path]:
     return sorted((SHARED / "eds").glob("maxon_epos4*.eds"))
 
 
-def eds_entry(path: Path, index: int, subindex: int) -> dict[str, str] | None:
+@cache
+def vendors_eds(path: Path) -> dict[str, dict[str, str]]:
+    """Sections of a file, their names in small letters."""
     eds = configparser.RawConfigParser(strict=False, interpolation=None)
     eds.read_string(path.read_text(encoding="latin-1"))
-    sections = {section.lower(): section for section in eds.sections()}
-    name = f"{index:x}sub{subindex:x}" if f"{index:x}sub{subindex:x}" in sections else f"{index:x}"
-    return dict(eds[sections[name]]) if name in sections else None
+    return {section.lower(): dict(eds[section]) for section in eds.sections()}
+
+
+def eds_entry(path: Path, index: int, subindex: int) -> dict[str, str] | None:
+    sections = vendors_eds(path)
+    return sections.get(f"{index:x}sub{subindex:x}", sections.get(f"{index:x}"))
 
 
 def claimed_objects(profile: CanopenProfile) -> list[tuple[int, int, DataType]]:
@@ -164,9 +170,7 @@ def test_the_pdos_of_maxon_epos4_are_those_of_the_vendors_eds(path: Path) -> Non
     inhibit = eds_entry(path, 0x1800, 3)
     assert inhibit is not None
     assert int(inhibit["defaultvalue"], 0) * 1e-4 == pytest.approx(profile.pdo.inhibit_time_default)
-    eds = configparser.RawConfigParser(strict=False, interpolation=None)
-    eds.read_string(path.read_text(encoding="latin-1"))
-    assert int(eds["DeviceInfo"]["VendorNumber"], 0) == profile.identity.vendor_id
+    assert int(vendors_eds(path)["deviceinfo"]["vendornumber"], 0) == profile.identity.vendor_id
 
 
 def test_summaries_have_the_keys_of_the_command_line() -> None:

@@ -2,12 +2,14 @@
 
 import contextlib
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
 
-from haptic_fieldbus.drive.rig import LinearMechanism, Rig, RotaryMechanism
+from haptic_fieldbus.drive.rig import ByKind, LinearMechanism, Rig, RotaryMechanism
 from haptic_fieldbus.errors import DocumentError, RigError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import load_profile, load_rig, profile_folder
@@ -44,6 +46,14 @@ profile = "generic_cia402"
 encoder_counts_per_revolution = 2000
 mechanism = { kind = "rotary", gear_ratio = 4, zero = 120 }
 """
+
+
+def test_of_a_faulty_mechanism_the_kind_alone_says_what_it_is_held_against() -> None:
+    mechanism: TypeAdapter[object] = TypeAdapter(Annotated[LinearMechanism | RotaryMechanism, ByKind()])
+    assert mechanism.validate_python({"kind": "rotary"}) == RotaryMechanism("rotary")
+    with pytest.raises(ValidationError) as caught:
+        mechanism.validate_python({"kind": "linear"})
+    assert [error["loc"] for error in caught.value.errors()] == [("linear", "metres_per_revolution")]
 
 
 def write(folder: Path, text: str) -> Path:

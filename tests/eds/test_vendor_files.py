@@ -14,7 +14,7 @@ from haptic_fieldbus.eds.model import EdsValue
 from tests.eds.vendor_files import FILES, FOLDER, facts, needs_files, vendor_eds
 
 NODE = 5
-pytestmark = needs_files
+pytestmark = [needs_files, pytest.mark.thorough("reads every vendor's file", quick=9)]
 
 FAULTS = {
     "elmo_gold_drive.dcf": ["CompactPDO", "a comment behind a value"],

@@ -43,6 +43,7 @@ EXAMPLES = {
     for kind, sheet in SHEETS.items()
     for number, example in enumerate(sheet.examples)
 }
+EVERY_EXAMPLE = pytest.mark.thorough("long motions of every example", quick=tuple(f"{kind}-0" for kind in ELEMENTS))
 FURTHER, FASTER = 1e-9, 1e-6
 """[m], [m/s]: the steps of difference quotients."""
 SMOOTH = 2e-5
@@ -182,6 +183,7 @@ class TestEveryElement:
         again = law(element)
         assert again(*next(iter(feedback(element, [-0.01, 0.02])))) == first[0]
 
+    @EVERY_EXAMPLE
     @settings(max_examples=examples(15), deadline=None)
     @given(data=st.data())
     def test_jumps_by_no_more_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
@@ -195,6 +197,7 @@ class TestEveryElement:
         allowed = smooth + sheet.jump(element, float(np.abs(motion.velocity).max()))
         assert (changes.reshape(len(changes), -1).max(axis=1) <= allowed * (1.0 + 1e-9) + 1e-9).all()
 
+    @EVERY_EXAMPLE
     @settings(max_examples=examples(15), deadline=None)
     @given(data=st.data())
     def test_gives_no_more_energy_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
@@ -205,6 +208,7 @@ class TestEveryElement:
         given_away = given_to_the_hand(motion, force, held=False)
         assert given_away <= sheet.continuous(element, motion) + 1e-3 * exchanged + 1e-12
 
+    @EVERY_EXAMPLE
     @settings(max_examples=examples(15), deadline=None)
     @given(data=st.data())
     def test_gives_no_more_energy_than_it_says_when_sampled(
