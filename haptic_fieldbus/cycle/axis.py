@@ -14,7 +14,7 @@ from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
 from haptic_fieldbus.cycle.state import AxisState, Sensed
-from haptic_fieldbus.cycle.watch import FLAGS, STATUSWORD, T_NS, Watch
+from haptic_fieldbus.cycle.watch import FLAGS, STATUSWORD, T_NS, AxisWatch
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS, AxisImage
@@ -47,7 +47,7 @@ class AxisCycle:
         self.stalls = 0
         """How often counts stood still under torque for so long that the limit fell."""
         self._owner, self._axis, self._period = owner, axis, period
-        self._watch = Watch(axis, self.state, period, self._trip)
+        self._watch = AxisWatch(axis, self.state, period, self._trip)
         self._image, self._output = image, output
         self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()

@@ -28,7 +28,7 @@ class TripOff(Protocol):
     def __call__(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None: ...
 
 
-class Watch:
+class AxisWatch:
     """Watches one axis; `trip` takes the torque away."""
 
     def __init__(self, axis: AxisPlan, state: AxisState, period: float, trip: TripOff) -> None:

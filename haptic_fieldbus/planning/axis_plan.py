@@ -21,15 +21,7 @@ from haptic_fieldbus.margins import Plant, Stability
 from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.image import canonical
-from haptic_fieldbus.planning.limits import (
-    DRIFT_TURNS,
-    HAND,
-    HOLDING_SHARE,
-    SLEW_TIME,
-    SPEED_LIMIT,
-    STALL_TIME,
-    EffortLimits,
-)
+from haptic_fieldbus.planning.limits import EffortLimits, limits_of
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import AxisTraffic, Delay
@@ -165,7 +157,7 @@ def draft_axis(
         couplings=couplings,
         estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
-        limits=_limits(axis, rated, plant, scene_axis.workspace),
+        limits=limits_of(axis, rated, plant, scene_axis.workspace),
         effort_unit=effort_unit,
         rated_effort=rated,
         steps_per_revolution=steps,
@@ -270,24 +262,6 @@ def _steps(profile: DriveProfile, axis: RigAxis) -> float:
     """Return the position steps in one revolution of the motor; encoder counts when the drive offers no position."""
     offered = profile.offers().get(Signal.POSITION)
     return steps_per_revolution(offered.unit if offered else COUNTS, axis.encoder_counts_per_revolution)
-
-
-def _limits(axis: RigAxis, rated: float, plant: Plant | None, workspace: Workspace) -> EffortLimits:
-    """Effort is bounded by the rig's limit, and by what the motor may give."""
-    limits = axis.limits
-    effort = min(limits.effort or math.inf, rated if plant else HOLDING_SHARE * rated)
-    possible = (effort + HAND[workspace.value]) / plant.mass if plant and plant.mass else math.inf
-    return EffortLimits(
-        effort=effort,
-        speed=limits.speed or SPEED_LIMIT[workspace.value],
-        slew=effort / SLEW_TIME,
-        position=limits.position,
-        drift=limits.drift or 2 * math.pi * DRIFT_TURNS * axis.mechanism.ratio,
-        acceleration=limits.acceleration or possible,
-        power=limits.power or math.inf,
-        stall=limits.stall or STALL_TIME,
-        holding=HOLDING_SHARE * rated,
-    )
 
 
 def _plant(axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None:

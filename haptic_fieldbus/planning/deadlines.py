@@ -54,7 +54,7 @@ class TorqueDeadline:
         return {"cause": self.cause.value, "stated_ms": stated}
 
 
-def deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float) -> tuple[TorqueDeadline, ...]:
+def torque_deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float) -> tuple[TorqueDeadline, ...]:
     """Return the deadline for each cause, each that of the slowest axis."""
     slowest: dict[EndCause, TorqueDeadline] = {}
     for axis, traffic in axes:

@@ -4,6 +4,9 @@ import math
 from dataclasses import dataclass
 
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN
+from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.signals import Workspace
 
 SHORTEST_FADE_IN, LONGEST_FADE_IN = 0.1, 60.0
 """[s]; what may be asked for: a force that is there sooner is a kick."""
@@ -67,3 +70,25 @@ class EffortLimits:
         Each of its three readings is up to half a count off, the middle one counts twice.
         """
         return self.acceleration * period**2 + 2.0 * resolution
+
+
+def limits_of(axis: RigAxis, rated: float, plant: Plant | None, workspace: Workspace) -> EffortLimits:
+    """Return the limits of an axis: those of the rig, else those that follow from motor, hand and inertia.
+
+    `rated` is the rated effort in the workspace [N or N·m]; `plant` is None when inertia or damping is unknown, and then
+    the effort is what a hand may be left alone with.
+    """
+    limits = axis.limits
+    effort = min(limits.effort or math.inf, rated if plant else HOLDING_SHARE * rated)
+    possible = (effort + HAND[workspace.value]) / plant.mass if plant and plant.mass else math.inf
+    return EffortLimits(
+        effort=effort,
+        speed=limits.speed or SPEED_LIMIT[workspace.value],
+        slew=effort / SLEW_TIME,
+        position=limits.position,
+        drift=limits.drift or 2 * math.pi * DRIFT_TURNS * axis.mechanism.ratio,
+        acceleration=limits.acceleration or possible,
+        power=limits.power or math.inf,
+        stall=limits.stall or STALL_TIME,
+        holding=HOLDING_SHARE * rated,
+    )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.deadlines import TorqueDeadline, deadlines
+from haptic_fieldbus.planning.deadlines import TorqueDeadline, torque_deadlines
 from haptic_fieldbus.planning.image import ImageLayout
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, BusTraffic, Delay
 from haptic_fieldbus.scenes.scene import Scene
@@ -103,7 +103,7 @@ class Plan:
     def deadlines(self) -> tuple[TorqueDeadline, ...]:
         """Longest time to zero torque for each cause for which torque is taken away."""
         traffic = {name: bus.traffic for bus in self.buses for name in bus.axes}
-        return deadlines([(axis, traffic[axis.name]) for axis in self.axes], self.period)
+        return torque_deadlines([(axis, traffic[axis.name]) for axis in self.axes], self.period)
 
     @property
     def stability(self) -> Stability | None:
