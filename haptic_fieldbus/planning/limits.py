@@ -75,8 +75,8 @@ class EffortLimits:
 def limits_of(axis: RigAxis, rated: float, plant: Plant | None, workspace: Workspace) -> EffortLimits:
     """Return the limits of an axis: those of the rig, else those that follow from motor, hand and inertia.
 
-    `rated` is the rated effort in the workspace [N or N·m]; `plant` is None when inertia or damping is unknown, and then
-    the effort is what a hand may be left alone with.
+    `rated` is the rated effort in the workspace [N or N·m]. `plant` is None when inertia or damping is unknown; then the
+    effort is what a hand may be left alone with.
     """
     limits = axis.limits
     effort = min(limits.effort or math.inf, rated if plant else HOLDING_SHARE * rated)
