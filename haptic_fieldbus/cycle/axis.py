@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
+from haptic_fieldbus.cycle.echo import bind_echo
 from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import Step, bind_sense, in_order
@@ -273,8 +274,10 @@ class AxisCycle:
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        guards = self._guards()
-        return in_order((render, *guards)) if guards else render
+        check, guards = bind_echo(axis, state, self._period, trip), self._guards()
+        # Before the new target is worked out, while the state still has the one that was sent last.
+        first = () if check is None else (lambda: check(self._feedback),)
+        return in_order((*first, render, *guards)) if first or guards else render
 
     def _guards(self) -> list[Step]:
         """What must be looked at with the permitted torque known, each only where it is limited."""

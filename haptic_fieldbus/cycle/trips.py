@@ -23,6 +23,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.FEEDBACK_SPARSE: BusTimeoutError,
     TripKind.PERIODS_MISSED: SafetyTripError,
     TripKind.CLOCK: BusError,
+    TripKind.SET_POINTS_DEAD: DriveFaultError,
     TripKind.NOT_FINITE: SafetyTripError,
     TripKind.ELEMENT_FAILED: SafetyTripError,
     TripKind.START_FORCE: SafetyTripError,
@@ -143,6 +144,16 @@ def _position(trip: Trip, axis: AxisPlan) -> str:
     return f"position {trip.value:.4g} {unit}, the limit is {trip.limit:g} {unit}"
 
 
+def _dead(trip: Trip, axis: AxisPlan) -> str:
+    """Return the cause of set-points that do not act; the value is what the drive says, the limit what it was sent."""
+    unit, shown = axis.workspace.effort_unit, "echo" if axis.profile.echo is None else axis.profile.echo.value
+    return (
+        f"set-points do not act: {trip.limit:.3g} {unit} was sent, but the {shown} of node {axis.node} says "
+        f"{trip.value:.3g} {unit}, and has not followed for {trip.detail} ms. Another tool may have switched off what "
+        "receives its set-points, changed its mode of operation or lowered its torque limit"
+    )
+
+
 def _drift(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
@@ -171,4 +182,5 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.SPEED: _speed,
     TripKind.POSITION: _position,
     TripKind.DRIFT: _drift,
+    TripKind.SET_POINTS_DEAD: _dead,
 }

@@ -42,6 +42,7 @@ PROVIDERS = {
     Signal.POSITION: (Signal.POSITION, Signal.VELOCITY),
     Signal.VELOCITY: (Signal.POSITION, Signal.VELOCITY),
     Signal.TORQUE_ACTUAL: (Signal.TORQUE_ACTUAL,),
+    Signal.TORQUE_DEMAND: (Signal.TORQUE_DEMAND,),
 }
 """Signal → signals of the drive that can provide it, the best first.
 
@@ -166,7 +167,7 @@ def draft_axis(
         couplings=couplings,
         estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
-        limits=_limits(axis, rated, plant, scene_axis.workspace),
+        limits=_limits(axis, rated, plant, scene_axis.workspace, proved=profile.echo is not None),
         effort_unit=effort_unit,
         rated_effort=rated,
         steps_per_revolution=steps,
@@ -220,12 +221,14 @@ def _needed(elements: tuple[AnyElement, ...], signal: Signal) -> bool:
 
 
 def _incoming(elements: tuple[AnyElement, ...], axis: str, profile: DriveProfile) -> tuple[Signal, ...]:
-    """Return the signals to map: statusword, and providers of position and of each signal that elements need."""
+    """Return the signals to map: statusword, and providers of position, echo and each signal that elements need."""
     offered, incoming = profile.offers(), [Signal.STATUSWORD]
     # The position is always mapped, because the limits of the axis are checked against it.
     asking = {Signal.POSITION: "the position check"}
     for element in elements:
         asking.update({signal: element.name for signal in element.needs if signal not in asking})
+    if profile.echo is not None:
+        asking.setdefault(profile.echo, "the check that set-points act")
     for signal in filter(asking.__contains__, PROVIDERS):  # ELAPSED_NS comes from the header, not from the drive
         provider = next((each for each in PROVIDERS[signal] if each in offered), None)
         if provider is None:
@@ -273,10 +276,13 @@ def _steps(profile: DriveProfile, axis: RigAxis) -> float:
     return steps_per_revolution(offered.unit if offered else COUNTS, axis.encoder_counts_per_revolution)
 
 
-def _limits(axis: RigAxis, rated: float, plant: Plant | None, workspace: Workspace) -> EffortLimits:
-    """Effort is bounded by the rig's limit, and by what the motor may give."""
+def _limits(axis: RigAxis, rated: float, plant: Plant | None, workspace: Workspace, *, proved: bool) -> EffortLimits:
+    """Effort is bounded by the rig's limit, and by what the motor may give.
+
+    That is what a hand may hold for ever, where the bench is unknown and where set-points are not `proved` to act.
+    """
     limits = axis.limits
-    effort = min(limits.effort or math.inf, rated if plant else HOLDING_SHARE * rated)
+    effort = min(limits.effort or math.inf, rated if plant and proved else HOLDING_SHARE * rated)
     possible = (effort + HAND[workspace.value]) / plant.mass if plant and plant.mass else math.inf
     return EffortLimits(
         effort=effort,
