@@ -274,10 +274,8 @@ class AxisCycle:
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        check, guards = bind_echo(axis, state, self._period, trip), self._guards()
-        # Before the new target is worked out, while the state still has the one that was sent last.
-        first = () if check is None else (lambda: check(self._feedback),)
-        return in_order((*first, render, *guards)) if first or guards else render
+        proved, guards = bind_echo(axis, state, self._period, trip, lambda: self._feedback, render), self._guards()
+        return in_order((proved, *guards)) if guards else proved
 
     def _guards(self) -> list[Step]:
         """What must be looked at with the permitted torque known, each only where it is limited."""

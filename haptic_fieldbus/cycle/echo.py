@@ -14,9 +14,11 @@ constant nothing can be proved: the deadline runs from the first change that doe
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.cycle.sensing import Feedback, Step
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.watch import STATUSWORD, T_NS, TripOff
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -24,41 +26,50 @@ from haptic_fieldbus.planning.limits import ECHO_SHARE, ECHO_STEPS
 from haptic_fieldbus.signals import Signal
 
 Check = Callable[[Sequence[int]], None]
-"""Looks at the feedback of a period, before the new target is worked out."""
+"""Looks at the feedback of a period."""
 LAGS = 3.0
 """After so many time constants of the torque loop a target counts as reached."""
 FEWEST_TARGETS = 3
 """Of the last targets that an echo may agree with: acting on reception or at a SYNC, and one frame that was lost."""
 
 
-def bind_echo(axis: AxisPlan, state: AxisState, period: float, trip: TripOff) -> Check | None:
-    """Return the check of one axis; None when its drive shows nothing of its set-points."""
+def bind_echo(axis: AxisPlan, state: AxisState, period: float, trip: TripOff, feedback: Feedback, render: Step) -> Step:
+    """Return a step that checks the echo and then renders; `render` alone when the drive shows nothing of its targets.
+
+    The check comes first, while the state still has the target that was sent last.
+    """
     echo = axis.profile.echo
     if echo is None or math.isinf(axis.limits.echo):
-        return None
+        return render
     place = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(echo)
     lags, tolerance = echo is Signal.TORQUE_ACTUAL, float(ECHO_STEPS)
     if lags:
         tolerance = max(tolerance, ECHO_SHARE * axis.rated_effort / axis.effort_unit)
     doubt = Doubt(axis, period, tolerance, trip)
-    return _bind_actual(axis, state, period, place, doubt) if lags else _bind_demand(axis, state, period, place, doubt)
+    bind = _bind_actual if lags else _bind_demand
+    check = bind(axis, state, period, place, doubt)
+
+    def proved() -> None:
+        check(feedback())
+        render()
+
+    return proved
 
 
 def _bind_demand(axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt") -> Check:
     """Compare with the target that must be in force by now."""
     sign, tolerance = axis.rig.mechanism.sign, doubt.tolerance
     waits = axis.delay.transport > (1.0 - 1e-9) * period
-    before = [0] * (FEWEST_TARGETS - 1)
+    before = deque([0] * (FEWEST_TARGETS - 1), maxlen=FEWEST_TARGETS - 1)
 
     def check(feedback: Sequence[int]) -> None:
-        nonlocal before
         sent = state.target
         if state.steps:
             shown = sign * feedback[place]
             expected = before[0] if waits else sent
             if doubt.open or not -tolerance <= shown - expected <= tolerance:
                 doubt.look(feedback[T_NS], shown, expected, (sent, *before))
-        before = [sent, *before[:-1]]
+        before.appendleft(sent)
 
     return check
 
@@ -67,21 +78,22 @@ def _bind_actual(axis: AxisPlan, state: AxisState, period: float, place: int, do
     """Compare with the target that must be in force by now, after the lag of the torque loop."""
     sign, tolerance, lag = axis.rig.mechanism.sign, doubt.tolerance, axis.delay.torque_loop
     late = min(axis.delay.transport, period)
-    first, second = math.exp(-late / lag), math.exp(-(period - late) / lag)
-    before = [0] * (FEWEST_TARGETS - 1 + math.ceil(LAGS * lag / period))
+    # From the sample before on, the target before the last was in force, then the last one.
+    kept, own = math.exp(-period / lag), 1.0 - math.exp(-(period - late) / lag)
+    older = 1.0 - own - kept
+    remembered = FEWEST_TARGETS - 1 + math.ceil(LAGS * lag / period)
+    before = deque([0] * remembered, maxlen=remembered)
     torque = 0.0
 
     def check(feedback: Sequence[int]) -> None:
-        nonlocal before, torque
-        sent, older = state.target, before[0]
-        # From the sample before on, the older target was in force, then the last one.
-        torque = older + (torque - older) * first
-        torque = sent + (torque - sent) * second
+        nonlocal torque
+        sent = state.target
+        torque = kept * torque + older * before[0] + own * sent
         if state.steps:
             shown = sign * feedback[place]
             if doubt.open or not -tolerance <= shown - torque <= tolerance:
                 doubt.look(feedback[T_NS], shown, torque, (sent, *before))
-        before = [sent, *before[:-1]]
+        before.appendleft(sent)
 
     return check
 
