@@ -15,7 +15,7 @@ constant nothing can be proved: the deadline runs from the first change that doe
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.sensing import Feedback, Step
@@ -25,8 +25,6 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import ECHO_SHARE, ECHO_STEPS
 from haptic_fieldbus.signals import Signal
 
-Check = Callable[[Sequence[int]], None]
-"""Looks at the feedback of a period."""
 LAGS = 3.0
 """After so many time constants of the torque loop a target counts as reached."""
 FEWEST_TARGETS = 3
@@ -47,34 +45,34 @@ def bind_echo(axis: AxisPlan, state: AxisState, period: float, trip: TripOff, fe
         tolerance = max(tolerance, ECHO_SHARE * axis.rated_effort / axis.effort_unit)
     doubt = Doubt(axis, period, tolerance, trip)
     bind = _bind_actual if lags else _bind_demand
-    check = bind(axis, state, period, place, doubt)
-
-    def proved() -> None:
-        check(feedback())
-        render()
-
-    return proved
+    return bind(axis, state, period, place, doubt, feedback, render)
 
 
-def _bind_demand(axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt") -> Check:
+def _bind_demand(
+    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: Step
+) -> Step:
     """Compare with the target that must be in force by now."""
     sign, tolerance = axis.rig.mechanism.sign, doubt.tolerance
     waits = axis.delay.transport > (1.0 - 1e-9) * period
     before = deque([0] * (FEWEST_TARGETS - 1), maxlen=FEWEST_TARGETS - 1)
 
-    def check(feedback: Sequence[int]) -> None:
+    def check() -> None:
         sent = state.target
         if state.steps:
-            shown = sign * feedback[place]
+            now = feedback()
+            shown = sign * now[place]
             expected = before[0] if waits else sent
             if doubt.open or not -tolerance <= shown - expected <= tolerance:
-                doubt.look(feedback[T_NS], shown, expected, (sent, *before))
+                doubt.look(now[T_NS], shown, expected, (sent, *before))
         before.appendleft(sent)
+        render()
 
     return check
 
 
-def _bind_actual(axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt") -> Check:
+def _bind_actual(
+    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: Step
+) -> Step:
     """Compare with the target that must be in force by now, after the lag of the torque loop."""
     sign, tolerance, lag = axis.rig.mechanism.sign, doubt.tolerance, axis.delay.torque_loop
     late = min(axis.delay.transport, period)
@@ -85,15 +83,17 @@ def _bind_actual(axis: AxisPlan, state: AxisState, period: float, place: int, do
     before = deque([0] * remembered, maxlen=remembered)
     torque = 0.0
 
-    def check(feedback: Sequence[int]) -> None:
+    def check() -> None:
         nonlocal torque
         sent = state.target
         torque = kept * torque + older * before[0] + own * sent
         if state.steps:
-            shown = sign * feedback[place]
+            now = feedback()
+            shown = sign * now[place]
             if doubt.open or not -tolerance <= shown - torque <= tolerance:
-                doubt.look(feedback[T_NS], shown, torque, (sent, *before))
+                doubt.look(now[T_NS], shown, torque, (sent, *before))
         before.appendleft(sent)
+        render()
 
     return check
 
