@@ -10,6 +10,8 @@ class Signal(Enum):
     POSITION = "position"
     VELOCITY = "velocity"
     TORQUE_ACTUAL = "torque actual"
+    TORQUE_DEMAND = "torque demand"
+    """Target torque as the drive has taken it over, after its own limits and before its torque loop."""
     ELAPSED_NS = "elapsed time"
     """Time since *operation enabled* [ns], a whole number, so that the phase of a wave stays exact after any time."""
     CONTROLWORD = "controlword"

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
+from haptic_fieldbus.cycle.echo import bind_echo
 from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
@@ -275,7 +276,8 @@ class AxisCycle:
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        return in_order((render, self._check_power)) if math.isfinite(axis.limits.power) else render
+        proved = bind_echo(axis, state, self._period, trip, lambda: self._feedback, render)
+        return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
 
     def _check_power(self) -> None:
         state, limit = self.state, self._axis.limits.power

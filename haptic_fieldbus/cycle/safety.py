@@ -47,6 +47,7 @@ class TripKind(Enum):
     POWER = "power limit"
     POSITION = "position limit"
     DRIFT = "position drift"
+    SET_POINTS_DEAD = "set-points do not act"
     CLOCK = "clock went back"
     FOREIGN_MASTER = "foreign master"
     DUPLICATE_NODE = "duplicate node"

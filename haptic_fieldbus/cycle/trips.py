@@ -33,6 +33,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.CLOCK: BusError,
     TripKind.FOREIGN_MASTER: SafetyTripError,
     TripKind.DUPLICATE_NODE: SafetyTripError,
+    TripKind.SET_POINTS_DEAD: DriveFaultError,
     TripKind.NOT_FINITE: SafetyTripError,
     TripKind.ELEMENT_FAILED: SafetyTripError,
     TripKind.START_FORCE: PlanError,
@@ -160,6 +161,16 @@ def _position(trip: Trip, axis: AxisPlan) -> str:
     return f"position {rounded_limit(trip.value)} {unit}, the limit is {_limit(trip)} {unit}"
 
 
+def _dead(trip: Trip, axis: AxisPlan) -> str:
+    """Return the cause of set-points that do not act; the value is what the drive says, the limit what it was sent."""
+    unit, shown = axis.workspace.effort_unit, "echo" if axis.profile.echo is None else axis.profile.echo.value
+    return (
+        f"set-points do not act: {_limit(trip)} {unit} was sent, but the {shown} of node {axis.node} says "
+        f"{rounded_limit(trip.value)} {unit}, and has not followed for {trip.detail} ms. Another tool may have "
+        "switched off what receives its set-points, changed its mode of operation or lowered its torque limit"
+    )
+
+
 def _drift(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
@@ -188,4 +199,5 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.SPEED: _speed,
     TripKind.POSITION: _position,
     TripKind.DRIFT: _drift,
+    TripKind.SET_POINTS_DEAD: _dead,
 }

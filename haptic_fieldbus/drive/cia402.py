@@ -4,7 +4,7 @@ Reference: IEC 61800-7-201 (CiA 402-2).
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Le
 
@@ -15,6 +15,10 @@ from haptic_fieldbus.signals import Signal
 
 Index = Annotated[int, Ge(0x1000), Le(0xFFFF)]
 """Index of an object; the indices below 1000h are those of data types."""
+
+
+ECHOES = {"demand": Signal.TORQUE_DEMAND, "actual": Signal.TORQUE_ACTUAL}
+"""Way of `torque.echo` → signal that comes back."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,10 @@ class TorqueSection:
     target: MappedObject
     actual: MappedObject | None = None
     rated: MappedObject | None = None
+    demand: MappedObject | None = None
+    """Target torque as the drive has taken it over, in the unit of `target`: 6074h, or an object of the vendor."""
+    echo: Literal["demand", "actual", "none"] = "none"
+    """Object in which a set-point comes back, so that the loop sees whether its set-points act."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -99,6 +107,11 @@ class Cia402Profile(DriveProfile):
     link_loss: LinkLoss = field(default_factory=LinkLoss)
     __pydantic_config__: ClassVar = STRICT
 
+    @property
+    def echo(self) -> Signal | None:
+        """Signal that `torque.echo` names."""
+        return ECHOES.get(self.torque.echo)
+
     def entries(self) -> dict[Signal, ObjectEntry]:
         """Return the object that carries each signal which the drive offers."""
         # The standard fixes the objects of statusword and controlword; a profile gives all others.
@@ -113,6 +126,8 @@ class Cia402Profile(DriveProfile):
             entries[Signal.VELOCITY] = self.velocity.actual.entry
         if self.torque.actual is not None:
             entries[Signal.TORQUE_ACTUAL] = self.torque.actual.entry
+        if self.torque.demand is not None:
+            entries[Signal.TORQUE_DEMAND] = self.torque.demand.entry
         return entries
 
     def offers(self) -> dict[Signal, MappedSignal]:

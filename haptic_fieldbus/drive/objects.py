@@ -82,6 +82,7 @@ NAMES = {
     0x606C: "velocity actual value",
     0x6071: "target torque",
     0x6072: "max torque",
+    0x6074: "torque demand",
     0x6076: "motor rated torque",
     0x6077: "torque actual value",
     0x60C2: "interpolation time period",

@@ -77,6 +77,11 @@ class DriveProfile(ABC):
         """Vendor and model, as messages name the drive."""
         return f"{self.drive.vendor} {self.drive.model}"
 
+    @property
+    def echo(self) -> Signal | None:
+        """Signal in which a target torque comes back, the proof that set-points act; None: the drive has no such."""
+        return None
+
     @abstractmethod
     def offers(self) -> Mapping[Signal, MappedSignal]:
         """Return the signals that the drive offers, each as it is carried."""

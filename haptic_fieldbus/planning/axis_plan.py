@@ -35,6 +35,7 @@ PROVIDERS = {
     Signal.POSITION: (Signal.POSITION, Signal.VELOCITY),
     Signal.VELOCITY: (Signal.POSITION, Signal.VELOCITY),
     Signal.TORQUE_ACTUAL: (Signal.TORQUE_ACTUAL,),
+    Signal.TORQUE_DEMAND: (Signal.TORQUE_DEMAND,),
 }
 """Signal → signals of the drive that can provide it, the best first.
 
@@ -157,7 +158,7 @@ def draft_axis(
         couplings=couplings,
         estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
-        limits=limits_of(axis, rated, plant, scene_axis.workspace),
+        limits=limits_of(axis, rated, plant, scene_axis.workspace, proved=profile.echo is not None),
         effort_unit=effort_unit,
         rated_effort=rated,
         steps_per_revolution=steps,
@@ -211,12 +212,14 @@ def _needed(elements: tuple[AnyElement, ...], signal: Signal) -> bool:
 
 
 def _incoming(elements: tuple[AnyElement, ...], axis: str, profile: DriveProfile) -> tuple[Signal, ...]:
-    """Return the signals to map: statusword, and providers of position and of each signal that elements need."""
+    """Return the signals to map: statusword, and providers of position, echo and each signal that elements need."""
     offered, incoming = profile.offers(), [Signal.STATUSWORD]
     # The position is always mapped, because the limits of the axis are checked against it.
     asking = {Signal.POSITION: "the position check"}
     for element in elements:
         asking.update({signal: element.name for signal in element.needs if signal not in asking})
+    if profile.echo is not None:
+        asking.setdefault(profile.echo, "the check that set-points act")
     for signal in filter(asking.__contains__, PROVIDERS):  # ELAPSED_NS comes from the header, not from the drive
         provider = next((each for each in PROVIDERS[signal] if each in offered), None)
         if provider is None:

@@ -1,7 +1,8 @@
 """Compilation of a scene, a rig and a rate to the smallest loop that renders the scene.
 
 The order is: needs → providers → prune → lay out → budget → stability → steps. Needs are the union over the elements
-and the position, which safety always needs; a signal that nothing needs is neither mapped nor decoded nor estimated.
+and what safety always needs, which is the position and the echo of the set-points; a signal that nothing needs is
+neither mapped nor decoded nor estimated.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,6 +12,7 @@ from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
 from haptic_fieldbus.planning.image import lay_out_image
+from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
 from haptic_fieldbus.planning.verdicts import on_bus, with_verdicts
 from haptic_fieldbus.protocols.registry import protocol_named
@@ -85,6 +87,11 @@ def _steps(axis: AxisPlan, prefix: str) -> Iterator[str]:
     yield f"{prefix}link: trip on lost feedback, emergency or restart"
     yield f"{prefix}power state: statusword → controlword"
     yield from (f"{prefix}{step}" for step in (_integrated(axis) if axis.integrates else _estimated(axis)))
+    if axis.profile.echo is not None:
+        yield (
+            f"{prefix}echo: {axis.profile.echo.value} against what was sent, needed by safety; trip when they differ "
+            f"for {rounded(1e3 * axis.limits.echo)} ms"
+        )
     for element in (*axis.elements, *axis.couplings):
         how = f", {axis.method}" if isinstance(element, DynamicElement) else ""
         yield f"{prefix}element: {element.name}{how}"
@@ -134,6 +141,11 @@ def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
             yield LeftOut("estimator", "without velocity there is nothing to estimate")
     if not any(mapped.signal is Signal.TORQUE_ACTUAL for axis in axes for mapped in axis.incoming):
         yield LeftOut("torque actual", "no element asks for it")
+    for axis in axes:
+        if axis.profile.echo is None:
+            why = "does not show what it was sent (torque.echo of its profile)"
+            cap = f"torque stays within {100 * HOLDING_SHARE:g} % of rated, what a hand may hold for ever"
+            yield LeftOut("echo of the set-points", f"{axis.profile.title} {why}; {cap}")
     if not any(axis.method for axis in axes):
         remembers = any(isinstance(element, MemoryElement) for axis in axes for element in axis.elements)
         why = "what elements remember, they step by themselves" if remembers else "no element has virtual states"

@@ -16,6 +16,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import fade_periods
 from haptic_fieldbus.protocols.traffic import BusTraffic, Json
@@ -71,22 +72,30 @@ def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Tor
     seen = period + traffic.latch + axis.delay.transport + end
     faded, old = _missing(axis, period)
     by_loop = "seen in the next period, whose set-points are torque-free"
-    by_guard = f"the guard of the drive, {1e3 * guard:g} ms"
+    by_guard = f"the guard of the drive, {rounded(1e3 * guard)} ms"
     yield TorqueDeadline(EndCause.TRIP, seen, by_loop)
     lost = min(faded, old) + end
     yield TorqueDeadline(EndCause.FEEDBACK, lost, "held for one period, then faded out")
     yield TorqueDeadline(EndCause.FAULT, seen, f"the drive by itself; the others: {by_loop}")
     yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself; the others as when feedback is lost")
     if math.isfinite(traffic.silence):
-        how = f"{1e3 * traffic.silence:g} ms without it, then {by_loop}"
+        how = f"{rounded(1e3 * traffic.silence)} ms without it, then {by_loop}"
         yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
-    how = f"feedback older than {1e3 * axis.limits.age:g} ms is a trip; then by SDO, at the latest {by_guard}"
+    how = f"feedback older than {rounded(1e3 * axis.limits.age)} ms is a trip; then by SDO, at the latest {by_guard}"
     yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
     yield TorqueDeadline(EndCause.DISCONNECTED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.STOPPED, guard + end, f"{by_guard}, alone")
-    yield TorqueDeadline(EndCause.NO_EFFECT, math.inf, "nothing notices it")
+    yield TorqueDeadline(EndCause.NO_EFFECT, axis.limits.echo + period + guard + end, _unfollowed(axis, by_guard))
     yield TorqueDeadline(EndCause.END, seen, "torque-free set-points at once")
+
+
+def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
+    """Return how a set-point without effect is noticed; a constant one cannot be told from one that acts."""
+    if math.isinf(axis.limits.echo):
+        return "nothing notices it: the drive does not show what it was sent"
+    waited = rounded(1e3 * axis.limits.echo)
+    return f"not followed for {waited} ms from the first change on is a trip; then by SDO, at the latest {by_guard}"
 
 
 def _end(axis: AxisPlan, traffic: BusTraffic) -> float:

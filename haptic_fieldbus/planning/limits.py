@@ -26,6 +26,13 @@ HOLDING_SHARE = 0.05
 """Share of rated torque that a hand may be left alone with: after a stall, and without a guard that was proved."""
 START_SHARE = 0.25
 """Share of the effort limit that a scene may ask for in its first period."""
+ECHO_TIME, ECHO_PERIODS = 0.035, 3
+"""[s] and periods, the longer of them: so long the drive may show another torque than it was sent."""
+ECHO_STEPS = 1
+"""Steps of target torque by which a torque demand may differ from what was sent."""
+ECHO_SHARE = 0.03
+"""Share of rated torque by which a torque actual value may differ from what was sent, for noise and ripple of the
+current. Below `HOLDING_SHARE`: a torque that stands still unnoticed is one that a hand may be left alone with."""
 AGE_SHARE = 0.6
 """Share of the drive's own guard at which feedback is too old."""
 HOLD_FADE = 0.01
@@ -63,6 +70,8 @@ class EffortLimits:
     """Effort that is permitted after a stall."""
     age: float = math.inf
     """[s]; oldest feedback with which force is rendered."""
+    echo: float = math.inf
+    """[s] for which the drive may show another torque than it was sent; infinity where it shows none."""
 
     def jump(self, period: float, resolution: float) -> float:
         """Return the largest second difference of the position [m or rad] that motion and encoder can make.
@@ -72,14 +81,14 @@ class EffortLimits:
         return self.acceleration * period**2 + 2.0 * resolution
 
 
-def limits_of(axis: RigAxis, rated: float, plant: Plant | None, workspace: Workspace) -> EffortLimits:
+def limits_of(axis: RigAxis, rated: float, plant: Plant | None, workspace: Workspace, *, proved: bool) -> EffortLimits:
     """Return the limits of an axis: those of the rig, else those that follow from motor, hand and inertia.
 
-    `rated` is the rated effort in the workspace [N or N·m]. `plant` is None when inertia or damping is unknown; then the
-    effort is what a hand may be left alone with.
+    `rated` is the rated effort in the workspace [N or N·m]. `plant` is None when inertia or damping is unknown. Then,
+    and when set-points are not `proved` to act, the effort is what a hand may be left alone with.
     """
     limits = axis.limits
-    effort = min(limits.effort or math.inf, rated if plant else HOLDING_SHARE * rated)
+    effort = min(limits.effort or math.inf, rated if plant and proved else HOLDING_SHARE * rated)
     possible = (effort + HAND[workspace.value]) / plant.mass if plant and plant.mass else math.inf
     return EffortLimits(
         effort=effort,

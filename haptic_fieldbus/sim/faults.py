@@ -76,6 +76,15 @@ class MissingTpdos(Concern):
 
 
 @dataclass(frozen=True)
+class MissingRpdos(Concern):
+    """The loss of the next `count` RPDOs inside the node, None all of them; the drive keeps its last set-point."""
+
+    kind: Literal["missing_rpdos"]
+    at: NonNegativeFloat
+    count: Annotated[int, Ge(1)] | None = None
+
+
+@dataclass(frozen=True)
 class HeartbeatLost(Concern):
     """The end of the node's own heartbeat; everything else continues."""
 
@@ -150,6 +159,7 @@ TimedFault = (
     | NodeReset
     | Silence
     | MissingTpdos
+    | MissingRpdos
     | HeartbeatLost
     | EncoderJump
     | PositionStuck

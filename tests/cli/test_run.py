@@ -53,6 +53,7 @@ def test_json_is_the_only_thing_on_standard_output(command: Command) -> None:
     assert result["plan"]["mapped"] == [
         "6041h:00 statusword",
         "6064h:00 position actual value",
+        "6077h:00 torque actual value",
         "6040h:00 controlword",
         "6071h:00 target torque",
     ]

@@ -46,7 +46,7 @@ class Constant:
 
 
 def image(counts: int = 0, status: int = ENABLED, flags: int = 0, t_ns: int = 0, age: int = 0, code: int = 0) -> bytes:
-    return struct.pack("<qIHHHi", t_ns, age, flags, code, status, counts)
+    return struct.pack("<qIHHHih", t_ns, age, flags, code, status, counts, 0)
 
 
 def sent(output: bytearray) -> tuple[int, int]:
@@ -504,7 +504,7 @@ def test_elements_of_an_axis_add_up() -> None:
 
 
 def two_axes(status: tuple[int, int], flags: tuple[int, int] = (0, 0)) -> bytes:
-    return struct.pack("<qIHHIHHHiHi", 0, 0, flags[0], 0, 0, flags[1], 0, status[0], 0, status[1], 0)
+    return struct.pack("<qIHHIHHHihHih", 0, 0, flags[0], 0, 0, flags[1], 0, status[0], 0, 0, status[1], 0, 0)
 
 
 def test_two_axes_wait_for_each_other_and_fall_together() -> None:

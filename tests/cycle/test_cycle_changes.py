@@ -100,7 +100,7 @@ class Driven:
         return after
 
     def _force(self, counts: int) -> float:
-        self.cycle(struct.pack("<qIHHHi", 0, 0, 0, 0, ENABLED, counts))
+        self.cycle(struct.pack("<qIHHHih", 0, 0, 0, 0, ENABLED, counts, 0))
         assert self.cycle.trip is None
         return self.cycle.row[self.cycle.columns.index("handle.force")]
 
@@ -162,7 +162,7 @@ def test_of_two_axes_the_other_goes_on() -> None:
     cycle = Cycle(before)
 
     def force(counts: int) -> tuple[float, float]:
-        cycle(struct.pack("<qIHHIHHHiHi", 0, 0, 0, 0, 0, 0, 0, ENABLED, counts, ENABLED, counts))
+        cycle(struct.pack("<qIHHIHHHihHih", 0, 0, 0, 0, 0, 0, 0, ENABLED, counts, 0, ENABLED, counts, 0))
         names = ("left.force", "right.force")
         found = dict(zip(cycle.columns, cycle.row, strict=True))
         return found[names[0]], found[names[1]]
@@ -183,7 +183,7 @@ def test_a_coupling_goes_over_in_equal_steps_on_both_axes() -> None:
 
     def forces(counts: int) -> tuple[float, float]:
         """Of the shaft, the left handle turned and the right one held."""
-        cycle(struct.pack("<qIHHIHHHiHi", 0, 0, 0, 0, 0, 0, 0, ENABLED, counts, ENABLED, 0))
+        cycle(struct.pack("<qIHHIHHHihHih", 0, 0, 0, 0, 0, 0, 0, ENABLED, counts, 0, ENABLED, 0, 0))
         found = dict(zip(cycle.columns, cycle.row, strict=True))
         return found["left.force"], found["right.force"]
 

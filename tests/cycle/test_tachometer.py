@@ -31,7 +31,7 @@ def plan_with(scene: Scene = FREE, limits: Limits | None = None, mechanism: Line
 
 
 def image(reading: int, number: int, flags: int = 0, age: int = 0) -> bytes:
-    return struct.pack("<qIHHHi", number * PERIOD_NS, age, flags, 0, ENABLED, reading)
+    return struct.pack("<qIHHHih", number * PERIOD_NS, age, flags, 0, ENABLED, reading, 0)
 
 
 def fed(cycle: Cycle, readings: list[int], start: int = 0) -> list[float]:
@@ -76,7 +76,7 @@ def test_what_is_read_and_what_it_makes_stand_in_the_row_under_names_of_their_ow
     plan = plan_with()
     cycle = Cycle(plan)
     fed(cycle, [0, 7])
-    assert decoded_columns(plan)[-1] == "handle.velocity reading"
+    assert decoded_columns(plan)[-2] == "handle.velocity reading"
     assert cycle.row[cycle.columns.index("handle.velocity reading")] == 7
     assert len(set(cycle.columns)) == len(cycle.columns) == len(cycle.row)
 

@@ -6,6 +6,7 @@ interpreter's profiler sees from one input image to its output image, after forc
 
 import json
 import sys
+from collections.abc import Sequence
 from types import FrameType
 
 from haptic_fieldbus.api import plan
@@ -18,11 +19,16 @@ FADED_IN, WATCHED = 2000, 20
 OPERATION_ENABLED = 0x0637
 
 
-def image(compiled: Plan, number: int) -> bytes:
-    """The input image of a period: every drive in operation enabled, its handle one count further than before."""
+def image(compiled: Plan, number: int, targets: Sequence[int]) -> bytes:
+    """The input image of a period: every drive in operation enabled, its handle one count further than before.
+
+    What was sent comes back: `targets` has the target torque of each axis.
+    """
     known = {"t_ns": number * compiled.period_ns}
-    for axis in compiled.axes:
+    for axis, target in zip(compiled.axes, targets, strict=True):
         known |= {f"{axis.name}.statusword": OPERATION_ENABLED, f"{axis.name}.position counts": number}
+        if axis.profile.echo is not None:
+            known[f"{axis.name}.{axis.profile.echo.value}"] = target
     return compiled.image.input.pack(*(known.get(name, 0) for name in decoded_columns(compiled)))
 
 
@@ -44,10 +50,15 @@ def calls(cycle: Cycle, period: bytes) -> list[str]:
 def observe(scene: str) -> dict[str, object]:
     """Return the fields of `tests.golden.left_out.Observed`; RuntimeError when the cycle trips."""
     compiled = plan(scene)
-    cycle = Cycle(compiled)
-    for number in range(FADED_IN):
-        cycle(image(compiled, number))
-    periods = [calls(cycle, image(compiled, FADED_IN + number)) for number in range(WATCHED)]
+    cycle, periods = Cycle(compiled), []
+    targets = [0 for _ in compiled.axes]
+    for number in range(FADED_IN + WATCHED):
+        period = image(compiled, number, targets)
+        if number < FADED_IN:
+            cycle(period)
+        else:
+            periods.append(calls(cycle, period))
+        targets = [int(cycle.row[cycle.columns.index(f"{axis.name}.target torque")]) for axis in compiled.axes]
     if cycle.trip is not None:
         raise RuntimeError(f"{scene} tripped: {cycle.trip}")
     return {

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+from haptic_fieldbus.drive.cia402 import MappedObject
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.rig import BusSection, Limits, RotaryMechanism
 from haptic_fieldbus.errors import (
     BusOverloadError,
@@ -13,21 +15,24 @@ from haptic_fieldbus.errors import (
     SignalUnavailableError,
 )
 from haptic_fieldbus.margins.verdict import StiffnessLimit
+from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.explain import explain
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal, Workspace
-from tests.builders import PROFILE, WALL, can_traffic, pdos_of, plan_of, rig_of, scene_of
+from tests.builders import PERMILLE, PROFILE, WALL, can_traffic, pdos_of, plan_of, rig_of, scene_of
 from tests.cycle.test_cycle import Constant
 
 DAMPED = scene_of(Wall("handle", stiffness=600.0, position=0.02, damping=2.0))
 SPRUNG = scene_of(SprungMass("handle", stiffness=100.0, mass=0.5))
 
 
-def test_a_wall_maps_four_objects_and_nothing_else() -> None:
+def test_a_wall_maps_five_objects_and_nothing_else() -> None:
     assert plan_of().mapped == (
         "6041h:00 statusword",
         "6064h:00 position actual value",
+        "6077h:00 torque actual value",
         "6040h:00 controlword",
         "6071h:00 target torque",
     )
@@ -52,20 +57,57 @@ def left_out(scene_plan: object) -> set[str]:
 
 def test_each_scene_leaves_out_what_it_does_not_need() -> None:
     wall, damped, sprung = plan_of(), plan_of(DAMPED), plan_of(SPRUNG)
-    assert left_out(wall) == {"velocity", "estimator", "torque actual", "integrator", "virtual states"}
-    assert left_out(damped) == {"torque actual", "integrator", "virtual states"}
-    assert left_out(sprung) == {"velocity", "estimator", "torque actual"}
+    assert left_out(wall) == {"velocity", "estimator", "integrator", "virtual states"}
+    assert left_out(damped) == {"integrator", "virtual states"}
+    assert left_out(sprung) == {"velocity", "estimator"}
     assert wall.modules == ("haptic_fieldbus.scenes.wall",)
     assert damped.modules == ("haptic_fieldbus.numerics.estimators", "haptic_fieldbus.scenes.wall")
     assert sprung.modules == ("haptic_fieldbus.numerics.integrators", "haptic_fieldbus.scenes.sprung_mass")
     assert len({wall.steps, damped.steps, sprung.steps}) == 3
 
 
+DEMAND = replace(
+    PROFILE,
+    torque=replace(PROFILE.torque, demand=MappedObject(0x6074, DataType.INT16, unit=PERMILLE), echo="demand"),
+)
+"""A drive whose set-points come back in a torque demand, so that torque actual is mapped only where it is asked for."""
+
+
 def test_a_signal_that_an_element_asks_for_is_mapped() -> None:
     scene = scene_of(Constant("handle", 0.0, needs=(Signal.POSITION, Signal.TORQUE_ACTUAL)))
-    plan = plan_of(scene)
+    plan, without = plan_of(scene, profile=DEMAND), plan_of(profile=DEMAND)
     assert "6077h:00 torque actual value" in plan.mapped
     assert "torque actual" not in left_out(plan)
+    assert "6077h:00 torque actual value" not in without.mapped
+    assert "torque actual" in left_out(without)
+
+
+@pytest.mark.parametrize(
+    ("profile", "shown"), [(PROFILE, "6077h:00 torque actual value"), (DEMAND, "6074h:00 torque demand")]
+)
+def test_safety_needs_what_set_points_come_back_in(profile: CanopenProfile, shown: str) -> None:
+    plan = plan_of(profile=profile)
+    assert shown in plan.mapped
+    assert [step for step in plan.steps if "needed by safety" in step] == [
+        f"echo: {shown[9:].removesuffix(' value')} against what was sent, needed by safety; "
+        "trip when they differ for 35 ms"
+    ]
+    assert plan.axes[0].limits.effort == pytest.approx(plan.axes[0].rated_effort)
+
+
+@pytest.mark.parametrize(("rate", "longest"), [(1000.0, 0.035), (250.0, 0.035), (50.0, 0.06)])
+def test_the_deadline_of_the_echo_is_35_ms_or_three_periods(rate: float, longest: float) -> None:
+    plan = compile_plan(WALL, rig_of(WALL), {PROFILE.name: PROFILE}, rate)
+    assert plan.axes[0].limits.echo == pytest.approx(longest)
+
+
+def test_a_drive_that_shows_nothing_of_its_set_points_gets_what_a_hand_may_hold_and_the_plan_says_so() -> None:
+    plan = plan_of(profile=replace(PROFILE, torque=replace(PROFILE.torque, echo="none")))
+    assert plan.axes[0].limits.effort == pytest.approx(0.05 * plan.axes[0].rated_effort)
+    assert math.isinf(plan.axes[0].limits.echo)
+    (why,) = [left.why for left in plan.left_out if left.what == "echo of the set-points"]
+    assert "5 % of rated" in why
+    assert "6077h:00 torque actual value" not in plan.mapped
 
 
 def test_a_signal_that_the_drive_lacks_is_an_error_naming_element_signal_and_drive() -> None:
@@ -76,7 +118,7 @@ def test_a_signal_that_the_drive_lacks_is_an_error_naming_element_signal_and_dri
 
 
 def test_a_rate_beyond_the_bus_is_refused() -> None:
-    with pytest.raises(BusOverloadError, match="265 bits"):
+    with pytest.raises(BusOverloadError, match="285 bits"):
         plan_of(rate=5000.0)
 
 
@@ -133,7 +175,7 @@ def test_two_axes_share_the_bus_and_are_told_apart() -> None:
     scene = scene_of(Wall("left", 100.0), Wall("right", 200.0, name="second"))
     plan = plan_of(scene)
     assert [axis.node for axis in plan.axes] == [1, 2]
-    assert plan.bus_load == pytest.approx(((55 + 2 * 210) * 1000 + 65 * (100 + 2 * 10)) / 1e6)
+    assert plan.bus_load == pytest.approx(((55 + 2 * 230) * 1000 + 65 * (100 + 2 * 10)) / 1e6)
     assert plan.delay.bus > plan_of().delay.bus
     assert plan.stability is plan.axes[1].stability
     assert plan.steps[0].startswith("left: ")

@@ -16,8 +16,8 @@ from tests.several_buses import rig_on
 SCENE = scene_of(Wall("left", 100.0), Wall("right", 200.0, name="second"))
 THREE = scene_of(Wall("left", 100.0), Wall("right", 200.0, name="second"), Wall("foot", 50.0, name="third"))
 BUSES = {"left": "can0", "right": "can1"}
-BITS_IN, BITS_OUT, SYNC_BITS, HEARTBEAT_BITS, INTERFRAME_BITS = 115, 95, 55, 65, 3
-"""Worst case of 6 octets in, 4 out, none and one."""
+BITS_IN, BITS_OUT, SYNC_BITS, HEARTBEAT_BITS, INTERFRAME_BITS = 135, 95, 55, 65, 3
+"""Worst case of 8 octets in, 4 out, none and one."""
 
 
 def two_buses(left: int = 1_000_000, right: int = 1_000_000, rate: float = 1000.0, **changes: Any) -> Plan:
@@ -49,7 +49,7 @@ def test_two_buses_of_one_bit_rate_carry_what_each_would_carry_alone() -> None:
 
 
 def test_who_has_its_feedback_first_waits_for_the_slowest_bus() -> None:
-    """SYNC and TPDO at 500 kbit/s end (55 + 115) bits of 1 µs later than at 1 Mbit/s; its latch, 55 µs later."""
+    """SYNC and TPDO at 500 kbit/s end (55 + 135) bits of 1 µs later than at 1 Mbit/s; its latch, 55 µs later."""
     profile = replace(PROFILE, timing=replace(PROFILE.timing, control_period=0.0))
     rig = rig_on(SCENE, BUSES, {"can1": 500_000})
     fast, slow = compile_plan(SCENE, rig, {PROFILE.name: profile}, 1000.0).axes
@@ -90,7 +90,7 @@ def test_node_ids_may_repeat_and_ours_is_free_on_each_bus() -> None:
 
 @pytest.mark.parametrize(("left", "right", "full"), [(250_000, 1_000_000, "can0"), (1_000_000, 250_000, "can1")])
 def test_the_bus_that_is_too_full_is_named(left: int, right: int, full: str) -> None:
-    with pytest.raises(BusOverloadError, match=rf"^bus {full}: 1000 Hz needs 265 bits a period: 109 % of 250000 bit/s"):
+    with pytest.raises(BusOverloadError, match=rf"^bus {full}: 1000 Hz needs 285 bits a period: 117 % of 250000 bit/s"):
         two_buses(left, right)
 
 
@@ -122,17 +122,18 @@ def test_the_text_names_each_bus_its_load_and_its_axes_and_lists_its_pdos_below(
     lines = explain(two_buses(1_000_000, 500_000)).splitlines()
     at = next(number for number, line in enumerate(lines) if line.startswith("bus"))
     pdos = [
-        "in         TPDO1 {tpdo}h, type 1 (every SYNC), 6 octets",
+        "in         TPDO1 {tpdo}h, type 1 (every SYNC), 8 octets",
         "             6041h:00 statusword",
         "             6064h:00 position actual value",
+        "             6077h:00 torque actual value",
         "out        RPDO1 {rpdo}h, type 255 (event-driven), 4 octets",
         "             6040h:00 controlword",
         "             6071h:00 target torque",
     ]
-    assert lines[at : at + 14] == [
-        "bus        can0: 1000 Hz at 1 Mbit/s, load 27 % (worst case), axes left",
+    assert lines[at : at + 16] == [
+        "bus        can0: 1000 Hz at 1 Mbit/s, load 29 % (worst case), axes left",
         *(line.format(tpdo=181, rpdo=201) for line in pdos),
-        "bus        can1: 1000 Hz at 500 kbit/s, load 54 % (worst case), axes right",
+        "bus        can1: 1000 Hz at 500 kbit/s, load 58 % (worst case), axes right",
         *(line.format(tpdo=182, rpdo=202) for line in pdos),
     ]
 

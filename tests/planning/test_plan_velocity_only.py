@@ -43,8 +43,13 @@ def reasons(plan: Plan) -> dict[str, str]:
 @pytest.mark.parametrize("scene", [WALL, DAMPED, SPRUNG])
 def test_the_velocity_is_mapped_in_the_place_of_the_position(scene: Scene) -> None:
     plan = plan_of(scene, profile=VELOCITY_ONLY)
-    mapped = ("6041h:00 statusword", "606Ch:00 velocity actual value", "6040h:00 controlword", "6071h:00 target torque")
-    assert plan.mapped == mapped
+    assert plan.mapped == (
+        "6041h:00 statusword",
+        "606Ch:00 velocity actual value",
+        "6077h:00 torque actual value",
+        "6040h:00 controlword",
+        "6071h:00 target torque",
+    )
     assert (plan.bus_load, plan.delay) == (plan_of(scene).bus_load, plan_of(scene).delay)
     assert "haptic_fieldbus.cycle.tachometer" in plan.modules
     assert ESTIMATORS not in plan.modules

@@ -20,7 +20,7 @@ from haptic_fieldbus.protocols.registry import parse_bus, protocol_named, protoc
 
 PLUGIN = Path(__file__).parent / "plugin"
 DRIVE = str(PLUGIN / "toy_drive.toml")
-OCTETS_IN, OCTETS_OUT, SECONDS_AN_OCTET = 1 + 7, 5, 10 / 2e6
+OCTETS_IN, OCTETS_OUT, SECONDS_AN_OCTET = 1 + 9, 5, 10 / 2e6
 RADIUS = 0.05 / (2 * 3.141592653589793)
 
 
@@ -53,19 +53,25 @@ def test_its_plan_has_its_own_traffic_delay_and_units() -> None:
     plan = haptic_fieldbus.plan("wall", drive=DRIVE, bus="toy")
     axis, (bus,) = plan.axes[0], plan.buses
     assert bus.traffic.load == pytest.approx((OCTETS_IN + OCTETS_OUT) * SECONDS_AN_OCTET * 1000.0)
-    assert plan.delay.bus == pytest.approx((7 + OCTETS_OUT) * SECONDS_AN_OCTET)
+    assert plan.delay.bus == pytest.approx((9 + OCTETS_OUT) * SECONDS_AN_OCTET)
     assert axis.position_unit == pytest.approx(1e-3 * RADIUS), "a milliradian of the motor"
     assert axis.effort_unit == pytest.approx(1e-3 * 0.05 / RADIUS), "a milliampere at 0.05 N·m/A"
     assert axis.limits.effort == pytest.approx(0.4 / RADIUS), "rated torque, whatever the unit of the set-point"
-    assert plan.mapped == ("register 1 mode", "register 2 position", "register 4 command", "register 5 current")
+    assert plan.mapped == (
+        "register 1 mode",
+        "register 2 position",
+        "register 6 echo",
+        "register 4 command",
+        "register 5 current",
+    )
 
 
 def test_its_words_stand_in_the_explanation() -> None:
     text = explain(haptic_fieldbus.plan("wall", drive=DRIVE, bus="toy"))
     for line in (
         "axis       handle: toy works Mover, node 1, linear, at most 50.3 N",
-        "bus        1000 Hz at 2000000 baud, load 6.5 %",
-        "in         message of node 1: register 1 mode, register 2 position",
+        "bus        1000 Hz at 2000000 baud, load 7.5 %",
+        "in         message of node 1: register 1 mode, register 2 position, register 6 echo",
         "out        message of node 1: register 4 command, register 5 current",
     ):
         assert line in text.splitlines()
@@ -90,9 +96,9 @@ def test_it_renders_a_wall_in_virtual_time() -> None:
 
 def test_the_command_line_tells_its_numbers(capsys: pytest.CaptureFixture[str]) -> None:
     plan = answer(capsys, "plan", "wall")
-    assert plan["messages"] == [{"bus": "toy", "node": 1, "octets": 12}]
+    assert plan["messages"] == [{"bus": "toy", "node": 1, "octets": 14}]
     assert (plan["pdos"], plan["registers"]) == (None, None)
-    assert plan["delay_s"]["bus"] == pytest.approx((7 + OCTETS_OUT) * SECONDS_AN_OCTET)
+    assert plan["delay_s"]["bus"] == pytest.approx((9 + OCTETS_OUT) * SECONDS_AN_OCTET)
     run = answer(capsys, "run", "wall", "--duration", "0.5")
     assert run["bus"] == "toy"
     assert run["bus_load"] == pytest.approx((OCTETS_IN + OCTETS_OUT) * SECONDS_AN_OCTET * 1000.0)
@@ -116,7 +122,7 @@ def test_several_axes_share_its_line() -> None:
 
 
 def test_its_bus_has_a_highest_rate_too() -> None:
-    with pytest.raises(BusOverloadError, match="too fast for a toy: at most 8696 Hz"):
+    with pytest.raises(BusOverloadError, match="too fast for a toy: at most 8000 Hz"):
         haptic_fieldbus.plan("wall", drive=DRIVE, bus="toy", rate=9000.0)
 
 

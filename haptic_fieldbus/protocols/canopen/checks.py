@@ -1,6 +1,7 @@
 """Checks of a CANopen profile that its dataclasses cannot state."""
 
 from haptic_fieldbus.documents import Document
+from haptic_fieldbus.drive.cia402 import ECHOES
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.units import COUNTS, PERMILLE, RATED_TORQUE_UNITS, VELOCITY_UNITS
 
@@ -8,12 +9,14 @@ from haptic_fieldbus.drive.units import COUNTS, PERMILLE, RATED_TORQUE_UNITS, VE
 _TYPES = {
     ("torque", "target"): ("int16", "int32"),
     ("torque", "actual"): ("int16", "int32"),
+    ("torque", "demand"): ("int16", "int32"),
     ("position", "actual"): ("int32",),
     ("velocity", "actual"): ("int32",),
 }
 _UNITS = {
     ("torque", "target"): (PERMILLE,),
     ("torque", "actual"): (PERMILLE,),
+    ("torque", "demand"): (PERMILLE,),
     ("torque", "rated"): tuple(RATED_TORQUE_UNITS),
     ("position", "actual"): (COUNTS,),
     ("velocity", "actual"): VELOCITY_UNITS,
@@ -26,6 +29,7 @@ def check_profile(document: Document) -> None:
     _check_motion(document)
     _check_signals(document)
     _check_objects(document)
+    _check_echo(document)
 
 
 def _check_motion(document: Document) -> None:
@@ -67,3 +71,10 @@ def _check_objects(document: Document) -> None:
         first = used.setdefault((index, subindex), name)
         if first != name:
             document.fault((*path, "object"), f"0x{index:04X} is {first} already; expected another object")
+
+
+def _check_echo(document: Document) -> None:
+    """Note a way of proving set-points for which the profile names no object."""
+    way = document.value("torque", "echo")
+    if way in ECHOES and not document.table("torque", str(way)):
+        document.fault(("torque", "echo"), f'"{way}" without torque.{way}; expected that object too, or "none"')

@@ -98,7 +98,7 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
             evidence="vendor-data",
         ),
         identity=_identity(eds),
-        torque=TorqueSection(mode or _torque_mode(eds), *_torque(eds)),
+        torque=_torque(eds, mode or _torque_mode(eds)),
         position=None if velocity else PositionSection(MappedObject(0x6064, DataType.INT32, unit="counts")),
         velocity=velocity,
         pdo=_pdos(eds),
@@ -183,12 +183,24 @@ def _identity(eds: Eds) -> IdentitySection:
     return IdentitySection(vendor or None, (product,) if product else ())
 
 
-def _torque(eds: Eds) -> tuple[MappedObject, MappedObject | None, MappedObject | None]:
-    """Return the objects of target, actual and rated torque; None for one that is missing or cannot be used."""
-    target = MappedObject(0x6071, _TYPES[eds.objects[0x6071].entries[0].type], unit=PERMILLE)
-    actual, rated = eds.find(0x6077), eds.find(0x6076)
-    is_sent = actual is not None and actual.mappable and actual.type in NEEDED[0x6071]
-    return target, _mapped(actual if is_sent else None, PERMILLE), _mapped(rated, "mN·m")
+def _torque(eds: Eds, mode: int) -> TorqueSection:
+    """Return the torque objects; None for one that is missing or cannot be used."""
+    actual, demand = _sent_torque(eds, 0x6077), _sent_torque(eds, 0x6074)
+    return TorqueSection(
+        mode,
+        target=MappedObject(0x6071, _TYPES[eds.objects[0x6071].entries[0].type], unit=PERMILLE),
+        actual=actual,
+        rated=_mapped(eds.find(0x6076), "mN·m"),
+        demand=demand,
+        echo="demand" if demand is not None else "actual" if actual is not None else "none",
+    )
+
+
+def _sent_torque(eds: Eds, index: int) -> MappedObject | None:
+    """Return a torque that the drive can send in a PDO; None for one that it cannot."""
+    entry = eds.find(index)
+    is_sent = entry is not None and entry.mappable and entry.type in NEEDED[0x6071] and entry.access in _SENT
+    return _mapped(entry if is_sent else None, PERMILLE)
 
 
 def _mapped(entry: EdsEntry | None, unit: str) -> MappedObject | None:
@@ -251,6 +263,8 @@ def _sources(eds: Eds, link_loss: LinkLossSection, velocity: VelocitySection | N
         "torque.target": f"{file}, 6071h; unit {assumed}",
         "torque.actual": f"{file}, 6077h; unit {assumed}",
         "torque.rated": f"{file}, 6076h; unit {assumed}",
+        "torque.demand": f"{file}, 6074h; unit {assumed}",
+        "torque.echo": f"{file}: the first of 6074h and 6077h that can be mapped into a TPDO",
         **motion,
         "pdo": f"{file}, 1400h to 1BFFh; transmission types as in CiA 301 4.2.0, 7.5.2.35 and 7.5.2.37",
         "link_loss": f"{file}; values as in CiA 402-2, deadline chosen here",

@@ -44,6 +44,8 @@ def inject(fault: faults.TimedFault, slave: Slave, line: Line, t_ns: int) -> Non
             slave.silent_until_ns = _until(t_ns, duration)
         case faults.MissingTpdos(count=count):
             slave.node.process.skip_tpdos += count
+        case faults.MissingRpdos(count=count):
+            slave.node.lose_rpdos(count)
         case faults.HeartbeatLost():
             slave.node.heartbeat_enabled = False
         case faults.EncoderJump(counts=counts):

@@ -124,6 +124,11 @@ class Node:
         self._application.link_lost(t_ns)
         self._initialise(t_ns, t_ns + (self._options.reset_ns if boot_ns is None else boot_ns), power_on=True)
 
+    def lose_rpdos(self, count: int | None) -> None:
+        """Lose the next `count` RPDOs inside the node (a fault), None: all of them."""
+        self.process.lose_rpdos(count)
+        self._route()
+
     # States.
 
     def _reset_communication(self) -> None:

@@ -19,6 +19,7 @@ PERMILLE = 1e-3
 _TORQUE_UNITS = {"permille_of_rated_torque": PERMILLE}
 """Units of target and actual torque, as a share of rated torque."""
 
+TORQUE_DEMAND = 0x6074
 DEVICE_TYPE = 0x0002_0192
 """1000h (CiA 402-2): device profile 402, servo drive."""
 
@@ -95,7 +96,7 @@ def add_objects(
     rated = _add_rated(dictionary, profile, rated_torque)
     torque_mode = profile.torque.mode_of_operation
     offered = (STANDARD_MODES if modes is None else STANDARD_MODES & modes) | {torque_mode}
-    table = _add_table(dictionary, rows(defaults), offered, without)
+    table = _add_table(dictionary, rows(defaults), offered, without, profile.torque.demand)
     add = dictionary.add
     add(Entry(0x6502, 0, DataType.UINT32, _supported(offered), mappable=Mappable.TPDO))
     actual = profile.torque.actual
@@ -129,9 +130,16 @@ def add_objects(
 
 
 def _add_table(
-    dictionary: Dictionary, table: Iterable[Row], modes: frozenset[int], without: frozenset[int]
+    dictionary: Dictionary,
+    table: Iterable[Row],
+    modes: frozenset[int],
+    without: frozenset[int],
+    demand: MappedObject | None,
 ) -> dict[tuple[int, int], Entry]:
-    """Create the entries of all rows, and add those that the drive has to the dictionary."""
+    """Create the entries of all rows, and add those that the drive has to the dictionary.
+
+    The torque demand is the object `demand` where the profile names one.
+    """
     entries: dict[tuple[int, int], Entry] = {}
     shown: dict[int, list[Entry]] = {}
     for row in table:
@@ -140,9 +148,11 @@ def _add_table(
         both = Mappable.BOTH if row.mappable is Mappable.RPDO else row.mappable
         entry = Entry(row.index, row.subindex, row.type, row.value, row.access,
                       limits=row.limits, mappable=both, accept=accept)  # fmt: skip
+        if demand is not None and row.index == TORQUE_DEMAND:
+            entry = Entry(demand.object, demand.subindex, demand.type, mappable=both)
         entries[row.index, row.subindex] = entry
-        if row.index not in without and (not row.modes or modes.intersection(row.modes)):
-            shown.setdefault(row.index, []).append(entry)
+        if entry.index not in without and (not row.modes or modes.intersection(row.modes)):
+            shown.setdefault(entry.index, []).append(entry)
     for members in shown.values():
         if members[0].subindex:
             dictionary.add_record(members)

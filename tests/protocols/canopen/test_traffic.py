@@ -25,26 +25,26 @@ def acting(control_period: float, acts: str = "reception") -> CanTraffic:
     return replace(TRAFFIC, members=(replace(MEMBER, profile=profile),))
 
 
-def test_a_period_is_sync_six_octets_in_and_four_out() -> None:
-    assert TRAFFIC.period_bits == 55 + 115 + 95
-    assert TRAFFIC.answer_bits == 115 + 95 - 3
+def test_a_period_is_sync_eight_octets_in_and_four_out() -> None:
+    assert TRAFFIC.period_bits == 55 + 135 + 95
+    assert TRAFFIC.answer_bits == 135 + 95 - 3
 
 
 def test_load_counts_the_heartbeats_of_both_sides() -> None:
-    """265 bits at 1 kHz, 65 bits at 100 Hz from us and at 10 Hz from the node."""
-    assert TRAFFIC.load == pytest.approx((265_000 + 65 * 110) / 1e6)
+    """285 bits at 1 kHz, 65 bits at 100 Hz from us and at 10 Hz from the node."""
+    assert TRAFFIC.load == pytest.approx((285_000 + 65 * 110) / 1e6)
 
 
 def test_the_delay_is_bus_compute_wait_for_the_tick_and_lag() -> None:
     delay = acting(0.0004).delay("handle")
-    assert delay.bus == pytest.approx(207e-6)
+    assert delay.bus == pytest.approx(227e-6)
     assert delay.compute == 50e-6
     assert delay.transport == pytest.approx(400e-6)
     assert delay.torque_loop == pytest.approx(1 / (2 * math.pi * 1000))
     assert delay.total == pytest.approx(delay.transport + delay.torque_loop)
 
 
-@pytest.mark.parametrize(("control_period", "acts_at"), [(0.0, 257e-6), (257e-6, 257e-6), (100e-6, 300e-6)])
+@pytest.mark.parametrize(("control_period", "acts_at"), [(0.0, 277e-6), (277e-6, 277e-6), (100e-6, 300e-6)])
 def test_the_drive_takes_over_at_its_first_tick_after_the_rpdo(control_period: float, acts_at: float) -> None:
     assert acting(control_period).delay("handle").transport == pytest.approx(acts_at)
 
@@ -66,7 +66,7 @@ def test_a_bus_that_carries_the_plan_passes() -> None:
 
 @pytest.mark.parametrize("rate", [3300.0, 3500.0, 5000.0, 20000.0])
 def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_numbers_and_one_that_fits(rate: float) -> None:
-    with pytest.raises(BusOverloadError, match=r"265 bits") as refused:
+    with pytest.raises(BusOverloadError, match=r"285 bits") as refused:
         replace(TRAFFIC, rate=rate).check("")
     fits = float(str(refused.value).rsplit("--rate ", 1)[1])
     assert rate / 10 < fits < rate
@@ -100,8 +100,8 @@ def test_waiting_for_another_bus_makes_the_period_longer_but_not_fuller() -> Non
     waiting = replace(acting(0.0), waiting=100e-6)
     assert waiting.shortest_period == pytest.approx(TRAFFIC.shortest_period + 100e-6)
     assert waiting.load == TRAFFIC.load
-    assert waiting.delay("handle").bus == pytest.approx(307e-6)
-    assert TRAFFIC.feedback_time == pytest.approx((55 + 115) * 1e-6)
+    assert waiting.delay("handle").bus == pytest.approx(327e-6)
+    assert TRAFFIC.feedback_time == pytest.approx((55 + 135) * 1e-6)
 
 
 @pytest.mark.parametrize(("rate", "every"), [(1000.0, 10), (250.0, 2), (10.0, 1)])

@@ -1,7 +1,7 @@
 """A fieldbus of its own, as somebody else's package would add it: a poll and a set-point, in bytes, each period.
 
-Poll: node. Answer: node, mode, position. Set-point: node, mode that is asked for, current. All values are big-endian,
-ten bits an octet. A drive that hears no set-point for `DEADLINE_NS` lets go of its shaft.
+Poll: node. Answer: node, mode, position, echo of the current. Set-point: node, mode that is asked for, current. All
+values are big-endian, ten bits an octet. A drive that hears no set-point for `DEADLINE_NS` lets go of its shaft.
 """
 
 import math
@@ -33,10 +33,10 @@ from haptic_fieldbus.sim.simulation import Simulation
 from haptic_fieldbus.sim.slot import Slot
 
 BAUD = 2_000_000
-POLL, ANSWER, SET = Struct(">B"), Struct(">BHi"), Struct(">BHh")
+POLL, ANSWER, SET = Struct(">B"), Struct(">BHih"), Struct(">BHh")
 DEADLINE_NS = 50_000_000
 DISABLED, TORQUE, FAULT = 0, 7, 0xEE
-REGISTERS = ("mode", "position", "command", "current")
+REGISTERS = ("mode", "position", "echo", "command", "current")
 
 
 def line_time(octets: int) -> float:
@@ -58,8 +58,14 @@ class ToyProfile(DriveProfile):
     power: PowerTable
     __pydantic_config__: ClassVar = STRICT
 
+    @property
+    def echo(self) -> Signal:
+        return Signal.TORQUE_DEMAND
+
     def offers(self) -> dict[Signal, MappedSignal]:
-        signals = (Signal.STATUSWORD, Signal.POSITION, Signal.CONTROLWORD, Signal.TARGET_TORQUE)
+        signals = (
+            Signal.STATUSWORD, Signal.POSITION, Signal.TORQUE_DEMAND, Signal.CONTROLWORD, Signal.TARGET_TORQUE,
+        )  # fmt: skip
         named = [(signal, name, self.registers[name]) for signal, name in zip(signals, REGISTERS, strict=True)]
         return {
             signal: MappedSignal(signal, f"register {each.address} {name}", each.type, each.unit, Order.BIG)
@@ -155,7 +161,7 @@ class ToyProtocol(FieldbusProtocol):
     def check_profile(self, document: Document) -> None:
         for name in REGISTERS:
             if name not in document.table("registers"):
-                document.fault(("registers", name), "missing; a toy has all four")
+                document.fault(("registers", name), "missing; a toy has all five")
 
     def parse_bus(self, text: str) -> BusName:
         if text != "toy":
@@ -180,28 +186,28 @@ class ToyDrive:
     """A simulated drive behind bytes."""
 
     def __init__(self, slot: Slot, t_ns: int) -> None:
-        self.node, self.mode, self.heard_ns = slot.node, DISABLED, t_ns
+        self.node, self.mode, self.current, self.heard_ns = slot.node, DISABLED, 0, t_ns
         self.torque_per_step = 1e-3 * (slot.axis.torque_constant or 0.0)
         self.steps = steps_per_revolution("mrad", 0) / (2.0 * math.pi)
         self.plant = build_plant(slot.profile, slot.axis, slot.hand, DriveSettings(), t_ns)
 
     def answer(self, poll: bytes, t_ns: int) -> bytes:
         self._advance(t_ns)
-        return ANSWER.pack(*POLL.unpack(poll), self.mode, round(self.plant.state[0] * self.steps))
+        return ANSWER.pack(*POLL.unpack(poll), self.mode, round(self.plant.state[0] * self.steps), self.current)
 
     def take(self, message: bytes, t_ns: int) -> None:
         _, mode, current = SET.unpack(message)
         self._advance(t_ns)
         if mode == TORQUE != self.mode:
             self.plant.start_hand()
-        self.mode, self.heard_ns = mode, t_ns
-        self.plant.set_target(current * self.torque_per_step if mode == TORQUE else 0.0)
+        self.mode, self.current, self.heard_ns = mode, current if mode == TORQUE else 0, t_ns
+        self.plant.set_target(self.current * self.torque_per_step)
 
     def _advance(self, t_ns: int) -> None:
         if self.mode == TORQUE and t_ns > self.heard_ns + DEADLINE_NS:
             self.plant.advance(self.heard_ns + DEADLINE_NS)
             self.plant.set_target(0.0)
-            self.mode = FAULT
+            self.mode, self.current = FAULT, 0
         self.plant.advance(t_ns)
 
 

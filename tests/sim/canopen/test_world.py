@@ -223,6 +223,16 @@ class TestFaults:
     def test_tpdos_are_missing(self) -> None:
         assert self._played(faults.MissingTpdos("missing_tpdos", 0.01, 3)).missed == 3
 
+    @pytest.mark.parametrize(("count", "heard"), [(5, 30), (None, 10)])
+    def test_rpdos_are_lost(self, count: int | None, heard: int) -> None:
+        """Ten milliseconds after *operation enabled*: the drive keeps the last target that it heard."""
+        master = _master(these=(faults.MissingRpdos("missing_rpdos", 0.01, count),))
+        master.enable(NODE)
+        for target in range(1, 31):
+            master.period(NODE, 0x0F, target)
+        master.wait(MS)
+        assert master.read(NODE, 0x6071) == pytest.approx(heard, abs=1)
+
     def test_an_encoder_jumps(self) -> None:
         master = self._played(faults.EncoderJump("encoder_jump", 0.01, 1000))
         assert max(np.diff(master.positions)) == pytest.approx(1000, abs=20)
@@ -298,8 +308,8 @@ class TestFaults:
     def test_all_kinds_are_tried_here(self) -> None:
         """A new kind of fault needs its test above."""
         tried = {
-            "emergency", "drive_fault", "node_reset", "silence", "missing_tpdos", "heartbeat_lost", "encoder_jump",
-            "position_stuck", "bus_off", "error_frame", "missing_node", "wrong_identity", "sdo_abort",
+            "emergency", "drive_fault", "node_reset", "silence", "missing_tpdos", "missing_rpdos", "heartbeat_lost",
+            "encoder_jump", "position_stuck", "bus_off", "error_frame", "missing_node", "wrong_identity", "sdo_abort",
         }  # fmt: skip
         kinds = [kind.__annotations__["kind"].__args__[0] for kind in faults.Fault.__args__]
         assert set(kinds) == tried

@@ -6,6 +6,7 @@ after SYNC are dropped. Event-driven TPDOs are checked every `event_period_ns`. 
 parameter changes: an RPDO gets the receiver that its parameters need, and no more.
 """
 
+import math
 from collections.abc import Callable
 from typing import Protocol
 
@@ -58,6 +59,7 @@ class ProcessData:
         """Create the PDOs; with `acts_at_sync` even event-driven RPDOs wait for the next SYNC."""
         self.skip_tpdos = 0
         """Number of following TPDOs that are lost inside the node (a fault)."""
+        self._lost_rpdos = 0.0
         self.objects = SyncObjects(dictionary, changed)
         self._application = application
         self._emergencies = emergencies
@@ -73,6 +75,10 @@ class ProcessData:
         self._sync_octets = 0
         self._window_ns = 0
         self._window_end_ns = NEVER_NS
+
+    def lose_rpdos(self, count: int | None) -> None:
+        """Lose the next `count` RPDOs (a fault), None: all of them; `route` makes it act."""
+        self._lost_rpdos = math.inf if count is None else count
 
     def compile(self) -> None:
         """Take over the parameters of all PDOs, as after a reset."""
@@ -146,7 +152,8 @@ class ProcessData:
         receive = self._holder(rpdo) if rpdo.synchronous or self._acts_at_sync else self._actor(rpdo)
         if rpdo.deadline_ns:
             receive = self._deadlines.heard(rpdo, receive)
-        return self._measured(rpdo, receive)
+        receive = self._measured(rpdo, receive)
+        return self._loser(receive) if self._lost_rpdos else receive
 
     def _measured(self, rpdo: Rpdo, receive: Handler) -> Handler:
         """Return a receiver that checks the length: any but the mapped one is an error, a shorter frame is dropped."""
@@ -163,6 +170,17 @@ class ProcessData:
             receive(data, t_ns)
 
         return measured
+
+    def _loser(self, receive: Handler) -> Handler:
+        """Return a receiver that drops the frames which are to be lost."""
+
+        def lose(data: bytes, t_ns: int) -> None:
+            if self._lost_rpdos:
+                self._lost_rpdos -= 1
+            else:
+                receive(data, t_ns)
+
+        return lose
 
     def _holder(self, rpdo: Rpdo) -> Handler:
         def hold(data: bytes, t_ns: int) -> None:

@@ -1,0 +1,134 @@
+"""The proof that set-points act: what was sent is compared with what the drive shows.
+
+A drive whose set-points are lost (its RPDO disabled by another tool, or frames that no longer reach it) holds its last
+torque, while feedback and signs of life go on. The sign is that its echo does not follow:
+
+- A torque demand equals the target that was sent, to within a step, one period later (two where it acts at a SYNC).
+- A torque actual value follows through the lag of the torque loop, a first order whose output is worked out here. Its
+  tolerance is for noise and ripple of the current. Friction does not enter: the value is that of the motor's current.
+
+A difference raises a doubt. The doubt ends when the echo has moved and agrees with one of the last targets, or when it
+has agreed for a whole deadline; it becomes a trip when the echo still differs after the deadline. That the echo must
+have moved is for torques that swing: a frozen torque agrees with a swinging one now and then. While the torque is
+constant nothing can be proved: the deadline runs from the first change that does not come back.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.cycle.sensing import Feedback, PeriodStep
+from haptic_fieldbus.cycle.state import AxisState
+from haptic_fieldbus.cycle.watch import STATUSWORD, T_NS, TripOff
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.limits import ECHO_SHARE, ECHO_STEPS
+from haptic_fieldbus.signals import Signal
+
+LAGS = 3.0
+"""After so many time constants of the torque loop a target counts as reached."""
+FEWEST_TARGETS = 3
+"""Of the last targets that an echo may agree with: acting on reception or at a SYNC, and one frame that was lost."""
+
+
+def bind_echo(
+    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, feedback: Feedback, render: PeriodStep
+) -> PeriodStep:
+    """Return a step that checks the echo and then renders; `render` alone when the drive shows nothing of its targets.
+
+    The check comes first, while the state still has the target that was sent last.
+    """
+    echo = axis.profile.echo
+    if echo is None or math.isinf(axis.limits.echo):
+        return render
+    place = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(echo)
+    lags, tolerance = echo is Signal.TORQUE_ACTUAL, float(ECHO_STEPS)
+    if lags:
+        tolerance = max(tolerance, ECHO_SHARE * axis.rated_effort / axis.effort_unit)
+    doubt = Doubt(axis, period, tolerance, trip)
+    bind = _bind_actual if lags else _bind_demand
+    return bind(axis, state, period, place, doubt, feedback, render)
+
+
+def _bind_demand(
+    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
+) -> PeriodStep:
+    """Compare with the target that must be in force by now."""
+    sign, tolerance = axis.rig.mechanism.sign, doubt.tolerance
+    waits = axis.delay.transport > (1.0 - 1e-9) * period
+    before = deque([0] * (FEWEST_TARGETS - 1), maxlen=FEWEST_TARGETS - 1)
+
+    def check() -> None:
+        sent = state.target
+        if state.steps:
+            now = feedback()
+            shown = sign * now[place]
+            expected = before[0] if waits else sent
+            if doubt.open or not -tolerance <= shown - expected <= tolerance:
+                doubt.look(now[T_NS], shown, expected, (sent, *before))
+        before.appendleft(sent)
+        render()
+
+    return check
+
+
+def _bind_actual(
+    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
+) -> PeriodStep:
+    """Compare with the target that must be in force by now, after the lag of the torque loop."""
+    sign, tolerance, lag = axis.rig.mechanism.sign, doubt.tolerance, axis.delay.torque_loop
+    late = min(axis.delay.transport, period)
+    # From the sample before on, the target before the last was in force, then the last one.
+    kept, own = math.exp(-period / lag), 1.0 - math.exp(-(period - late) / lag)
+    older = 1.0 - own - kept
+    remembered = FEWEST_TARGETS - 1 + math.ceil(LAGS * lag / period)
+    before = deque([0] * remembered, maxlen=remembered)
+    torque = 0.0
+
+    def check() -> None:
+        nonlocal torque
+        sent = state.target
+        torque = kept * torque + older * before[0] + own * sent
+        if state.steps:
+            now = feedback()
+            shown = sign * now[place]
+            if doubt.open or not -tolerance <= shown - torque <= tolerance:
+                doubt.look(now[T_NS], shown, torque, (sent, *before))
+        before.appendleft(sent)
+        render()
+
+    return check
+
+
+class Doubt:
+    """The doubt whether set-points act, and its way to a trip; values in steps of target torque."""
+
+    def __init__(self, axis: AxisPlan, period: float, tolerance: float, trip: TripOff) -> None:
+        self.tolerance = tolerance
+        self.open = False
+        self._trip = trip
+        self._unit = axis.effort_unit
+        self._period_ns = round(period * 1e9)
+        # A sample that comes a little early still ends the deadline.
+        self._deadline_ns = axis.limits.echo * 1e9 - self._period_ns // 2
+        self._since_ns = self._differed_ns = 0
+        self._stuck = 0
+
+    def look(self, now_ns: int, shown: int, expected: float, targets: Sequence[int]) -> None:
+        """Raise, keep or end the doubt; trip when the drive still shows another torque after the deadline."""
+        differs = abs(shown - expected) > self.tolerance
+        if not self.open:
+            self.open, self._stuck = True, shown
+            # The target that does not come back was sent in the period before.
+            self._since_ns, self._differed_ns = now_ns - self._period_ns, now_ns
+            return
+        moved = abs(shown - self._stuck) > self.tolerance
+        agrees = min(targets) - self.tolerance <= shown <= max(targets) + self.tolerance
+        if (moved and agrees) or (not differs and now_ns - self._differed_ns > self._deadline_ns):
+            self.open = False
+        elif differs:
+            self._differed_ns = now_ns
+            waited_ns = now_ns - self._since_ns
+            if waited_ns > self._deadline_ns:
+                sent = round(expected) * self._unit
+                self._trip(TripKind.SET_POINTS_DEAD, shown * self._unit, sent, f"{waited_ns * 1e-6:.0f}")
