@@ -75,7 +75,7 @@ def test_the_object_of_a_plan_names_frames_as_they_are_on_the_wire() -> None:
     assert isinstance(pdos, list)
     assert {pdo["bus"] for pdo in pdos if isinstance(pdo, dict)} == {"sim"}
     shown = [(pdo["cob_id"], pdo["octets"], pdo["node"]) for pdo in pdos if isinstance(pdo, dict)]
-    assert shown == [(0x185, 6, 5), (0x205, 4, 5)]
+    assert shown == [(0x185, 8, 5), (0x205, 4, 5)]
 
 
 @pytest.mark.parametrize("scene", ["wall", "damped_wall", "sprung_mass"])

@@ -87,10 +87,10 @@ def test_energy_generated_is_the_integral_of_error_times_velocity(pushed: Result
 
 
 def test_the_feedback_is_as_old_as_the_bus_and_the_plan_say(pushed: Result) -> None:
-    """From the end of SYNC to the end of the TPDO: 48 octet-bits and their overhead, 95 to 115 bits with stuffing."""
+    """From the end of SYNC to the end of the TPDO: 64 octet-bits and their overhead, 111 to 135 bits with stuffing."""
     assert pushed.timing is not None
     assert pushed.timing.age_us is not None
-    assert 92 <= pushed.timing.age_us.p50 <= 115
+    assert 108 <= pushed.timing.age_us.p50 <= 135
     assert pushed.timing.period_us is not None
     assert pushed.timing.period_us.max == pytest.approx(1000.0, abs=1.0)
 
@@ -201,7 +201,7 @@ def test_another_process_gives_the_same_frames(tmp_path: Path) -> None:
 
 
 def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_numbers() -> None:
-    with pytest.raises(BusOverloadError, match=r"5000 Hz needs 265 bits a period: 1\d\d %"):
+    with pytest.raises(BusOverloadError, match=r"5000 Hz needs 285 bits a period: 1\d\d %"):
         run("wall", rate=5000.0)
 
 

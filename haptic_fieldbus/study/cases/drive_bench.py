@@ -75,8 +75,12 @@ class Feeder(Cycle):
 
 
 def feed(cycle: Feeder, counts: int = 0, flags: int = 0, t_ns: int = 0) -> bytes:
-    """Run one period in operation enabled at this position, and return the octets of the output image."""
-    return bytes(cycle(cycle.plan.image.input.pack(t_ns, 0, flags, 0, ENABLED, counts)))
+    """Run one period in operation enabled at this position, and return the octets of the output image.
+
+    The drive shows the torque that it was sent last.
+    """
+    shown = int(cycle.value("target torque"))
+    return bytes(cycle(cycle.plan.image.input.pack(t_ns, 0, flags, 0, ENABLED, counts, shown)))
 
 
 def torque(cycle: Feeder, counts: int = 0, flags: int = 0, t_ns: int = 0) -> int:
