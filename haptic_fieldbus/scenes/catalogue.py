@@ -5,18 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from haptic_fieldbus.documents import file_names, file_of, schema_of
-from haptic_fieldbus.scenes.files import (
-    LIBRARY,
-    SceneFile,
-    ScenePart,
-    apply_settings,
-    check_together,
-    elements_of,
-    raise_faults,
-    read_parts,
-)
+from haptic_fieldbus.scenes.files import apply_settings, check_together, elements_of, raise_faults
 from haptic_fieldbus.scenes.files import parameters as parameters
 from haptic_fieldbus.scenes.files import quantities as quantities
+from haptic_fieldbus.scenes.parts import LIBRARY, SceneFile, ScenePart, read_parts
 from haptic_fieldbus.scenes.quantities import Quantity
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis

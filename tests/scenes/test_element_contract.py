@@ -28,7 +28,18 @@ from haptic_fieldbus.signals import Signal
 from tests.lanes import examples
 from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand
 
-NOT_ELEMENTS = {"__init__", "catalogue", "changed", "checked", "element", "files", "quantities", "registry", "scene"}
+NOT_ELEMENTS = {
+    "__init__",
+    "catalogue",
+    "changed",
+    "checked",
+    "element",
+    "files",
+    "parts",
+    "quantities",
+    "registry",
+    "scene",
+}
 SHEETS: dict[str, Sheet] = {}
 for _kind in ELEMENTS:
     SHEETS[_kind] = import_module(f"tests.scenes.sheets.{_kind}").SHEET
