@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
-from haptic_fieldbus.buses.canopen.wire import open_can
+from haptic_fieldbus.buses.canopen.opening import open_can
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
