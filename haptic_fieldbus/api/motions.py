@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 DEFAULT_DURATION = 1.0
 INPUT_FORMS = "step, ramp, sine@HZ or FILE.csv with the columns time and position"
+LARGEST_FREQUENCY = 1e9
+"""[Hz]"""
 MOST_ROWS = 1_000_000
 """Most rows of a file."""
 
@@ -53,8 +55,9 @@ def _frequency(text: str) -> float:
         frequency = float(text.partition("@")[2])
     except ValueError:
         frequency = math.nan
-    if not 0.0 < frequency < math.inf:
-        raise UsageError(f'input "{text}": after @ stands a frequency above 0 in Hz, for example sine@2')
+    if not 0.0 < frequency <= LARGEST_FREQUENCY:
+        expected = f"a frequency above 0 in Hz, at most {LARGEST_FREQUENCY:g}, for example sine@2"
+        raise UsageError(f'input "{text}": after @ stands {expected}')
     return frequency
 
 

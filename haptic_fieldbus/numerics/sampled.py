@@ -16,6 +16,9 @@ from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 TACHOMETER = "tachometer"
 """Name in place of an estimator: the drive measures velocity, and the loop integrates its position from it."""
 
+MOST_PERIODS = 200
+"""Longest delay that is judged, in periods: each is a state of the sampled loop."""
+
 
 def environment(space: StateSpace, *, period: float, method: str | None, estimator: str | None) -> StateSpace:
     """Return the discrete environment x_k → F_k of a continuous system (position, velocity) → force.
@@ -95,8 +98,13 @@ class SampledPlant:
 def split_delay(delay: float, period: float) -> tuple[int, float]:
     """Return (n, δ [s]) with delay = n·period + δ and 0 ≤ δ < period.
 
-    A delay within a billionth of a period of a whole number of periods counts as whole.
+    A delay within a billionth of a period of a whole number of periods counts as whole. Raises UsageError for a delay
+    of more periods than are judged.
     """
+    if not delay <= MOST_PERIODS * period:
+        raise UsageError(
+            f"delay {delay:g} s: expected at most {MOST_PERIODS} periods, {MOST_PERIODS * period:g} s here"
+        )
     whole = math.floor(delay / period + 1e-9)
     fraction = delay - whole * period
     return whole, fraction if fraction > 1e-9 * period else 0.0

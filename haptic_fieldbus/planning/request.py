@@ -3,7 +3,6 @@
 The Python API and the command line both use these functions, so both refuse the same requests in the same words.
 """
 
-import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,11 @@ from haptic_fieldbus.protocols.registry import DEFAULT_PROTOCOL, parse_bus, prot
 
 MAXIMUM_RATE = 100_000.0
 """Highest rate accepted [Hz]: far above the rate of any bus here, and low enough for the clock to resolve a period."""
+MINIMUM_RATE = 0.1
+"""Lowest rate accepted [Hz]: five of its periods are the longest time that a drive's guard can be given."""
+LONGEST = 1e6
+"""Longest duration accepted [s]."""
+LARGEST_SEED = 2**64 - 1
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 RECORD_SUFFIXES = (".log", ".blf", ".csv")
@@ -115,17 +119,17 @@ def _node_faults(protocol: str, node: int) -> list[str]:
 
 def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
     """Return the faults of rate [Hz], duration [s] and seed; the comparisons also refuse NaN."""
-    good_rate = 0.0 < rate <= MAXIMUM_RATE
-    good_duration = math.isfinite(duration) and duration > 0.0
+    good_rate = MINIMUM_RATE <= rate <= MAXIMUM_RATE
+    good_duration = 0.0 < duration <= LONGEST
     checks = [
-        (good_rate, f"rate {rate:g}: expected a rate above 0 and up to {MAXIMUM_RATE:g} Hz"),
-        (good_duration, f"duration {duration:g}: expected a time above 0 s"),
+        (good_rate, f"rate {rate:g}: expected a rate above 0, from {MINIMUM_RATE:g} to {MAXIMUM_RATE:g} Hz"),
+        (good_duration, f"duration {duration:g}: expected a time above 0 s, at most {LONGEST:g} s"),
         (
             # Only if both are good by themselves: one fault is not to be reported twice.
             not (good_rate and good_duration) or rate * duration >= 1.0,
             f"duration {duration:g} s: less than one period at {rate:g} Hz",
         ),
-        (seed >= 0, f"seed {seed}: expected a whole number from 0"),
+        (0 <= seed <= LARGEST_SEED, f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}"),
     ]
     return [sentence for good, sentence in checks if not good]
 

@@ -1,7 +1,7 @@
 """Opening an interface of python-can, and the advice for each one that cannot be opened.
 
-Most interfaces need the driver of a vendor. Without it each fails in its own way, kvaser even by NameError, so here every
-exception counts as a refusal.
+Most interfaces need the driver of a vendor. Without it each fails in its own way, kvaser even by NameError, so here
+every exception counts as a refusal.
 """
 
 import logging

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import Annotated, ClassVar
 
-from annotated_types import Gt
+from annotated_types import Ge, Le
 
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.drive.fields import STRICT
@@ -41,7 +41,7 @@ LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 class CanSection(BusSection):
     """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
-    bitrate: Annotated[int, Gt(0)] = DEFAULT_BITRATE
+    bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1])] = DEFAULT_BITRATE
     protocol: ClassVar[str] = "canopen"
     __pydantic_config__: ClassVar[dict[str, object]] = STRICT
 

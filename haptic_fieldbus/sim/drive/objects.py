@@ -173,7 +173,10 @@ def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: flo
         return rated_torque
     unit = RATED_TORQUE_UNITS[rated.unit]
     entry = _add_mapped(dictionary, rated, Access.RO, Mappable.TPDO)
-    entry.value = entry.default = round(rated_torque / unit)
+    steps, most = round(rated_torque / unit), rated.type.limits[1]
+    if steps > most:
+        raise UsageError(f"{profile.name}: {rated_torque:g} N·m of rated torque; expected at most {most * unit:g} N·m")
+    entry.value = entry.default = steps
     if not entry.value:
         raise UsageError(f"{profile.name}: {rated_torque} N·m of rated torque is less than one step of {rated.unit}")
     return entry.value * unit
