@@ -1,6 +1,7 @@
 # Two commands for newcomers:  make demo      renders a wall on a simulated drive and draws it
 #                              make test      the quick lane of the tests, and how much of the code they must cover
 # Before a commit:             make check     style, types, import contracts
+# After one thing is added:   make docs      pages, tables, schemas and the picture that follow from the code
 # Before a release:            make test-all  every test
 
 VENV := .venv
@@ -12,28 +13,36 @@ DEV_STAMP := $(VENV)/.dev
 # Debian packages beside Python. tshark: a foreign program reads what is recorded.
 SYSTEM_PACKAGES := tshark
 
-# PYTHON=/path/to/python chooses another interpreter than the first suitable one.
+# PYTHON=/path/to/python chooses another interpreter than the first suitable one; an environment of another version is
+# made anew.
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python; do \
 	if $$python -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
 	command -v $$python; break; fi; done)
 
+VERSION := -c 'import sys; print(sys.version)'
+ifneq ($(origin PYTHON),file)
+ifneq ($(shell asked=$$("$(PYTHON)" $(VERSION)) && used=$$($(BIN)/python $(VERSION) 2>/dev/null) && \
+	[ "$$asked" != "$$used" ] && echo other),)
+$(info $(VENV) is of another Python, and is made anew with $(PYTHON))
+$(shell rm -rf $(VENV))
+endif
+endif
+
 # Hundreds of processes are started; each would compile again what it imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-PYTEST := $(BIN)/pytest -n 2 --dist loadgroup
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadgroup
 # Of the thorough lane, for `make test-part`.
 PART ?= 0/1
 
-.PHONY: demo test test-all test-part check setup system-packages format clean
+.PHONY: demo test test-all test-part check docs setup system-packages format clean
 
 demo: $(DEMO_STAMP)
 	$(BIN)/haptic-fieldbus run wall --drive maxon_epos4 --duration 10 --plot demo.png
 
 # The gates come last and repeat how many tests passed and failed.
 test: setup
-	@mkdir -p build
-	@$(PYTEST) --lane quick --cov --cov-report= --cov-report=json:build/coverage.json \
-		--junit-xml=build/tests.xml; status=$$?; \
+	@$(PYTEST) --lane quick -p tests.tracing --coverage build/coverage.json --junit-xml=build/tests.xml; status=$$?; \
 	$(BIN)/python tests/coverage_gates.py build/coverage.json build/tests.xml || exit 1; exit $$status
 
 test-all: setup
@@ -48,6 +57,15 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# What is written from the code; a test says so where it is out of date. Golden texts are read by a person:
+# `python -m tests.golden` writes those.
+docs: setup
+	$(BIN)/python docs/make_architecture.py
+	$(BIN)/python docs/make_api.py
+	$(BIN)/python docs/make_elements.py
+	$(BIN)/python docs/make_tables.py
+	$(BIN)/python -m haptic_fieldbus.schemas docs/reference/schemas --shipped
 
 format: setup
 	$(BIN)/ruff check --fix .

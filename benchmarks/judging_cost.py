@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from rows import Row, cost, show
 
 from haptic_fieldbus.margins import EnvironmentOf, Plant, alone, judge
+from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop
 from haptic_fieldbus.margins.coupled import CoupledAxes
 from haptic_fieldbus.margins.group import Group, Member
-from haptic_fieldbus.margins.loop import Axis, Loop
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
@@ -49,7 +49,7 @@ class Case:
             self.row("verdict", lambda loop: judge(loop, environment_of, 600.0), 3),
         ]
 
-    def row(self, what: str, ask: Callable[[Loop], object], number: int) -> Row:
+    def row(self, what: str, ask: Callable[[ClosedLoop], object], number: int) -> Row:
         one, several = alone(BENCH, PERIOD, DELAY), CoupledAxes([Axis(BENCH, DELAY)], PERIOD)
         told, other = ask(one), ask(several)
         differs = f" ({told:.9g}, by several {other:.9g})" if isinstance(told, float) else ""

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from haptic_fieldbus.numerals import exactly
+
 
 @dataclass(frozen=True)
 class Row:
@@ -29,7 +31,7 @@ def cost(call: Callable[[], object], number: int, repeat: int = 30) -> float:
 def show(rows: list[Row]) -> None:
     print(f"{_processor()}, Python {platform.python_version()}")
     for row in rows:
-        promise = "" if row.allowed is None else f", at most {row.allowed:g} promised"
+        promise = "" if row.allowed is None else f", at most {exactly(row.allowed)} promised"
         print(
             f"{row.name}: {row.ours * 1e6:.2f} µs beside {row.reference * 1e6:.2f} µs, ratio {row.ratio:.2f}{promise}"
         )

@@ -25,10 +25,10 @@ stays as it is: [compatibility](compatibility.md). Ready programs: [examples/](.
 `haptic_fieldbus.scenes.wall.Wall`, have [a page of their own](elements.md), and
 [yours](../how-to/write_your_own_element.md) may stand beside them.
 
-In types, `PositiveFloat` is a float above 0 and `NonNegativeFloat` one from 0 up; `Value` and `Setting` are a float, a
+In types, `PositiveFloat` is a float above 0 and `NonNegativeFloat` one from 0 up; `Setting` is a float, a
 text such as "0.8 N/mm", or a bool; `Scheduled` is a time [s] with settings; `Array` is an array of numpy's float64.
 
-This page is written by `python docs/make_api.py`.
+This page is written by `make docs`.
 """
 
 GIVEN_BACK = "What they give back"

@@ -8,8 +8,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, cast, get_args, get_type_hints
 
-from haptic_fieldbus.scenes.catalogue import load_scene, quantities, scene_names
-from haptic_fieldbus.scenes.files import NOT_SETTABLE
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
+from haptic_fieldbus.scenes.parameters import NOT_SETTABLE, quantities
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
 from haptic_fieldbus.signals import Workspace
 
@@ -23,7 +24,7 @@ linear axis and the right one on a rotary; a text with a unit is taken too, `sti
 the command line, `--set wall.stiffness=800`. How scenes are put together: [scene files](scene_files.md). Formulas,
 energy statements and sources stand in `haptic_fieldbus/scenes/KIND.py`.
 
-This page is written by `python docs/make_elements.py`.
+This page is written by `make docs`.
 """
 
 
@@ -69,7 +70,7 @@ def _default(field: "Field[Any]") -> str:
     if field.default is MISSING:
         return "must be given" if field.default_factory is MISSING else f"`{field.default_factory()}`"
     if isinstance(field.default, float):
-        return f"{field.default:g}"
+        return exactly(field.default)
     return "none" if field.default in (None, ()) else f"`{field.default}`"
 
 

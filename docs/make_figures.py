@@ -19,7 +19,7 @@ from haptic_fieldbus.report.plot import BLUE, GREY, INK, VERMILION
 from haptic_fieldbus.study.measure import growth, work_precision
 from haptic_fieldbus.study.measure.bench import bench_of
 from haptic_fieldbus.study.measure.in_the_loop import loop_growth
-from haptic_fieldbus.study.measure.problems import periods, problems
+from haptic_fieldbus.study.measure.problems import problems, step_counts
 from haptic_fieldbus.study.page import growth as growth_page
 from haptic_fieldbus.study.page import integrator as integrator_page
 from haptic_fieldbus.study.page import work_precision as work_precision_page
@@ -88,13 +88,13 @@ def tachometer() -> Figure:
 
 def cost() -> Figure:
     """Error against cost for the lecture's own problem, as the report draws it."""
-    problem, steps = problems()["sprung-mass-step"], periods(quick=True)
+    problem, steps = problems()["sprung-mass-step"], step_counts(quick=True)
     return work_precision_page.draw([work_precision.measure(problem, method, steps) for method in METHODS])
 
 
 def along_the_run() -> Figure:
     """Error along the run, as the report draws it."""
-    return growth_page.draw([growth.follow(method, 10**6) for method in METHODS])
+    return growth_page.draw([growth.free_swing(method, 10**6) for method in METHODS])
 
 
 def in_the_loop() -> Figure:

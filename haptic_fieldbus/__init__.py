@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         DriveFaultError,
         EdsError,
         FaultFileError,
+        ForeignMasterError,
         HapticFieldbusError,
         ImageTooLargeError,
         PlanError,
@@ -63,11 +64,11 @@ _HOMES = {
 
 __all__ = [
     "BusConfigurationError", "BusError", "BusOverloadError", "BusTimeoutError", "CanSection", "Changes",
-    "DocumentError", "DriveFaultError", "EdsError", "FaultFileError", "HapticFieldbusError", "ImageTooLargeError",
-    "Limits", "LinearMechanism", "Plan", "PlanError", "ProfileError", "Response", "Result", "Rig", "RigAxis",
-    "RigError", "RotaryMechanism", "SafetyTripError", "Scene", "SceneAxis", "SceneError", "Signal",
-    "SignalUnavailableError", "Stability", "UnstableSceneError", "UsageError", "Verdict", "Workspace",
-    "load_profile", "load_rig", "load_scene", "plan", "response", "run", "stability",
+    "DocumentError", "DriveFaultError", "EdsError", "FaultFileError", "ForeignMasterError", "HapticFieldbusError",
+    "ImageTooLargeError", "Limits", "LinearMechanism", "Plan", "PlanError", "ProfileError", "Response", "Result",
+    "Rig", "RigAxis", "RigError", "RotaryMechanism", "SafetyTripError", "Scene", "SceneAxis", "SceneError", "Signal",
+    "SignalUnavailableError", "Stability", "UnstableSceneError", "UsageError", "Verdict", "Workspace", "load_profile",
+    "load_rig", "load_scene", "plan", "response", "run", "stability",
 ]  # fmt: skip
 
 

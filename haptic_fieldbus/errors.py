@@ -11,7 +11,8 @@ HapticFieldbusError
 │   ├── SignalUnavailableError
 │   ├── ImageTooLargeError
 │   ├── BusOverloadError
-│   └── UnstableSceneError
+│   ├── UnstableSceneError
+│   └── ForeignMasterError
 ├── BusError                     the bus or a device on it
 │   ├── BusTimeoutError (TimeoutError)
 │   └── BusConfigurationError
@@ -99,6 +100,10 @@ class UnstableSceneError(PlanError):
     def __init__(self, message: str, *, limit: float | None = None) -> None:
         self.limit = limit
         super().__init__(message)
+
+
+class ForeignMasterError(PlanError):
+    """A bus on which somebody else commands already, so that nothing was enabled."""
 
 
 class BusError(HapticFieldbusError):

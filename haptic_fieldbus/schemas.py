@@ -1,6 +1,6 @@
 """Write the JSON Schemas of profiles, buses, rigs and scenes into a folder.
 
-`python -m haptic_fieldbus.schemas FOLDER`
+`python -m haptic_fieldbus.schemas FOLDER`; with `--shipped` a scene has no elements of other packages.
 """
 
 import json
@@ -12,11 +12,12 @@ from haptic_fieldbus.protocols.registry import BUILT_IN
 from haptic_fieldbus.scenes.catalogue import scene_schema
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+SHIPPED = "--shipped"
 
 
-def schema_texts() -> dict[str, str]:
-    """Return the text of each schema by the name of its file."""
-    schemas = {"rig": rig_schema(), "scene": scene_schema()}
+def schema_texts(*, own: bool = False) -> dict[str, str]:
+    """Return the text of each schema by the name of its file; with `own`, scenes have added elements too."""
+    schemas = {"rig": rig_schema(), "scene": scene_schema(own=own)}
     for name in BUILT_IN:
         schemas |= {f"profile.{name}": profile_schema(name), f"bus.{name}": bus_schema(name)}
     return {
@@ -26,13 +27,14 @@ def schema_texts() -> dict[str, str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Write the schemas into the folder given as the only argument; return the exit code, 2 for wrong usage."""
-    if len(arguments) != 1:
-        print("usage: python -m haptic_fieldbus.schemas FOLDER", file=sys.stderr)
+    """Write the schemas into the folder that is given; return the exit code, 2 for wrong usage."""
+    folders = [each for each in arguments if each != SHIPPED]
+    if len(folders) != 1:
+        print(f"usage: python -m haptic_fieldbus.schemas FOLDER [{SHIPPED}]", file=sys.stderr)
         return 2
-    folder = Path(arguments[0])
+    folder = Path(folders[0])
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in schema_texts().items():
+    for name, text in schema_texts(own=SHIPPED not in arguments).items():
         (folder / name).write_text(text, encoding="utf-8")
     return 0
 

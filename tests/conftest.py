@@ -1,14 +1,17 @@
 """Lanes, and how hard hypothesis tries: `pytest --lane quick`, `pytest --lane thorough --part 2/4`."""
 
-import pkgutil
-from importlib import import_module
-from pathlib import Path
+import os
 
 import pytest
 from hypothesis import settings
+from xdist.remote import Producer
+from xdist.scheduler import LoadGroupScheduling
 
-from tests.coverage_gates import pure_modules, pure_rooms
+from haptic_fieldbus.protocols.folders import VARIABLE
 from tests.lanes import Lane, Part, slow_markers
+
+# Of whoever runs the tests, and no part of them.
+os.environ.pop(VARIABLE, None)
 
 settings.register_profile("thorough", settings.get_profile("default"))
 # The same examples each time: which lines are covered must not be a matter of luck.
@@ -32,19 +35,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     taken = [item for item in items if lane.takes(item, slow.get(item)) and part.takes(item)]
     config.hook.pytest_deselected(items=list(set(items) - set(taken)))
     items[:] = taken
-    if config.getoption("cov_source"):
-        _trace_pure_rooms(items)
 
 
-def _trace_pure_rooms(items: list[pytest.Item]) -> None:
-    """Count lines in tests of the pure half only: tracing doubles the time of the others and proves nothing there.
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadGroupScheduling:
+    """One worker runs all tests of a file, so that what they share is made once; those of a group stay together too."""
+    return FileScheduling(config, log)
 
-    The pure half is imported here, while lines are counted: the first to use a module may be a test that is not traced.
-    """
-    for name in pure_modules():
-        for found in pkgutil.walk_packages(getattr(import_module(name), "__path__", []), f"{name}."):
-            import_module(found.name)
-    traced = {str(Path(__file__).parent / room) for room in pure_rooms()}
-    for item in items:
-        if traced.isdisjoint(map(str, item.path.parents)):
-            item.add_marker(pytest.mark.no_cover)
+
+class FileScheduling(LoadGroupScheduling):  # type: ignore[misc]
+    def _split_scope(self, nodeid: str) -> str:
+        scope: str = super()._split_scope(nodeid)
+        return scope.partition("::")[0]

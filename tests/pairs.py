@@ -10,7 +10,7 @@ import scipy.linalg
 import scipy.optimize
 
 from haptic_fieldbus.margins import Plant
-from haptic_fieldbus.margins.loop import Axis
+from haptic_fieldbus.margins.closed_loop import Axis
 from haptic_fieldbus.numerics.coupled import environment, spring_damper
 from haptic_fieldbus.numerics.linear import StateSpace
 from tests.loops import PERIOD, Array, wall

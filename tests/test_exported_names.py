@@ -4,6 +4,7 @@ import ast
 import inspect
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -56,3 +57,17 @@ def test_importing_the_package_imports_nothing_of_it_and_nothing_from_elsewhere(
     )
     shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert shown.stdout.split() == ["haptic_fieldbus"]
+
+
+def listing_modules() -> list[str]:
+    """Modules of the package that say what they offer by `__all__`."""
+    root = Path(haptic_fieldbus.__file__).parent
+    files = [path for path in sorted(root.rglob("*.py")) if "\n__all__ = " in path.read_text(encoding="utf-8")]
+    parts = [path.relative_to(root.parent).with_suffix("").parts for path in files]
+    return [".".join(part for part in module if part != "__init__") for module in parts]
+
+
+@pytest.mark.parametrize("module", listing_modules())
+def test_what_a_module_lists_it_has(module: str) -> None:
+    offering = import_module(module)
+    assert [name for name in offering.__all__ if not hasattr(offering, name)] == []

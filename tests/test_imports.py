@@ -1,7 +1,9 @@
-"""No module of the package imports itself, by whatever way round."""
+"""No module imports itself, and a function imports one of the package only where something does without."""
 
 import ast
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -41,3 +43,78 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
         TopologicalSorter(found).prepare()
     except CycleError as cycle:
         pytest.fail(" → ".join(reversed(cycle.args[1])))
+
+
+DOES_WITHOUT = {
+    "import haptic_fieldbus.cli": {
+        "cli.options": "planning.request protocols.registry",
+        "cli.pictures": "planning.request",
+        "cli.plan": "api assessing.result planning.explain planning.task",
+        "cli.profiles": "eds protocols.canopen.from_eds protocols.canopen.profile protocols.catalogue"
+        " protocols.folders sim.canopen.sheet",
+        "cli.report": "api study.make_report study.measure.bench",
+        "cli.response": "api api.open_loop report.plot_response report.responses",
+        "cli.run": "api planning.request report.plot report.words",
+        "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
+        " scenes.scene",
+        "cli.simulate": "sim.canopen.hosting sim.faults",
+        "cli.stability": "api.judging report.plot_region report.stability",
+    },
+    "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
+        "api": "api.sites running.changes running.session",
+        "api.judging": "numerics.estimators",
+        "api.open_loop": "numerics.estimators numerics.integrators numerics.integrators.trajectory",
+        "cycle.axis": "cycle.tachometer numerics.estimators",
+        "cycle.laws": "numerics.integrators",
+        "documents.document": "documents.positions",
+        "margins.group": "margins.coupled",
+        "numerics.coupled": "numerics.estimators",
+        "numerics.sampled": "numerics.estimators numerics.integrators",
+        "planning.compile": "numerics.estimators",
+        "planning.plan": "planning.coupled_plan",
+        "planning.selection": "numerics.estimators numerics.integrators",
+        "planning.settings": "scenes.changed",
+        "protocols.canopen.protocol": "eds protocols.canopen.from_eds",
+        "scenes.checked": "numerics.integrators",
+        "scenes.files": "scenes.own",
+        "scenes.registry": "scenes.own",
+    },
+    "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
+        "assessing.summary": "assessing.ties",
+        "assessing.torque_error": "assessing.virtual_states",
+        "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
+    },
+}
+"""What starts or runs without some modules: the functions' imports, by who imports them, that keep them out of it."""
+
+
+def imported_in_functions() -> dict[str, set[str]]:
+    """The modules of the package that functions import, by the module of the function; names as in `DOES_WITHOUT`."""
+    found: dict[str, set[str]] = {}
+    for path in PACKAGE.rglob("*.py"):
+        own = ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__")
+        functions = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.FunctionDef)]
+        for node in (inner for function in functions for inner in ast.walk(function)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE.name):
+                home = PACKAGE.joinpath(*(node.module or "").split(".")[1:])
+                for name in node.names:
+                    is_module = (home / name.name).exists() or (home / f"{name.name}.py").exists()
+                    full = f"{node.module}.{name.name}" if is_module else node.module or ""
+                    found.setdefault(own, set()).add(full.removeprefix(f"{PACKAGE.name}."))
+    return found
+
+
+def test_a_function_imports_only_what_something_does_without() -> None:
+    listed: dict[str, set[str]] = {}
+    for importers in DOES_WITHOUT.values():
+        for importer, names in importers.items():
+            listed.setdefault(importer, set()).update(names.split())
+    assert imported_in_functions() == listed
+
+
+@pytest.mark.parametrize("program", DOES_WITHOUT)
+def test_what_a_function_imports_is_not_there_where_it_is_not_needed(program: str) -> None:
+    code = f"{program}\nimport sys\nprint(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    needless = {f"{PACKAGE.name}.{name}" for names in DOES_WITHOUT[program].values() for name in names.split()}
+    assert needless & set(loaded) == set()

@@ -19,19 +19,19 @@ import haptic_fieldbus
 from haptic_fieldbus.api.sites import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.protocols.registry import GROUP
-from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+from haptic_fieldbus.scenes.own import GROUP as ELEMENT_GROUP
 
 PROJECT = Path(__file__).resolve().parents[1]
 PACKAGE = PROJECT / "haptic_fieldbus"
 SETTINGS = tomllib.loads((PROJECT / "pyproject.toml").read_text())
 MAKEFILE = (PROJECT / "Makefile").read_text()
 DOCUMENTS = sorted(
-    path for path in PROJECT.rglob("*.md") if not any(part.startswith(".") for part in path.relative_to(PROJECT).parts)
+    path for path in PROJECT.rglob("*.md") if not re.match(r"(.*/)?\.|build/", str(path.relative_to(PROJECT)))
 )
 CURRENT = [path for path in DOCUMENTS if path.parent.name != "decisions"]
 """A decision names what there was when it was made."""
 PLACEHOLDER = re.compile(r"NAME|KIND|\bname\b")
-ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP}
+ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP, ELEMENT_GROUP}
 LONGEST_FILE = 300
 REFUSED = 4
 
@@ -86,7 +86,12 @@ def maker(name: str) -> ModuleType:
 @pytest.mark.parametrize("name", ["make_elements", "make_api"])
 def test_a_page_that_is_written_by_a_script_is_what_it_writes_now(name: str) -> None:
     script = maker(name)
-    assert script.FILE.read_text(encoding="utf-8") == script.page(), f"run: python docs/{name}.py"
+    assert script.FILE.read_text(encoding="utf-8") == script.page(), "run: make docs"
+
+
+def test_the_tables_of_methods_and_estimators_are_those_of_the_code() -> None:
+    for path, text in maker("make_tables").pages().items():
+        assert path.read_text(encoding="utf-8") == text, "run: make docs"
 
 
 def test_every_public_name_is_on_the_page_of_the_api() -> None:
@@ -135,8 +140,26 @@ def test_github_and_ci_run_what_a_person_runs() -> None:
 
 
 def test_make_makes_the_environment_before_it_uses_it() -> None:
-    for target in ("test", "test-all", "test-part", "check", "format"):
+    for target in ("test", "test-all", "test-part", "check", "docs", "format"):
         assert re.search(rf"^{target}: setup$", MAKEFILE, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("version", "stays"), [(sys.version, True), ("3.2.1 (of long ago)", False)])
+def test_an_environment_of_another_python_than_the_one_asked_for_is_made_anew(
+    tmp_path: Path, version: str, stays: bool
+) -> None:
+    environment = tmp_path / ".venv"
+    python = environment / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text(f"#!/bin/sh\necho '{version}'\n")
+    python.chmod(0o755)
+    outside = {
+        name: value for name, value in os.environ.items() if name not in ("PYTHON", "MAKEFLAGS", "MAKEOVERRIDES")
+    }
+    for asked, left in (("NOTHING=", True), ("PYTHON=/nowhere/python", True), (f"PYTHON={sys.executable}", stays)):
+        command = ["make", "--dry-run", "-f", str(PROJECT / "Makefile"), "setup", asked]
+        subprocess.run(command, cwd=tmp_path, env=outside, check=False, capture_output=True)
+        assert environment.exists() is left
 
 
 def test_nobody_is_told_to_install_a_release_while_there_is_none() -> None:
@@ -199,11 +222,6 @@ def contract(words: str, key: str = "modules") -> list[str]:
     return modules
 
 
-def test_every_element_is_kept_apart_from_the_others() -> None:
-    elements = {element_type(kind).__module__ for kind in ELEMENTS}
-    assert set(contract("one element")) == elements, "list the element in the import contract of pyproject.toml"
-
-
 def test_all_of_the_simulation_is_pure_but_what_opens_a_bus_and_the_world_behind_it() -> None:
     sim = "haptic_fieldbus.sim"
     pure = {module for module in contract("pure half", "source_modules") if module.startswith(sim)}
@@ -231,6 +249,36 @@ def modules_in(folder: str) -> set[str]:
     """The modules and folders of a folder of the package, by their full names."""
     prefix = f"haptic_fieldbus.{folder.replace('/', '.')}"
     return {f"{prefix}.{path.stem}" for path in (PACKAGE / folder).iterdir() if not path.stem.startswith("__")}
+
+
+# Public functions of one name in several modules: the same question, answered for what their module is about.
+SAME_QUESTION = {
+    "bind": "a fresh step, its parameters bound",
+    "discrete": "the linear system that a step is",
+    "draw": "a picture of what a page or a command shows",
+    "dynamics": "(A, B) of bodies",
+    "environment": "what a sampled loop is closed over, of one axis or several",
+    "free_puck": "the lecture's free puck",
+    "growth": "spectral radius but for shifts, of one axis or several",
+    "loop_matrix": "one period of a loop, of one axis or several",
+    "main": "a program",
+    "measure": "the points of a work-precision set",
+    "parse_bus": "a bus name taken apart, by its protocol",
+    "plan": "the command and the API behind it",
+    "response": "the command and the API behind it",
+    "run": "the command, the API behind it, and a batch of loops",
+    "sample": "a device under the delayed hold",
+    "stability": "the command and the API behind it",
+}
+
+
+def test_a_function_name_occurs_once_but_for_the_same_question() -> None:
+    where: dict[str, set[str]] = {}
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                where.setdefault(node.name, set()).add(str(path))
+    assert {name for name, paths in where.items() if len(paths) > 1} == set(SAME_QUESTION)
 
 
 def test_every_module_fits_on_a_few_screens_and_says_what_it_is() -> None:

@@ -81,7 +81,7 @@ def accepts(schema: dict[str, Any], text: str) -> bool:
 @pytest.mark.parametrize("name", schema_texts())
 def test_the_schema_files_are_those_of_the_dataclasses(name: str) -> None:
     written = (FOLDER / name).read_text(encoding="utf-8")
-    assert written == schema_texts()[name], "run: python -m haptic_fieldbus.schemas docs/reference/schemas"
+    assert written == schema_texts()[name], "run: make docs"
 
 
 def test_there_is_no_other_schema_file() -> None:
@@ -90,6 +90,8 @@ def test_there_is_no_other_schema_file() -> None:
 
 def test_the_command_writes_the_schemas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path / "new")]) == 0
+    assert {path.name: path.read_text(encoding="utf-8") for path in (tmp_path / "new").iterdir()} == schema_texts()
+    assert main([str(tmp_path / "new"), "--shipped"]) == 0
     assert {path.name: path.read_text(encoding="utf-8") for path in (tmp_path / "new").iterdir()} == schema_texts()
     assert main([]) == 2
     assert "usage" in capsys.readouterr().err

@@ -13,21 +13,19 @@ from haptic_fieldbus.api.arguments import arguments_of
 from haptic_fieldbus.api.judging import Inquiry, judge_scene
 from haptic_fieldbus.api.open_loop import response as response
 from haptic_fieldbus.assessing.result import Result, known_before
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.request import check_request
+from haptic_fieldbus.planning.request import check_fade_in, check_request
 from haptic_fieldbus.planning.selection import Selection, check_known, compiled, load, select
-from haptic_fieldbus.planning.task import SIMULATION, Task
+from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.sim.faults import Fault, load_faults
 from haptic_fieldbus.sim.hand import hand_named
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes, Scheduled
-
-DEFAULT_DURATION = 10.0
-DEFAULT_HAND = "push"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +36,9 @@ class Trial(Task):
     """Time from *operation enabled* on [s]."""
     hand: str | None = None
     """Motion of the simulated hand: push, tap, sine, guide, release or none; None is that of the scene, else push."""
-    seed: int = 0
+    fade_in: float = DEFAULT_FADE_IN
+    """Time from *operation enabled* to the full limit of the force [s]."""
+    seed: int = DEFAULT_SEED
     """Seed of all random numbers of the simulation."""
     faults: str | Path | Sequence[Fault] = ()
     """Faults of the simulated drives and links (`haptic_fieldbus.sim.faults`), or the file that lists them."""
@@ -63,7 +63,7 @@ def plan(task: Task) -> Plan:
     `scene` is a name of the library, a file or a Scene; `rig` is a file or a Rig, or None for the shipped bench; `rate`
     is in Hz. Raises DocumentError, UsageError or PlanError.
     """
-    check_request(bus=task.bus or SIMULATION, node=task.node, rate=task.rate)
+    check_request(bus=task.bus or DEFAULT_BUS, node=task.node, rate=task.rate)
     return select(task).plan
 
 
@@ -91,8 +91,9 @@ def run(trial: Trial) -> Result:
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
     faults = load_faults(trial.faults) if isinstance(trial.faults, str | Path) else tuple(trial.faults)
-    bus = trial.bus or SIMULATION
+    bus = trial.bus or DEFAULT_BUS
     check_request(bus=bus, node=trial.node, rate=trial.rate, duration=trial.duration, seed=trial.seed, record=recording)
+    check_fade_in(trial.fade_in)
     try:
         selection = _selected(trial)
     except PlanError as error:
@@ -122,7 +123,8 @@ def _selected(trial: Trial) -> Selection:
         from haptic_fieldbus.api.sites import ask_rated_torques
 
         loaded = replace(loaded, rig=ask_rated_torques(loaded.rig))
-    return compiled(loaded)
+    selection = compiled(loaded)
+    return replace(selection, plan=selection.plan.fading_in(trial.fade_in))
 
 
 def _checked(selection: Selection, trial: Trial) -> "Changes | None":

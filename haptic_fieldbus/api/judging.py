@@ -4,16 +4,17 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, Stability, stiffness_limit
 from haptic_fieldbus.margins.group import Group, Member, groups_of
+from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.sampled import TACHOMETER
-from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering, select
 from haptic_fieldbus.planning.settings import settled
-from haptic_fieldbus.planning.task import SIMULATION, Task
+from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.scenes.quantities import RANGES, Quantity
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
@@ -67,7 +68,7 @@ class Inquiry(Task):
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judgement:
     """The judgement with the smallest margin, the axis in whose units it is, and the group of axes that it is about."""
 
     scene: Scene
@@ -86,35 +87,35 @@ class Judged:
         """The linear estimator that stands for a non-linear one; None when there is no estimator, or it is linear."""
         if self.estimator is None or self.estimator == TACHOMETER:
             return None
-        from haptic_fieldbus.numerics.estimators import judged_as
+        from haptic_fieldbus.numerics.estimators import linear_stand_in
 
-        return judged_as(self.estimator)
+        return linear_stand_in(self.estimator)
 
     def _needs_velocity(self, member: Member) -> bool:
         couplings = (each for each in self.group.couplings if member.name in each.axes)
         return any(Signal.VELOCITY in each.needs for each in (*member.elements, *couplings))
 
 
-def judge_scene(inquiry: Inquiry) -> Judged:
+def judge_scene(inquiry: Inquiry) -> Judgement:
     """Judge the scene on its bench, or on the device if one is given; raises DocumentError, UsageError or PlanError."""
-    check_request(bus=inquiry.bus or SIMULATION, node=inquiry.node, rate=inquiry.rate)
+    check_request(bus=inquiry.bus or DEFAULT_BUS, node=inquiry.node, rate=inquiry.rate)
     if inquiry.device is not None:
         return _on_device(inquiry, inquiry.device)
     plan = select(inquiry).plan
     # Axes that are coupled have one judgement, in the units of one of them.
     return _weakest(
-        Judged(plan.scene, axis.name, axis.workspace, axis.stability, axis.group)
+        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group)
         for axis in plan.axes
-        if axis.stability is not None and axis.group is not None and axis.group.told_by == axis.name
+        if axis.stability is not None and axis.group is not None and axis.group.reference_axis == axis.name
     )
 
 
-def _weakest(found: Iterable[Judged]) -> Judged:
+def _weakest(judgements: Iterable[Judgement]) -> Judgement:
     """Return the judgement with the smallest margin; a judgement without a margin comes last."""
-    return min(found, key=lambda each: math.inf if each.stability.margin is None else each.stability.margin)
+    return min(judgements, key=lambda each: math.inf if each.stability.margin is None else each.stability.margin)
 
 
-def _on_device(task: Task, device: Device) -> Judged:
+def _on_device(task: Task, device: Device) -> Judgement:
     """Judge the scene with this device, and ideal torque, on each of its axes."""
     check_rendering(task)
     # The loop counts its period in whole nanoseconds.
@@ -122,32 +123,32 @@ def _on_device(task: Task, device: Device) -> Judged:
     plant = _plant_of(device, period)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
 
-    def judged(chosen: Scene) -> Judged:
+    def judgement_of(chosen: Scene) -> Judgement:
         spaces, paced = {axis.name: axis.workspace for axis in chosen.axes}, chosen.at_period(period)
         members = [Member(name, plant, device.delay, paced.of_axis(name), method, estimator) for name in spaces]
         return _weakest(
-            Judged(chosen, group.told_by, spaces[group.told_by], group.told, group)
+            Judgement(chosen, group.reference_axis, spaces[group.reference_axis], group.stability, group)
             for group in groups_of(members, paced.couplings, period)
         )
 
     wanted = settled(task.scene, task.settings)
     # A stiffness that is a part of the limit takes two steps: the limit first, then the scene with it.
-    found = judged(wanted.scene)
-    return found if wanted.part is None else judged(wanted.at(found.stability))
+    found = judgement_of(wanted.scene)
+    return found if wanted.part is None else judgement_of(wanted.at(found.stability))
 
 
 def _plant_of(device: Device, period: float) -> Plant:
     """Return the plant of a device; raises one UsageError with all values that are impossible."""
     values = {name: getattr(device, name) for name in ("damping", "coulomb", "resolution", "delay")}
     faults = [
-        f"{name} {value:g}: expected a number from 0 up, at most {LARGEST[name]:g}"
+        f"{name} {exactly(value)}: expected a number from 0 up, at most {exactly(LARGEST[name])}"
         for name, value in values.items()
         if not 0.0 <= value <= LARGEST[name]
     ]
     mass = RANGES[Quantity.MASS]
     if not mass.smallest <= device.mass <= mass.largest:
-        expected = f"expected a number above 0, from {mass.smallest:g} to {mass.largest:g}"
-        faults.insert(0, f"mass {device.mass:g}: {expected}{_massless(device, period, faults)}")
+        expected = f"expected a number above 0, from {exactly(mass.smallest)} to {exactly(mass.largest)}"
+        faults.insert(0, f"mass {exactly(device.mass)}: {expected}{_massless(device, period, faults)}")
     if faults:
         raise UsageError("\n".join(faults))
     return Plant(device.mass, device.damping, device.coulomb, device.resolution)
@@ -159,4 +160,4 @@ def _massless(device: Device, period: float, faults: list[str]) -> str:
         return ""
     plant = Plant(0.0, device.damping)
     limit = stiffness_limit(plant, period, device.delay, lambda stiffness: gain([[-stiffness]]))
-    return f"; as it goes to 0, the limit of a spring goes to {limit:.6g}"
+    return f"; as it goes to 0, the limit of a spring goes to {rounded_limit(limit)}"

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.defaults import DEFAULT_MOTION_DURATION
 from haptic_fieldbus.documents import TABLE_SIZE, read_octets
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 
 Array = NDArray[np.float64]
 
-DEFAULT_DURATION = 1.0
 INPUT_FORMS = "step, ramp, sine@HZ or FILE.csv with the columns time and position"
 LARGEST_FREQUENCY = 1e9
 """[Hz]"""
@@ -30,13 +31,13 @@ class PrescribedMotion:
 
     rest: float
     at: Callable[[Array], Array]
-    duration: float = DEFAULT_DURATION
+    duration: float = DEFAULT_MOTION_DURATION
 
 
 def motion_of(name: str | Path, amplitude: float) -> PrescribedMotion:
     """Return the motion of a name (`INPUT_FORMS`); raises UsageError when there is none."""
     if not math.isfinite(amplitude):
-        raise UsageError(f"amplitude {amplitude:g}: expected a number")
+        raise UsageError(f"amplitude {exactly(amplitude)}: expected a number")
     text = str(name)
     if text == "step":
         return PrescribedMotion(0.0, lambda time: np.full_like(time, amplitude))
@@ -56,7 +57,7 @@ def _frequency(text: str) -> float:
     except ValueError:
         frequency = math.nan
     if not 0.0 < frequency <= LARGEST_FREQUENCY:
-        expected = f"a frequency above 0 in Hz, at most {LARGEST_FREQUENCY:g}, for example sine@2"
+        expected = f"a frequency above 0 in Hz, at most {exactly(LARGEST_FREQUENCY)}, for example sine@2"
         raise UsageError(f'input "{text}": after @ stands {expected}')
     return frequency
 

@@ -14,11 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.api.arguments import arguments_of
-from haptic_fieldbus.api.motions import DEFAULT_DURATION, motion_of
+from haptic_fieldbus.api.motions import motion_of
 from haptic_fieldbus.cycle.laws import law_of
+from haptic_fieldbus.defaults import (
+    DEFAULT_AMPLITUDE,
+    DEFAULT_ESTIMATOR,
+    DEFAULT_METHOD,
+    DEFAULT_MOTION,
+    DEFAULT_MOTION_DURATION,
+)
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering
 from haptic_fieldbus.planning.settings import parsed, with_settings
@@ -39,9 +46,9 @@ STATE_NAMES = ("position", "velocity")
 class OpenLoop(Rendering):
     """A scene without a bench, and the prescribed motion of the puck."""
 
-    input: str | Path = "step"
+    input: str | Path = DEFAULT_MOTION
     """The motion: step, ramp, sine@HZ, or a file with the columns time and position."""
-    amplitude: float = 1.0
+    amplitude: float = DEFAULT_AMPLITUDE
     """Size of the motion [m or rad]; the positions of a file are multiplied by it."""
     duration: float | None = None
     """Duration [s]; None is that of the file, or one second."""
@@ -85,28 +92,29 @@ class _Answer:
 
 
 @arguments_of(OpenLoop)
-def response(asked: OpenLoop) -> Response:
+def response(task: OpenLoop) -> Response:
     """Return the force on the scene's first axis for a prescribed motion; axes coupled to it stand still.
 
     `input` is "step", "ramp" (reaches `amplitude` after one second), "sine@HZ" or a file with the columns time and
     position, which `amplitude` multiplies. `rate` is in Hz, `duration` in s; a file has a duration of its own. Raises
     DocumentError or UsageError.
     """
-    duration, method = asked.duration, asked.method or DEFAULT_METHOD
-    check_request(rate=asked.rate, duration=DEFAULT_DURATION if duration is None else duration)
-    check_rendering(asked)
-    motion = motion_of(asked.input, asked.amplitude)
-    period = round(1e9 / asked.rate) * 1e-9
-    chosen = with_settings(asked.scene, parsed(asked.settings)).at_period(period)
+    duration, method = task.duration, task.method or DEFAULT_METHOD
+    check_request(rate=task.rate, duration=DEFAULT_MOTION_DURATION if duration is None else duration)
+    check_rendering(task)
+    motion = motion_of(task.input, task.amplitude)
+    period = round(1e9 / task.rate) * 1e-9
+    chosen = with_settings(task.scene, parsed(task.settings)).at_period(period)
     axis = chosen.axes[0]
     # Both ends are sampled.
     samples = round((motion.duration if duration is None else duration) / period) + 1
     if samples > MOST_SAMPLES:
-        raise UsageError(f"{samples} samples at {asked.rate:g} Hz; expected at most {MOST_SAMPLES}: a shorter duration")
+        expected = f"expected at most {MOST_SAMPLES}: a shorter duration"
+        raise UsageError(f"{samples} samples at {exactly(task.rate)} Hz; {expected}")
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
     elements = (*chosen.of_axis(axis.name), *_grounded(chosen, axis.name))
-    answers = _Answers(elements, period, method, asked.estimator or DEFAULT_ESTIMATOR)
+    answers = _Answers(elements, period, method, task.estimator or DEFAULT_ESTIMATOR)
     return answers.to(time, position, motion.rest, axis.workspace)
 
 

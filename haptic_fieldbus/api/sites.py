@@ -11,6 +11,7 @@ from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.buses.access import BusAccess
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
+from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import BusPlan, Plan
@@ -33,7 +34,7 @@ class Conditions:
     """The conditions on a simulated bench; `seed` determines all random numbers."""
 
     hand: Hand | None = None
-    seed: int = 0
+    seed: int = DEFAULT_SEED
     faults: tuple[Fault, ...] = ()
 
 
@@ -48,8 +49,9 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
     clock: Clock = VirtualClock() if plan.simulated else MonotonicClock()
     buses: dict[str, Bus] = {}
     worlds: dict[str, Truth] = {}
+    faults: list[str] = []
     with ExitStack() as opened:
-        logs = _logs(plan, record, opened)
+        logs = _logs(plan, record, opened, faults)
         with ExitStack() as failing:
             for part in plan.buses:
                 log = logs.get(part.name)
@@ -61,7 +63,7 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
                 # Closes the buses that are open when a later one fails; a site that is complete is closed by the run.
                 failing.callback(buses[part.name].close)
             failing.pop_all()
-        yield Site(clock, buses, worlds)
+        yield Site(clock, buses, worlds, faults)
 
 
 def ask_rated_torques(rig: Rig) -> Rig:
@@ -78,13 +80,29 @@ def ask_rated_torques(rig: Rig) -> Rig:
     return replace(rig, axis=axes)
 
 
-def _logs(plan: Plan, record: Path | None, opened: ExitStack) -> dict[str, Any]:
-    """Return the recorders of frames by bus; each protocol opens its own."""
+def _logs(plan: Plan, record: Path | None, opened: ExitStack, faults: list[str]) -> dict[str, Any]:
+    """Return the recorders of frames by bus; each protocol opens its own. An error at their end goes to `faults`.
+
+    Raises UsageError when a file cannot be begun.
+    """
     logs: dict[str, Any] = {}
     for protocol in dict.fromkeys(bus.protocol for bus in plan.buses):
         names = [bus.name for bus in plan.buses if bus.protocol == protocol]
-        logs |= opened.enter_context(_access(protocol).logs(record, names))
+        recorder = ExitStack()
+        try:
+            logs |= recorder.enter_context(_access(protocol).logs(record, names))
+        except OSError as error:
+            raise UsageError(f"cannot record to {record}: {error.strerror}") from error
+        opened.callback(_closed, recorder, faults)
     return logs
+
+
+def _closed(recorder: ExitStack, faults: list[str]) -> None:
+    """Close a recorder; what keeps it from being complete must not hide how the run went."""
+    try:
+        recorder.close()
+    except Exception as error:
+        faults.append(getattr(error, "strerror", None) or str(error))
 
 
 def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, log: object) -> tuple[Bus, Truth | None]:

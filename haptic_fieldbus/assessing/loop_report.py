@@ -1,4 +1,4 @@
-"""Notes that the loop takes during a run: counts, instants, and three times of each period."""
+"""Notes that the loop takes during a run: counts, instants, and four times of each period."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from haptic_fieldbus.assessing.record import Record
 
 if TYPE_CHECKING:  # imported for its type alone: a run without changes never loads `tuning`
-    from haptic_fieldbus.planning.tuning import Applied
+    from haptic_fieldbus.planning.live_changes import Applied
 
-SAMPLES = ("period_ns", "age_ns", "compute_ns")
+SAMPLES = ("period_ns", "age_ns", "compute_ns", "lateness_ns")
 
 
 @dataclass
@@ -21,7 +21,9 @@ class LoopReport:
     cycles: int = 0
     """Number of periods in operation enabled."""
     missed: int = 0
-    """Number of periods skipped because the loop woke up too late for them."""
+    """Number of periods skipped from operation enabled on, because the loop woke up too late for them."""
+    late: int = 0
+    """Number of periods in operation enabled that began late by more than a tenth of the period."""
     first_ns: int | None = None
     """Latch instant of the first period."""
     enabled_at_ns: int | None = None
@@ -30,19 +32,19 @@ class LoopReport:
     """Latch instant of the last period."""
     period_ns: int = 0
     interrupted: bool = False
-    """True when Ctrl-C ended the run."""
+    """True when Ctrl-C, SIGTERM or SIGHUP ended the run."""
     released: bool = False
     """True when every drive confirmed at the end that its motor is off."""
     changes: "list[Applied]" = field(default_factory=list)
     # A capacity of 1 is a placeholder: the loop replaces this record once it knows the number of periods.
     samples: Record = field(default_factory=lambda: Record(SAMPLES, 1), repr=False)
-    """One row of `SAMPLES` for each period in operation enabled."""
+    """One row of `SAMPLES` for each period in operation enabled; of a very long run, for the last ones."""
 
     def sample(self, name: str) -> NDArray[np.float64]:
         """Return one column of `samples` [ns], shape `(n_periods,)`.
 
-        `name` is `period_ns`, `age_ns` (age of the oldest feedback when it was used) or `compute_ns` (computing time
-        of the host). Raises ValueError for another name.
+        `name` is `period_ns`, `age_ns` (age of the oldest feedback when it was used), `compute_ns` (computing time of
+        the host) or `lateness_ns` (from the planned to the real begin). Raises ValueError for another name.
         """
         return self.samples.column(name)
 

@@ -1,15 +1,11 @@
-"""Record of a run: rows of numbers in a preallocated ring buffer, and their CSV file."""
+"""Record of a run: rows of numbers in a preallocated ring buffer."""
 
 import struct
 from array import array
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-
-ROW_SUFFIXES = (".csv",)
-"""File suffixes that `write_rows` serves."""
 
 
 class Record:
@@ -20,8 +16,8 @@ class Record:
         self.capacity = capacity
         self.pushed = 0
         """Number of rows pushed so far; the ring holds the last `capacity` of them."""
-        # 8 bytes a double. The whole ring is touched here, so that no push in the loop allocates memory.
-        self._values = array("d", bytes(8 * len(self.columns) * capacity))
+        # The whole ring is touched here, so that no push in the loop allocates memory.
+        self._values = array("d", [0.0]) * (len(self.columns) * capacity)
         row = struct.Struct(f"{len(self.columns)}d")
         self._pack_into, self._size = row.pack_into, row.size
 
@@ -38,7 +34,7 @@ class Record:
 
     def rows(self) -> NDArray[np.float64]:
         """Return a copy of all rows held, oldest first, shape `(n_rows, n_columns)`."""
-        table = np.frombuffer(self._values).reshape(self.capacity, len(self.columns))
+        table = self._table()
         if self.pushed <= self.capacity:
             return table[: self.pushed].copy()
         # The oldest row stands where the next push would write; `roll` copies, so the ring is not aliased.
@@ -46,17 +42,13 @@ class Record:
 
     def column(self, name: str) -> NDArray[np.float64]:
         """Return one column, oldest value first, shape `(n_rows,)`; raises ValueError for an unknown name."""
-        return self.rows()[:, self.columns.index(name)]
+        values = self._table()[: len(self), self.columns.index(name)]
+        return np.roll(values, -(self.pushed % self.capacity)) if self.pushed > self.capacity else values.copy()
 
+    def _table(self) -> NDArray[np.float64]:
+        return np.frombuffer(self._values).reshape(self.capacity, len(self.columns))
 
-def write_rows(record: Record, path: Path) -> None:
-    """Write all rows held as CSV under a line of column names.
-
-    Every digit is kept. Raises OSError when the file cannot be written.
-    """
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(",".join(record.columns) + "\n")
-        # `repr` is the shortest text that reads back as the same double; counts and flags lose their ".0".
-        file.writelines(
-            ",".join(repr(value).removesuffix(".0") for value in row) + "\n" for row in record.rows().tolist()
-        )
+    def since(self, first: int) -> NDArray[np.float64]:
+        """Return a copy of the rows from number `first` on, counted from the first push; the oldest may be gone."""
+        first = max(first, self.pushed - self.capacity)
+        return self._table()[np.arange(first, self.pushed) % self.capacity]

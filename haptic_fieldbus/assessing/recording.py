@@ -32,6 +32,12 @@ class Truth(Protocol):
     def trajectory(self, node: int) -> TrueMotion:
         """Return the true motion of a drive's shaft up to the present."""
 
+    def so_far(self, node: int) -> TrueMotion:
+        """Return the true motion up to the last instant that the simulation needed, without moving anything."""
+
+    def forget(self, before_ns: int) -> None:
+        """Drop the motion before an instant [ns]; it is needed no more."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -52,6 +58,10 @@ class Recording:
     """Velocity, estimated or read from the drive [m/s or rad/s]; None when the plan contains none."""
     tachometer: bool = False
     """True when the drive offers velocity only, and the position was integrated from it."""
+    overlap: int = 0
+    """Number of periods at the begin that the part before this one has too; 0 for the first part or a whole run."""
+    began_ns: int | None = None
+    """Instant of the first period of the run; None: that of this recording."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +86,8 @@ def true_motion(times_ns: Times, trajectory: TrueMotion, conversion: Conversion)
 
 def with_time(motion: Mapping[Signal, Array], times_ns: Times, recording: Recording) -> dict[Signal, Array]:
     """Return the motion with `Signal.ELAPSED_NS` added: the time since the first recorded period [ns], `(n_times,)`."""
-    return {**motion, Signal.ELAPSED_NS: (times_ns - recording.times_ns[0]).astype(np.float64)}
+    began_ns = recording.times_ns[0] if recording.began_ns is None else recording.began_ns
+    return {**motion, Signal.ELAPSED_NS: (times_ns - began_ns).astype(np.float64)}
 
 
 def made_real(recording: Recording, sampled: Mapping[Signal, Array]) -> dict[str, dict[Signal, Array]]:
@@ -114,36 +125,50 @@ def target_in_force(trajectory: TrueMotion, times_ns: Times) -> Array:
     return values
 
 
-def acting(recording: Recording, trajectory: TrueMotion, ratio: float) -> tuple[Times, NDArray[np.int64]]:
-    """Return instants [ns] and indices of periods, both `(n_acting,)`: each command acts from its instant on.
+class CommandDelay:
+    """Finds for each command of a run, part by part, the instant from which on it acts.
 
     A target carries no mark of the period that computed it, so each is assigned by its value. The delay from sample to
-    target is taken as the same whole number of periods for the whole run: the number with which most targets equal
-    their command. A period whose own target was not found still acted when its value was in force at that time (a
-    drive takes over nothing where the value stays the same); otherwise its command was lost and is left out.
-
-    Raises ValueError when no target equals a recorded command.
+    target is taken as the same whole number of periods for the whole run: the number with which most targets so far
+    equal their command.
     """
-    target_ns, target = trajectory.targets()
-    command = recording.command * ratio
-    tolerance = 1e-6 * float(np.abs(command).max(initial=0.0))
-    # Index of the newest period sampled before each target was taken over; −1 before the first period.
-    newest = np.searchsorted(recording.times_ns, target_ns, side="right") - 1
-    agreeing: list[tuple[int, NDArray[np.int64]]] = []
-    for whole in range(WHOLE_PERIODS_OF_DELAY):
-        period = newest - whole
-        agrees = (period >= 0) & (np.abs(command[period] - target) <= tolerance)
-        agreeing.append((whole, np.flatnonzero(agrees)))
-    # The shortest delay among equals: a constant command agrees with every delay.
-    whole, found = max(agreeing, key=lambda entry: (len(entry[1]), -entry[0]))
-    if not len(found):
-        raise ValueError("no recorded command was taken over by the drive")
-    delay_ns = int(np.median(target_ns[found] - recording.times_ns[newest[found] - whole]))
-    acting_ns = recording.times_ns + delay_ns
-    own = np.zeros(len(command), dtype=bool)
-    # numpy keeps the last of several writes to one index: in reverse order, the first target of a period wins.
-    latest_first = found[::-1]
-    acting_ns[newest[latest_first] - whole] = target_ns[latest_first]
-    own[newest[found] - whole] = True
-    row = np.flatnonzero(own | (np.abs(target_in_force(trajectory, acting_ns) - command) <= tolerance))
-    return np.maximum.accumulate(acting_ns[row]), row
+
+    def __init__(self) -> None:
+        self._agreeing = [0] * WHOLE_PERIODS_OF_DELAY
+        self._largest = 0.0
+        self._delay_ns: int | None = None
+
+    def acting(self, recording: Recording, trajectory: TrueMotion, ratio: float) -> tuple[Times, NDArray[np.int64]]:
+        """Return instants [ns] and indices of periods, both `(n_acting,)`: each command acts from its instant on.
+
+        A period whose own target was not found still acted when its value was in force at that time (a drive takes over
+        nothing where the value stays the same); otherwise its command was lost and is left out.
+
+        Raises ValueError when no target of the run has equalled a recorded command.
+        """
+        target_ns, target = trajectory.targets()
+        command = recording.command * ratio
+        self._largest = max(self._largest, float(np.abs(command).max(initial=0.0)))
+        tolerance = 1e-6 * self._largest
+        # Index of the newest period sampled before each target was taken over; −1 before the first period.
+        newest = np.searchsorted(recording.times_ns, target_ns, side="right") - 1
+        agreeing: list[NDArray[np.int64]] = []
+        for whole in range(WHOLE_PERIODS_OF_DELAY):
+            period = newest - whole
+            agreeing.append(np.flatnonzero((period >= 0) & (np.abs(command[period] - target) <= tolerance)))
+            self._agreeing[whole] += len(agreeing[whole])
+        # The shortest delay among equals: a constant command agrees with every delay.
+        whole = max(range(WHOLE_PERIODS_OF_DELAY), key=lambda whole: (self._agreeing[whole], -whole))
+        found = agreeing[whole]
+        if len(found):
+            self._delay_ns = int(np.median(target_ns[found] - recording.times_ns[newest[found] - whole]))
+        if self._delay_ns is None:
+            raise ValueError("no recorded command was taken over by the drive")
+        acting_ns = recording.times_ns + self._delay_ns
+        own = np.zeros(len(command), dtype=bool)
+        # numpy keeps the last of several writes to one index: in reverse order, the first target of a period wins.
+        latest_first = found[::-1]
+        acting_ns[newest[latest_first] - whole] = target_ns[latest_first]
+        own[newest[found] - whole] = True
+        row = np.flatnonzero(own | (np.abs(target_in_force(trajectory, acting_ns) - command) <= tolerance))
+        return np.maximum.accumulate(acting_ns[row]), row

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.plan_json import summary_json
 from haptic_fieldbus.planning.selection import Selection
-from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
 from haptic_fieldbus.protocols.traffic import Json as Json
 from haptic_fieldbus.signals import Workspace
 
@@ -56,20 +56,26 @@ class Percentiles:
 
 @dataclass(frozen=True)
 class Timing:
-    """Distributions of the period, of the feedback's age when used, and of the host's computing time [µs].
+    """Distributions of the period, of the feedback's age when used, of the host's computing time and lateness [µs].
 
     None without periods in operation enabled. The computing time is only reported: simulations use the plan's constant.
+    Of a run of more than 500 000 periods, the distributions are those of the last 500 000.
     """
 
     period_us: Percentiles | None
     age_us: Percentiles | None
     compute_us: Percentiles | None
+    lateness_us: Percentiles | None = None
+    late: int = 0
+    """Number of periods that began more than a tenth of the period late."""
 
     def to_json(self) -> Json:
         return {
             "period_us": self.period_us.to_json() if self.period_us else None,
             "age_us": self.age_us.to_json() if self.age_us else None,
             "compute_us": self.compute_us.to_json() if self.compute_us else None,
+            "lateness_us": self.lateness_us.to_json() if self.lateness_us else None,
+            "late": self.late,
         }
 
 
@@ -83,7 +89,7 @@ class TorqueError:
     by_source: Mapping[str, float]
     """Share of each source of error; the shares sum to 1."""
     contact: float | None = None
-    """Largest rms(error) / rms(ideal) in contact of any axis, on which the verdict rests; None without contact."""
+    """Largest rms(error) / rms(ideal) in contact of the axes that the hand holds; None without contact."""
 
     def to_json(self) -> Json:
         return {"rms": self.rms, "max": self.max, "unit": self.unit, "by_source": dict(self.by_source)}
@@ -117,9 +123,11 @@ class Changed:
 class Trace:
     """Motion and force of one axis in its workspace [s, m or rad, N or N·m], for plots; not part of the JSON object.
 
-    In simulation, `position` is the true position of the handle, `force` the force of the motor, and `ideal` the force
-    of the scene in continuous time. On real drives, `position` is the decoded one, `force` the commanded one, and
-    `ideal` is None. `times`, `position`, `force`, `ideal` and each array of `virtual` have the shape `(n_times,)`.
+    When the error is known, `position` is the true position of the handle, `force` the force of the motor, and `ideal`
+    that of the scene in continuous time. Otherwise (on real drives, and in short runs) `position` is the decoded one,
+    `force` the commanded one, and `ideal` is None. `times` and all that belongs to it have the shape `(n_times,)`.
+    A simulated run of more than 30 000 periods is thinned to the extremes of bins; of one on real drives, the last
+    300 000 periods are there.
     """
 
     axis: str
@@ -130,11 +138,13 @@ class Trace:
     ideal: Array | None = None
     sample_times: Array | None = None
     samples: Array | None = None
-    """Decoded positions at `sample_times`, both `(n_periods,)`; None on real drives, where `position` has them."""
+    """Decoded positions at `sample_times`, both `(n_periods,)`; None when `position` already is the decoded one."""
     virtual: Mapping[str, Array] = field(default_factory=dict)
     """First virtual state of each dynamic element by the element's name: the position of a virtual mass."""
     sensor: str = "encoder"
     """Source of the samples: "encoder" or "tachometer"."""
+    period: float | None = None
+    """Period of the loop [s]; None: the usual distance of the samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +176,8 @@ class Result:
     traces: tuple[Trace, ...] = ()
     warnings: tuple[str, ...] = ()
     """Problems that did not stop the run; for people, not part of the JSON object."""
+    recording_fault: str | None = None
+    """Reason for which the recording ended before the run; None when it is complete, or none was asked for."""
     elapsed: float | None = None
     """Wall-clock time of the loop [s]; for people, not part of the JSON object."""
 
@@ -189,7 +201,7 @@ class Result:
                 "missed_cycles": self.missed_cycles,
                 "duration_s": self.duration,
                 "bus_load": self.bus_load,
-                "plan": _summary_json(self.plan) if self.plan else None,
+                "plan": summary_json(self.plan) if self.plan else None,
                 "timing": self.timing.to_json() if self.timing else None,
                 "torque_error": self.torque_error.to_json() if self.torque_error else None,
                 "energy_generated_j": self.energy_generated,
@@ -197,48 +209,9 @@ class Result:
                 "trips": [trip.to_json() for trip in self.trips],
                 "changes": [change.to_json() for change in self.changes],
                 "verdict": self.verdict,
+                "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,
             }
         )
-
-
-def plan_json(plan: Plan) -> dict[str, Json]:
-    """Return the object that `plan --json` prints; delays and ages in s."""
-    delay = plan.delay
-    return {
-        **_summary_json(plan),
-        **_traffic_json(plan),
-        "bus_load": plan.bus_load,
-        "delay_s": {
-            "bus": delay.bus,
-            "compute": delay.compute,
-            "drive": delay.drive,
-            "torque_loop": delay.torque_loop,
-            "total": delay.total,
-        },
-        "couplings": [
-            {"name": each.name, "age_s": {on: dict(ages) for on, ages in each.ages.items()}}
-            for each in plan.coupling_ages
-        ],
-        "modules": list(plan.modules),
-    }
-
-
-def _summary_json(plan: Plan) -> dict[str, Json]:
-    return {
-        "mapped": list(plan.mapped),
-        "left_out": [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out],
-    }
-
-
-def _traffic_json(plan: Plan) -> dict[str, Json]:
-    """Return the process data exchanged, by the key of each protocol; None for a protocol that no axis uses."""
-    # All keys are present from the start: the keys of the object do not depend on the bench.
-    found: dict[str, Json] = dict.fromkeys(TRAFFIC_KEYS.values())
-    for axis in plan.axes:
-        for key, rows in axis.traffic.to_json(axis.rig.bus).items():
-            before = found.get(key)
-            found[key] = [*(before if isinstance(before, list) else ()), *rows]
-    return found
 
 
 def finite(value: dict[str, Json]) -> dict[str, Json]:
@@ -295,4 +268,6 @@ def _timing(report: "LoopReport") -> Timing:
         period_us=Percentiles.of(report.sample("period_ns")),
         age_us=Percentiles.of(report.sample("age_ns")),
         compute_us=Percentiles.of(report.sample("compute_ns")),
+        lateness_us=Percentiles.of(report.sample("lateness_ns")),
+        late=report.late,
     )

@@ -10,6 +10,7 @@ from itertools import starmap
 
 import numpy as np
 
+from haptic_fieldbus.assessing.carried import Carried, Key, new_nodes, new_rows
 from haptic_fieldbus.assessing.recording import (
     Array,
     Conversion,
@@ -21,7 +22,8 @@ from haptic_fieldbus.assessing.recording import (
     true_motion,
     with_time,
 )
-from haptic_fieldbus.scenes.element import CouplingElement
+from haptic_fieldbus.assessing.spans import Span
+from haptic_fieldbus.scenes.element import CouplingElement, PairLaw
 from haptic_fieldbus.signals import Signal
 
 Feedback = Mapping[Signal, Array]
@@ -31,27 +33,32 @@ Feedback = Mapping[Signal, Array]
 class Tie:
     """Coupling seen from one of its axes, "this axis"; the recording, motion and conversion are the other axis's."""
 
-    element: CouplingElement
+    span: Span[CouplingElement]
     place: int
     """Index of this axis in `element.axes`: 0 or 1."""
     recording: Recording
     trajectory: TrueMotion
     conversion: Conversion
-    share: Array
-    """Factor 0 to 1 on its force in each recorded period, `(n_periods,)`; straight lines in between."""
 
-    def ideal(self, own: Feedback, nodes_ns: Times, step: float) -> Array:
+    def ideal(self, own: Feedback, nodes_ns: Times, step: float, carried: Carried) -> Array:
         """Return the ideal force on this axis at the nodes [N or N·m], `(n_nodes,)`.
 
         `own` is the true motion of this axis at `nodes_ns`; `step` is their distance [s], with which a memory of the
         coupling advances.
         """
         motion, _ = true_motion(nodes_ns, self.trajectory, self.conversion)
-        share = np.interp(nodes_ns, self.recording.times_ns, self.share)
-        return share * self._forces(own, with_time(motion, nodes_ns, self.recording), step)
+        other = with_time(motion, nodes_ns, self.recording)
+        within = new_nodes(self.span, self.recording.overlap, nodes_ns, self.recording.times_ns)
+        if self.span.first == self.recording.overlap == 0:
+            within = slice(0, within.stop)  # the first sample of the run is a node as well
+        forces = np.zeros(len(nodes_ns))
+        law = carried.law(self._key("ideal"), lambda: self.span.element.begin(step))
+        share = np.interp(nodes_ns[within], self.recording.times_ns, self.span.share)
+        forces[within] = share * self._forces(law, own, other, within)
+        return forces
 
-    def stages(self, feedback: Mapping[str, Feedback], period: float) -> dict[str, Array]:
-        """Return the force on this axis in each period, for each stage of its feedback, each `(n_periods,)`.
+    def stages(self, feedback: Mapping[str, Feedback], period: float, carried: Carried) -> dict[str, Array]:
+        """Return the force on this axis in each new period, for each stage of its feedback, each `(n_periods,)`.
 
         `feedback` is that of this axis by source of error, from `made_real`; `period` [s] is that of the loop.
         """
@@ -59,20 +66,39 @@ class Tie:
         other = made_real(self.recording, with_time(sampled, self.recording.times_ns, self.recording))
         # This axis may have a stage that the other lacks, since it estimates a velocity for another element.
         last = list(other.values())[-1]
-        return {name: self.share * self._forces(own, other.get(name, last), period) for name, own in feedback.items()}
+        return {
+            name: self._in_periods(name, own, other.get(name, last), period, carried) for name, own in feedback.items()
+        }
 
-    def replayed(self, own: Feedback, period: float) -> Array:
-        """Return the force on this axis in each period, computed anew from the feedback of both axes, `(n_periods,)`.
+    def replayed(self, own: Feedback, period: float, carried: Carried) -> Array:
+        """Return the force on this axis in each new period, computed anew from the feedback of both axes.
 
-        `own` is the recorded feedback of this axis; `period` [s] is that of the loop.
+        Its shape is `(n_periods,)`; `own` is the recorded feedback of this axis, `period` [s] that of the loop.
         """
-        return self.share * self._forces(own, list(made_real(self.recording, own).values())[-1], period)
+        other = list(made_real(self.recording, own).values())[-1]
+        return self._in_periods("replay", own, other, period, carried)
 
-    def _forces(self, own: Feedback, other: Feedback, period: float) -> Array:
-        """Return the forces on this axis, `(n,)`, from feedback of both axes at the same n instants."""
+    def _key(self, purpose: str) -> Key:
+        return ("coupling", *self.span.key, purpose)
+
+    def _in_periods(self, purpose: str, own: Feedback, other: Feedback, period: float, carried: Carried) -> Array:
+        """Return the force in each new period, by a law that goes on from part to part, `(n_periods,)`."""
+        rows = new_rows(self.span, self.recording.overlap)
+        law = carried.law(self._key(purpose), lambda: self.span.element.begin(period))
+        forces = np.zeros(len(self.recording.times_ns))
+        forces[rows] = self.span.share[rows] * self._forces(law, own, other, rows)
+        return forces
+
+    def _forces(self, law: PairLaw, own: Feedback, other: Feedback, part: slice) -> Array:
+        """Return the forces on this axis, `(n,)`, from feedback of both axes at the n instants of a part."""
         # The law takes the axes in the order of the element, and returns a force for each.
         both = (other, own) if self.place else (own, other)
-        needed = [column for feedback in both for column in columns_of(self.element.needs, feedback)]
-        law, place, count = self.element.begin(period), self.place, len(own[Signal.POSITION])
+        needs, place = self.span.element.needs, self.place
+        needed = [
+            column
+            for feedback in both
+            for column in columns_of(needs, {signal: values[part] for signal, values in feedback.items()})
+        ]
         pairs = starmap(law, zip(*needed, strict=True))
+        count = len(own[Signal.POSITION][part])
         return np.fromiter((pair[place] for pair in pairs), dtype=np.float64, count=count)

@@ -18,23 +18,30 @@ Where elements changed while the loop ran, the ideal and the rendered torque go 
 along the same ramp. New virtual states begin with the ramp, at rest at the handle's position.
 
 A coupling's force follows both its axes (`ties`).
+
+A long run is split part by part, so that it needs no more memory than a short one: laws, virtual states and delays go
+on from one part to the next, and the figures are those of the whole run. The last periods of a part are read again with
+the next one, because their commands still act there.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import repeat, starmap
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.assessing.carried import Carried, begins, new_nodes, new_rows
+from haptic_fieldbus.assessing.error_sums import ErrorFigures, ErrorSums
 from haptic_fieldbus.assessing.recording import (
     Array,
+    CommandDelay,
     Conversion,
     Recording,
     Times,
     TrueMotion,
-    acting,
     columns_of,
     made_real,
     target_in_force,
@@ -58,25 +65,9 @@ the same 16 phases would be taken in every period.
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorSplit:
-    """Error of the motor's force against the ideal [N or N·m], split by source; arrays have the shape `(n_points,)`."""
+class ErrorPoints:
+    """Error at the points of a part of a run [N or N·m]; arrays have the shape `(n_points,)`."""
 
-    rms: float
-    max: float
-    unit: str
-    by_source: Mapping[str, float]
-    """Shares in the order of the sources; all 0 when there is no error at all."""
-    energy_generated: float
-    """∫ (force − ideal) dx [J]."""
-    ideal_rms_contact: float
-    """Rms of the ideal over the points in contact; 0 without contact."""
-    error_rms_contact: float
-    """Rms of the error over the points in contact; 0 without contact."""
-    replay_difference: float
-    """Largest difference between the recorded force and the force computed anew from the recorded feedback.
-
-    It checks the split itself: a difference above rounding means that the loop rendered something else.
-    """
     times_ns: Times
     position: Array
     """True position of the handle [m or rad]."""
@@ -96,6 +87,178 @@ class ErrorSplit:
         return mask
 
 
+@dataclass(frozen=True, eq=False)
+class ErrorSplit(ErrorPoints, ErrorFigures):
+    """Error of a whole run: its figures, and all its points."""
+
+
+class Splitter:
+    """Splits the error of one axis, part by part, from `begin_ns` to the last sample, at `POINTS_PER_PERIOD`.
+
+    `period` [s] and `method` (integrator of virtual states; None for the default) are those of the run. `begin_ns` is
+    the end of the fade-in.
+    """
+
+    def __init__(self, *, period: float, begin_ns: int, method: str | None = None, unit: str = "N") -> None:
+        self._period, self._method, self._unit = period, method, unit
+        self._begin_ns = begin_ns
+        self._spacing_ns = round(period * 1e9 / POINTS_PER_PERIOD)
+        self._sums, self._carried, self._delay = ErrorSums(), Carried(), CommandDelay()
+        self._node_ns: int | None = None
+
+    @property
+    def figures(self) -> ErrorFigures | None:
+        """Figures of all parts so far; None before the end of the fade-in."""
+        return self._sums.figures(self._unit) if self._sums.points else None
+
+    def take(
+        self,
+        recording: Recording,
+        trajectory: TrueMotion,
+        conversion: Conversion,
+        *,
+        acted: Sequence[Span[Element]],
+        ties: Sequence["Tie"] = (),
+    ) -> ErrorPoints:
+        """Return the points of the next part of the run, from the end of the fade-in on.
+
+        `acted` are the spans of the elements that act in new periods of this part, `ties` the couplings with other
+        axes. Raises ValueError when the drive has taken over no recorded command.
+        """
+        overlap = recording.overlap
+        nodes_ns = self._nodes(recording)
+        shown = nodes_ns >= self._begin_ns
+        # The first node belongs to the part before, or is a sample: virtual states start from it.
+        shown[0] = False
+        motion, force = true_motion(nodes_ns, trajectory, conversion)
+        sampled, _ = true_motion(recording.times_ns, trajectory, conversion)
+        ideal, stages, virtual = self._stages(acted, recording, motion, sampled, nodes_ns, ties)
+        for name, stage in stages.items():
+            stage[:overlap] = self._carried.tail(name, overlap)
+        self._carried.stages = stages
+        times_ns, ideal, force = nodes_ns[shown], ideal[shown], force[shown]
+
+        acting_ns, row = self._delay.acting(recording, trajectory, conversion.ratio)
+        # The command in force at each point; before the first known instant, that of the first acting period.
+        held = row[np.maximum(np.searchsorted(acting_ns, times_ns, side="right") - 1, 0)]
+        levels = {name: stage[held] for name, stage in stages.items()}
+        levels["torque step"] = target_in_force(trajectory, times_ns) / conversion.ratio
+        levels["torque loop"] = force
+        sources, before = {}, ideal
+        for name, level in levels.items():
+            sources[name], before = level - before, level
+        error = force - ideal
+
+        self._sums.add(error, ideal, sources)
+        self._sums.energy += float(error @ motion[Signal.VELOCITY][shown]) * self._spacing_ns * 1e-9
+        replayed = self._replay(acted, recording, ties)[overlap:] - recording.force[overlap:]
+        self._sums.replay_difference = max(self._sums.replay_difference, float(np.abs(replayed).max()))
+        self._node_ns = int(nodes_ns[-1])
+        return ErrorPoints(
+            times_ns=times_ns,
+            position=motion[Signal.POSITION][shown],
+            force=force,
+            ideal=ideal,
+            error=error,
+            sources=sources,
+            virtual={name: states[shown] for name, states in virtual.items()},
+        )
+
+    def _nodes(self, recording: Recording) -> Times:
+        """Return the last node before this part, or its first sample, then points up to the last sample, `(n_nodes,)`.
+
+        The points are equally spaced. They begin half a spacing after the first sample of the run, away from the
+        instants at which the sampled position is exact.
+        """
+        spacing_ns, last = self._spacing_ns, int(recording.times_ns[-1])
+        if self._node_ns is not None:
+            return np.arange(self._node_ns, last + 1, spacing_ns, dtype=np.int64)
+        first = int(recording.times_ns[0])
+        return np.concatenate([[first], np.arange(first + spacing_ns // 2, last + 1, spacing_ns, dtype=np.int64)])
+
+    def _stages(
+        self,
+        acted: Sequence[Span[Element]],
+        recording: Recording,
+        motion: Mapping[Signal, Array],
+        sampled: Mapping[Signal, Array],
+        nodes_ns: Times,
+        ties: Sequence["Tie"],
+    ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
+        """Return the ideal force at the nodes, the force of each stage in each period, and the ideal virtual states.
+
+        Shapes: `(n_nodes,)`; each stage `(n_periods,)`; each element's states `(n_nodes, order)`. `motion` is the true
+        motion at the nodes, `sampled` that at the samples.
+        """
+        motion = with_time(motion, nodes_ns, recording)
+        sampled = with_time(sampled, recording.times_ns, recording)
+        feedback = made_real(recording, sampled)
+        ideal = np.zeros(len(nodes_ns))
+        stages = {name: np.zeros(len(recording.position)) for name in feedback}
+        virtual: dict[str, Array] = {}
+        carried, period, times_ns = self._carried, self._period, recording.times_ns
+        for span in acted:
+            element, rows = span.element, new_rows(span, recording.overlap)
+            within = new_nodes(span, recording.overlap, nodes_ns, times_ns)
+            if begins(span, recording.overlap):
+                # The loop starts the element with the inputs of the instant at which it begins.
+                start = {each: values[span.before] for each, values in sampled.items()}
+                start_ns = times_ns[span.before]
+            else:
+                start, start_ns = {each: values[0] for each, values in motion.items()}, nodes_ns[0]
+            way = {each: np.append(start[each], values[within]) for each, values in motion.items()}
+            share, truth = span.share[rows], _part(sampled, rows)
+            if isinstance(element, DynamicElement):
+                from haptic_fieldbus.assessing.virtual_states import ResponseToError, exact_response
+
+                exact = exact_response(element, np.append(start_ns, nodes_ns[within]), way, carried.exact.get(span.key))
+                carried.exact[span.key] = exact.states[-1]
+                force = exact.force[1:]
+                known = virtual.setdefault(element.name, np.zeros((len(nodes_ns), exact.states.shape[1])))
+                known[within] = exact.states[1:]
+                at_samples = exact.force_at(times_ns[rows], truth[Signal.POSITION], truth[Signal.VELOCITY])
+                # The element is linear: the answer to imperfect inputs is the exact one plus that to their error alone.
+                for name, real in feedback.items():
+                    key = (*span.key, name)
+                    if key not in carried.to_error:
+                        carried.to_error[key] = ResponseToError(element, period)
+                    stages[name][rows] += share * (at_samples + carried.to_error[key](_part(real, rows), truth))
+            else:
+                # A memory is stepped from node to node, 16 times finer than in the loop, in place of continuous time.
+                law = carried.law((*span.key, "ideal"), partial(law_of, element, period / POINTS_PER_PERIOD))
+                # A law that goes on has had the first instant of its way already.
+                if begins(span, recording.overlap):
+                    force = _forces(law, element, way)[1:]
+                else:
+                    force = _forces(law, element, _part(way, slice(1, None)))
+                for name, real in feedback.items():
+                    law = carried.law((*span.key, name), partial(law_of, element, period))
+                    stages[name][rows] += share * _forces(law, element, _part(real, rows))
+            ideal[within] += force * np.interp(nodes_ns[within], times_ns, span.share)
+        for tie in ties:
+            ideal += tie.ideal(motion, nodes_ns, period / POINTS_PER_PERIOD, carried)
+            for name, forces in tie.stages(feedback, period, carried).items():
+                stages[name] += forces
+        if virtual:  # otherwise the stage before already is the computed force
+            stages["integrator"] = recording.force.copy()
+        return ideal, stages, virtual
+
+    def _replay(self, acted: Sequence[Span[Element]], recording: Recording, ties: Sequence["Tie"]) -> Array:
+        """Return the force computed anew from the recorded feedback, with the steps of the loop, `(n_periods,)`."""
+        feedback = with_time({Signal.POSITION: recording.position}, recording.times_ns, recording)
+        if recording.velocity is not None:
+            feedback[Signal.VELOCITY] = recording.velocity
+        total = np.zeros(len(recording.position))
+        for span in acted:
+            rows = new_rows(span, recording.overlap)
+            element = span.element
+            law = self._carried.law((*span.key, "replay"), partial(law_of, element, self._period, self._method))
+            total[rows] += span.share[rows] * _forces(law, element, _part(feedback, rows))
+        for tie in ties:
+            total += tie.replayed(feedback, self._period, self._carried)
+        return total
+
+
 def split(
     elements: Sequence[Element],
     recording: Recording,
@@ -109,129 +272,16 @@ def split(
     exchanges: Sequence[Handover[Element]] = (),
     ties: Sequence["Tie"] = (),
 ) -> ErrorSplit:
-    """Return the error from `begin_ns` to the last recorded sample, at `POINTS_PER_PERIOD`.
+    """Return the error of a run that is recorded as a whole; the arguments are those of `Splitter`.
 
-    `period` [s] and `method` (integrator of virtual states; None for the default) are those of the run. `begin_ns` is
-    the end of the fade-in. `exchanges` are the changes of elements, in order; `ties` the couplings with other axes.
-
-    Raises ValueError when nothing was recorded in that time, or when the drive took over no recorded command.
+    Raises ValueError when nothing was recorded after `begin_ns`, or when the drive took over no recorded command.
     """
-    spacing_ns = round(period * 1e9 / POINTS_PER_PERIOD)
-    nodes_ns = _nodes(recording.times_ns, spacing_ns)
-    shown = nodes_ns >= begin_ns
-    # The first node is a sample, and no full spacing before the next; it is there for the virtual states to start from.
-    shown[0] = False
-    if not shown.any():
-        raise ValueError(f"nothing was recorded after {begin_ns} ns")
-    motion, force = true_motion(nodes_ns, trajectory, conversion)
-    sampled, _ = true_motion(recording.times_ns, trajectory, conversion)
+    splitter = Splitter(period=period, begin_ns=begin_ns, method=method, unit=unit)
     acted = spans(elements, exchanges, recording.times_ns)
-    ideal, stages, virtual = _stages(acted, recording, motion, sampled, nodes_ns, period, ties)
-    times_ns, ideal, force = nodes_ns[shown], ideal[shown], force[shown]
-
-    acting_ns, row = acting(recording, trajectory, conversion.ratio)
-    # The command in force at each point; before the first known instant, that of the first acting period.
-    held = row[np.maximum(np.searchsorted(acting_ns, times_ns, side="right") - 1, 0)]
-    levels = {name: stage[held] for name, stage in stages.items()}
-    levels["torque step"] = target_in_force(trajectory, times_ns) / conversion.ratio
-    levels["torque loop"] = force
-    sources, before = {}, ideal
-    for name, level in levels.items():
-        sources[name], before = level - before, level
-
-    error = force - ideal
-    square = float(error @ error)
-    return ErrorSplit(
-        rms=_rms(error),
-        max=float(np.abs(error).max()),
-        unit=unit,
-        by_source={name: float(source @ error) / square if square else 0.0 for name, source in sources.items()},
-        energy_generated=float(error @ motion[Signal.VELOCITY][shown]) * spacing_ns * 1e-9,
-        ideal_rms_contact=_rms(ideal[ideal != 0.0]),
-        error_rms_contact=_rms(error[ideal != 0.0]),
-        replay_difference=float(np.abs(_replay(acted, recording, period, method, ties) - recording.force).max()),
-        times_ns=times_ns,
-        position=motion[Signal.POSITION][shown],
-        force=force,
-        ideal=ideal,
-        error=error,
-        sources=sources,
-        virtual={name: states[shown] for name, states in virtual.items()},
-    )
-
-
-def _rms(values: Array) -> float:
-    """Return the root mean square of values of shape `(n,)`; 0 when there are none."""
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
-
-
-def _nodes(times_ns: Times, spacing_ns: int) -> Times:
-    """Return the first sample, then points spaced by `spacing_ns` up to the last sample, `(n_nodes,)`.
-
-    The points begin half a spacing after the sample, away from the instants at which the sampled position is exact.
-    """
-    first, last = int(times_ns[0]), int(times_ns[-1])
-    return np.concatenate([[first], np.arange(first + spacing_ns // 2, last + 1, spacing_ns, dtype=np.int64)])
-
-
-def _stages(
-    acted: Sequence[Span[Element]],
-    recording: Recording,
-    motion: Mapping[Signal, Array],
-    sampled: Mapping[Signal, Array],
-    nodes_ns: Times,
-    period: float,
-    ties: Sequence["Tie"],
-) -> tuple[Array, dict[str, Array], dict[str, Array]]:
-    """Return the ideal force at the nodes, the force of each stage in each period, and the ideal virtual states.
-
-    Shapes: `(n_nodes,)`; each stage `(n_periods,)`; each element's states `(n_nodes, order)`. `motion` is the true
-    motion at the nodes, `sampled` that at the samples.
-    """
-    motion = with_time(motion, nodes_ns, recording)
-    sampled = with_time(sampled, recording.times_ns, recording)
-    feedback = made_real(recording, sampled)
-    ideal = np.zeros(len(nodes_ns))
-    stages = {name: np.zeros(len(recording.position)) for name in feedback}
-    virtual: dict[str, Array] = {}
-    for span in acted:
-        element, rows, times_ns = span.element, span.rows, recording.times_ns
-        within = _nodes_of(span, nodes_ns, times_ns)
-        share, truth = span.share[rows], _part(sampled, rows)
-        # The element's inputs at its nodes, after those of the instant at which it begins: the loop starts it there.
-        way = {each: np.append(sampled[each][span.before], values[within]) for each, values in motion.items()}
-        if isinstance(element, DynamicElement):
-            from haptic_fieldbus.assessing.virtual_states import exact_response, response_to_error
-
-            exact = exact_response(element, np.append(times_ns[span.before], nodes_ns[within]), way)
-            force = exact.force
-            known = virtual.setdefault(element.name, np.zeros((len(nodes_ns), exact.states.shape[1])))
-            known[within] = exact.states[1:]
-            at_samples = exact.force_at(times_ns[rows], truth[Signal.POSITION], truth[Signal.VELOCITY])
-            # The element is linear: the answer to imperfect inputs is the exact one plus that to their error alone.
-            for name, real in feedback.items():
-                stages[name][rows] += share * (
-                    at_samples + response_to_error(element, _part(real, rows), truth, period)
-                )
-        else:
-            # A memory is stepped from node to node, 16 times finer than in the loop, in place of continuous time.
-            force = _forces(law_of(element, period / POINTS_PER_PERIOD), element, way)
-            for name, real in feedback.items():
-                stages[name][rows] += share * _forces(law_of(element, period), element, _part(real, rows))
-        ideal[within] += force[1:] * np.interp(nodes_ns[within], times_ns, span.share)
-    for tie in ties:
-        ideal += tie.ideal(motion, nodes_ns, period / POINTS_PER_PERIOD)
-        for name, forces in tie.stages(feedback, period).items():
-            stages[name] += forces
-    if virtual:  # otherwise the stage before already is the computed force
-        stages["integrator"] = recording.force
-    return ideal, stages, virtual
-
-
-def _nodes_of(span: Span[Element], nodes_ns: Times, times_ns: Times) -> slice:
-    """Return the slice of nodes after the period in which the span's ramp begins, up to its last period."""
-    first, last = np.searchsorted(nodes_ns, [times_ns[span.before], times_ns[span.last - 1]], side="right")
-    return slice(int(first), int(last))
+    points = splitter.take(recording, trajectory, conversion, acted=acted, ties=ties)
+    if splitter.figures is None:
+        raise ValueError(f"nothing was recorded after {begin_ns} ns")
+    return ErrorSplit(**vars(splitter.figures), **vars(points))
 
 
 def _part(feedback: Mapping[Signal, Array], rows: slice) -> dict[Signal, Array]:
@@ -246,19 +296,3 @@ def _forces(law: Callable[..., float], element: Element, feedback: Mapping[Signa
     # An element that needs no signal is called all the same, once an instant.
     rows = zip(*needed, strict=True) if needed else repeat((), count)
     return np.fromiter(starmap(law, rows), dtype=np.float64, count=count)
-
-
-def _replay(
-    acted: Sequence[Span[Element]], recording: Recording, period: float, method: str | None, ties: Sequence["Tie"]
-) -> Array:
-    """Return the force computed anew from the recorded feedback, with the steps of the loop, `(n_periods,)`."""
-    feedback = with_time({Signal.POSITION: recording.position}, recording.times_ns, recording)
-    if recording.velocity is not None:
-        feedback[Signal.VELOCITY] = recording.velocity
-    total = np.zeros(len(recording.position))
-    for span in acted:
-        law, rows = law_of(span.element, period, method), span.rows
-        total[rows] += span.share[rows] * _forces(law, span.element, _part(feedback, rows))
-    for tie in ties:
-        total += tie.replayed(feedback, period)
-    return total

@@ -6,23 +6,33 @@ import numpy as np
 
 from haptic_fieldbus.assessing.recording import Array, Times
 from haptic_fieldbus.numerics import integrators
-from haptic_fieldbus.numerics.response import ExactResponse, sequence_response
+from haptic_fieldbus.numerics.response import ExactResponse, SequenceResponse
 from haptic_fieldbus.scenes.element import DynamicElement
 from haptic_fieldbus.signals import Signal
 
 
-def exact_response(element: DynamicElement, times_ns: Times, motion: Mapping[Signal, Array]) -> ExactResponse:
-    """Return the solution in continuous time on a motion known at `times_ns`, `(n_times,)`."""
-    return ExactResponse(element.dynamics, times_ns, motion[Signal.POSITION], motion[Signal.VELOCITY])
+def exact_response(
+    element: DynamicElement, times_ns: Times, motion: Mapping[Signal, Array], start: Array | None
+) -> ExactResponse:
+    """Return the solution in continuous time on a motion known at `times_ns`, `(n_times,)`, from rest or from `start`.
+
+    `start` are the states at the first time, `(order,)`.
+    """
+    return ExactResponse(element.dynamics, times_ns, motion[Signal.POSITION], motion[Signal.VELOCITY], start)
 
 
-def response_to_error(
-    element: DynamicElement, real: Mapping[Signal, Array], true: Mapping[Signal, Array], period: float
-) -> Array:
-    """Return the force that a linear element adds for the difference of its inputs from the true ones, `(n_periods,)`.
+class ResponseToError:
+    """Force that a linear element adds for the difference of its inputs from the true ones, part by part.
 
     The difference is taken as straight lines between samples (first-order hold) and begins at rest; `period` in s.
     """
-    error = np.stack([real[signal] - true[signal] for signal in (Signal.POSITION, Signal.VELOCITY)], axis=-1)
-    space = element.dynamics
-    return sequence_response(integrators.discrete(space, period, "exact-foh"), integrators.rest(space)[1], error)
+
+    def __init__(self, element: DynamicElement, period: float) -> None:
+        space = element.dynamics
+        discrete = integrators.discrete(space, period, "exact-foh")
+        self._response = SequenceResponse(discrete, integrators.rest(space)[1])
+
+    def __call__(self, real: Mapping[Signal, Array], true: Mapping[Signal, Array]) -> Array:
+        """Return the forces in the next periods, `(n_periods,)`, from real and true inputs there."""
+        error = np.stack([real[signal] - true[signal] for signal in (Signal.POSITION, Signal.VELOCITY)], axis=-1)
+        return self._response(error)

@@ -1,1 +1,1 @@
-"""Input and output on real buses: one folder for each protocol, all behind the `Bus` protocol."""
+"""Input and output: one folder for each protocol, all behind the same `Bus`."""

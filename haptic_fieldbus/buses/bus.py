@@ -25,6 +25,8 @@ class DriveFacts:
     """[N·m]; from the drive's own object."""
     link_loss: str
     """Sentence for people: the reaction that is configured for the loss of the master, and its deadline."""
+    listened: str = ""
+    """Sentence for people: what was heard on the bus before anything was sent; empty when nobody listened."""
 
 
 class Bus(Protocol):
@@ -88,17 +90,29 @@ class Bus(Protocol):
         """Send the output image; set-points that cannot be sent are dropped, never queued."""
 
     def stop(self) -> bool:
-        """Send a torque-free image now, then disable the drives; True when all confirmed. Raises no BusError."""
+        """Take the torque away from every drive, now; True when all confirmed that their motors are off.
+
+        Raises nothing: neither one drive nor one bus nor a log keeps another drive from being freed.
+        """
 
     def release(self) -> None:
-        """Send a torque-free image now, and do nothing else; raises no BusError."""
+        """Begin `stop`: take the torque away by every way that needs no answer. Raises nothing."""
+
+    def settle(self) -> bool:
+        """Look for some milliseconds whether the drives are free; True when they are, or the time is over.
+
+        No proof of life is given meanwhile, so that the guard of a silent drive acts. Raises nothing.
+        """
+
+    def leave(self) -> bool:
+        """End `stop`: leave the drives; True when all confirmed that their motors are off. Raises nothing."""
 
     def close(self) -> None:
         """Stop unless already stopped, and release the bus; raises no BusError."""
 
 
 class InSteps:
-    """Mixin with `open` and `read`, composed of the parts that a group calls one by one."""
+    """Mixin with `open`, `read` and `stop`, composed of the parts that a group calls one by one."""
 
     def open(self: Bus, plan: Plan) -> None:
         """Inspect the drives, configure them and start them; raises BusError or DriveFaultError."""
@@ -111,3 +125,10 @@ class InSteps:
         self.prepare(deadline_ns)
         self.begin()
         return self.collect(deadline_ns)
+
+    def stop(self: Bus) -> bool:
+        """Take the torque away from every drive, now; True when all confirmed that their motors are off."""
+        self.release()
+        while not self.settle():
+            pass
+        return self.leave()

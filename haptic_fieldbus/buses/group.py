@@ -17,12 +17,15 @@ rate had a skew of 0 in 99 of 100 periods and of 3 bits at most (4000 periods).
 Reference: CiA 301 7.2.5 (SYNC). SYNC synchronises the devices of one bus; only the master synchronises several buses.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from typing import TypeVar
 
 from haptic_fieldbus.buses.bus import Bus, DriveFacts, InSteps
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
+
+Returned = TypeVar("Returned")
 
 
 class BusGroup(InSteps):
@@ -31,6 +34,8 @@ class BusGroup(InSteps):
     def __init__(self, buses: Mapping[str, Bus]) -> None:
         self._named = dict(buses)
         self._buses = tuple(buses.values())
+        self._unsettled: tuple[Bus, ...] = ()
+        self._failures: list[str] = []
         self._image = bytearray()
 
     @property
@@ -39,7 +44,7 @@ class BusGroup(InSteps):
 
     @property
     def warnings(self) -> list[str]:
-        return [sentence for bus in self._buses for sentence in bus.warnings]
+        return [*[sentence for bus in self._buses for sentence in bus.warnings], *self._failures]
 
     @property
     def restarted(self) -> frozenset[str]:
@@ -100,25 +105,28 @@ class BusGroup(InSteps):
         for bus in self._buses:
             bus.write(image)
 
-    def stop(self) -> bool:
-        """Send torque-free set-points on all buses, then stop each bus; True when all drives confirmed.
+    def release(self) -> None:
+        """Take the torque away on all buses, before any of them is listened to."""
+        self._unsettled = self._buses
+        for bus in self._buses:
+            self._tried(bus.release, None)
 
-        A bus that raises does not keep the others from being stopped.
-        """
-        confirmed: list[bool] = []
-        # The stack runs its callbacks in reverse order and goes on when one raises: first `release` on all buses, then
-        # `stop` on the buses whose feedback arrived, and the silent buses last. Waiting for a dead bus must not last
-        # longer than the heartbeat guards of the drives on healthy buses.
-        with ExitStack() as last_in_first_out:
-            for bus in sorted(self._buses, key=lambda bus: bus.fresh):
-                last_in_first_out.callback(lambda bus: confirmed.append(bus.stop()), bus)
-            for bus in reversed(self._buses):
-                last_in_first_out.callback(bus.release)
+    def settle(self) -> bool:
+        """Look at each bus that is not settled yet; while it is listened to, answers gather on the others."""
+        self._unsettled = tuple(bus for bus in self._unsettled if not self._tried(bus.settle, True))
+        return not self._unsettled
+
+    def leave(self) -> bool:
+        confirmed = [self._tried(bus.leave, False) for bus in self._buses]  # each, also after one that did not
         return all(confirmed)
 
-    def release(self) -> None:
-        for bus in self._buses:
-            bus.release()
+    def _tried(self, part: Callable[[], Returned], otherwise: Returned) -> Returned:
+        """Call a part of `stop`; a bus that breaks its contract and raises must not keep the others from it."""
+        try:
+            return part()
+        except Exception as error:
+            self._failures.append(f"stopping a bus failed: {error}")
+            return otherwise
 
     def close(self) -> None:
         """Stop unless already stopped, and release all buses, also when one of them raises."""

@@ -7,6 +7,10 @@ import os
 import sys
 from collections.abc import Sequence
 
+from haptic_fieldbus.cli.app import app
+from haptic_fieldbus.cli.failures import tell
+from haptic_fieldbus.errors import HapticFieldbusError
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line with `arguments`, or those of the process, and exit with its status.
@@ -15,10 +19,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     # Before numpy is imported, which reads it once: matrices are tiny, and a pool of threads only disturbs the loop.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from haptic_fieldbus.cli.app import app
-    from haptic_fieldbus.cli.failures import tell
-    from haptic_fieldbus.errors import HapticFieldbusError
-
     try:
         app(args=arguments, prog_name="haptic-fieldbus")
     except HapticFieldbusError as error:

@@ -3,6 +3,7 @@
 import sys
 from dataclasses import dataclass
 
+from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.errors import (
     BusError,
     DocumentError,
@@ -40,8 +41,6 @@ def outcome_of(error: type[HapticFieldbusError]) -> ExitStatus:
 
 def tell(error: HapticFieldbusError) -> int:
     """Print the error's message and notes to standard error, and return the exit status."""
-    from haptic_fieldbus.cli.screen import show
-
     outcome = outcome_of(type(error))
     lines = [*str(error).splitlines(), *getattr(error, "__notes__", ())]
     # Lines after the first go on below it: under the empty key when there is a key column, else without one.

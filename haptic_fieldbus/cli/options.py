@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Annotated, ParamSpec, TypeVar
 
 import typer
 
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
     from haptic_fieldbus.planning.task import Rendering
@@ -24,18 +26,29 @@ Asked = TypeVar("Asked", bound="Rendering")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
 SHOWN = (
-    "scene", "input", "amplitude", "drive", "bus", "node", "rig",
+    "scene", "input", "amplitude", "drive", "bus", "node", "rig", "profiles",
     "rate", "duration", "settings", "change", "method", "estimator",
 )  # fmt: skip
 """Options that the help lists first, in this order; others follow in the order of their dataclass."""
 
 
-def option(metavar: str | None, text: str, panel: str | None = None, *names: str) -> object:
-    """Return an option with its help text, in a panel of the help; without `names` it has the name of its field."""
-    return typer.Option(*names, metavar=metavar, help=text, rich_help_panel=panel)
+HANDS = "push, tap, sine, guide, release or none."
+"""Names of the simulated hands, for the help."""
+
+
+def option(
+    metavar: str | None, text: str, panel: str | None = None, *names: str, default: float | str | None = None
+) -> object:
+    """Return an option whose help text ends with the default; without `names` it has the name of its field."""
+    told = "" if default is None else rf" \[default: {exactly(default) if isinstance(default, float) else default}]"
+    return typer.Option(*names, metavar=metavar, help=text + told, rich_help_panel=panel, show_default=False)
 
 
 JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
+ProfilesOption = Annotated[
+    str | None,
+    option("DIR", r"Folder of your own drive profiles. \[default: HAPTIC_FIELDBUS_PROFILES]", BENCH, "--profiles"),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +58,7 @@ class SceneOptions:
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
     ]
-    rate: Annotated[float, option("HZ", r"Periods a second. \[default: 1000]", RENDERING)] = 1000.0
+    rate: Annotated[float, option("HZ", "Periods a second.", RENDERING, default=DEFAULT_RATE)] = DEFAULT_RATE
     settings: Annotated[
         list[str] | None,
         option("ELEMENT.PARAMETER=VALUE", "Change the scene; may be repeated.", RENDERING, "--set"),
@@ -54,7 +67,7 @@ class SceneOptions:
     estimator: Annotated[str | None, option("NAME", "Velocity estimator.", RENDERING)] = None
     as_json: JsonOption = False
 
-    def given(self, asked: type[Asked]) -> Asked:
+    def given(self, kind: type[Asked]) -> Asked:
         """Return `asked` made from the options; options that were not given keep its defaults.
 
         Raises UsageError when a `--set` is malformed.
@@ -62,32 +75,33 @@ class SceneOptions:
         from haptic_fieldbus.planning.request import parse_settings
 
         # Options such as --plot and --json concern the command alone, and are no fields of `asked`.
-        names = {field.name for field in fields(asked)}
+        names = {field.name for field in fields(kind)}
         values = {name: value for name, value in vars(self).items() if name in names and value is not None}
-        return asked(**{**values, "settings": parse_settings(self.settings or [])})
+        return kind(**{**values, "settings": parse_settings(self.settings or [])})
 
 
 @dataclass(frozen=True, kw_only=True)
 class BenchOptions(SceneOptions):
     """Options of a scene on a bench."""
 
-    drive: Annotated[
-        str | None, option("PROFILE", r"Drive profile by name or path. \[default: maxon_epos4]", BENCH)
-    ] = None
+    drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DEFAULT_DRIVE)] = (
+        None
+    )
     bus: Annotated[
         str | None,
-        option("BUS", r"sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0. \[default: sim]", BENCH),
+        option("BUS", "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0.", BENCH, default=DEFAULT_BUS),
     ] = None
-    node: Annotated[int | None, option("ID", r"Node-ID of the first axis. \[default: 1]", BENCH)] = None
+    node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
+    profiles: ProfilesOption = None
 
-    def given(self, asked: type[Asked]) -> Asked:
+    def given(self, kind: type[Asked]) -> Asked:
         """Return `asked` as for a scene; raises UsageError also when `--rig` meets `--drive` or `--node`."""
         named = {"--drive": self.drive, "--node": self.node}
         wrong = [name for name, value in named.items() if value is not None]
         if self.rig is not None and wrong:
             raise UsageError(f"--rig says which drives and nodes there are; leave out {' and '.join(wrong)}")
-        return super().given(asked)
+        return super().given(kind)
 
 
 def options_of(make: Callable[P, Options]) -> Callable[[Callable[[Options], None]], Callable[P, None]]:

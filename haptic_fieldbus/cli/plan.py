@@ -10,8 +10,8 @@ from haptic_fieldbus.cli.screen import KEY_WIDTH, print_json, show
 def plan(options: BenchOptions) -> None:
     """Compile SCENE for a drive and explain the plan: the steps of each period, and all that is left out."""
     from haptic_fieldbus import api
-    from haptic_fieldbus.assessing.result import plan_json
     from haptic_fieldbus.planning.explain import explain
+    from haptic_fieldbus.planning.plan_json import plan_json
     from haptic_fieldbus.planning.task import Task
 
     task = options.given(Task)

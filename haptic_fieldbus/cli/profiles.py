@@ -1,16 +1,21 @@
 """Commands `profiles list|show|check`: the drive profiles, and the source of each value."""
 
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields, is_dataclass, replace
 from datetime import datetime
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptic_fieldbus.cli.options import JsonOption
+from haptic_fieldbus.cli.checking import check_files, faults_to_json, faults_told
+from haptic_fieldbus.cli.options import JsonOption, ProfilesOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.errors import EdsError, UsageError
+from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
@@ -25,27 +30,33 @@ IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", 
 
 
 @app.command("list")
-def list_profiles(as_json: JsonOption = False) -> None:
-    """List the shipped profiles."""
+def list_profiles(profiles: ProfilesOption = None, as_json: JsonOption = False) -> None:
+    """List the shipped profiles and your own. One that is broken is told of, and the others are listed."""
     from haptic_fieldbus.protocols.catalogue import profile_summaries
 
-    summaries = profile_summaries()
+    found = profile_summaries(profiles)
+    summaries = [each for each in found.values() if isinstance(each, dict)]
+    faults = [told for name, each in found.items() if not isinstance(each, dict) for told in faults_told(name, each)]
     if as_json:
-        print_json({"profiles": plain(summaries)})
+        print_json({"profiles": plain(summaries), "errors": plain(faults_to_json(faults))})
         return
-    headings = ("name", "drive", "protocol", "usable", "evidence")
-    show_table(
-        headings,
-        (
-            (
-                str(summary["name"]),
-                f"{summary['vendor']} {summary['model']}",
-                str(summary["protocol"]),
-                "yes" if summary["usable"] else "no",
-                str(summary["evidence"]),
-            )
-            for summary in summaries
-        ),
+    headings = ("name", "drive", "protocol", "usable", "evidence", "from")
+    show_table(headings, map(_row, summaries))
+    show([("fault", f"{source}: {fault}") for source, fault in faults], sys.stderr)
+
+
+def _row(summary: Mapping[str, str | bool]) -> tuple[str, ...]:
+    """Return the cells of a profile in the list."""
+    from haptic_fieldbus.protocols.folders import profile_folder
+
+    source = Path(str(summary["source"]))
+    return (
+        str(summary["name"]),
+        f"{summary['vendor']} {summary['model']}",
+        str(summary["protocol"]),
+        "yes" if summary["usable"] else "no",
+        str(summary["evidence"]),
+        "shipped" if source.parent == profile_folder() else str(source),
     )
 
 
@@ -56,12 +67,13 @@ def show_profile(
         Path | None,
         typer.Option(metavar="FILE", help="Write the EDS of the simulated drive instead, for other CANopen programs."),
     ] = None,
+    profiles: ProfilesOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show each value of a profile with its source. For the path of a vendor's EDS, show the profile made from it."""
     from haptic_fieldbus.protocols.catalogue import load_profile
 
-    profile = load_profile(name)
+    profile = load_profile(name, profiles)
     if eds is not None:
         _write_eds(profile, eds)
     if as_json:
@@ -81,27 +93,28 @@ def show_profile(
 @app.command("check")
 def check_profiles(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="Names or paths; all shipped ones unless given.")
+        list[str] | None,
+        typer.Argument(metavar="[NAME]...", help="Names or paths; all shipped and own ones unless given."),
     ] = None,
+    profiles: ProfilesOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Check profiles or vendors' EDS files, and list all faults of each with line and key."""
-    from haptic_fieldbus.cli.checking import check
-    from haptic_fieldbus.protocols.catalogue import profile_names
+    from haptic_fieldbus.protocols.folders import known_names
 
-    check(names or profile_names(), _check_profile, as_json)
+    known = known_names(profiles)
+    check_files(names or known, partial(_check_profile, profiles), as_json)
 
 
-def _check_profile(name: str) -> None:
+def _check_profile(profiles: str | None, name: str) -> None:
     """Load a profile; raises DocumentError or UsageError.
 
     A profile can be made from an EDS with faults in parts that it does not need. Here all faults of an EDS count.
     """
-    from haptic_fieldbus.errors import EdsError
     from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
     from haptic_fieldbus.protocols.catalogue import load_profile
 
-    profile = load_profile(name)
+    profile = load_profile(name, profiles)
     if isinstance(profile, EdsProfile) and profile.eds.faults:
         raise EdsError(name, list(profile.eds.faults))
 
@@ -109,7 +122,6 @@ def _check_profile(name: str) -> None:
 def _write_eds(profile: "DriveProfile", path: Path) -> None:
     """Write the EDS of the profile's simulated drive; raises UsageError when the file cannot be written."""
     from haptic_fieldbus.eds import eds_text
-    from haptic_fieldbus.errors import UsageError
     from haptic_fieldbus.sim.canopen.sheet import sheet
 
     now = datetime.now().astimezone()
@@ -177,4 +189,4 @@ def _text(key: str, value: object) -> str:
         return str(value.value)
     if isinstance(value, int) and key in IN_HEXADECIMAL:
         return f"{value:04X}h"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return exactly(value) if isinstance(value, float) else str(value)

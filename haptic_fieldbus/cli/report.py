@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptic_fieldbus.cli.options import JsonOption
+from haptic_fieldbus.cli.options import JsonOption, option
 from haptic_fieldbus.cli.screen import console, plain, print_json, show
+from haptic_fieldbus.defaults import DEFAULT_REPORT
 from haptic_fieldbus.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,9 +21,9 @@ LABEL_WIDTH = 44
 
 
 def report(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for index.html, figures and report.json.")] = Path(
-        "report"
-    ),
+    out: Annotated[
+        Path, option("DIR", "Folder for index.html, figures and report.json.", default=DEFAULT_REPORT)
+    ] = Path(DEFAULT_REPORT),
     quick: Annotated[bool, typer.Option("--quick", help="Under a minute: fewer steps, shorter runs.")] = False,
     only: Annotated[str | None, typer.Option(metavar="NAME", help="One section, problem or case by its name.")] = None,
     as_json: JsonOption = False,
@@ -31,7 +32,7 @@ def report(
     if find_spec("matplotlib") is None:
         raise UsageError("report needs matplotlib: pip install matplotlib")
     from haptic_fieldbus import api
-    from haptic_fieldbus.study.make_report import finite, make_report
+    from haptic_fieldbus.study.make_report import json_ready, make_report
     from haptic_fieldbus.study.measure.bench import Tools
 
     # The page shows the command with which it can be made again.
@@ -46,7 +47,7 @@ def report(
             command=" ".join(filter(None, words)),
         )
     if as_json:
-        told = finite(found)
+        told = json_ready(found)
         print_json({key: plain(value) for key, value in told.items()} if isinstance(told, dict) else {})
         return
     show([("report", str(out / "index.html")), ("", str(out / "report.json"))])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptic_fieldbus.cli.options import (
+    HANDS,
     OUTPUT,
     RENDERING,
     SIMULATION,
@@ -20,6 +21,7 @@ from haptic_fieldbus.cli.options import (
 )
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
+from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 
 if TYPE_CHECKING:
@@ -31,7 +33,9 @@ if TYPE_CHECKING:
 class RunOptions(BenchOptions):
     """Further options of `run`."""
 
-    duration: Annotated[float, option("S", r"Time from enabling on. \[default: 10]", RENDERING)] = 10.0
+    duration: Annotated[float, option("S", "Time from enabling on.", RENDERING, default=DEFAULT_DURATION)] = (
+        DEFAULT_DURATION
+    )
     change: Annotated[
         list[str] | None,
         option(
@@ -41,11 +45,15 @@ class RunOptions(BenchOptions):
         ),
     ] = None
     force: Annotated[bool, option(None, "Go on although the loop would be unstable.", RENDERING, "--force")] = False
+    fade_in: Annotated[
+        float,
+        option("S", "Time from enabling to the full force limit.", RENDERING, default=DEFAULT_FADE_IN),
+    ] = DEFAULT_FADE_IN
     hand: Annotated[
         str | None,
-        option("NAME", r"push, tap, sine, guide, release or none. \[default: that of the scene, or push]", SIMULATION),
+        option("NAME", HANDS, SIMULATION, default=f"that of the scene, or {DEFAULT_HAND}"),
     ] = None
-    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION)] = 0
+    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
     faults: Annotated[Path | None, option("FILE", "Faults of drive and link.", SIMULATION)] = None
     record: Annotated[Path | None, option("PATH", "Frames as .log (candump) or .blf, rows as .csv.", OUTPUT)] = None
     plot: PlotOption = None
@@ -67,7 +75,7 @@ def run(options: RunOptions) -> None:
     trial = replace(
         trial,
         changes=changes,
-        confirm=(lambda _: True) if options.yes else _ask,
+        confirm=_tell_question if options.yes else _ask,
         progress=progress,
         announce=_announcer(options.as_json, progress, changes),
     )
@@ -90,6 +98,12 @@ def _ask(text: str) -> bool:
     if not sys.stdin.isatty():
         raise UsageError("nobody is there to confirm; a script says --yes")
     return typer.confirm(question, default=False, err=True)
+
+
+def _tell_question(text: str) -> bool:
+    """Print the question that `--yes` answers, since it says what was heard and what is about to happen."""
+    show([(None, line) for line in text.splitlines()], sys.stderr)
+    return True
 
 
 def _announcer(
@@ -125,14 +139,21 @@ def _object_of_failure(as_json: bool) -> Iterator[None]:
 
 
 def _finish(result: "Result", plot: Path | None, as_json: bool) -> None:
-    """Draw the picture if asked for, and print the result as lines or as the JSON object."""
+    """Draw the picture if asked for, and print the result as lines or as the JSON object.
+
+    Exit with 1 when the recording ended before the run.
+    """
     _draw(result, plot)
     if as_json:
         print_json(result.to_json())
-        return
-    _tell(result)
-    if plot is not None:
-        show([("plot", str(plot))])
+    else:
+        _tell(result)
+        if plot is not None:
+            show([("plot", str(plot))])
+    if result.recording_fault is not None:
+        sys.stdout.flush()
+        show([("failed", f"the recording is not complete: {result.recording_fault}")], sys.stderr)
+        raise typer.Exit(1)
 
 
 def _tell(result: "Result") -> None:

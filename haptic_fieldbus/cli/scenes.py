@@ -1,13 +1,16 @@
 """Commands `scenes list|show|check`: the scene library, and the parameters of each scene."""
 
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from haptic_fieldbus.cli.checking import check_files
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.numerals import exactly, rounded, rounded_limit
 
 if TYPE_CHECKING:
     from haptic_fieldbus.scenes.element import AnyElement
@@ -18,17 +21,22 @@ app = typer.Typer(help="The scene library: list, show, check.", no_args_is_help=
 
 @app.command("list")
 def list_scenes(as_json: JsonOption = False) -> None:
-    """List the shipped scenes."""
+    """List the shipped scenes, and the elements that other packages add."""
     from haptic_fieldbus.scenes.catalogue import scene_summaries
+    from haptic_fieldbus.scenes.registry import own_elements
 
-    summaries = scene_summaries()
+    summaries, own = scene_summaries(), own_elements()
     if as_json:
-        print_json({"scenes": plain(summaries)})
+        print_json({"scenes": plain(summaries), "own_elements": plain([asdict(each) for each in own])})
         return
     show_table(
         ("name", "axes", "description"),
         ((str(each["name"]), ", ".join(each["axes"]), str(each["description"])) for each in summaries),
     )
+    if own:
+        show([(None, "")])
+        show_table(("own element", "package", "entry point"), ((e.kind, e.package, e.entry_point) for e in own))
+    show([("fault", each.fault) for each in own if each.fault is not None], sys.stderr)
 
 
 @app.command("show")
@@ -67,42 +75,43 @@ def check_scenes(
     as_json: JsonOption = False,
 ) -> None:
     """Check scenes, and list all faults of each file with line and key."""
-    from haptic_fieldbus.cli.checking import check
     from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 
-    check(names or scene_names(), load_scene, as_json)
+    check_files(names or scene_names(), load_scene, as_json)
 
 
 def _recommended(scene: "Scene") -> Iterator[str]:
-    """Yield the recommended upper limit of stiffness for each usable profile on the shipped bench."""
+    """Yield the recommended upper limit of stiffness for each usable shipped profile on the shipped bench."""
     from haptic_fieldbus.api import plan
-    from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+    from haptic_fieldbus.protocols.catalogue import load_profile
+    from haptic_fieldbus.protocols.folders import profile_folder, profile_names
 
     for name in profile_names():
-        if load_profile(name).drive.usable:
-            compiled = plan(scene, drive=name)
+        path = str(profile_folder() / f"{name}.toml")  # an own profile may have the same name
+        if load_profile(path).drive.usable:
+            compiled = plan(scene, drive=path)
             # The advice is about the axis with the smallest margin; without any judgement, about the first.
             found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
-            if found is None or found.recommended is None:
-                yield (
-                    f"{name}: any stiffness" if found is not None and found.stiffness else f"{name}: no stiffness in it"
-                )
+            if found is None or found.stiffness is None:
+                yield f"{name}: no stiffness in it"
+            elif found.recommended is None:
+                yield f"{name}: any stiffness" if found.stiffness else f"{name}: no stiffness in it"
             else:
+                asked = f"asked {rounded_limit(found.stiffness)}"
                 unit = f"{space.effort_unit}/{space.length_unit}"
-                yield f"{name}: stiffness up to {found.recommended:.3g} {unit} (asked {found.stiffness:.3g})"
+                yield f"{name}: stiffness up to {rounded(found.recommended)} {unit} ({asked})"
 
 
 def _element_json(element: "AnyElement") -> Any:
-    """Return an element as JSON has it, with its kind; None for the kind of an element of a user's own."""
-    from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+    """Return an element as JSON has it, with its kind; None for the kind of an element that no scene file can name."""
+    from haptic_fieldbus.scenes.registry import kind_of
 
-    kind = next((kind for kind in ELEMENTS if element_type(kind) is type(element)), None)
-    return {"kind": kind, **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
+    return {"kind": kind_of(type(element)), **cast(dict[str, Any], plain(asdict(cast(Any, element))))}
 
 
 def _rows(scene: "Scene") -> Iterator[tuple[str, str, str]]:
     """Yield name, value and unit of each parameter that `--set` can change."""
-    from haptic_fieldbus.scenes.catalogue import parameters, quantities
+    from haptic_fieldbus.scenes.parameters import parameters, quantities
     from haptic_fieldbus.scenes.scene import axes_of
 
     workspaces = {axis.name: axis.workspace for axis in scene.axes}
@@ -118,4 +127,6 @@ def _shown(value: object) -> str:
     """Return a value as a scene file has it; a hyphen for None."""
     if value is None:
         return "-"
-    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return exactly(value)
+    return str(value).lower() if isinstance(value, bool) else str(value)

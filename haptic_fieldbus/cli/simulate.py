@@ -8,8 +8,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from haptic_fieldbus.cli.options import SIMULATION, JsonOption, note_assumed_bitrate, option
+from haptic_fieldbus.cli.options import (
+    HANDS,
+    SIMULATION,
+    JsonOption,
+    ProfilesOption,
+    note_assumed_bitrate,
+    option,
+)
 from haptic_fieldbus.cli.screen import show
+from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 
 if TYPE_CHECKING:
     from haptic_fieldbus.sim.slot import Slot
@@ -18,24 +26,27 @@ if TYPE_CHECKING:
 def simulate(
     drive: Annotated[
         list[str] | None,
-        option("PROFILE@NODE", r"Drive profile by name or path, may be repeated. \[default: maxon_epos4]"),
+        option("PROFILE@NODE", "Drive profile by name or path, may be repeated.", default=DEFAULT_DRIVE),
     ] = None,
     bus: Annotated[
         str | None,
         option("BUS", "INTERFACE:CHANNEL@BITRATE, such as udp_multicast:239.74.163.2 or socketcan:can0."),
     ] = None,
-    node: Annotated[int, option("ID", "Node-ID of the first drive that names none.")] = 1,
-    hand: Annotated[str, option("NAME", "push, tap, sine, guide, release or none.", SIMULATION)] = "none",
-    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION)] = 0,
+    node: Annotated[
+        int, option("ID", "Node-ID of the first drive that names none.", default=DEFAULT_NODE)
+    ] = DEFAULT_NODE,
+    profiles: ProfilesOption = None,
+    hand: Annotated[str, option("NAME", HANDS, SIMULATION, default=DEFAULT_HOSTED_HAND)] = DEFAULT_HOSTED_HAND,
+    seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED,
     faults: Annotated[Path | None, option("FILE", "Faults of the drives.", SIMULATION)] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
-    from haptic_fieldbus.sim.canopen.hosting import HostRequest, check, host
+    from haptic_fieldbus.sim.canopen.hosting import HostRequest, host, resolve
     from haptic_fieldbus.sim.faults import load_faults
 
     known_faults = load_faults(faults) if faults is not None else ()
-    name, slots = check(HostRequest(drive or ["maxon_epos4"], bus, node, hand, known_faults))
+    name, slots = resolve(HostRequest(drive or [DEFAULT_DRIVE], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
     with _until_asked_to_stop() as stopped:
         lost = host(name, slots, seed, _teller(name.text, as_json), stopped)

@@ -8,18 +8,18 @@ from haptic_fieldbus.cli.options import BenchOptions, note_assumed_bitrate, opti
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import plain, print_json, show
 
-DEVICE = "Device, instead of a bench (SI, in the scene's workspace; what is not given is 0)"
+DEVICE_PANEL = "Device, instead of a bench (SI, in the scene's workspace; what is not given is 0)"
 
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityOptions(BenchOptions):
     """Further options of `stability`."""
 
-    mass: Annotated[float | None, option("KG", "Mass or inertia.", DEVICE)] = None
-    damping: Annotated[float | None, option("N·S/M", "Viscous damping.", DEVICE)] = None
-    coulomb: Annotated[float | None, option("N", "Coulomb friction.", DEVICE)] = None
-    resolution: Annotated[float | None, option("M", "One encoder count.", DEVICE)] = None
-    delay: Annotated[float | None, option("S", "From sampling to acting, the hold not counted.", DEVICE)] = None
+    mass: Annotated[float | None, option("KG", "Mass or inertia.", DEVICE_PANEL)] = None
+    damping: Annotated[float | None, option("N·S/M", "Viscous damping.", DEVICE_PANEL)] = None
+    coulomb: Annotated[float | None, option("N", "Coulomb friction.", DEVICE_PANEL)] = None
+    resolution: Annotated[float | None, option("M", "One encoder count.", DEVICE_PANEL)] = None
+    delay: Annotated[float | None, option("S", "From sampling to acting, the hold not counted.", DEVICE_PANEL)] = None
     plot: PlotOption = None
 
 
@@ -27,20 +27,20 @@ class StabilityOptions(BenchOptions):
 def stability(options: StabilityOptions) -> None:
     """Compute up to which stiffness SCENE is passive, stable, and at rest between encoder counts."""
     from haptic_fieldbus.api.judging import Inquiry, judge_scene
-    from haptic_fieldbus.report import limits
+    from haptic_fieldbus.report.stability import notes, stability_lines
 
     inquiry = options.given(Inquiry)
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    judged = judge_scene(inquiry)
+    judgement = judge_scene(inquiry)
     if options.plot is not None:
         from haptic_fieldbus.report.plot_region import plot_region
 
-        draw(options.plot, lambda path: plot_region(judged, path))
-    show(limits.notes(judged), sys.stderr)
+        draw(options.plot, lambda path: plot_region(judgement, path))
+    show(notes(judgement), sys.stderr)
     if options.as_json:
-        print_json({key: plain(value) for key, value in judged.stability.to_json().items()})
+        print_json({key: plain(value) for key, value in judgement.stability.to_json().items()})
         return
-    show(limits.limits(judged))
+    show(stability_lines(judgement))
     if options.plot is not None:
         show([("plot", str(options.plot))])

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
-from haptic_fieldbus.cycle.sensing import Step, bind_sense, in_order
+from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
 from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.cycle.watch import FLAGS, STATUSWORD, T_NS, Watch
 from haptic_fieldbus.drive.power import PowerState
@@ -26,10 +26,6 @@ Observe = Callable[[bytes | bytearray], None]
 
 FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 HALF_TURN_OF_INT32, INT32 = 0x8000_0000, 0xFFFF_FFFF
-POSITION_COUNTS = STATUSWORD + 1
-"""Place of the position in the feedback of an axis whose drive offers one."""
-VELOCITY_READING = STATUSWORD + 1
-"""Place of the velocity in the feedback of an axis whose drive offers no position."""
 COMPUTED = ("position", "velocity", "force", "gain", "command")
 """Columns of a row that the axis computes; they follow the decoded ones."""
 
@@ -78,14 +74,12 @@ class AxisCycle:
 
     def begin(self) -> None:
         """Set the zero and the position of the handle, in the first rendered period."""
-        counts = self._feedback[POSITION_COUNTS]  # where the drive offers velocity only: its reading
-        zero = self._axis.rig.mechanism.zero
-        self.state.began_ns = self.state.moved_ns = self._feedback[T_NS]
+        state, t_ns = self.state, self._feedback[T_NS]
+        state.began_ns, state.moved_ns, state.begun = t_ns, t_ns, True
         if self._axis.integrates:
-            # There is no encoder count to begin at; any number in `zero_counts` makes `observe` follow from now on.
-            self._follow(self._feedback[T_NS], counts)
-            self.state.zero_counts = 0
+            self._follow(self._feedback[T_NS], self._feedback[self._place(Signal.VELOCITY)])
             return
+        counts, zero = self._feedback[self._place(Signal.POSITION)], self._axis.rig.mechanism.zero
         self.state.zero_counts = counts if zero == "start" else zero
         self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
 
@@ -127,15 +121,19 @@ class AxisCycle:
             self._owner.trip = Trip(kind, self._axis.name, t_ns, value, limit, detail, position)
             self._owner.enabled = False
 
+    def _place(self, signal: Signal) -> int:
+        """Where a mapped signal stands in the feedback."""
+        return STATUSWORD + [mapped.signal for mapped in self._axis.incoming].index(signal)
+
     def _bind_observe(self) -> Observe:
         """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
         state, axis, owner, watch = self.state, self._axis, self._owner, self._watch
         unpack, power = self._image.input.unpack_from, self._power
-        unit, mask = axis.position_unit, axis.power.mask
+        unit, mask, place = axis.position_unit, axis.power.mask, self._place(Signal.POSITION)
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
-        jump = axis.limits.jump(self._period, abs(unit))
+        jump, stall_ns = axis.limits.jump(self._period, abs(unit)), axis.limits.stall * 1e9
         shortest, longest = _in_time(self._period)
         bits_before, fresh_ns = -1, 0
 
@@ -157,7 +155,7 @@ class AxisCycle:
             fresh_ns = feedback[T_NS]
             zero = state.zero_counts
             if zero is not None:
-                counts = feedback[POSITION_COUNTS] - zero
+                counts = feedback[place] - zero
                 # The encoder may wrap around between zero and here; the difference modulo 2³² is still right.
                 if not -HALF_TURN_OF_INT32 <= counts < HALF_TURN_OF_INT32:
                     counts = (counts + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32
@@ -171,6 +169,8 @@ class AxisCycle:
                     watch.motion(here, way, elapsed_ns)
                 if way:
                     state.moved_ns = fresh_ns
+                elif fresh_ns - state.moved_ns > stall_ns:
+                    self._check_stall()
                 if steps != 1:
                     self._catch_up(here, steps)
                 state.way = way / steps
@@ -184,7 +184,7 @@ class AxisCycle:
 
         state, owner, watch = self.state, self._owner, self._watch
         unpack, power = self._image.input.unpack_from, self._power
-        mask = self._axis.power.mask
+        mask, stall_ns, place = self._axis.power.mask, self._axis.limits.stall * 1e9, self._place(Signal.VELOCITY)
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
         shortest, longest = _in_time(self._period)
         bits_before, fresh_ns = -1, 0
@@ -204,11 +204,13 @@ class AxisCycle:
                 power()
             if steps:
                 fresh_ns = feedback[T_NS]
-            if state.zero_counts is not None:
+            if state.begun:
                 before = state.position
-                follow(feedback[T_NS], feedback[VELOCITY_READING])
+                follow(feedback[T_NS], feedback[place])
                 if state.position != before:
                     state.moved_ns = feedback[T_NS]
+                elif feedback[T_NS] - state.moved_ns > stall_ns:
+                    self._check_stall()
                 if steps > 1:
                     here, state.position = state.position, before
                     self._catch_up(here, steps)
@@ -248,7 +250,7 @@ class AxisCycle:
             self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
         self._owner.update_enabled()
 
-    def _bind_render(self) -> Step:
+    def _bind_render(self) -> PeriodStep:
         """Position → force → permitted force → target torque; without new feedback the torque is held, then fades."""
         state, axis, permission, trip = self.state, self._axis, self.permission, self._trip
         effort_unit, sign = axis.effort_unit, axis.rig.mechanism.sign
@@ -273,17 +275,7 @@ class AxisCycle:
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        guards = self._guards()
-        return in_order((render, *guards)) if guards else render
-
-    def _guards(self) -> list[Step]:
-        """What must be looked at with the permitted torque known, each only where it is limited."""
-        guards: list[Step] = []
-        if math.isfinite(self._axis.limits.power):
-            guards.append(self._check_power)
-        if math.isfinite(self._axis.limits.stall):
-            guards.append(self._check_stall)
-        return guards
+        return in_order((render, self._check_power)) if math.isfinite(axis.limits.power) else render
 
     def _check_power(self) -> None:
         state, limit = self.state, self._axis.limits.power
@@ -293,12 +285,9 @@ class AxisCycle:
 
     def _check_stall(self) -> None:
         """Counts that stood still under torque for long: a hand that leans, or an encoder that lies; less will do."""
-        state, limits = self.state, self._axis.limits
-        if (self._feedback[T_NS] - state.moved_ns) * 1e-9 < limits.stall:
-            return
-        effort = state.target * self._axis.effort_unit
-        if abs(effort) > limits.holding and self.permission.cap > limits.holding:
-            self.permission.cap_at(limits.holding, math.copysign(1.0, effort))
+        effort, holding = self.state.target * self._axis.effort_unit, self._axis.limits.holding
+        if abs(effort) > holding and self.permission.cap > holding:
+            self.permission.cap_at(holding, math.copysign(1.0, effort))
             self.stalls += 1
 
 

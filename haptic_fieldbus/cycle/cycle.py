@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
-from haptic_fieldbus.cycle.laws import Pair, blended_pair
+from haptic_fieldbus.cycle.laws import PairField, blended_pair
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.cycle.sensing import in_order
 from haptic_fieldbus.drive.power import PowerState
@@ -150,6 +150,14 @@ class Cycle:
         """Return the bound on the error of the handle's position [m or rad]; 0 when the drive offers a position."""
         return self._axes[axis].state.drift
 
+    def clipped(self, axis: str) -> int:
+        """Return in how many periods limit or cap cut the force of the scene."""
+        return self._axes[axis].permission.clipped
+
+    def stalls(self, axis: str) -> int:
+        """Return how often counts stood still under torque for so long that the limit fell."""
+        return self._axes[axis].stalls
+
     def update_enabled(self) -> None:
         """Set `enabled` after a power state has changed."""
         states = [axis.state.power for axis in self._axes.values()]
@@ -180,7 +188,7 @@ class Cycle:
                 TripKind.ELEMENT_FAILED, name, self.t_ns, math.nan, detail=f"{type(error).__name__}: {error}"
             )
 
-    def _pair(self, element: CouplingElement, period: float) -> Pair:
+    def _pair(self, element: CouplingElement, period: float) -> PairField:
         """Return a fresh law of the coupling, which reads the signals of its two axes itself."""
         law = element.begin(period)
         read_first, read_second = (self._axes[name].reader(element.needs) for name in element.axes)

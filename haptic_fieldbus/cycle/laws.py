@@ -1,4 +1,4 @@
-"""From the elements of one axis to its force field: position of the handle → force on it, in the workspace.
+"""Force field of an axis, made from its elements: position of the handle → force on it, in the workspace.
 
 Each element receives exactly the signals that it declared. The law of an element that needs the position alone is its
 field, without a wrapper. Other signals are derived once a period, before any field is called, and stored in `Sensed`.
@@ -7,12 +7,13 @@ field, without a wrapper. Other signals are derived once a period, before any fi
 from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.state import Sensed
+from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, Law, MemoryElement, StaticElement
 from haptic_fieldbus.signals import Signal
 
 Field = Callable[[float], float]
 """Position of the handle [m or rad] → force on it [N or N·m]; of one element or of a sum of elements."""
-Pair = Callable[[], tuple[float, float]]
+PairField = Callable[[], tuple[float, float]]
 """Forces of a coupling on its two axes [N or N·m], each in the workspace of its axis."""
 
 
@@ -23,7 +24,7 @@ def law_of(element: AnyElement, period: float, method: str | None = None) -> Law
     """
     if isinstance(element, DynamicElement):
         # Imported here, because only virtual states need an integrator.
-        from haptic_fieldbus.numerics.integrators import DEFAULT_METHOD, bind
+        from haptic_fieldbus.numerics.integrators import bind
 
         return bind(element.dynamics, period, method or DEFAULT_METHOD)
     if isinstance(element, MemoryElement):
@@ -97,7 +98,7 @@ def blended(before: Field, after: Field, periods: int) -> Field:
     return field
 
 
-def blended_pair(before: Pair, after: Pair, periods: int) -> Pair:
+def blended_pair(before: PairField, after: PairField, periods: int) -> PairField:
     """Return the same ramp for the two forces of a coupling."""
     done = 0
 

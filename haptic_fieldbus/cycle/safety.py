@@ -21,11 +21,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from haptic_fieldbus.planning.limits import EffortLimits
+from haptic_fieldbus.planning.limits import EffortLimits, fade_periods
 from haptic_fieldbus.signals import LinkFlag
-
-HOLD_FADE = 0.01
-"""Time in which the held torque fades to zero, from the second missing period on [s]; longer than the slew time."""
 
 
 class TripKind(Enum):
@@ -51,10 +48,14 @@ class TripKind(Enum):
     POSITION = "position limit"
     DRIFT = "position drift"
     CLOCK = "clock went back"
+    FOREIGN_MASTER = "foreign master"
+    DUPLICATE_NODE = "duplicate node"
 
 
 LINK_TRIPS = {
     LinkFlag.BUS_OFF: TripKind.BUS_OFF,
+    LinkFlag.FOREIGN: TripKind.FOREIGN_MASTER,
+    LinkFlag.DUPLICATE: TripKind.DUPLICATE_NODE,
     LinkFlag.EMERGENCY: TripKind.EMERGENCY,
     LinkFlag.BOOT_UP: TripKind.NODE_RESET,
     LinkFlag.NO_SIGN_OF_LIFE: TripKind.NO_SIGN_OF_LIFE,
@@ -120,37 +121,37 @@ def bind_limiter(
     effort, largest_change = limits.effort, limits.slew * period
     growth = period / limits.fade_in
 
-    def limit(asked: float) -> float:
+    def limit(force: float) -> float:
         before = permission.before
-        if permission.unchanged and -effort <= asked <= effort and -largest_change <= asked - before <= largest_change:
-            permission.before = asked
-            return asked
-        return beyond(asked)
+        if permission.unchanged and -effort <= force <= effort and -largest_change <= force - before <= largest_change:
+            permission.before = force
+            return force
+        return beyond(force)
 
-    def beyond(asked: float) -> float:
-        if not math.isfinite(asked):
+    def beyond(force: float) -> float:
+        if not math.isfinite(force):
             return math.nan
         if permission.fade < 1.0:
             permission.fade = min(1.0, permission.fade + growth)
-        if permission.cap < math.inf and permission.contact_left(asked, least):
+        if permission.cap < math.inf and permission.contact_left(force, least):
             permission.cap = math.inf
         permission.unchanged = permission.fade >= 1.0 and permission.cap == math.inf
         bound = min(effort * permission.fade, permission.cap)
-        if not -bound <= asked <= bound:
+        if not -bound <= force <= bound:
             permission.clipped += 1
-            asked = math.copysign(bound, asked)
+            force = math.copysign(bound, force)
         before = permission.before
-        if not -largest_change <= asked - before <= largest_change:
-            asked = before + math.copysign(largest_change, asked - before)
-        permission.before = asked
-        return asked
+        if not -largest_change <= force - before <= largest_change:
+            force = before + math.copysign(largest_change, force - before)
+        permission.before = force
+        return force
 
     return limit
 
 
 def bind_hold(period: float, permission: Permission) -> Callable[[int], float]:
     """Return what gives the permitted force of a period without feedback, by how many have been missing in a row."""
-    fade_periods = max(1, round(HOLD_FADE / period))
+    fading = fade_periods(period)
 
     def hold(missing: int) -> float:
         if missing == 1:
@@ -160,7 +161,7 @@ def bind_hold(period: float, permission: Permission) -> Callable[[int], float]:
             permission.cap_at(min(permission.cap, abs(permission.held)), math.copysign(1.0, permission.held))
             if permission.held == 0.0:
                 permission.side = 0.0
-        share = max(0.0, 1.0 - (missing - 1) / fade_periods)
+        share = max(0.0, 1.0 - (missing - 1) / fading)
         permission.before = permission.held * share
         return permission.before
 

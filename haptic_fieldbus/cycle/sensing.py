@@ -4,15 +4,16 @@ from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.cycle.watch import STATUSWORD, T_NS
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.signals import Signal
 
-Step = Callable[[], None]
+PeriodStep = Callable[[], None]
 Feedback = Callable[[], tuple[int, ...]]
 """Returns what was decoded last."""
 
 
-def in_order(steps: Sequence[Step]) -> Step:
+def in_order(steps: Sequence[PeriodStep]) -> PeriodStep:
     """Return one step that takes all of these."""
 
     def work() -> None:
@@ -24,12 +25,12 @@ def in_order(steps: Sequence[Step]) -> Step:
 
 def bind_sense(
     axis: AxisPlan, state: AxisState, sensed: Sensed, feedback: Feedback, period: float
-) -> tuple[Step | None, Step | None]:
+) -> tuple[PeriodStep | None, PeriodStep | None]:
     """Return (all that the scene needs, of it the estimator that takes one position a period); None for nothing.
 
     Only what is needed is worked out, and an estimator imported only where one is.
     """
-    steps: list[Step] = []
+    steps: list[PeriodStep] = []
     estimator = None
     if Signal.VELOCITY in axis.needs and not axis.integrates:
         velocity, timed = _bind_velocity(axis, state, sensed, feedback, period)
@@ -50,9 +51,9 @@ def bind_sense(
 
 def _bind_velocity(
     axis: AxisPlan, state: AxisState, sensed: Sensed, feedback: Feedback, period: float
-) -> tuple[Step, bool]:
+) -> tuple[PeriodStep, bool]:
     """Estimate the velocity in periods with new feedback, else the last estimate stays; and: does it take times?"""
-    from haptic_fieldbus.numerics.estimators import DEFAULT_ESTIMATOR, bind, is_timed
+    from haptic_fieldbus.numerics.estimators import bind, is_timed
 
     name = axis.estimator or DEFAULT_ESTIMATOR
     estimate = bind(name, period, axis.resolution)
@@ -71,7 +72,7 @@ def _bind_velocity(
     return velocity, False
 
 
-def _bind_torque(axis: AxisPlan, sensed: Sensed, feedback: Feedback) -> Step:
+def _bind_torque(axis: AxisPlan, sensed: Sensed, feedback: Feedback) -> PeriodStep:
     unit = axis.effort_unit * axis.rig.mechanism.sign
     place = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(Signal.TORQUE_ACTUAL)
 

@@ -20,7 +20,9 @@ class AxisState:
     gain: float = 1.0
     """Share of the held force in a period without feedback."""
     zero_counts: int | None = None
-    """Encoder count at which the position is 0; None until the first rendered period."""
+    """Encoder count at which the position is 0; None before the first rendered period, and without an encoder."""
+    begun: bool = False
+    """Whether the first rendered period has passed."""
     began_ns: int = 0
     moved_ns: int = 0
     """When the position changed last."""

@@ -5,7 +5,15 @@ from dataclasses import replace
 
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
 from haptic_fieldbus.cycle.start import start_position
-from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
+from haptic_fieldbus.errors import (
+    BusError,
+    BusTimeoutError,
+    DriveFaultError,
+    HapticFieldbusError,
+    PlanError,
+    SafetyTripError,
+)
+from haptic_fieldbus.numerals import percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import LinkFlag
@@ -23,9 +31,11 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.FEEDBACK_SPARSE: BusTimeoutError,
     TripKind.PERIODS_MISSED: SafetyTripError,
     TripKind.CLOCK: BusError,
+    TripKind.FOREIGN_MASTER: SafetyTripError,
+    TripKind.DUPLICATE_NODE: SafetyTripError,
     TripKind.NOT_FINITE: SafetyTripError,
     TripKind.ELEMENT_FAILED: SafetyTripError,
-    TripKind.START_FORCE: SafetyTripError,
+    TripKind.START_FORCE: PlanError,
     TripKind.ACCELERATION: SafetyTripError,
     TripKind.POWER: SafetyTripError,
     TripKind.SPEED: SafetyTripError,
@@ -51,6 +61,8 @@ def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticField
     """Return the exception for a trip; `enabled_at_ns` is None before operation enabled."""
     axis = next(axis for axis in plan.axes if axis.name == trip.axis)
     cause, when = CAUSES[trip.kind](trip, axis), moment(trip.t_ns, enabled_at_ns)
+    if trip.kind is TripKind.START_FORCE:
+        return PlanError(f"axis {trip.axis}: {cause}. No torque was given")
     return TRIP_ERRORS[trip.kind](f"axis {trip.axis}: {cause}, {when}. Torque was taken away")
 
 
@@ -63,7 +75,7 @@ def moment(t_ns: int, enabled_at_ns: int | None) -> str:
 
 def _told_by_bus(flag: LinkFlag) -> "Cause":
     """Return the cause of a link trip, worded by the protocol of the axis."""
-    # The value of a link trip is the emergency code in the header, which has a meaning for EMERGENCY alone.
+    # The value of a link trip is the code in the header, which only some of the flags have.
     return lambda trip, axis: axis.traffic.fault_text(flag, int(trip.value))
 
 
@@ -74,12 +86,12 @@ def _power(trip: Trip, axis: AxisPlan) -> str:
 
 def _feedback(trip: Trip, axis: AxisPlan) -> str:
     # The value of this trip is the age of the feedback [s].
-    return f"no feedback from node {axis.node}: the last is {trip.value * 1e3:.1f} ms old"
+    return f"no feedback from node {axis.node}: the last is {rounded(1e3 * trip.value)} ms old"
 
 
 def _too_often(trip: Trip, axis: AxisPlan) -> str:
     return (
-        f"{100 * trip.value:.0f} % of the feedback of node {axis.node} was lost within a second, which divides the "
+        f"{percent(trip.value)} of the feedback of node {axis.node} was lost within a second, which divides the "
         f"stiffness that is stable by {trip.detail}"
     )
 
@@ -88,15 +100,15 @@ def _missed(trip: Trip, axis: AxisPlan) -> str:
     """One long sleep has no detail; many short ones have the factor by which they cost stiffness."""
     advice = "another process takes the processor's time, or the rate is too high for this computer"
     if not trip.detail:
-        return f"the loop slept for {trip.value * 1e3:.1f} ms: {advice}"
+        return f"the loop slept for {rounded(1e3 * trip.value)} ms: {advice}"
     return (
-        f"the loop missed {100 * trip.value:.0f} % of the periods of a second, which divides the stiffness that is "
+        f"the loop missed {percent(trip.value)} of the periods of a second, which divides the stiffness that is "
         f"stable by {trip.detail}: {advice}"
     )
 
 
 def _clock(trip: Trip, axis: AxisPlan) -> str:
-    return f"the time of a sample lies {-trip.value * 1e3:.3f} ms before that of the one before"
+    return f"the time of a sample lies {rounded(-1e3 * trip.value)} ms before that of the one before"
 
 
 def _failed(trip: Trip, axis: AxisPlan) -> str:
@@ -109,47 +121,52 @@ def _start(trip: Trip, axis: AxisPlan) -> str:
     advice = (
         "no place nearby would do: lower the force of the scene"
         if where is None
-        else f"start with the handle {where:+.4g} {axis.workspace.length_unit} from here"
+        else f"start with the handle {rounded(where)} {axis.workspace.length_unit} from here"
     )
     return (
-        f"the scene begins with {trip.value:.3g} {unit}, and at most {trip.limit:.3g} {unit} is permitted at the "
-        f"start; {advice}"
+        f"the scene begins with {rounded(trip.value)} {unit}, and at most {rounded(trip.limit or 0.0)} {unit} is "
+        f"permitted at the start; {advice}"
     )
 
 
 def _acceleration(trip: Trip, axis: AxisPlan) -> str:
     unit = axis.workspace.length_unit
     return (
-        f"the position jumped: {trip.value:.3g} {unit}/s² is more than motor, hand and inertia can do "
-        f"({trip.limit:.3g} {unit}/s²). Check the encoder and its cable"
+        f"the position jumped: {rounded(trip.value)} {unit}/s² is more than motor, hand and inertia can do "
+        f"({rounded(trip.limit or 0.0)} {unit}/s²). Check the encoder and its cable"
     )
 
 
 def _exceeded_power(trip: Trip, axis: AxisPlan) -> str:
-    return f"power {trip.value:.3g} W, the limit is {trip.limit:g} W"
+    return f"power {rounded(trip.value)} W, the limit is {rounded(trip.limit or 0.0)} W"
 
 
 def _not_finite(trip: Trip, axis: AxisPlan) -> str:
     return f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
 
 
+def _limit(trip: Trip) -> str:
+    """The limit that was exceeded."""
+    return "unknown" if trip.limit is None else rounded_limit(trip.limit)
+
+
 def _speed(trip: Trip, axis: AxisPlan) -> str:
     unit = axis.workspace.length_unit
-    return f"speed {trip.value:.3g} {unit}/s, the limit is {trip.limit:g} {unit}/s"
+    return f"speed {rounded(trip.value)} {unit}/s, the limit is {_limit(trip)} {unit}/s"
 
 
 def _position(trip: Trip, axis: AxisPlan) -> str:
     unit = axis.workspace.length_unit
-    return f"position {trip.value:.4g} {unit}, the limit is {trip.limit:g} {unit}"
+    return f"position {rounded_limit(trip.value)} {unit}, the limit is {_limit(trip)} {unit}"
 
 
 def _drift(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
     return (
-        f"the position may be off by {trip.value:.3g} {unit}, the limit is {trip.limit:.3g} {unit}: what is rounded "
-        f"off {axis.profile.title}'s velocity, its only feedback, in steps of {step:.3g} {unit}/s, adds up (to go on, "
-        f"start anew with the handle at its zero, or raise axis.{axis.name}.limits.drift)"
+        f"the position may be off by {rounded(trip.value)} {unit}, the limit is {_limit(trip)} {unit}: what is "
+        f"rounded off {axis.profile.title}'s velocity, its only feedback, in steps of {rounded(step)} {unit}/s, adds "
+        f"up (to go on, start anew with the handle at its zero, or raise axis.{axis.name}.limits.drift)"
     )
 
 

@@ -17,6 +17,10 @@ from haptic_fieldbus.signals import LinkFlag
 T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(5)
 """Places in the feedback of an axis; the mapped signals follow."""
 
+# Plain integers: an operation with a member of an IntFlag takes as long as the rest of the method.
+_STALE = int(LinkFlag.STALE)
+_FAULTS = tuple((int(flag), kind) for flag, kind in LINK_TRIPS.items())
+
 
 class TripOff(Protocol):
     """Takes the torque away."""
@@ -40,18 +44,18 @@ class Watch:
     def link(self, feedback: Sequence[int], elapsed_ns: int, rendering: bool) -> int:
         """Return how many periods this sample spans, 0 when it is not new; trip on faults of the link."""
         state, flags = self._state, feedback[FLAGS]
-        for flag, kind in LINK_TRIPS.items():
-            if flags & flag:
+        for bit, kind in _FAULTS:
+            if flags & bit:
                 self._trip(kind, feedback[EMERGENCY])
         if rendering and feedback[AGE_NS] > self._oldest_ns:
             self._trip(TripKind.FEEDBACK_LOST, feedback[AGE_NS] * 1e-9, self._limits.age)
-        if flags & LinkFlag.STALE:
+        if flags & _STALE:
             state.missing += 1
             state.holding = state.missing
             return 0
         lost = state.missing > 0
         state.missing = state.holding = 0
-        if not rendering or state.zero_counts is None:
+        if not rendering or not state.begun:
             return 1
         if elapsed_ns < 0:
             self._trip(TripKind.CLOCK, elapsed_ns * 1e-9)

@@ -5,6 +5,8 @@ The schema is the JSON Schema that Pydantic makes of a dataclass; only the keywo
 
 from typing import Any
 
+from haptic_fieldbus.numerals import exactly
+
 Schema = dict[str, Any]
 KeyPath = tuple[str | int, ...]
 
@@ -112,7 +114,7 @@ def _bounds(node: Schema, hexadecimal: bool) -> str:
     def shown(bound: float) -> str:
         if hexadecimal and bound >= 0:
             return f"0x{int(bound):X}"
-        return f"{bound:g}" if node.get("type") == "number" else str(int(bound))
+        return exactly(bound) if node.get("type") == "number" else str(int(bound))
 
     low, high = node.get("minimum"), node.get("maximum")
     if low is not None and high is not None:

@@ -50,17 +50,17 @@ def is_eds(name: str | Path) -> bool:
     return str(name).lower().endswith(_EDS_SUFFIXES)
 
 
-def file_of(kind: str, name: str | Path, folder: Path) -> Path:
+def file_of(kind: str, name: str | Path, folder: Path, others: Iterable[str] = ()) -> Path:
     """Return the file of a shipped profile or scene (`kind`), or the path itself when `name` is one.
 
-    Raises UsageError when `folder` has no such file.
+    Raises UsageError when `folder` has no such file; the sentence suggests names of the folder and of `others`.
     """
     if is_path(name):
         return Path(name)
     names = file_names(folder)
     if name not in names:
         listed = f"{kind.capitalize()}s are listed by: haptic-fieldbus {kind}s list"
-        raise UsageError(f'no {kind} "{name}"{suggestion(str(name), names)}. {listed}')
+        raise UsageError(f'no {kind} "{name}"{suggestion(str(name), {*names, *others})}. {listed}')
     return folder / f"{name}.toml"
 
 

@@ -1,1 +1,1 @@
-"""Description of drives and benches, independent of the protocol: profile, rig, power table, units."""
+"""Drives and benches in any protocol: profile, rig, power table, units."""

@@ -125,12 +125,17 @@ class RigAxis:
     mechanism: Annotated[LinearMechanism | RotaryMechanism, ByKind()]
     encoder_counts_per_revolution: CountsPerRevolution
     rated_torque: Torque | None = None
+    """[N·m]"""
     torque_constant: PositiveFloat | None = None
     """[N·m/A]; needed only for drives whose torque is given as a current."""
     inertia: Inertia | None = None
+    """[kg·m²]"""
     viscous_damping: NonNegativeFloat | None = None
+    """[N·m·s/rad]"""
     coulomb_friction: NonNegativeFloat = 0.0
+    """[N·m]"""
     on_link_loss: Literal["free", "brake"] = "free"
+    """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""
     limits: Limits = field(default_factory=Limits)
     simulation: Mechanics = field(default_factory=Mechanics)
     """Mechanics of a simulated bench beyond a rigid shaft; without effect on anything but the simulation."""
@@ -147,19 +152,25 @@ class Rig:
     __pydantic_config__: ClassVar = STRICT
 
 
+COUNTS_PER_REVOLUTION = 4096
+"""Of the shipped bench."""
+
+
+def shipped_mechanism(workspace: Workspace) -> LinearMechanism | RotaryMechanism:
+    """How the motor of the shipped bench moves the handle."""
+    if workspace is Workspace.LINEAR:
+        return LinearMechanism("linear", metres_per_revolution=0.05)
+    return RotaryMechanism("rotary", gear_ratio=1.0)
+
+
 def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
     """Return an axis of the shipped bench, which is simulated when no rig file is given."""
-    mechanism: LinearMechanism | RotaryMechanism = (
-        LinearMechanism("linear", metres_per_revolution=0.05)
-        if workspace is Workspace.LINEAR
-        else RotaryMechanism("rotary", gear_ratio=1.0)
-    )
     return RigAxis(
         bus=bus,
         node=node,
         profile=profile,
-        mechanism=mechanism,
-        encoder_counts_per_revolution=4096,
+        mechanism=shipped_mechanism(workspace),
+        encoder_counts_per_revolution=COUNTS_PER_REVOLUTION,
         rated_torque=0.4,
         torque_constant=0.05,
         inertia=4.0e-5,

@@ -9,9 +9,9 @@ from haptic_fieldbus.eds.model import (
     Eds,
     EdsEntry,
     EdsObject,
+    EdsValue,
     NodeOffset,
     ObjectCode,
-    Value,
 )
 from haptic_fieldbus.eds.reader import load_eds, read_eds
 from haptic_fieldbus.eds.types import EdsType
@@ -23,9 +23,9 @@ __all__ = [
     "EdsEntry",
     "EdsObject",
     "EdsType",
+    "EdsValue",
     "NodeOffset",
     "ObjectCode",
-    "Value",
     "eds_text",
     "load_eds",
     "read_eds",

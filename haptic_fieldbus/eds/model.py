@@ -25,7 +25,7 @@ class NodeOffset:
         return self.offset + node
 
 
-Value = int | float | str | bytes | NodeOffset
+EdsValue = int | float | str | bytes | NodeOffset
 """A value of an entry as the file gives it, before the node-ID is known."""
 
 
@@ -51,8 +51,8 @@ class EdsEntry:
     """None when it is missing, or no basic data type, so that only the device has its structure."""
     access: str
     """One of `ACCESS_TYPES`."""
-    default: Value | None = None
-    parameter: Value | None = None
+    default: EdsValue | None = None
+    parameter: EdsValue | None = None
     """Configured value (`ParameterValue`): of a DCF, or of a tool that wrote it into an EDS."""
     low: int | float | None = None
     high: int | float | None = None
@@ -61,7 +61,7 @@ class EdsEntry:
     line: int | None = None
 
     @property
-    def formula(self) -> Value | None:
+    def formula(self) -> EdsValue | None:
         """The value after power-on for any node-ID: the configured value, else the default, else None."""
         return self.parameter if self.parameter is not None else self.default
 

@@ -7,12 +7,12 @@ DefaultValue, PDOMapping, SubNumber, CompactSubObj) and, in a DCF, ParameterValu
 from collections.abc import Mapping
 
 from haptic_fieldbus.eds.lines import FileSection
-from haptic_fieldbus.eds.model import ACCESS_TYPES, EdsEntry, EdsObject, ObjectCode, Value
+from haptic_fieldbus.eds.model import ACCESS_TYPES, EdsEntry, EdsObject, EdsValue, ObjectCode
 from haptic_fieldbus.eds.types import EdsType
 from haptic_fieldbus.eds.values import value_of, whole_number
 from haptic_fieldbus.errors import Fault
 
-DEFAULT_ACCESS = "ro"
+ACCESS_WHEN_MISSING = "ro"
 """Access of an entry that gives none: read-only does no harm."""
 HIGHEST_ELEMENT = 0xFE
 """Highest sub-index of an array element (CiA 301, 7.4.3); FFh describes the object itself."""
@@ -68,9 +68,9 @@ class ObjectReader:
             for subindex, section in sorted(members.items())
         }
 
-    def _check_members(self, head: FileSection, found: EdsObject, count: int) -> None:
+    def _check_members(self, head: FileSection, described: EdsObject, count: int) -> None:
         """Note sub-indices of a simple variable, or a wrong number of them."""
-        if found.is_simple:
+        if described.is_simple:
             self._fault(head, "ObjectType", "a variable with sub-indices: they are read, it is taken as a record")
             return
         said = self._number(head, "SubNumber")
@@ -92,7 +92,7 @@ class ObjectReader:
         # The object's own section describes all of its elements.
         pattern = self.entry(head, 1)
         length = EdsEntry(
-            self._index, 0, "Number of entries", EdsType.UNSIGNED8, DEFAULT_ACCESS, default=count, line=head.line
+            self._index, 0, "Number of entries", EdsType.UNSIGNED8, ACCESS_WHEN_MISSING, default=count, line=head.line
         )
         entries = {0: length}
         for subindex in range(1, count + 1):
@@ -142,14 +142,14 @@ class ObjectReader:
         if type is not EdsType.DOMAIN or access:
             found = f'"{access}"' if access else "missing"
             self._fault(section, "AccessType", f"{found}, expected one of {', '.join(ACCESS_TYPES)}: taken as ro")
-        return DEFAULT_ACCESS
+        return ACCESS_WHEN_MISSING
 
     def _limit(self, section: FileSection, key: str, type: EdsType | None) -> int | float | None:
         """Return a limit; None for texts and octets, which have none."""
         value = self._value(section, key, type) if type is None or type.is_integer or type.size else None
         return value if isinstance(value, int | float) else None
 
-    def _value(self, section: FileSection, key: str, type: EdsType | None) -> Value | None:
+    def _value(self, section: FileSection, key: str, type: EdsType | None) -> EdsValue | None:
         """Return a value of the type; None when it is missing, empty or not understood."""
         text = section.text(key)
         if not text:

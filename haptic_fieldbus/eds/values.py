@@ -9,7 +9,7 @@ ValueError with a message for the user.
 
 import struct
 
-from haptic_fieldbus.eds.model import NodeOffset, Value
+from haptic_fieldbus.eds.model import EdsValue, NodeOffset
 from haptic_fieldbus.eds.types import OCTETS, REALS, TEXTS, EdsType
 
 NODE_ID = "$nodeid"
@@ -52,7 +52,7 @@ def formula(text: str) -> int | NodeOffset:
     return NodeOffset(sum(whole_number(term) for term in numbers if term))
 
 
-def value_of(text: str, type: EdsType | None) -> Value:
+def value_of(text: str, type: EdsType | None) -> EdsValue:
     """Return a default, configured value or limit of this type; raises ValueError when the text is none."""
     if type in TEXTS:
         return text
@@ -67,7 +67,7 @@ def value_of(text: str, type: EdsType | None) -> Value:
     return _fitted(number, type, text)
 
 
-def text_of(value: Value, type: EdsType | None) -> str:
+def text_of(value: EdsValue, type: EdsType | None) -> str:
     """Return the text of a value from which `value_of` reads it back."""
     if isinstance(value, NodeOffset):
         return f"$NODEID+0x{value.offset:X}" if value.offset else "$NODEID"

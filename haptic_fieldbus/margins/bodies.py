@@ -21,6 +21,7 @@ import numpy as np
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins.linear import EnvironmentOf, limit_of
 from haptic_fieldbus.margins.plant import Plant, check_times, through_torque_loop
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.sampled import SampledPlant
@@ -44,7 +45,7 @@ class HungBody:
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
             if not 0.0 <= value < float("inf"):
-                raise UsageError(f"{name} {value:g} of a body: expected a number from 0 up")
+                raise UsageError(f"{name} {exactly(value)} of a body: expected a number from 0 up")
         if not self.mass:
             raise UsageError("mass 0 of a body: expected a number above 0")
 

@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.contact import linearised
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
-from haptic_fieldbus.margins.loop import Loop
 from haptic_fieldbus.margins.passivity import searched
 from haptic_fieldbus.numerics import coupled
 from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share
@@ -27,7 +27,7 @@ SMALLEST, PRECISION = 1e-9, 1e-8
 """Search for the limit of passivity: its first stiffness as a share of m/T² + b/T, and its relative precision."""
 
 
-class CoupledAxes(Loop):
+class CoupledAxes(ClosedLoop):
     """Axes whose environment is a coupling (x_1 … x_n)_k → (F_1 … F_n)_k; the axes' own elements are added to it."""
 
     def together(self, coupling: StateSpace) -> StateSpace:

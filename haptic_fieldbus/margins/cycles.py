@@ -24,7 +24,7 @@ from haptic_fieldbus.margins.linear import limit_of
 from haptic_fieldbus.margins.plant import Plant, sample
 from haptic_fieldbus.numerics import describing, sampled
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.passivity import response
+from haptic_fieldbus.numerics.passivity import frequency_response
 from haptic_fieldbus.numerics.sampled import SampledPlant
 
 GAINS = np.geomspace(1.0, 1e-3, 121)
@@ -107,7 +107,7 @@ def _saturated(device: SampledPlant, period: float, environment: StateSpace, for
         if before > 0.0 >= after or before <= 0.0 < after:
             gain = _border(excess, float(above), float(below))
             turn = _frequency(device, sampled.scaled(environment, gain), period)
-            stiffness = float(np.abs(response(environment, np.array([turn * period])))[0])
+            stiffness = float(np.abs(frequency_response(environment, np.array([turn * period])))[0])
             amplitude = describing.saturated_amplitude(gain, force) / stiffness
             yield LimitCycle(amplitude, turn, attracts=before > 0.0)
 

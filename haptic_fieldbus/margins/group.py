@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from haptic_fieldbus.margins import contact
+from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
 from haptic_fieldbus.margins.linear import EnvironmentOf
-from haptic_fieldbus.margins.loop import Axis, Loop, OneAxis
 from haptic_fieldbus.margins.plant import Plant, weakened
 from haptic_fieldbus.margins.suggestion import Suggestion, suggest
 from haptic_fieldbus.margins.verdict import Stability, judge
@@ -70,12 +70,12 @@ class Group:
         return contact.stiffest_of(self.varied)
 
     @property
-    def told_by(self) -> str:
+    def reference_axis(self) -> str:
         """Name of the axis whose units the verdict uses: the first axis of the stiffest coupling."""
         coupling = contact.stiffest_of(self.couplings)
         return self.members[0].name if coupling is None else coupling.axes[0]
 
-    def judged(self) -> dict[str, Stability]:
+    def stabilities(self) -> dict[str, Stability]:
         """Return the common judgement for each axis by its name, with the plant and delay of that axis.
 
         Raises UsageError for a stiffness that is not a finite number from 0 up.
@@ -85,9 +85,9 @@ class Group:
         return dict(zip((member.name for member in self.members), verdicts, strict=True))
 
     @property
-    def told(self) -> Stability:
+    def stability(self) -> Stability:
         """The judgement of the axis whose units it uses."""
-        return self.judged()[self.told_by]
+        return self.stabilities()[self.reference_axis]
 
     def uncoupled(self) -> tuple["Group", ...]:
         """Return each axis as a group of one without its couplings; empty when the group has no couplings."""
@@ -127,7 +127,7 @@ class Group:
         )
 
     @cached_property
-    def loop(self) -> Loop:
+    def loop(self) -> ClosedLoop:
         """The axes under their delayed holds, with the elements that do not vary."""
         own = [self._own(member) if self.couplings and member.elements else None for member in self.members]
         axes = [Axis(member.plant, member.delay, each) for member, each in zip(self.members, own, strict=True)]

@@ -9,7 +9,7 @@ from haptic_fieldbus.margins.linear import LARGEST, EnvironmentOf
 from haptic_fieldbus.margins.plant import Plant, check_times
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import parallel
-from haptic_fieldbus.numerics.passivity import SMALLEST_ANGLE, damping_needed, hold, largest_gain, response
+from haptic_fieldbus.numerics.passivity import SMALLEST_ANGLE, damping_needed, frequency_response, hold, largest_gain
 
 PROBES = np.array([1e-3, 0.1, 1.0, math.pi])
 """Angles [rad] at which the dependence of an environment on its stiffness is checked."""
@@ -76,5 +76,5 @@ def _is_proportional(environment_of: EnvironmentOf) -> bool:
     environments = [environment_of(stiffness) for stiffness in (0.0, 1.0, 2.0)]
     if any(sampled.spectral_radius(environment.a) > 1.0 - LOSSLESS for environment in environments):
         return False
-    none, one, two = (response(environment, PROBES) for environment in environments)
+    none, one, two = (frequency_response(environment, PROBES) for environment in environments)
     return bool(np.abs(two - 2.0 * one + none).max() <= 1e-9 * np.abs(two - none).max())

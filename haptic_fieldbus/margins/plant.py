@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.numerics.sampled import SampledPlant
@@ -42,9 +43,9 @@ class Plant:
 def check_times(period: float, delay: float) -> None:
     """Check the times [s] of a loop; raises UsageError unless the period is above 0 and the delay from 0 up."""
     if not 0.0 < period < math.inf:
-        raise UsageError(f"period {period:g}: expected a time above 0 s")
+        raise UsageError(f"period {exactly(period)}: expected a time above 0 s")
     if not 0.0 <= delay < math.inf:
-        raise UsageError(f"delay {delay:g}: expected a time from 0 s up")
+        raise UsageError(f"delay {exactly(delay)}: expected a time from 0 s up")
 
 
 def dynamics(plant: Plant) -> tuple[Matrix, Matrix]:

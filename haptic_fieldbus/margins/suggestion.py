@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import EnvironmentOf
-from haptic_fieldbus.margins.loop import Loop
 from haptic_fieldbus.numerics.linear import StateSpace
 
 
@@ -22,7 +22,7 @@ class Suggestion:
 
 
 def suggest(
-    loop: Loop, environment_of: Callable[[float, float], StateSpace], stiffness: float, damping: float | None
+    loop: ClosedLoop, environment_of: Callable[[float, float], StateSpace], stiffness: float, damping: float | None
 ) -> Suggestion:
     """Return round values that make an unstable scene stable; `damping` is None when the scene has none to vary.
 

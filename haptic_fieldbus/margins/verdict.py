@@ -29,9 +29,10 @@ from dataclasses import asdict, dataclass
 from enum import Enum
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
-from haptic_fieldbus.margins.loop import Loop
 from haptic_fieldbus.margins.plant import Plant
+from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics import sampled
 
 
@@ -100,7 +101,7 @@ def _finite(value: float | None) -> float | None:
 
 
 def judge(
-    loop: Loop, environment_of: EnvironmentOf, stiffness: float | None, damping: float = 0.0
+    loop: ClosedLoop, environment_of: EnvironmentOf, stiffness: float | None, damping: float = 0.0
 ) -> tuple[Stability, ...]:
     """Judge a loop and return its limits and verdict for each axis, with the plant and delay of that axis.
 
@@ -109,7 +110,8 @@ def judge(
     """
     stable = None if stiffness is None else loop.limit(environment_of)
     if stiffness is not None and not 0.0 <= stiffness < math.inf:
-        raise UsageError(f"stiffness {stiffness:g}: expected a number from 0 up; this loop is stable to {stable:.6g}")
+        known = "" if stable is None else f"; this loop is stable to {rounded_limit(stable)}"
+        raise UsageError(f"stiffness {exactly(stiffness)}: expected a number from 0 up{known}")
     asked = environment_of(stiffness or 0.0)
     growth = loop.growth(asked)
     if stiffness is None or stable is None:

@@ -1,1 +1,1 @@
-"""Mathematics without hardware: integrators, estimators, exact discretisation, stability and passivity."""
+"""Pure mathematics: integrators, estimators, exact discretisation, passivity."""

@@ -17,6 +17,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from haptic_fieldbus.numerals import exactly
+
 
 @dataclass(frozen=True)
 class Side:
@@ -39,8 +41,8 @@ def check_coefficients(positive: float, negative: float, largest: str) -> None:
     """
     if max(positive, negative) != 1.0:
         raise ValueError(
-            f"positive_coefficient {positive:g}, negative_coefficient {negative:g}: expected one of them to be 1, as "
-            f"{largest} is that of the stronger side"
+            f"positive_coefficient {exactly(positive)}, negative_coefficient {exactly(negative)}: expected one of "
+            f"them to be 1, as {largest} is that of the stronger side"
         )
 
 

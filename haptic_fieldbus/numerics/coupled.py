@@ -72,9 +72,9 @@ def _velocities(space: StateSpace, period: float, estimators: Sequence[str | Non
             continue
         if name is None:
             raise UsageError("a coupling that uses velocity needs an estimator on each of its axes")
-        from haptic_fieldbus.numerics.estimators import judged  # only couplings that use velocity need it
+        from haptic_fieldbus.numerics.estimators import linear_form  # only couplings that use velocity need it
 
-        found = parallel([found, embedded(judged(name, period), place, axes)])
+        found = parallel([found, embedded(linear_form(name, period), place, axes)])
     return found
 
 

@@ -35,7 +35,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_fieldbus.numerics.linear import StateSpace, equilibrium
-from haptic_fieldbus.numerics.passivity import Array, Complex, hold, responses, worst
+from haptic_fieldbus.numerics.passivity import Array, Complex, frequency_responses, hold, worst
 from haptic_fieldbus.numerics.sampled import spectral_radius
 
 LOSSLESS = 1e-9
@@ -83,7 +83,7 @@ def damping_share(environment: StateSpace, ports: Sequence[PassivityPort], perio
 
     def needed(angle: Array) -> Array:
         holds = [hold(angle, period, port.delay, port.lag) for port in ports]
-        force = responses(environment, angle) / np.outer(root, root)
+        force = frequency_responses(environment, angle) / np.outer(root, root)
         along = np.stack([each.displacement for each in holds], axis=-1)[:, :, None] * force
         spread = 0.5 * np.sqrt(np.stack([each.spread for each in holds], axis=-1))[:, :, None] * force
         form = np.block([[0.5 * (along + _adjoint(along)), _adjoint(spread)], [spread, np.zeros_like(spread)]])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
 
 Array = NDArray[np.float64]
@@ -123,4 +124,4 @@ def _check(made: Loops) -> None:
     for name, (text, good) in expected.items():
         if not good.all():
             at = int(np.argmin(good))
-            raise UsageError(f"loop {at}: {name} {getattr(made, name)[at]:g}: expected {text}")
+            raise UsageError(f"loop {at}: {name} {exactly(getattr(made, name)[at])}: expected {text}")

@@ -76,12 +76,12 @@ def _within(z: Complex, period: float, fraction: float, lag: float) -> tuple[Com
     return mean, square
 
 
-def response(environment: StateSpace, angle: Array) -> Complex:
+def frequency_response(environment: StateSpace, angle: Array) -> Complex:
     """Return H(e^{jθ}) of a discrete environment x_k → F_k at angles (n,) [rad], shape (n,)."""
-    return responses(environment, angle)[:, 0, 0]
+    return frequency_responses(environment, angle)[:, 0, 0]
 
 
-def responses(environment: StateSpace, angle: Array) -> Complex:
+def frequency_responses(environment: StateSpace, angle: Array) -> Complex:
     """Return H(e^{jθ}) of an environment with several inputs and outputs at angles (n,), shape (n, n_out, n_in)."""
     z = np.exp(1j * angle)
     systems = z[:, None, None] * np.eye(environment.order) - environment.a
@@ -93,7 +93,7 @@ def damping_needed(environment: StateSpace, period: float, delay: float, lag: fl
     """Return the device damping [N·s/m or N·m·s/rad] with which the environment is passive, by frequency sweep."""
 
     def needed(angle: Array) -> Array:
-        return _needed(response(environment, angle), hold(angle, period, delay, lag))
+        return _needed(frequency_response(environment, angle), hold(angle, period, delay, lag))
 
     return worst(needed, environment)
 
@@ -115,7 +115,8 @@ def largest_gain(
 
     # The reciprocal 1/K of the limit, because it is 0 without a limit and `worst` finds a maximum.
     def reciprocal(angle: Array) -> Array:
-        h, one, behind = response(base, angle), response(added, angle), hold(angle, period, delay, lag)
+        h, one = frequency_response(base, angle), frequency_response(added, angle)
+        behind = hold(angle, period, delay, lag)
         squared = np.abs(one) ** 2 * behind.spread
         mixed = 2.0 * behind.spread * (h * one.conj()).real + 4.0 * damping * (one * behind.displacement).real
         rest = np.abs(h) ** 2 * behind.spread + 4.0 * damping * ((h * behind.displacement).real - damping)

@@ -47,28 +47,44 @@ def recursion(transition: Matrix, drive: Matrix, start: Array) -> Matrix:
     return result
 
 
-def sequence_response(system: StateSpace, stiffness: float, inputs: Matrix) -> Array:
-    """Return the output (N,) of a discrete (position, velocity) system for `inputs` (N, 2), one row for each period.
+class SequenceResponse:
+    """Output of a discrete (position, velocity) system, for inputs that come in parts.
 
     The start is that of `integrators.bind`: at rest at the first position, with the force `stiffness` times position.
     """
-    moved = inputs - np.array([inputs[0, 0], 0.0])
-    states = recursion(system.a, moved[:-1] @ system.b.T, np.zeros(system.order))
-    output: Array = stiffness * inputs[0, 0] + states @ system.c[0] + moved @ system.d[0]
-    return output
+
+    def __init__(self, system: StateSpace, stiffness: float) -> None:
+        self._system, self._stiffness = system, stiffness
+        self._start: float | None = None
+        self._state = np.zeros(system.order)
+
+    def __call__(self, inputs: Matrix) -> Array:
+        """Return the output (N,) for the next `inputs` (N, 2), N at least 1, one row for each period."""
+        system = self._system
+        if self._start is None:
+            self._start = float(inputs[0, 0])
+        moved = inputs - np.array([self._start, 0.0])
+        states = recursion(system.a, moved @ system.b.T, self._state)
+        self._state = states[-1]
+        output: Array = self._stiffness * self._start + states[:-1] @ system.c[0] + moved @ system.d[0]
+        return output
 
 
 class ExactResponse:
-    """Virtual states of a continuous (position, velocity) system along a motion, from rest at its first instant.
+    """Virtual states of a continuous (position, velocity) system along a motion, from `start` at its first instant.
 
     `nodes_ns` (N,) are rising instants, equally spaced except for the first interval. `position` [m or rad] and
-    `velocity` [m/s or rad/s], both (N,), describe the motion at these nodes.
+    `velocity` [m/s or rad/s], both (N,), describe the motion at these nodes. `start` (order,) are the states at the
+    first of them; None: at rest there.
     """
 
-    def __init__(self, space: StateSpace, nodes_ns: Times, position: Array, velocity: Array) -> None:
+    def __init__(
+        self, space: StateSpace, nodes_ns: Times, position: Array, velocity: Array, start: Array | None = None
+    ) -> None:
         self._space, self._nodes_ns = space, nodes_ns
         self._position, self._velocity = position, velocity
-        start = rest(space)[0] * position[0]
+        if start is None:
+            start = rest(space)[0] * position[0]
         self.states: Matrix = start[None]
         """Virtual states at the nodes, (N, order)."""
         # The first interval may have another length, so it is stepped by itself.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.exact import followed, zoh
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 
@@ -59,7 +60,7 @@ def estimated(space: StateSpace, period: float, estimator: str | None) -> StateS
         raise UsageError("a scene that uses velocity needs an estimator")
     from haptic_fieldbus.numerics import estimators  # only scenes that use velocity need it
 
-    return estimated_by(estimators.judged(estimator, period), space)
+    return estimated_by(estimators.linear_form(estimator, period), space)
 
 
 def estimated_by(velocity: StateSpace, space: StateSpace) -> StateSpace:
@@ -102,9 +103,8 @@ def split_delay(delay: float, period: float) -> tuple[int, float]:
     of more periods than are judged.
     """
     if not delay <= MOST_PERIODS * period:
-        raise UsageError(
-            f"delay {delay:g} s: expected at most {MOST_PERIODS} periods, {MOST_PERIODS * period:g} s here"
-        )
+        most = f"{MOST_PERIODS} periods, {exactly(MOST_PERIODS * period)} s"
+        raise UsageError(f"delay {exactly(delay)} s: expected at most {most}")
     whole = math.floor(delay / period + 1e-9)
     fraction = delay - whole * period
     return whole, fraction if fraction > 1e-9 * period else 0.0

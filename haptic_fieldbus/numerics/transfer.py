@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace
 
 Polynomial = tuple[float, ...]
@@ -90,12 +91,12 @@ def substituted(continuous: TransferFunction, period: float, rule: str) -> Trans
     if rule not in RULES:
         raise UsageError(f'no substitution "{rule}"; there are: {", ".join(RULES)}')
     if not 0.0 < period < math.inf:
-        raise UsageError(f"period {period:g} s: expected a finite number above 0")
+        raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
     above, below = RULES[rule](period)
     degree = len(continuous.den) - 1
     num, den = (_in_place_of_s(part, degree, above, below) for part in (continuous.num, continuous.den))
     if den[0] == 0.0:
-        raise UsageError(f"{rule} substitution at {period:g} s: a pole of the function goes to infinity")
+        raise UsageError(f"{rule} substitution at {exactly(period)} s: a pole of the function goes to infinity")
     return TransferFunction(tuple((num / den[0]).tolist()), tuple((den / den[0]).tolist()))
 
 
@@ -137,4 +138,4 @@ def _padded(function: TransferFunction) -> Polynomial:
 
 
 def _term(value: float, name: str, lag: int) -> str:
-    return f"{'-' if value < 0 else '+'} {abs(value):.6g} {name}[n{f'-{lag}' if lag else ''}]"
+    return f"{'-' if value < 0 else '+'} {rounded(abs(value), 6)} {name}[n{f'-{lag}' if lag else ''}]"

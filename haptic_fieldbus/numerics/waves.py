@@ -23,6 +23,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
+from haptic_fieldbus.numerals import exactly
+
 InTime = Callable[[int], float]
 """Function of the elapsed time [ns]."""
 
@@ -68,15 +70,17 @@ class Envelope:
 
     def __post_init__(self) -> None:
         if self.attack_level and not self.attack_time:
-            raise ValueError(f"attack_level {self.attack_level:g}: expected an attack_time too")
+            raise ValueError(f"attack_level {exactly(self.attack_level)}: expected an attack_time too")
         if self.fade_level and not self.fade_time:
-            raise ValueError(f"fade_level {self.fade_level:g}: expected a fade_time too")
+            raise ValueError(f"fade_level {exactly(self.fade_level)}: expected a fade_time too")
         if self.fade_time and self.duration is None:
-            raise ValueError(f"fade_time {self.fade_time:g}: expected a duration too, as the fade ends with the effect")
+            raise ValueError(
+                f"fade_time {exactly(self.fade_time)}: expected a duration too, as the fade ends with the effect"
+            )
         if self.duration is not None and self.attack_time + self.fade_time > self.duration:
             raise ValueError(
-                f"attack_time {self.attack_time:g} and fade_time {self.fade_time:g}: expected to fit into the duration "
-                f"{self.duration:g}"
+                f"attack_time {exactly(self.attack_time)} and fade_time {exactly(self.fade_time)}: expected to fit "
+                f"into the duration {exactly(self.duration)}"
             )
 
     @property

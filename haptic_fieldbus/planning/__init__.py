@@ -1,1 +1,1 @@
-"""From a scene, a rig and a rate to the smallest loop that renders it."""
+"""Compilation of scene, rig and rate to the smallest loop for the scene."""

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.drive.rig import Rig, RigAxis
@@ -48,8 +49,6 @@ PROVIDERS = {
 A velocity estimated from position has known dynamics, while the filter behind the drive's own velocity is unknown. A
 position integrated from velocity drifts.
 """
-DEFAULT_ESTIMATOR = "backward-difference"
-DEFAULT_METHOD = "exact-foh"
 """Both names stand here instead of being imported from `numerics`, because a scene that needs neither an estimator nor
 an integrator must not import one. A test compares them with the originals.
 """
@@ -133,7 +132,7 @@ def draft_axis(
     method: str | None,
     estimator: str | None,
 ) -> AxisPlan:
-    """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `judging`.
+    """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `verdicts`.
 
     Raises PlanError when the rig lacks the axis or a value that torque is scaled by, or when the drive cannot render
     the scene (SignalUnavailableError, ImageTooLargeError); SceneError when rig and scene differ in the workspace;
@@ -207,8 +206,8 @@ def _check_coupled(name: str, couplings: tuple[CouplingElement, ...], profile: D
         )
 
 
-def _estimator(asked: str | None, profile: DriveProfile) -> str:
-    return (asked or DEFAULT_ESTIMATOR) if _offers_position(profile) else TACHOMETER
+def _estimator(name: str | None, profile: DriveProfile) -> str:
+    return (name or DEFAULT_ESTIMATOR) if _offers_position(profile) else TACHOMETER
 
 
 def _offers_position(profile: DriveProfile) -> bool:

@@ -8,10 +8,11 @@ from collections.abc import Iterator, Mapping
 
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
+from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
 from haptic_fieldbus.planning.image import lay_out_image
-from haptic_fieldbus.planning.judging import judged, on_bus
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
+from haptic_fieldbus.planning.verdicts import on_bus, with_verdicts
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import BusTraffic
 from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
@@ -40,7 +41,7 @@ def compile_plan(
     drafts = [draft_axis(scene, axis, rig, profiles, method, estimator) for axis in scene.axes]
     buses = _buses(drafts, rig, rate)
     traffic = {axis: bus.traffic for bus in buses for axis in bus.axes}
-    axes = judged([on_bus(draft, traffic[draft.name], period) for draft in drafts], period)
+    axes = with_verdicts([on_bus(draft, traffic[draft.name], period) for draft in drafts], period)
     return Plan(
         scene=scene,
         rig=rig,
@@ -95,26 +96,26 @@ def _estimated(axis: AxisPlan) -> Iterator[str]:
     """Yield the steps that derive the handle's motion from the encoder."""
     yield f"position: counts → {axis.workspace.length_unit}, speed check"
     if axis.estimator:
-        yield f"velocity: {axis.estimator}{_judged_as(axis.estimator)}"
+        yield f"velocity: {axis.estimator}{_linear_note(axis.estimator)}"
 
 
 def _integrated(axis: AxisPlan) -> Iterator[str]:
     """Yield the steps that derive the handle's motion from the drive's own velocity."""
     # The drift grows by half a step of velocity for all the time that passes, so it takes 2·drift/step seconds.
     unit, step, drift = axis.workspace.length_unit, abs(axis.velocity_unit), axis.limits.drift
-    yield f"velocity: as the drive reads it, in steps of {step:.3g} {unit}/s, speed check"
+    yield f"velocity: as the drive reads it, in steps of {in_unit(step, f'{unit}/s')}, speed check"
     yield (
-        f"position: velocity → {unit} by the trapezoid; drift trip when it may be off by {drift:.3g} {unit}, "
-        f"after {2 * drift / step:.3g} s"
+        f"position: velocity → {unit} by the trapezoid; drift trip when it may be off by {in_unit(drift, unit)}, "
+        f"after {rounded(2 * drift / step)} s"
     )
 
 
-def _judged_as(estimator: str) -> str:
+def _linear_note(estimator: str) -> str:
     """Return a remark when the estimator is not linear, so that stability is judged with another one; else empty."""
     # Imported here, because a plan without velocity needs no estimator.
-    from haptic_fieldbus.numerics.estimators import judged_as
+    from haptic_fieldbus.numerics.estimators import linear_stand_in
 
-    other = judged_as(estimator)
+    other = linear_stand_in(estimator)
     return "" if other is None else f" (not linear: stability is judged with {other})"
 
 

@@ -6,6 +6,7 @@ Imported only when a scene has a coupling.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.scenes.element import CouplingElement
 
@@ -23,7 +24,7 @@ class CouplingAges:
 
     def _behind(self, axis: str) -> str:
         """Return the ages of both motions in words, as one number [ms] when they are equal."""
-        texts = {name: f"{1e3 * age:.2f} ms" for name, age in self.ages[axis].items()}
+        texts = {name: f"{rounded(1e3 * age)} ms" for name, age in self.ages[axis].items()}
         if len(set(texts.values())) == 1:
             return f"{texts[axis]} behind both motions"
         return " and ".join(f"{text} behind {name}" for name, text in texts.items())

@@ -1,4 +1,4 @@
-"""A plan in words: mapped objects, steps of a period, parts left out, load, delay and stability.
+"""A plan in words: mapped objects, steps of a period, parts left out, load, delay, deadlines and stability.
 
 Golden files keep this text for each scene, and for each profile.
 """
@@ -6,7 +6,10 @@ Golden files keep this text for each scene, and for each profile.
 import math
 from collections.abc import Iterator
 
+from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.deadlines import REMAINDER
+from haptic_fieldbus.planning.limit_table import limit_lines
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 
 KEY_WIDTH = 11
@@ -28,13 +31,17 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from _listed("steps", [f"{number}  {step}" for number, step in enumerate(plan.steps, start=1)])
     yield from _listed("modules", list(plan.modules))
     yield from _listed("left out", [f"{left.what}: {left.why}" for left in plan.left_out])
+    for axis in plan.axes:
+        prefix = f"{axis.name}: " if len(plan.axes) > 1 else ""
+        yield from _listed("limits", [prefix + line for line in limit_lines(axis, plan.period)])
     yield "delay", delay_text(plan)
+    yield from _listed("deadlines", list(deadline_texts(plan)))
     yield from _listed("coupling", [str(ages) for ages in plan.coupling_ages])
     yield from _stability(plan)
 
 
 def _axis(axis: AxisPlan) -> str:
-    effort = f"at most {axis.limits.effort:.3g} {axis.workspace.effort_unit}"
+    effort = f"at most {in_unit(axis.limits.effort, axis.workspace.effort_unit)}"
     return f"{axis.name}: {axis.profile.title}, node {axis.node}, {axis.workspace.value}, {effort}"
 
 
@@ -54,7 +61,7 @@ def delay_text(plan: Plan) -> str:
     """Return the delay budget in one line [ms]."""
     delay = plan.delay
     parts = ", ".join(
-        f"{name} {1e3 * part:.2f}"
+        f"{name} {rounded(1e3 * part)}"
         for name, part in (
             ("bus", delay.bus),
             ("compute", delay.compute),
@@ -63,7 +70,19 @@ def delay_text(plan: Plan) -> str:
         )
     )
     # 500·T is T/2 in ms.
-    return f"{1e3 * delay.total:.2f} ms: {parts}; the hold adds T/2 = {500 * plan.period:.2f}"
+    return f"{rounded(1e3 * delay.total)} ms: {parts}; the hold adds T/2 = {rounded(500 * plan.period)}"
+
+
+def deadline_texts(plan: Plan) -> Iterator[str]:
+    """Yield what zero torque means, then a line for each cause with its longest time [ms] and the way to zero."""
+    yield f"longest time from the event to zero torque ({100 * REMAINDER:g} % of it left), a late host not counted:"
+    for each in plan.deadlines:
+        yield f"{each.cause.value}: {milliseconds(each.seconds)}, {each.how}"
+
+
+def milliseconds(seconds: float) -> str:
+    """Return a time in words [ms], rounded up to a tenth; inf is no time."""
+    return f"{math.ceil(1e4 * seconds - 1e-6) / 10:g} ms" if math.isfinite(seconds) else "without end"
 
 
 def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
@@ -78,10 +97,10 @@ def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
         return
     per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     limits = f"stable {_up_to(limit.stable)}, passive {_up_to(limit.passive)}"
-    yield "stability", f"{stability.verdict.value}: {stability.stiffness:g} {per} asked, {limits}"
+    yield "stability", f"{stability.verdict.value}: {rounded_limit(stability.stiffness)} {per} asked, {limits}"
     if stability.recommended is not None:
-        yield "", f"recommended up to {stability.recommended:.3g} {per}"
+        yield "", f"recommended up to {rounded(stability.recommended)} {per}"
 
 
 def _up_to(limit: float) -> str:
-    return f"to {limit:.4g}" if math.isfinite(limit) else "with no limit"
+    return f"to {rounded_limit(limit)}" if math.isfinite(limit) else "with no limit"

@@ -1,8 +1,9 @@
 """The process image: a buffer of octets in and one out, each with precompiled codecs.
 
 Input:  HEADER with t_ns, the instant at which the drives latched the data of this period (with several buses the last
-        of them); then for each axis an AXIS_HEADER with age_ns of the data, link flags and emergency code; then for
-        each axis the octets of its incoming signals, as they were received.
+        of them); then for each axis an AXIS_HEADER with age_ns of the data, link flags and a code; then for
+        each axis the octets of its incoming signals, as they were received. The code is that of an emergency, or the
+        identifier of the frame that is not ours.
 Output: for each axis the octets of its outgoing signals.
 
 The bus writes the headers and copies payloads; it decodes nothing. Faults of the link therefore reach the cycle as

@@ -3,8 +3,10 @@
 import math
 from dataclasses import dataclass
 
-FADE_IN = 0.5
-"""[s]; from *operation enabled* to the full limit."""
+from haptic_fieldbus.defaults import DEFAULT_FADE_IN
+
+SHORTEST_FADE_IN, LONGEST_FADE_IN = 0.1, 60.0
+"""[s]; what may be asked for: a force that is there sooner is a kick."""
 SLEW_TIME = 0.005
 """Shortest time in which the command goes from 0 to the effort limit [s]."""
 SPEED_LIMIT = {"linear": 2.0, "rotary": 60.0}
@@ -23,6 +25,13 @@ START_SHARE = 0.25
 """Share of the effort limit that a scene may ask for in its first period."""
 AGE_SHARE = 0.6
 """Share of the drive's own guard at which feedback is too old."""
+HOLD_FADE = 0.01
+"""Time in which the held torque fades to zero, from the second missing period on [s]; longer than the slew time."""
+
+
+def fade_periods(period: float) -> int:
+    """Return in how many periods held torque fades to zero, at least 1."""
+    return max(1, round(HOLD_FADE / period))
 
 
 @dataclass(frozen=True)
@@ -37,7 +46,7 @@ class EffortLimits:
     """Largest change of the effort [N/s or N·m/s]."""
     position: tuple[float, float] | None = None
     """Lower and upper limit [m or rad]; None: not limited."""
-    fade_in: float = FADE_IN
+    fade_in: float = DEFAULT_FADE_IN
     """Time from operation enabled to full force [s]."""
     drift: float = math.inf
     """How far a position that is integrated from velocity may be uncertain."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.deadlines import TorqueDeadline, deadlines
 from haptic_fieldbus.planning.image import ImageLayout
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, BusTraffic, Delay
 from haptic_fieldbus.scenes.scene import Scene
@@ -76,6 +77,11 @@ class Plan:
         """True when all buses are simulated."""
         return all(self.rig.bus[bus.name].simulated for bus in self.buses)
 
+    def fading_in(self, fade_in: float) -> "Plan":
+        """Return the same plan, whose limits reach their full value `fade_in` [s] after *operation enabled*."""
+        axes = tuple(replace(axis, limits=replace(axis.limits, fade_in=fade_in)) for axis in self.axes)
+        return replace(self, axes=axes)
+
     def on(self, bus: BusPlan) -> "Plan":
         """Return the part of the plan on one bus: its axes, at their places in the process image of the whole plan."""
         at = [position for position, axis in enumerate(self.axes) if axis.name in bus.axes]
@@ -94,19 +100,23 @@ class Plan:
         return max((axis.delay for axis in self.axes), key=lambda delay: delay.total)
 
     @property
+    def deadlines(self) -> tuple[TorqueDeadline, ...]:
+        """Longest time to zero torque for each cause for which torque is taken away."""
+        traffic = {name: bus.traffic for bus in self.buses for name in bus.axes}
+        return deadlines([(axis, traffic[axis.name]) for axis in self.axes], self.period)
+
+    @property
     def stability(self) -> Stability | None:
         """Verdict on `weakest`; None when a bench is unknown."""
         return None if self.weakest is None else self.weakest.stability
 
     @property
     def weakest(self) -> AxisPlan | None:
-        """Axis with the smallest margin; for coupled axes the one in whose units their verdict is given.
-
-        None when a bench is unknown.
-        """
+        """Axis with the smallest margin, for coupled axes the one in whose units their verdict is given; None when a
+        bench is unknown."""
         # A group without a stiffness has no margin; as an infinite one it is the weakest only for want of another.
         told = [
-            (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.told_by)
+            (math.inf if axis.stability.margin is None else axis.stability.margin, axis.group.reference_axis)
             for axis in self.axes
             if axis.stability is not None and axis.group is not None
         ]

@@ -3,9 +3,10 @@
 from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.margins.group import Group
+from haptic_fieldbus.numerals import exactly, rounded, rounded_limit
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import AnyElement, Graded
-from haptic_fieldbus.scenes.files import parameters
+from haptic_fieldbus.scenes.parameters import parameters
 from haptic_fieldbus.signals import Signal
 
 
@@ -22,14 +23,15 @@ def check_stable(plan: Plan, *, running: bool = False) -> None:
 
 def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> str:
     """Return the message: the unstable stiffness, its limit, and settings that would be stable."""
-    axis = plan.axis(group.told_by)
+    axis = plan.axis(group.reference_axis)
     per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
-    asked = "this scene" if stability.stiffness is None else f"{stability.stiffness:g} {per}"
+    asked = "this scene" if stability.stiffness is None else f"{rounded_limit(stability.stiffness)} {per}"
     if group.stiffest is not None and len(group.varied) > 1 and not group.couplings:
         asked += f" of {group.stiffest.name}"
     limit = stability.stiffness_limit.stable
-    at = f"at {plan.rate:g} Hz with {1e3 * axis.delay.total:.2f} ms of delay"
-    limited = f"limit {limit:.4g} {per} {at}" if limit else f"no stiffness is stable {at}{_uncoupled(plan, group)}"
+    at = f"at {exactly(plan.rate)} Hz with {rounded(1e3 * axis.delay.total)} ms of delay"
+    nowhere = f"no stiffness is stable {at}{_uncoupled(plan, group)}"
+    limited = f"limit {rounded_limit(limit)} {per} {at}" if limit else nowhere
     hints = _hints(group)
     if running and Signal.VELOCITY not in axis.needs:
         hints = [hint for hint in hints if ".damping=" not in hint]
@@ -41,24 +43,25 @@ def _uncoupled(plan: Plan, group: Group) -> str:
     """Return the coupled axes that are unstable by themselves, in words; their coupling cannot be stable either."""
     parts = []
     for each in group.uncoupled():
-        found, element, space = each.told, each.stiffest, plan.axis(each.told_by).workspace
-        if element is not None and found.verdict is Verdict.UNSTABLE:
-            limit = f"limit {found.stiffness_limit.stable:.4g} {space.effort_unit}/{space.length_unit}"
-            parts.append(f"; {element.name} on {each.told_by} is unstable without a coupling too, {limit}")
+        found, element, space = each.stability, each.stiffest, plan.axis(each.reference_axis).workspace
+        limit = found.stiffness_limit.stable
+        if element is not None and limit is not None and found.verdict is Verdict.UNSTABLE:
+            where = f"{element.name} on {each.reference_axis} is unstable without a coupling too"
+            parts.append(f"; {where}, limit {rounded_limit(limit)} {space.effort_unit}/{space.length_unit}")
     return "".join(parts)
 
 
 def _softer(element: AnyElement, stiffness: float) -> str:
     """Return the `--set` options that give an element this stiffness, by way of the parameters that it follows from."""
     if not isinstance(element, Graded):
-        return f"--set {element.name}.stiffness={stiffness:g}"
+        return f"--set {element.name}.stiffness={exactly(stiffness)}"
     softer = element.with_stiffness(stiffness)
     changed = {name: getattr(softer, name) for name in parameters(type(element)) if name != "stiffness"}
     changed = {name: value for name, value in changed.items() if value != getattr(element, name)}
     # A list of stiffnesses cannot be written as one setting.
     if not all(isinstance(value, float) for value in changed.values()):
-        return f"{element.name} with {stiffness / element.stiffness:.2g} times its stiffnesses"
-    settings = [f"{name}={value:g}" for name, value in changed.items()]
+        return f"{element.name} with {rounded(stiffness / element.stiffness)} times its stiffnesses"
+    settings = [f"{name}={exactly(value)}" for name, value in changed.items()]
     return " ".join(f"--set {element.name}.{setting}" for setting in settings)
 
 
@@ -69,5 +72,6 @@ def _hints(group: Group) -> list[str]:
         return []
     hints = [] if found.stiffness is None else [_softer(element, found.stiffness)]
     if found.damping is not None and found.damping_limit is not None:
-        hints.append(f"--set {element.name}.damping={found.damping:g} (limit {found.damping_limit:.4g})")
+        limit = rounded_limit(found.damping_limit)
+        hints.append(f"--set {element.name}.damping={exactly(found.damping)} (limit {limit})")
     return hints

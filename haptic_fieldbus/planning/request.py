@@ -7,10 +7,20 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from haptic_fieldbus.defaults import (
+    DEFAULT_BUS,
+    DEFAULT_DURATION,
+    DEFAULT_NODE,
+    DEFAULT_PROTOCOL,
+    DEFAULT_RATE,
+    DEFAULT_SEED,
+)
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.planning.limits import LONGEST_FADE_IN, SHORTEST_FADE_IN
 from haptic_fieldbus.protocols.bus_name import BusName
-from haptic_fieldbus.protocols.registry import DEFAULT_PROTOCOL, parse_bus, protocol_named
+from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 
 MAXIMUM_RATE = 100_000.0
 """Highest rate accepted [Hz]: far above the rate of any bus here, and low enough for the clock to resolve a period."""
@@ -59,7 +69,7 @@ def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
             continue
         same = changes.setdefault(time, {})
         if key in same:
-            faults.append(f"--change {time:g}:{key}: given twice, as {same[key]} and {value}")
+            faults.append(f"--change {exactly(time)}:{key}: given twice, as {same[key]} and {value}")
         same[key] = value
     _raise(faults)
     return sorted(changes.items())
@@ -85,11 +95,11 @@ class Choice:
 
 def check_request(
     *,
-    bus: str = "sim",
-    node: int = 1,
-    rate: float = 1000.0,
-    duration: float = 10.0,
-    seed: int = 0,
+    bus: str = DEFAULT_BUS,
+    node: int = DEFAULT_NODE,
+    rate: float = DEFAULT_RATE,
+    duration: float = DEFAULT_DURATION,
+    seed: int = DEFAULT_SEED,
     choices: Sequence[Choice] = (),
     record: Path | None = None,
     plot: Path | None = None,
@@ -117,17 +127,25 @@ def _node_faults(protocol: str, node: int) -> list[str]:
     return [] if node in nodes else [f"node {node}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}"]
 
 
+def check_fade_in(fade_in: float) -> None:
+    """Raise UsageError for a time [s] in which a force would not fade in; the comparison also refuses NaN."""
+    if not SHORTEST_FADE_IN <= fade_in <= LONGEST_FADE_IN:
+        least, most = exactly(SHORTEST_FADE_IN), exactly(LONGEST_FADE_IN)
+        raise UsageError(f"fade-in {exactly(fade_in)} s: expected {least} to {most} s, so that the hand notices")
+
+
 def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
     """Return the faults of rate [Hz], duration [s] and seed; the comparisons also refuse NaN."""
     good_rate = MINIMUM_RATE <= rate <= MAXIMUM_RATE
     good_duration = 0.0 < duration <= LONGEST
+    rates = f"from {exactly(MINIMUM_RATE)} to {exactly(MAXIMUM_RATE)} Hz"
     checks = [
-        (good_rate, f"rate {rate:g}: expected a rate above 0, from {MINIMUM_RATE:g} to {MAXIMUM_RATE:g} Hz"),
-        (good_duration, f"duration {duration:g}: expected a time above 0 s, at most {LONGEST:g} s"),
+        (good_rate, f"rate {exactly(rate)}: expected a rate above 0, {rates}"),
+        (good_duration, f"duration {exactly(duration)}: expected a time above 0 s, at most {exactly(LONGEST)} s"),
         (
             # Only if both are good by themselves: one fault is not to be reported twice.
             not (good_rate and good_duration) or rate * duration >= 1.0,
-            f"duration {duration:g} s: less than one period at {rate:g} Hz",
+            f"duration {exactly(duration)} s: less than one period at {exactly(rate)} Hz",
         ),
         (0 <= seed <= LARGEST_SEED, f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}"),
     ]
@@ -144,6 +162,8 @@ def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list
         return [f'{option} "{path}": there is no folder {path.parent}']
     # Opening to append tries the permissions without changing a file that is there.
     existed = path.exists()
+    if existed and not path.is_file():  # opening a FIFO would wait for somebody who reads it
+        return [f'{option} "{path}": it is no regular file']
     try:
         path.open("ab").close()
     except OSError as error:

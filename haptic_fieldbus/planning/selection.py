@@ -3,14 +3,16 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from haptic_fieldbus.drive.rig import BusSection, LinearMechanism, Rig, RigAxis, RotaryMechanism, default_axis
+from haptic_fieldbus.defaults import DEFAULT_BUS
+from haptic_fieldbus.drive.rig import COUNTS_PER_REVOLUTION, BusSection, Rig, RigAxis, default_axis, shipped_mechanism
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.settings import Settled, settled
-from haptic_fieldbus.planning.task import SIMULATION, Rendering, Task
+from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
+from haptic_fieldbus.protocols.folders import own_profile
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.checked import check_elements
 from haptic_fieldbus.scenes.scene import Scene
@@ -45,33 +47,40 @@ def select(task: Task) -> Selection:
 def load(task: Task) -> Loaded:
     """Load all that the task names, except profiles, and judge nothing; raises DocumentError or UsageError."""
     check_rendering(task)
-    rig = load_rig(task.rig) if isinstance(task.rig, str | Path) else task.rig
+    rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig
     # A bus that is named replaces the buses of the rig; without either it is the simulation.
-    bus = parse_bus(task.bus or SIMULATION) if rig is None or task.bus is not None else _bus_of(rig)
+    bus = parse_bus(task.bus or DEFAULT_BUS) if rig is None or task.bus is not None else _bus_of(rig)
     if rig is not None and task.bus is not None:
         rig = _on_bus(rig, bus)
     scene = settled(task.scene, task.settings)
     if rig is None:
         rig = _shipped_bench(scene.scene, task.drive, bus, task.node)
-    return Loaded(task, scene, rig, bus)
+    return Loaded(task, scene, _with_own_profiles(rig, task.profiles), bus)
 
 
-def check_rendering(asked: Rendering) -> None:
+def _with_own_profiles(rig: Rig, profiles: str | Path | None) -> Rig:
+    """Return the rig with paths in the place of the names of own profiles, so that loading them needs no folder."""
+    return replace(
+        rig, axis={name: replace(axis, profile=own_profile(axis.profile, profiles)) for name, axis in rig.axis.items()}
+    )
+
+
+def check_rendering(rendering: Rendering) -> None:
     """Check the names of method and estimator, even if the scene needs neither, and the elements of a ready-made scene.
 
     Raises UsageError for an unknown name, SceneError for an element that a scene file could not have.
     """
     # Imported only when named, because a scene that needs neither must not import them.
-    if asked.method is not None:
+    if rendering.method is not None:
         from haptic_fieldbus.numerics.integrators import method_named
 
-        method_named(asked.method)
-    if asked.estimator is not None:
+        method_named(rendering.method)
+    if rendering.estimator is not None:
         from haptic_fieldbus.numerics.estimators import chosen
 
-        chosen(asked.estimator)
-    if isinstance(asked.scene, Scene):
-        check_elements(asked.scene, 1.0 / asked.rate, asked.method)
+        chosen(rendering.estimator)
+    if isinstance(rendering.scene, Scene):
+        check_elements(rendering.scene, 1.0 / rendering.rate, rendering.method)
 
 
 def check_known(loaded: Loaded) -> None:
@@ -165,5 +174,4 @@ def _shipped_bench(scene: Scene, drive: str, bus: BusName, node: int) -> Rig:
 
 def _unknown_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
     """Return an axis of a real bench that no rig file describes, with the mechanism of the shipped bench."""
-    mechanism = LinearMechanism("linear", 0.05) if workspace is Workspace.LINEAR else RotaryMechanism("rotary")
-    return RigAxis(bus, node, profile, mechanism, encoder_counts_per_revolution=4096)
+    return RigAxis(bus, node, profile, shipped_mechanism(workspace), COUNTS_PER_REVOLUTION)

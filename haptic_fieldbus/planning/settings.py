@@ -13,10 +13,9 @@ from pathlib import Path
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.contact import stiffest_of
-from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.scenes.catalogue import Setting, load_scene
 from haptic_fieldbus.scenes.scene import Scene
 
-Value = float | str | bool
 PART_OF_LIMIT = re.compile(r"max(?:/(\d+(?:\.\d*)?))?")
 """Form of a setting that is a part of the limit: `max`, `max/2`, `max/1.5`."""
 
@@ -26,7 +25,7 @@ class Settled:
     """A scene with all settings applied, except one that is a part of the limit."""
 
     origin: str | Path | Scene
-    values: Mapping[str, Value]
+    values: Mapping[str, Setting]
     """All settings; a part of the limit as it was written, such as `max/2`."""
     scene: Scene
     part: str | None
@@ -50,7 +49,7 @@ class Settled:
         return with_settings(self.origin, {**self.values, self.part: limit / divisor})
 
 
-def settled(scene: str | Path | Scene, settings: Mapping[str, Value] | None) -> Settled:
+def settled(scene: str | Path | Scene, settings: Mapping[str, Setting] | None) -> Settled:
     """Load the scene and apply all settings but a part of the limit; raises SceneError or UsageError."""
     values = parsed(settings)
     part = _part_of_limit(values)
@@ -61,7 +60,7 @@ def settled(scene: str | Path | Scene, settings: Mapping[str, Value] | None) -> 
     return Settled(scene, values, found, part)
 
 
-def with_settings(scene: str | Path | Scene, values: Mapping[str, Value]) -> Scene:
+def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> Scene:
     """Return the scene with these values, loading it first if it is a name or a path.
 
     Raises SceneError for values that the scene cannot have, UsageError for an unknown scene, element or parameter.
@@ -76,12 +75,12 @@ def with_settings(scene: str | Path | Scene, values: Mapping[str, Value]) -> Sce
     return changed(scene, values)
 
 
-def parsed(settings: Mapping[str, Value] | None) -> dict[str, Value]:
+def parsed(settings: Mapping[str, Setting] | None) -> dict[str, Setting]:
     """Return the settings with texts of a number, `true` or `false` converted; other values stay as they are."""
     return {key: _parsed(value) if isinstance(value, str) else value for key, value in (settings or {}).items()}
 
 
-def _parsed(text: str) -> Value:
+def _parsed(text: str) -> Setting:
     if text in ("true", "false"):
         return text == "true"
     try:
@@ -90,7 +89,7 @@ def _parsed(text: str) -> Value:
         return text
 
 
-def _part_of_limit(values: Mapping[str, Value]) -> str | None:
+def _part_of_limit(values: Mapping[str, Setting]) -> str | None:
     """Return the name of the setting that is a part of the limit, or None.
 
     Raises UsageError for several of them, and for a setting that is no stiffness.

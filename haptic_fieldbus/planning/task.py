@@ -7,15 +7,10 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
+from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.planning.settings import Value
+from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.scene import Scene
-
-DEFAULT_DRIVE = "maxon_epos4"
-DEFAULT_RATE = 1000.0
-"""[Hz]"""
-SIMULATION = "sim"
-"""Name of the simulated bus; without a bit rate each bus of the rig keeps its own."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +22,7 @@ class Rendering:
     _: KW_ONLY
     rate: float = DEFAULT_RATE
     """Periods a second [Hz]."""
-    settings: Mapping[str, Value] | None = None
+    settings: Mapping[str, Setting] | None = None
     """Parameters of the scene, such as {"wall.stiffness": 800.0}, "0.8 N/mm" or "max/2"."""
     method: str | None = None
     """Integrator of virtual states, by name."""
@@ -49,5 +44,7 @@ class Task(Rendering):
     """Profile of the shipped bench, by name or path."""
     bus: str | None = None
     """sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE]; None is the simulation, or the buses of the rig."""
-    node: int = 1
+    node: int = DEFAULT_NODE
     """Node-ID of the first axis of the shipped bench; the others count from it."""
+    profiles: str | Path | None = None
+    """Folder of one's own profiles, beside the shipped ones; None is HAPTIC_FIELDBUS_PROFILES of the environment."""

@@ -1,1 +1,1 @@
-"""What each protocol makes of a plan: mapped signals, layout, traffic."""
+"""Fieldbus protocols for planning: mapped signals, layout, traffic."""

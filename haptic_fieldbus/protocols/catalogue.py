@@ -4,16 +4,15 @@ Rules across several keys, which the dataclasses cannot state, are checked here 
 dataclass exists. So their faults are reported together with those of single values.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from haptic_fieldbus.defaults import DEFAULT_PROTOCOL
 from haptic_fieldbus.documents import (
     Document,
     KeyPath,
-    file_names,
-    file_of,
     is_eds,
     is_path,
     knows,
@@ -23,11 +22,13 @@ from haptic_fieldbus.documents import (
 )
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, Rig
-from haptic_fieldbus.errors import ProfileError, RigError, UsageError
+from haptic_fieldbus.errors import DocumentError, ProfileError, RigError, UsageError
+from haptic_fieldbus.protocols.folders import known_names, own_profile, profile_file
+from haptic_fieldbus.protocols.folders import profile_folder as profile_folder
+from haptic_fieldbus.protocols.folders import profile_names as profile_names
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import (
     BUILT_IN,
-    DEFAULT_PROTOCOL,
     UNBUILT,
     protocol_named,
     protocol_names,
@@ -37,32 +38,22 @@ from haptic_fieldbus.protocols.registry import (
 PROFILE_LOADED = ("name", "source")
 """Fields that the loader fills in; a profile file must not give them."""
 RIG_LOADED = ("source",)
-"""The same for a rig file."""
+"""Fields that the loader fills in; a rig file must not give them."""
 
 UNSOURCED = {"drive", "sources"}
 """Tables whose values need no entry in [sources]."""
 
 
-def profile_folder() -> Path:
-    """Return the folder of the shipped profiles: inside an installed package, beside it in a checkout."""
-    package = Path(__file__).resolve().parents[1]
-    installed = package / "profiles"
-    return installed if installed.is_dir() else package.parent / "profiles"
+def load_profile(name_or_path: str | Path, profiles: str | Path | None = None) -> DriveProfile:
+    """Load a profile by its name, or by the path of its file: TOML, EDS or DCF (see `from_eds`).
 
-
-def profile_names() -> list[str]:
-    """Return the names of the shipped profiles, sorted."""
-    return file_names(profile_folder())
-
-
-def load_profile(name_or_path: str | Path) -> DriveProfile:
-    """Load a shipped profile by its name, or any profile by the path of its file: TOML, EDS or DCF (see `from_eds`).
-
-    Raises ProfileError or EdsError with all faults of the file, UsageError for an unknown name.
+    A name is that of a shipped profile or of a file in the folder `profiles`. When that is None, the environment
+    variable HAPTIC_FIELDBUS_PROFILES may name the folder. Raises ProfileError or EdsError with all faults of the file,
+    UsageError for an unknown name and for one that is both a shipped and an own one.
     """
     if is_eds(name_or_path):
         return protocol_named(DEFAULT_PROTOCOL).vendor_profile(name_or_path)
-    document = read_document(file_of("profile", name_or_path, profile_folder()), ProfileError)
+    document = read_document(profile_file(name_or_path, profiles), ProfileError)
     protocol = _protocol_of(document)
     profile = document.validate(protocol.profile, loaded=PROFILE_LOADED)
     document.integers(("schema",))  # Pydantic takes 1.0 and true for the literal 1
@@ -78,7 +69,10 @@ def _protocol_of(document: Document) -> FieldbusProtocol:
     noted, and the rest is checked as a profile of the default protocol.
     """
     path: KeyPath = ("drive", "protocol")
-    name, known = document.value(*path), protocol_names()
+    name = document.value(*path)
+    if isinstance(name, str) and name in BUILT_IN:
+        return protocol_named(name)  # without a look at what is installed, which takes longer than the rest
+    known = protocol_names()
     if isinstance(name, str) and name in UNBUILT and name not in known:
         document.fault(path, f'"{name}" is not available yet in this version; there is: {", ".join(known)}')
         return document.checked(None)
@@ -87,45 +81,62 @@ def _protocol_of(document: Document) -> FieldbusProtocol:
     return protocol_named(name if isinstance(name, str) and name in known else DEFAULT_PROTOCOL)
 
 
-def profile_summaries() -> list[dict[str, str | bool]]:
-    """Return the facts about each shipped profile that `profiles list` shows."""
-    return [
-        {
-            "name": profile.name,
-            "vendor": profile.drive.vendor,
-            "model": profile.drive.model,
-            "protocol": profile.drive.protocol,
-            "usable": profile.drive.usable,
-            "evidence": profile.drive.evidence,
-        }
-        for profile in map(load_profile, profile_names())
-    ]
+Summary = dict[str, str | bool]
+Refusal = DocumentError | UsageError
 
 
-def load_rig(path: str | Path) -> Rig:
+def profile_summaries(profiles: str | Path | None = None) -> dict[str, Summary | Refusal]:
+    """Return the facts about each profile that `profiles list` shows, by name; of a broken one, its error."""
+    return {name: _summary(name, profiles) for name in known_names(profiles)}
+
+
+def _summary(name: str, profiles: str | Path | None) -> Summary | Refusal:
+    """Return the facts about one profile, or the error that loading it ends in."""
+    try:
+        profile = load_profile(name, profiles)
+    except (DocumentError, UsageError) as error:
+        return error
+    return {
+        "name": profile.name,
+        "vendor": profile.drive.vendor,
+        "model": profile.drive.model,
+        "protocol": profile.drive.protocol,
+        "usable": profile.drive.usable,
+        "evidence": profile.drive.evidence,
+        "source": profile.source,
+    }
+
+
+def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
     """Load a rig file; a profile that is given as a path is looked up relative to the folder of the rig.
 
-    Raises RigError with all faults of the file.
+    It may name every profile that `load_profile` finds. Raises RigError with all faults of the file, UsageError for a
+    folder of profiles that cannot be listed.
     """
     document = read_document(Path(path), RigError)
     rig = document.validate(Rig, loaded=RIG_LOADED)
     nodes: dict[tuple[object, object], str] = {}
+    known = known_names(profiles)
     # `Rig` checks only the keys that all buses share; the section of its protocol checks each whole bus.
     buses = {name: _check_bus_section(document, name) for name in document.table("bus")}
     for name in document.table("axis"):
         document.integers(("axis", name, "mechanism", "sign"))
         _check_bus(document, name, nodes)
         _check_node(document, name)
-        _check_profile_exists(document, name)
+        _check_profile_exists(document, name, known)
         _check_position_limits(document, name)
         _check_simulation(document, name)
     rig = document.checked(rig)
     folder = Path(path).resolve().parent
     axes = {
-        name: replace(axis, profile=str(folder / axis.profile)) if is_path(axis.profile) else axis
-        for name, axis in rig.axis.items()
+        name: replace(axis, profile=_found_profile(axis.profile, folder, profiles)) for name, axis in rig.axis.items()
     }
     return replace(rig, axis=axes, bus={name: bus for name, bus in buses.items() if bus}, source=document.source)
+
+
+def _found_profile(name: str, folder: Path, profiles: str | Path | None) -> str:
+    """Return the name of a shipped profile as it is, and the path of any other."""
+    return str(folder / name) if is_path(name) else own_profile(name, profiles)
 
 
 def profile_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
@@ -224,16 +235,16 @@ def _check_node(document: Document, axis: str) -> None:
         document.refuse(("axis", axis, "node"), f"a whole number from {nodes[0]} to {nodes[-1]}")
 
 
-def _check_profile_exists(document: Document, axis: str) -> None:
-    """Note a profile that is neither a shipped one nor a file beside the rig."""
+def _check_profile_exists(document: Document, axis: str, known: Collection[str]) -> None:
+    """Note a profile that is neither one of the `known` names nor a file beside the rig."""
     name = document.value("axis", axis, "profile")
     if not isinstance(name, str):
         return
     if is_path(name):
         if not (Path(document.source).resolve().parent / name).is_file():
             document.fault(("axis", axis, "profile"), f'no file "{name}" beside this one')
-    elif name not in profile_names():
-        document.fault(("axis", axis, "profile"), f'no profile "{name}"{suggestion(name, profile_names())}')
+    elif name not in known:
+        document.fault(("axis", axis, "profile"), f'no profile "{name}"{suggestion(name, known)}')
 
 
 def _check_position_limits(document: Document, axis: str) -> None:

@@ -8,13 +8,13 @@ import re
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 
+from haptic_fieldbus.defaults import DEFAULT_PROTOCOL
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 
 GROUP = "haptic_fieldbus.protocols"
-DEFAULT_PROTOCOL = "canopen"
 """Protocol of a profile that names none, and of a bus whose first word belongs to no other protocol."""
 BUILT_IN = {DEFAULT_PROTOCOL: "haptic_fieldbus.protocols.canopen.protocol"}
 """Protocols of this package: name → module, which has the protocol as `PROTOCOL`."""

@@ -24,7 +24,7 @@ class Delay:
     bus: float
     compute: float
     drive: float
-    """From the reception of the set-point until the drive acts on it."""
+    """Time from the reception of the set-point until the drive acts on it."""
     torque_loop: float
     """Time constant of the torque loop."""
 
@@ -60,7 +60,7 @@ class AxisTraffic(Protocol):
         """Return the messages exchanged on the bus of that name, by their key in `plan --json`."""
 
     def fault_text(self, flag: LinkFlag, code: int) -> str:
-        """Return the fault that a link flag stands for, in words; `code` is the emergency code for EMERGENCY."""
+        """Return the fault that a link flag stands for, in words; `code` is the code in the header."""
 
 
 class BusTraffic(Protocol):
@@ -91,6 +91,14 @@ class BusTraffic(Protocol):
 
     def guard(self, axis: str) -> float:
         """Time after which the drive of an axis takes the torque away by itself, when nothing comes from us [s]."""
+
+    @property
+    def silence(self) -> float:
+        """Time without a device's own sign of life after which it counts as gone [s]; inf where devices send none."""
+
+    @property
+    def disturbance(self) -> float:
+        """Time by which messages outside the exchange can delay it [s]."""
 
     def check(self, bus: str) -> None:
         """Raise BusOverloadError when the bus cannot carry this; `bus` is its name, empty when the plan has one bus."""

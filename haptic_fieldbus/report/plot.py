@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
 from haptic_fieldbus.assessing.result import Array, Result, Trace
+from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.report.words import key_figures
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
@@ -148,7 +149,7 @@ def _draw_error(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) 
         return
     times = trace.times * per_second
     at, felt = thin(times, FELT * np.abs(trace.ideal))
-    panel.fill_between(at, -felt, felt, color="#dcdcdc", linewidth=0, label=f"±{100 * FELT:.0f} %: a hand cannot tell")
+    panel.fill_between(at, -felt, felt, color="#dcdcdc", linewidth=0, label=f"±{percent(FELT)}: a hand cannot tell")
     _line(panel, times, trace.force - trace.ideal, VERMILION, 1.0, "rendered − ideal")
     panel.set_ylabel(f"error [{units.effort}]")
 
@@ -211,7 +212,7 @@ def first_force(trace: Trace) -> tuple[float, float] | None:
     force = np.abs(trace.ideal if trace.ideal is not None else trace.force)
     if not force.any():
         return None
-    period = float(np.median(np.diff(trace.sample_times)))
+    period = trace.period or float(np.median(np.diff(trace.sample_times)))
     at = float(trace.times[np.argmax(force >= COUNTS * force.max())])
     first = max(float(trace.times[0]), at - ZOOM_BEFORE * period)
     return first, min(float(trace.times[-1]), first + (ZOOM_BEFORE + ZOOM_AFTER) * period)
@@ -232,6 +233,7 @@ def cut(trace: Trace, first: float, last: float) -> Trace:
         None if trace.samples is None else trace.samples[sampled],
         {name: position[inside] for name, position in trace.virtual.items()},
         trace.sensor,
+        trace.period,
     )
 
 

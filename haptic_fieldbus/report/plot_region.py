@@ -8,9 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.api.judging import Judged
+from haptic_fieldbus.api.judging import Judgement
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.report.plot import BLUE, GREEN, INK, VERMILION
 from haptic_fieldbus.report.words import parameter_units
 
@@ -18,39 +19,42 @@ POINTS = 48
 """Number of dampings at which limits are computed for each panel."""
 
 
-def plot_region(judged: Judged, path: Path) -> None:
+def plot_region(judgement: Judgement, path: Path) -> None:
     """Draw the limits of stiffness over damping: on the left the whole region, on the right around the scene.
 
     The suffix of the file tells the format. Raises UsageError when no element of the scene has both parameters, and
     OSError when the file cannot be written.
     """
-    element = judged.group.stiffest
+    element = judgement.group.stiffest
     if element is None or not hasattr(element, "damping"):
         raise UsageError("--plot draws stiffness over damping; this scene has no element with both")
-    told = judged.stability
+    stability = judgement.stability
     # The last term keeps the panel from having no width when neither device nor scene has damping.
-    near = 4.0 * max(told.plant.damping, float(element.damping), 1e-9 * judged.group.largest_damping)
+    near = 4.0 * max(stability.plant.damping, float(element.damping), 1e-9 * judgement.group.largest_damping)
     figure = Figure(figsize=(11.0, 5.0), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(
-        f"{judged.scene.name}: period {1e3 * told.period_s:g} ms, delay {1e3 * told.delay_s:.2g} ms",
+        f"{judgement.scene.name}: period {rounded(1e3 * stability.period_s)} ms, "
+        f"delay {rounded(1e3 * stability.delay_s)} ms",
         size=12, weight="bold", color=INK, x=0.01, ha="left",
     )  # fmt: skip
     panels = figure.subplots(1, 2)
-    for panel, end in zip(panels, (_end(judged), near), strict=True):
-        _draw(panel, judged, end)
-        if told.stiffness is not None:
-            panel.plot([float(element.damping)], [told.stiffness], "o", color=VERMILION, label=told.verdict.value)
+    for panel, end in zip(panels, (_end(judgement), near), strict=True):
+        _draw(panel, judgement, end)
+        if stability.stiffness is not None:
+            panel.plot(
+                [float(element.damping)], [stability.stiffness], "o", color=VERMILION, label=stability.verdict.value
+            )
     panels[0].set_title("the whole region", loc="left", size=10, color=INK)
     panels[1].set_title("around the scene", loc="left", size=10, color=INK)
     panels[1].legend(frameon=False)
     figure.savefig(path)
 
 
-def _draw(panel: Axes, judged: Judged, end: float) -> None:
+def _draw(panel: Axes, judgement: Judgement, end: float) -> None:
     """Draw both limits for dampings from 0 to `end`."""
-    units = parameter_units(judged.workspace)
-    damping, stable, passive = _limits(judged, end)
+    units = parameter_units(judgement.workspace)
+    damping, stable, passive = _limits(judgement, end)
     panel.fill_between(damping, stable, color=BLUE, alpha=0.16, linewidth=0)
     panel.plot(damping, stable, color=BLUE, linewidth=1.8, label="stable below")
     panel.fill_between(damping, passive, color=GREEN, alpha=0.25, linewidth=0)
@@ -63,12 +67,12 @@ def _draw(panel: Axes, judged: Judged, end: float) -> None:
     panel.spines[["top", "right"]].set_visible(False)
 
 
-def _limits(judged: Judged, end: float) -> tuple[Array, Array, Array]:
+def _limits(judgement: Judgement, end: float) -> tuple[Array, Array, Array]:
     """Return dampings from 0 to `end`, and for each the limits of stability and of passivity, each `(POINTS,)`."""
 
     def both(damping: float) -> tuple[float, float]:
-        stable = _drawn(judged.group.limit(damping))
-        return stable, min(stable, judged.group.passive_limit(damping, stable))
+        stable = _drawn(judgement.group.limit(damping))
+        return stable, min(stable, judgement.group.passive_limit(damping, stable))
 
     dampings = np.linspace(0.0, end, POINTS)
     limits = np.array([both(damping) for damping in dampings.tolist()])
@@ -80,10 +84,10 @@ def _drawn(limit: float) -> float:
     return limit if math.isfinite(limit) else 0.0
 
 
-def _end(judged: Judged) -> float:
+def _end(judgement: Judgement) -> float:
     """Return a damping [N·s/m or N·m·s/rad] with which no stiffness is stable; at most about twice the largest one."""
-    scale = judged.group.largest_damping
+    scale = judgement.group.largest_damping
     value = 1e-3 * scale
-    while value < 2.0 * scale and judged.group.limit(value):
+    while value < 2.0 * scale and judgement.group.limit(value):
         value *= math.sqrt(2.0)
     return value

@@ -13,20 +13,26 @@ from haptic_fieldbus.report.plot import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, t
 COLOURS = (ORANGE, GREEN, PURPLE, SKY)
 
 
-def plot_response(found: Response, title: str, path: Path) -> None:
+def plot_response(response: Response, title: str, path: Path) -> None:
     """Draw a response into a file, whose suffix tells the format; raises OSError when it cannot be written."""
-    velocities = [name for name in found.states if name.endswith("velocity")]
+    velocities = [name for name in response.states if name.endswith("velocity")]
     figure = Figure(figsize=(10.0, 7.2 if velocities else 5.2), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
-    method = f" · {found.method}" if found.method else ""
+    method = f" · {response.method}" if response.method else ""
     figure.suptitle(f"{title}{method}", size=13, weight="bold", color=INK, x=0.01, ha="left")
     panels = list(figure.subplots(3 if velocities else 2, 1, sharex=True))
-    length, effort = found.workspace.length_unit, found.workspace.effort_unit
-    _panel(panels[0], found, [n for n in found.states if n not in velocities], f"position [{length}]", found.position)
+    length, effort = response.workspace.length_unit, response.workspace.effort_unit
+    _panel(
+        panels[0],
+        response,
+        [n for n in response.states if n not in velocities],
+        f"position [{length}]",
+        response.position,
+    )
     if velocities:
-        _panel(panels[1], found, velocities, f"velocity [{length}/s]", None)
-    panels[-1].plot(*thin(found.time, found.force), color=BLUE, linewidth=1.6)
-    panels[-1].set_ylabel(f"{found.workspace.effort_name} on the puck [{effort}]")
+        _panel(panels[1], response, velocities, f"velocity [{length}/s]", None)
+    panels[-1].plot(*thin(response.time, response.force), color=BLUE, linewidth=1.6)
+    panels[-1].set_ylabel(f"{response.workspace.effort_name} on the puck [{effort}]")
     panels[-1].set_xlabel("time [s]")
     for panel in panels:
         panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
@@ -35,11 +41,11 @@ def plot_response(found: Response, title: str, path: Path) -> None:
     figure.savefig(path)
 
 
-def _panel(panel: Axes, found: Response, names: list[str], label: str, puck: Array | None) -> None:
+def _panel(panel: Axes, response: Response, names: list[str], label: str, puck: Array | None) -> None:
     """Draw the named virtual states, and the puck unless it is None."""
     if puck is not None:
-        panel.plot(*thin(found.time, puck), color=BLUE, linewidth=1.6, label="puck")
+        panel.plot(*thin(response.time, puck), color=BLUE, linewidth=1.6, label="puck")
     for name, colour in zip(names, cycle(COLOURS), strict=False):
-        panel.plot(*thin(found.time, found.states[name]), color=colour, linewidth=1.6, label=f"virtual {name}")
+        panel.plot(*thin(response.time, response.states[name]), color=colour, linewidth=1.6, label=f"virtual {name}")
     panel.set_ylabel(label)
     panel.legend(frameon=False, fontsize=9, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)

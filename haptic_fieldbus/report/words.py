@@ -9,11 +9,12 @@ from typing import Any, cast
 from haptic_fieldbus.assessing.result import Result, TorqueError
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.explain import delay_text
+from haptic_fieldbus.planning.explain import delay_text, milliseconds
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.scenes.catalogue import quantities
 from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.scene import axes_of
 from haptic_fieldbus.signals import Workspace
 
@@ -54,6 +55,7 @@ def _announcement(plan: Plan) -> Iterator[Line]:
             yield "plan", text
     yield "plan", f"left out: {', '.join(left.what for left in plan.left_out) or 'nothing'}"
     yield "delay", delay_text(plan)
+    yield "deadlines", deadlines_text(plan)
     for ages in plan.coupling_ages:
         yield "coupling", str(ages)
     yield "stability", stability_text(plan)
@@ -61,7 +63,7 @@ def _announcement(plan: Plan) -> Iterator[Line]:
 
 def _outcome(result: Result) -> Iterator[Line]:
     if result.cycles:
-        yield "result", f"{periods(result)}{_load_text(result)}{_speed_text(result)}"
+        yield "result", f"{periods_text(result)}{_load_text(result)}{_speed_text(result)}"
     if result.torque_error is not None:
         yield "result", f"{error_sizes(result.torque_error)}{_sources_text(result.torque_error)}"
     if result.verdict is not None:  # only a run that went to its end has a verdict, so nothing tripped
@@ -75,8 +77,17 @@ def _outcome(result: Result) -> Iterator[Line]:
 
 def change_text(time: float, settings: Mapping[str, object]) -> str:
     """Return the time of a change [s from operation enabled] and its new values."""
-    values = [f"{key}={value:g}" if isinstance(value, float) else f"{key}={value}" for key, value in settings.items()]
-    return f"at {time:g} s {', '.join(values)}"
+    texts = {key: exactly(value) if isinstance(value, float) else value for key, value in settings.items()}
+    values = [f"{key}={text}" for key, text in texts.items()]
+    return f"at {exactly(time)} s {', '.join(values)}"
+
+
+def deadlines_text(plan: Plan) -> str:
+    """Return the longest times to zero torque in one line, causes with the same time together."""
+    causes: dict[str, list[str]] = {}
+    for each in plan.deadlines:
+        causes.setdefault(milliseconds(each.seconds), []).append(each.cause.value)
+    return "zero torque within " + "; ".join(f"{time}: {', '.join(names)}" for time, names in causes.items())
 
 
 def scene_text(plan: Plan) -> str:
@@ -96,7 +107,7 @@ def _element_text(element: AnyElement, workspace: Workspace) -> str:
     kept = {field.name: field.default for field in fields(cast(Any, element))}
     values = {name: getattr(element, name) for name in units}
     parts = [
-        f"{name.replace('_', ' ')} {value:g} {units[name]}".rstrip()
+        f"{name.replace('_', ' ')} {exactly(value)} {units[name]}".rstrip()
         for name, value in values.items()
         if value and value != kept[name] and name != "position"
     ]
@@ -121,16 +132,16 @@ def bench_text(plan: Plan, axis: AxisPlan) -> str:
     place = f"bus {rig.bus}, node {axis.node}" if len(plan.buses) > 1 else f"node {axis.node}"
     mechanism = rig.mechanism
     travel = (
-        f"{mechanism.metres_per_revolution:g} m/rev"
+        f"{exactly(mechanism.metres_per_revolution)} m/rev"
         if isinstance(mechanism, LinearMechanism)
-        else f"gear {mechanism.gear_ratio:g}"
+        else f"gear {exactly(mechanism.gear_ratio)}"
     )
     known = (
-        f"{rig.inertia:.1e} kg·m², {rig.viscous_damping:.1e} N·m·s/rad"
+        f"{exactly(rig.inertia)} kg·m², {exactly(rig.viscous_damping)} N·m·s/rad"
         if rig.inertia is not None and rig.viscous_damping is not None
         else "inertia and damping unknown"
     )
-    speed = f"{next(each.traffic.speed for each in plan.buses if each.name == rig.bus)}, {plan.rate:g} Hz"
+    speed = f"{next(each.traffic.speed for each in plan.buses if each.name == rig.bus)}, {exactly(plan.rate)} Hz"
     encoder = f"{rig.encoder_counts_per_revolution} counts/rev"
     return f"{axis.profile.title} ({link}), {place}, {speed} · {encoder}, {travel}, {known}"
 
@@ -143,11 +154,12 @@ def stability_text(plan: Plan) -> str:
     stable, verdict = stability.stiffness_limit.stable, stability.verdict.value
     if stable is None or stability.stiffness is None:
         return verdict
-    asked = f"you ask {stability.stiffness:g}: {verdict}"
+    asked = f"you ask {rounded_limit(stability.stiffness)}: {verdict}"
     if math.isinf(stable):
         return f"stable with no limit on this bench; {asked}"
     unit = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
-    return f"stable to {count(stable)} {unit} on this bench{_passive_text(stability)}; {asked}{_margin_text(stability)}"
+    limits = f"stable to {rounded_limit(stable)} {unit} on this bench{_passive_text(stability)}"
+    return f"{limits}; {asked}{_margin_text(stability)}"
 
 
 def _passive_text(stability: Stability) -> str:
@@ -155,17 +167,17 @@ def _passive_text(stability: Stability) -> str:
     passive = stability.stiffness_limit.passive
     if passive is None:
         return ""
-    return f" (passive to {count(passive)})" if passive else " (passive at none)"
+    return f" (passive to {rounded_limit(passive)})" if passive else " (passive at none)"
 
 
 def _margin_text(stability: Stability) -> str:
-    return f", margin {stability.margin:.1f}" if stability.margin is not None else ""
+    return f", margin {rounded(stability.margin)}" if stability.margin is not None else ""
 
 
-def periods(result: Result) -> str:
+def periods_text(result: Result) -> str:
     """Return the number of periods, and how many were missed."""
     missed = result.missed_cycles or 0
-    return f"{count(result.cycles or 0)} periods, {f'{count(missed)} missed' if missed else 'none missed'}"
+    return f"{result.cycles or 0} periods, {missed or 'none'} missed"
 
 
 def _load_text(result: Result) -> str:
@@ -176,13 +188,13 @@ def _speed_text(result: Result) -> str:
     """Return simulated time and wall-clock time; empty for a run that was not in virtual time."""
     if result.clock != "virtual" or not result.elapsed or not result.duration:
         return ""
-    return f" · {result.duration:.1f} s in {result.elapsed:.1f} s"
+    return f" · {rounded(result.duration)} s in {rounded(result.elapsed)} s"
 
 
 def error_sizes(error: TorqueError) -> str:
     """Return rms and largest error with their unit."""
     name = "force" if error.unit == "N" else "torque"
-    return f"{name} error {quantity(error.rms, error.unit)} rms, {quantity(error.max, error.unit)} max"
+    return f"{name} error {in_unit(error.rms, error.unit)} rms, {in_unit(error.max, error.unit)} max"
 
 
 def _sources_text(error: TorqueError) -> str:
@@ -197,34 +209,17 @@ def energy_text(energy: float | None) -> str:
     if not energy:
         return ""
     way = "gives the hand" if energy > 0.0 else "takes from the hand"
-    return f"{way} {quantity(abs(energy), 'J')} more than the ideal · "
+    return f"{way} {in_unit(abs(energy), 'J')} more than the ideal · "
 
 
 def key_figures(result: Result) -> str:
     """Return the line below the title of a picture."""
-    parts = [f"{result.scene} on {result.drive}, {result.bus}, {result.rate:g} Hz", periods(result)]
+    parts = [f"{result.scene} on {result.drive}, {result.bus}, {exactly(result.rate)} Hz", periods_text(result)]
     if result.torque_error is not None:
         parts.append(error_sizes(result.torque_error))
     return " · ".join(parts) + _load_text(result)
 
 
-def count(number: float) -> str:
-    """Return a number rounded to a whole one in groups of three digits; below 10, with three digits if not whole."""
-    if abs(number) < 10.0 and number != round(number):
-        return f"{number:.3g}"
-    return f"{number:,.0f}".replace(",", " ")
-
-
-def percent(share: float) -> str:
-    """Return a share in whole percents."""
-    return f"{100 * share:.0f} %"
-
-
-def quantity(value: float, unit: str) -> str:
-    """Return a value with its unit in two digits; below 0.01 in thousandths of the unit."""
-    return f"{1e3 * value:.2g} m{unit}" if 0 < abs(value) < 0.01 else f"{value:.2g} {unit}"
-
-
 def length(value: float, workspace: Workspace) -> str:
     """Return a position in the workspace [m or rad], metres shown in millimetres."""
-    return f"{1e3 * value:g} mm" if workspace is Workspace.LINEAR else f"{value:g} rad"
+    return f"{exactly(1e3 * value)} mm" if workspace is Workspace.LINEAR else f"{exactly(value)} rad"

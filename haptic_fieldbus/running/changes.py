@@ -14,15 +14,16 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.planning.live_changes import RAMP, Applied, Change, plan_change
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.settings import Value
-from haptic_fieldbus.planning.tuning import RAMP, Applied, Change, tuned
+from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from haptic_fieldbus.cycle.cycle import Cycle
 
-Scheduled = tuple[float, Mapping[str, Value]]
+Scheduled = tuple[float, Mapping[str, Setting]]
 """Time [s from operation enabled] and settings of a change."""
 
 
@@ -69,7 +70,7 @@ class Changes:
         """Time at which the ramp to `scene` began [s from operation enabled]; 0 when nothing has changed."""
         return self.applied[-1].time if self.applied else 0.0
 
-    def request(self, settings: Mapping[str, Value]) -> Change:
+    def request(self, settings: Mapping[str, Setting]) -> Change:
         """Check new values and hand them to the loop; returns the change. May be called from any thread during the run.
 
         The ramp to the new values begins with the next period, or when the ramp of the change before is over. Raises
@@ -81,8 +82,8 @@ class Changes:
                 raise UsageError("nothing runs with these changes: they can be asked for while `run` runs")
             # Changes are made in the order in which they were judged, so a request would have to wait for these.
             if len(self._planned) > len(self.applied):
-                raise UsageError(f"scheduled changes are still to come, up to {self._planned[-1].time:g} s")
-            change = tuned(self._running, self._last, settings, force=self._force)
+                raise UsageError(f"scheduled changes are still to come, up to {exactly(self._planned[-1].time)} s")
+            change = plan_change(self._running, self._last, settings, force=self._force)
             self._hand_over(change, self._last, self._cycle)
             self._last = change.plan
         return change
@@ -95,9 +96,9 @@ class Changes:
         """
         if self._running is not None:
             raise UsageError("these changes were those of another run; make new ones")
-        faults = [] if 0.0 < self.ramp < math.inf else [f"ramp {self.ramp:g}: expected a time above 0 s"]
+        faults = [] if 0.0 < self.ramp < math.inf else [f"ramp {exactly(self.ramp)}: expected a time above 0 s"]
         faults += [
-            f"change at {time:g} s: expected a time above 0 s and below the duration, {duration:g} s"
+            f"change at {exactly(time)} s: expected a time above 0 s and below the duration, {exactly(duration)} s"
             for time, _ in self.scheduled
             if not 0.0 < time < duration
         ]
@@ -106,9 +107,11 @@ class Changes:
         planned: list[Change] = []
         for time, settings in sorted(self.scheduled, key=lambda scheduled: scheduled[0]):
             try:
-                planned.append(tuned(plan, planned[-1].plan if planned else plan, settings, force=force, time=time))
+                planned.append(
+                    plan_change(plan, planned[-1].plan if planned else plan, settings, force=force, time=time)
+                )
             except HapticFieldbusError as error:
-                error.add_note(f"asked for by the change at {time:g} s")
+                error.add_note(f"asked for by the change at {exactly(time)} s")
                 raise
         self._running, self._planned, self._force = plan, tuple(planned), force
         return self._planned

@@ -16,7 +16,9 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.trips import explained, moment, trip_error
 from haptic_fieldbus.errors import BusError, BusTimeoutError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.running.realtime import no_garbage_collection, threads_give_way
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
@@ -24,8 +26,10 @@ if TYPE_CHECKING:  # a run in which nothing changes does without them
 
 ENABLING_TIME = 2.0
 """Time allowed to reach operation enabled [s], in addition to the longest mode change timeout of the drives."""
-LONGEST_SAMPLE = 1_000_000
-"""Largest number of periods in the report; of a longer run the last ones are kept."""
+LONGEST_SAMPLE = 500_000
+"""Largest number of periods whose times are kept; of a longer run those of the last ones."""
+LATE_SHARE = 0.1
+"""Share of the period from which on a period that begins later than planned counts as late."""
 PROGRESS_EVERY = 0.1
 """Time between two reports of progress [s]."""
 UNCONFIRMED = "The drives did not confirm that their motors are off: switch the power off."
@@ -42,12 +46,15 @@ def run_loop(
     progress: Callable[[int], None] | None = None,
     report: LoopReport | None = None,
     changes: "Changes | None" = None,
+    ending: EndSignals | None = None,
 ) -> LoopReport:
     """Run an opened bus for `cycles` periods of operation enabled and return the report of the run.
 
-    Ctrl-C ends the run early and is no error. `progress` is called with the number of periods done. A `report` that is
-    passed in is filled during the run, so that it can be read after an exception too. Raises DriveFaultError, BusError
-    or SafetyTripError; by then `bus.stop` was called, and a note says so when a drive did not confirm it.
+    Ctrl-C, or a signal that `ending` has noted, ends the run early and is no error. `progress` is called with the
+    number of periods done. A `report` that is passed in is filled during the run, so that it can be read after an
+    exception too. Raises DriveFaultError, BusError or SafetyTripError; by then `bus.stop` was called, and a note says
+    so when a drive did not confirm it. BusError also
+    after a run without fault, when a drive did not confirm its end.
     """
     report = LoopReport() if report is None else report
     report.samples = Record(SAMPLES, min(cycles, LONGEST_SAMPLE))
@@ -59,7 +66,7 @@ def run_loop(
     try:
         # Only changes are computed by another thread, so only a run with changes must make threads give way.
         with no_garbage_collection(), threads_give_way() if changes is not None else nullcontext():
-            _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report, changes)
+            _run(plan, cycle, bus, clock, cycles, record, progress or _silent, report, changes, ending or EndSignals())
     except KeyboardInterrupt:
         report.interrupted = True
     except BusError as error:
@@ -82,6 +89,8 @@ def run_loop(
         if not report.released:
             failure.add_note(UNCONFIRMED)
         raise failure
+    if not report.released:
+        raise BusError(f"{UNCONFIRMED} {' '.join(f'{warning}.' for warning in bus.warnings)}".rstrip())
     return report
 
 
@@ -95,8 +104,10 @@ def _run(
     progress: Callable[[int], None],
     report: LoopReport,
     changes: "Changes | None",
+    ending: EndSignals,
 ) -> None:
     period_ns, compute_ns = plan.period_ns, plan.compute_ns
+    largest_lateness_ns = round(LATE_SHARE * period_ns)
     feedback_ns = _feedback_time_ns(plan)
     enabling_periods = round(_enabling_time(plan) * plan.rate)
     progress_every = max(1, round(PROGRESS_EVERY * plan.rate))
@@ -105,9 +116,13 @@ def _run(
     before_ns = deadline_ns - period_ns
     while report.cycles < cycles:
         late_ns = clock.sleep_until(deadline_ns)
+        if ending.signal is not None:
+            report.interrupted = True
+            return
         if late_ns >= period_ns:
             # Skip whole periods only, so that the deadlines stay on the grid t0 + k·T.
-            report.missed += late_ns // period_ns
+            if report.enabled_at_ns is not None:
+                report.missed += late_ns // period_ns
             deadline_ns += late_ns // period_ns * period_ns
         # Feedback is waited for from the real start of the period, not from its deadline.
         image = bus.read(deadline_ns + late_ns % period_ns + feedback_ns)
@@ -128,8 +143,10 @@ def _run(
         if cycle.enabled:
             if report.enabled_at_ns is None:
                 report.enabled_at_ns = latch_ns
-            report.samples.push((latch_ns - before_ns, cycle.age_ns, computed_ns))
+            report.samples.push((latch_ns - before_ns, cycle.age_ns, computed_ns, late_ns))
             report.cycles += 1
+            if late_ns > largest_lateness_ns:
+                report.late += 1
             if report.cycles % progress_every == 0:
                 progress(report.cycles)
             if changes is not None and changes.waiting:
@@ -161,6 +178,6 @@ def _not_enabled(plan: Plan, cycle: Cycle) -> BusTimeoutError:
     """Return the error for drives that did not reach operation enabled, with the power state of each axis."""
     states = ", ".join(f"axis {axis.name} is in the state {cycle.power_state(axis.name).value}" for axis in plan.axes)
     return BusTimeoutError(
-        f"operation enabled was not reached within {_enabling_time(plan):g} s: {states}. Check safe torque off (STO), "
-        "the motor supply, and that no brake or enable input holds the drive back"
+        f"operation enabled was not reached within {exactly(_enabling_time(plan))} s: {states}. Check safe torque off "
+        "(STO), the motor supply, and that no brake or enable input holds the drive back"
     )

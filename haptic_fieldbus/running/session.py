@@ -2,32 +2,36 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from haptic_fieldbus.assessing.axis_assessment import Run
 from haptic_fieldbus.assessing.loop_report import LoopReport
-from haptic_fieldbus.assessing.record import ROW_SUFFIXES, Record, write_rows
+from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Result, known_before
-from haptic_fieldbus.assessing.summary import Run, summarise
+from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, notices
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.numerals import exactly, percent
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
+from haptic_fieldbus.running.ending import ended_by_signals
 from haptic_fieldbus.running.loop import run_loop
+from haptic_fieldbus.running.rows import Rows
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
 
 ENABLING_PERIODS = 4000
 """Rows reserved for the periods before operation enabled."""
-LONGEST_RECORD = 2_000_000
-"""Largest number of rows for the periods after it; of a longer run the last rows are kept."""
+LONGEST_RECORD = 300_000
+"""Largest number of rows that are kept of a run on real drives; files of rows are written while it goes on."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,8 @@ class Site:
     clock: Clock
     buses: Mapping[str, Bus]
     worlds: Mapping[str, Truth]
+    faults: list[str] = field(default_factory=list)
+    """Reasons for which a recording of frames ended early; complete when the site has been left."""
 
 
 def render(request: Request, place: AbstractContextManager[Site]) -> Result:
@@ -64,14 +70,24 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     plan = request.selection.plan
     cycles = max(1, round(request.duration * plan.rate))
     cycle, report = Cycle(plan), LoopReport()
-    record = Record(columns(plan), min(cycles, LONGEST_RECORD) + ENABLING_PERIODS)
+    kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
+    record = Record(columns(plan), min(cycles, kept) + ENABLING_PERIODS)
+    try:
+        rows = Rows(record, request.record, simulated=plan.simulated)
+    except OSError as error:
+        raise UsageError(f"cannot record to {request.record}: {error.strerror}") from error
+    recordings: list[str] = []
     started = perf_counter()
     try:
-        with place as site:
+        with ended_by_signals() as ending, place as site:
+            recordings = site.faults
             bus = _one_of(site.buses)
+            run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
+            assessment = Assessment(run)
             try:
                 bus.open(plan)
                 _ask(request, plan, bus)
+                ending.hold()
                 run_loop(
                     plan,
                     cycle,
@@ -79,21 +95,28 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
                     site.clock,
                     cycles=cycles,
                     record=record,
-                    progress=_counted(request.progress, cycles),
+                    progress=_followed(rows, assessment, request.progress, cycles),
                     report=report,
                     changes=request.changes,
+                    ending=ending,
                 )
             finally:
+                ending.hold()
                 bus.close()
     except HapticFieldbusError as error:
         # A run that fails has a result too: the command line prints it beside the error.
         error.result = known_before(request.selection, report, cycle.trip, str(error))
+        error.result = replace(error.result, warnings=tuple(notices(plan, cycle, report)))
         raise
     finally:
-        _write_rows(record, request.record)
+        rows.close()
+        if rows.fault is not None:
+            recordings.append(rows.fault.strerror or str(rows.fault))
     elapsed = perf_counter() - started
-    result = summarise(Run(request.selection, cycle, record, report, site.worlds, site.clock.name, elapsed))
-    return replace(result, warnings=tuple(bus.warnings))
+    result = assessment.finish(elapsed)
+    fault = next(iter(recordings), None)
+    told = [] if fault is None else [f"the recording {request.record} ended before the run: {fault}"]
+    return replace(result, warnings=(*bus.warnings, *told, *result.warnings), recording_fault=fault)
 
 
 def _one_of(buses: Mapping[str, Bus]) -> Bus:
@@ -101,17 +124,12 @@ def _one_of(buses: Mapping[str, Bus]) -> Bus:
     return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
 
 
-def _write_rows(record: Record, path: Path | None) -> None:
-    """Write the rows if the file is one for rows, not for frames."""
-    if path is not None and path.suffix in ROW_SUFFIXES:
-        write_rows(record, path)
-
-
 def _ask(request: Request, plan: Plan, bus: Bus) -> None:
     """Ask for confirmation before torque is enabled on a real bus; raises UsageError without it."""
     if request.selection.bus.simulated:
         return
-    question = "\n".join(_warning(plan, name, bus) for name in bus.facts)
+    heard = dict.fromkeys(facts.listened for facts in bus.facts.values() if facts.listened)
+    question = "\n".join([*heard, *(_warning(plan, name, bus) for name in bus.facts)])
     if request.confirm is None or not request.confirm(question):
         raise UsageError("not enabled: on a real bus nothing moves until it is confirmed (--yes for scripts)")
 
@@ -124,11 +142,20 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     serial = "" if facts.serial is None else f" (serial {facts.serial:#06x})"
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
-        f"at most {100 * share:.0f} % of rated torque, {axis.limits.speed:g} {axis.workspace.length_unit}/s; "
+        f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
         f"{facts.link_loss}, confirmed in the drive."
     )
 
 
-def _counted(progress: Callable[[int, int], None] | None, cycles: int) -> Callable[[int], None] | None:
-    """Return `progress` with the number of all periods filled in; None when there is none."""
-    return None if progress is None else lambda done: progress(done, cycles)
+def _followed(
+    rows: Rows, assessment: Assessment, progress: Callable[[int, int], None] | None, cycles: int
+) -> Callable[[int], None]:
+    """Return the function that the loop calls about ten times a second: it records, assesses, and tells progress."""
+
+    def follow(done: int) -> None:
+        rows.flush()
+        assessment.advance()
+        if progress is not None:
+            progress(done, cycles)
+
+    return follow

@@ -1,16 +1,16 @@
 """Load scenes of the library and of files, list the shipped ones, and give the JSON Schema of their files."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from haptic_fieldbus.documents import file_names, file_of, schema_of
 from haptic_fieldbus.scenes.files import apply_settings, check_together, elements_of, raise_faults
-from haptic_fieldbus.scenes.files import parameters as parameters
-from haptic_fieldbus.scenes.files import quantities as quantities
+from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.parts import LIBRARY, SceneFile, ScenePart, read_parts
 from haptic_fieldbus.scenes.quantities import Quantity
-from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, own_elements
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Workspace
 
@@ -61,23 +61,34 @@ def scene_summaries() -> list[dict[str, str | list[str]]]:
     ]
 
 
-def scene_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a scene file, with a definition for each kind of element."""
+def scene_schema(*, own: bool = False) -> dict[str, Any]:
+    """Return the JSON Schema of a scene file, with a definition for each kind of element.
+
+    With `own` it has the elements that other packages add too.
+    """
     schema = schema_of(SceneFile)
     definitions = schema.setdefault("$defs", {})
-    for kind in ELEMENTS:
-        element = schema_of(element_type(kind))
+    names = {kind: element_type(kind).__name__ for kind in ELEMENTS}
+    if own:
+        names |= {each.kind: f"own.{each.kind}" for each in own_elements() if each.fault is None}
+    for kind, name in names.items():
+        element = _element_schema(kind, name)
         # References count from the root of the schema, so the definitions inside of an element move there.
-        definitions |= element.pop("$defs", {})
-        for name, quantity in quantities(element_type(kind)).items():
-            element["properties"][name] = _with_units(element["properties"][name], quantity)
-        element["properties"] = {"kind": {"const": kind}} | element["properties"]
-        element["required"] = ["kind", *element["required"]]
-        definitions[element["title"]] = element
-    schema["properties"]["element"]["items"] = {
-        "oneOf": [{"$ref": f"#/$defs/{element_type(kind).__name__}"} for kind in ELEMENTS]
-    }
+        definitions |= {f"{name}.{part}": schema for part, schema in element.pop("$defs", {}).items()}
+        definitions[name] = element
+    schema["properties"]["element"]["items"] = {"oneOf": [{"$ref": f"#/$defs/{name}"} for name in names.values()]}
     return schema
+
+
+def _element_schema(kind: str, name: str) -> dict[str, Any]:
+    """Return the JSON Schema of an element of a scene file; `name` stands in front of the names of its definitions."""
+    written = json.dumps(schema_of(element_type(kind)))
+    element: dict[str, Any] = json.loads(written.replace('"#/$defs/', f'"#/$defs/{name}.'))
+    for name, quantity in quantities(element_type(kind)).items():
+        element["properties"][name] = _with_units(element["properties"][name], quantity)
+    element["properties"] = {"kind": {"const": kind}} | element["properties"]
+    element["required"] = ["kind", *element.get("required", ())]
+    return element
 
 
 def _with_units(schema: dict[str, Any], quantity: Quantity) -> dict[str, Any]:

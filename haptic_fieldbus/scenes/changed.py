@@ -17,7 +17,7 @@ def changed(scene: Scene, settings: Mapping[str, object]) -> Scene:
 
     Elements that no setting names stay the same objects. Raises SceneError with all faults of the settings, UsageError
     for an unknown element or parameter. An element without `__pydantic_config__` declares no checks and takes any
-    value.
+    value, but no text in the place of a number.
     """
     document = Document(scene.source or scene.name, "", SceneError)
     document.data["element"] = [table_of(element) for element in scene.elements]
@@ -37,11 +37,28 @@ def _made(document: Document, place: int, scene: Scene, given: Mapping[str, obje
     """Return the element built from its changed table; None when it has faults, which are noted in the document."""
     element: Any = scene.elements[place]
     if not hasattr(type(element), "__pydantic_config__"):
-        own: AnyElement = replace(element, **given)
-        return own
+        return _unchecked(document, place, element, given)
     for field in fields(element):
         # A value that was just set keeps its label, the name of the setting.
         document.labels.setdefault(("element", place, field.name), f"{element.name}.{field.name}")
     document.labels["element", place] = element.name
     convert(document, place, type(element), {axis.name: axis.workspace for axis in scene.axes})
     return document.validate(type(element), ("element", place))
+
+
+def _unchecked(document: Document, place: int, element: Any, given: Mapping[str, object]) -> AnyElement | None:
+    """Return an element that declares no checks with these values; None when it has faults, which are noted."""
+    numbers = [name for name in given if isinstance(getattr(element, name), int | float)]
+    texts = [name for name in numbers if isinstance(given[name], str)]
+    for name in texts:
+        units = f"{type(element).__name__} takes units once it has the line __pydantic_config__: ClassVar = STRICT"
+        fields_too = "and fields annotated with the types of haptic_fieldbus.scenes.element"
+        document.refuse(("element", place, name), f"a number; {units} {fields_too}")
+    if texts:
+        return None
+    try:
+        changed_element: AnyElement = replace(element, **given)
+    except (TypeError, ValueError) as error:  # its own __post_init__ may refuse a value
+        document.fault(("element", place), f"{element.name}: {error}")
+        return None
+    return changed_element

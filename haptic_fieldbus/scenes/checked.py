@@ -10,9 +10,12 @@ from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from enum import Enum
 from typing import Any
 
+from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.documents import Document, suggestion
 from haptic_fieldbus.errors import Fault, SceneError
+from haptic_fieldbus.numerals import rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.files import check_ratio
 from haptic_fieldbus.scenes.scene import Scene, axes_of
@@ -98,19 +101,18 @@ def _check_axes(document: Document, place: int, element: AnyElement, axes: list[
 def _with_limit(fault: Fault, element: AnyElement | None, period: float, method: str | None) -> Fault:
     """Return the fault, with the smallest mass that the method renders if it refuses a virtual mass of 0."""
     # Imported for this fault alone: a scene without virtual masses needs no integrator.
-    from haptic_fieldbus.numerics import integrators
 
     if element is None or not hasattr(type(element), "dynamics") or getattr(element, "mass", None) != 0.0:
         return fault
     stiffness = getattr(element, "stiffness", math.nan)
     if not (isinstance(stiffness, float | int) and 0.0 < stiffness < math.inf and 0.0 < period < math.inf):
         return fault
-    name = method or integrators.DEFAULT_METHOD
+    name = method or DEFAULT_METHOD
     least = _least_mass(element, period, name, stiffness * period**2)
     if least is None:
         limit = f"{name} renders no mass without growth"
     elif least:
-        limit = f"{name} renders it without growth from {least:.4g} up, at {1.0 / period:g} Hz"
+        limit = f"{name} renders it without growth from {rounded_limit(least)} up, at {rounded(1.0 / period)} Hz"
     else:
         limit = f"as it goes to 0 {name} stays bounded, and so does the force"
     return Fault(fault.key, f"{fault.message}; {limit}", fault.line)
@@ -119,7 +121,6 @@ def _with_limit(fault: Fault, element: AnyElement | None, period: float, method:
 def _least_mass(element: AnyElement, period: float, method: str, unit: float) -> float | None:
     """Return the smallest mass [kg or kg·m²] without growing motion; 0 when any mass is, None when none is."""
     from haptic_fieldbus.numerics import integrators
-    from haptic_fieldbus.numerics.sampled import spectral_radius
 
     def is_stable(mass: float) -> bool:
         light: Any = replace(element, mass=mass)  # type: ignore[type-var]

@@ -11,6 +11,7 @@ each move Δx. With device damping b it is passive while b > K·T/2 + B (Colgate
 from dataclasses import dataclass
 from typing import ClassVar
 
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Place, Stiffness
 from haptic_fieldbus.signals import Signal
@@ -31,7 +32,7 @@ class EndStop:
     def __post_init__(self) -> None:
         """Raise ValueError unless `lower` is below `upper`."""
         if not self.lower < self.upper:
-            raise ValueError(f"lower {self.lower:g}: expected less than upper, {self.upper:g}")
+            raise ValueError(f"lower {exactly(self.lower)}: expected less than upper, {exactly(self.upper)}")
 
     @property
     def needs(self) -> tuple[Signal, ...]:

@@ -6,20 +6,15 @@ numbers.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
-from functools import cache
-from typing import Any, cast, get_origin, get_type_hints
 
 from haptic_fieldbus.documents import Document, suggestion
 from haptic_fieldbus.errors import Fault, SceneError, UsageError
 from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.parameters import parameters, quantities
 from haptic_fieldbus.scenes.parts import ScenePart
-from haptic_fieldbus.scenes.quantities import Quantity, parse_quantity
-from haptic_fieldbus.scenes.registry import element_type
+from haptic_fieldbus.scenes.quantities import parse_quantity
+from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
 from haptic_fieldbus.signals import Workspace
-
-# Fields that tie an element to its scene, and are no parameters.
-NOT_SETTABLE = ("name", "axis", "axes")
 
 
 def apply_settings(parts: list[ScenePart], settings: Mapping[str, object], scene: str) -> None:
@@ -98,8 +93,21 @@ def elements_of(part: ScenePart, axes: Mapping[str, Workspace]) -> list[AnyEleme
     for index, kind in part.kinds.items():
         _check_workspace(part.document, index, kind, axes)
         convert(part.document, index, element_type(kind), axes)
-    found = [part.document.validate(element_type(kind), ("element", index)) for index, kind in part.kinds.items()]
+    found = [_validated(part.document, index, kind) for index, kind in part.kinds.items()]
     return [element for element in found if element is not None]
+
+
+def _validated(document: Document, index: int, kind: str) -> AnyElement | None:
+    """Return the element, or None with its faults noted; shipped kinds are tested, so only others are looked into."""
+    element = document.validate(element_type(kind), ("element", index))
+    if element is None or kind in ELEMENTS:
+        return element
+    from haptic_fieldbus.scenes.own import fault_of
+
+    fault = fault_of(element)
+    if fault is not None:
+        document.fault(("element", index), f'element "{kind}": {fault}')
+    return element
 
 
 def raise_faults(parts: list[ScenePart]) -> None:
@@ -125,32 +133,6 @@ def _in_file(fault: Fault, source: str, main: str) -> Fault:
         return fault
     line = "" if fault.line is None else f"line {fault.line}: "
     return Fault(f"in {source}: {line}{fault.key}", fault.message)
-
-
-def parameters(element: type[AnyElement]) -> list[str]:
-    """Return the names of the parameters of an element class that a setting can change."""
-    return [field.name for field in fields(cast(Any, element)) if field.name not in NOT_SETTABLE]
-
-
-@cache
-def quantities(element: type[AnyElement]) -> dict[str, Quantity]:
-    """Return the quantity that each numeric parameter of an element class measures."""
-    hints = get_type_hints(element, include_extras=True)
-    return {
-        name: quantity
-        for name in parameters(element)
-        for quantity in _metadata(hints[name])
-        if isinstance(quantity, Quantity)
-    }
-
-
-def _metadata(hint: Any) -> Iterator[object]:
-    """Yield the annotations of a type, also those inside of unions."""
-    yield from getattr(hint, "__metadata__", ())
-    # Annotations inside of a list belong to its members, not to the list.
-    if get_origin(hint) is not tuple:
-        for member in getattr(hint, "__args__", ()):
-            yield from _metadata(member)
 
 
 def _workspace(document: Document, index: int, axes: Mapping[str, Workspace]) -> Workspace | None:

@@ -24,6 +24,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import (
     STRICT,
@@ -70,7 +71,9 @@ class Needle:
     def __post_init__(self) -> None:
         """Raise ValueError when `breakaway` is given but below `friction`."""
         if 0.0 < self.breakaway < self.friction:
-            raise ValueError(f"breakaway {self.breakaway:g}: expected 0, or from friction ({self.friction:g}) up")
+            raise ValueError(
+                f"breakaway {exactly(self.breakaway)}: expected 0, or from friction ({exactly(self.friction)}) up"
+            )
 
     @property
     def needs(self) -> tuple[Signal, ...]:

@@ -11,7 +11,7 @@ from annotated_types import Len
 from haptic_fieldbus.documents import Document, beside, file_of, is_path, read_document, suggestion
 from haptic_fieldbus.errors import Fault, SceneError, UsageError
 from haptic_fieldbus.scenes.element import STRICT
-from haptic_fieldbus.scenes.registry import ELEMENTS
+from haptic_fieldbus.scenes.registry import element_type, kind_names
 from haptic_fieldbus.signals import Workspace
 
 LIBRARY = Path(__file__).resolve().parent / "library"
@@ -103,6 +103,18 @@ def _included(
         return []
 
 
+def _is_known(document: Document, index: int, kind: str) -> bool:
+    """Return whether there are elements of this kind; the fault of one whose package is broken is noted."""
+    try:
+        element_type(kind)
+    except KeyError:
+        return False
+    except UsageError as error:
+        document.fault(("element", index, "kind"), str(error))
+        return False
+    return True
+
+
 def _name_elements(document: Document) -> dict[int, str]:
     """Return the kinds of the elements by their places, where known.
 
@@ -115,8 +127,8 @@ def _name_elements(document: Document) -> dict[int, str]:
     names: set[object] = set()
     for index, table in tables.items():
         kind = table.get("kind")
-        if not isinstance(kind, str) or kind not in ELEMENTS:
-            document.refuse(("element", index, "kind"), f"a kind of element{suggestion(str(kind or ''), ELEMENTS)}")
+        if not isinstance(kind, str) or not _is_known(document, index, kind):
+            document.refuse(("element", index, "kind"), f"a kind of element{suggestion(str(kind or ''), kind_names())}")
             continue
         if "name" not in table and given.count(kind) > 1:
             document.fault(("element", index, "name"), f'missing; expected one, as the kind "{kind}" stands twice')

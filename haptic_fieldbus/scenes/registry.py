@@ -1,8 +1,15 @@
-"""The kinds of element by name; `element_type` imports the module of a kind when it is first used."""
+"""The kinds of element by name: the shipped ones, and those that other packages add (`own`).
+
+`element_type` imports the module of a kind when it is first used.
+"""
 
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from haptic_fieldbus.scenes.element import AnyElement
+
+if TYPE_CHECKING:  # most scenes have shipped elements alone
+    from haptic_fieldbus.scenes.own import OwnElement
 
 # Module and class as texts, so that a scene imports only the kinds that it contains. The order is that of the
 # documentation.
@@ -42,7 +49,36 @@ ELEMENTS = {
 
 
 def element_type(kind: str) -> type[AnyElement]:
-    """Return the class of a kind; raises KeyError when the kind is not in `ELEMENTS`."""
-    module, name = ELEMENTS[kind]
-    found: type[AnyElement] = getattr(import_module(module), name)
-    return found
+    """Return the class of a kind; KeyError for an unknown one, UsageError where the package that adds it is broken."""
+    if kind in ELEMENTS:
+        module, name = ELEMENTS[kind]
+        found: type[AnyElement] = getattr(import_module(module), name)
+        return found
+    from haptic_fieldbus.scenes.own import own_type
+
+    return own_type(kind)
+
+
+def kind_names() -> list[str]:
+    """Return every kind that a scene file can name, without importing any; a shipped kind comes before its namesake."""
+    from haptic_fieldbus.scenes.own import own_entry_points
+
+    return [*ELEMENTS, *sorted(set(own_entry_points()) - set(ELEMENTS))]
+
+
+def kind_of(element: type[AnyElement]) -> str | None:
+    """Return the kind of a class; None for one that no scene file can name."""
+    place = (element.__module__, element.__qualname__)
+    shipped = next((kind for kind, known in ELEMENTS.items() if known == place), None)
+    if shipped is not None:
+        return shipped
+    from haptic_fieldbus.scenes.own import own_kind
+
+    return own_kind(element)
+
+
+def own_elements() -> list["OwnElement"]:
+    """Import every element that other packages add, and describe it."""
+    from haptic_fieldbus.scenes.own import described
+
+    return described(taken=ELEMENTS)

@@ -1,1 +1,1 @@
-"""Measurements of the package's own accuracy, stability and cost, written as one page."""
+"""Measurements of accuracy, stability and cost of this package, as one page."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from haptic_fieldbus.errors import SceneError, UsageError
+from haptic_fieldbus.numerals import rounded
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,11 @@ def refused(ask: Callable[[], object]) -> str:
     return ""
 
 
-def listed(values: Iterable[float], form: str) -> str:
+def signed(value: float, digits: int) -> str:
+    """The number with its sign, also where that is a plus."""
+    return f"{'+' if value >= 0.0 else ''}{rounded(value, digits)}"
+
+
+def values_text(values: Iterable[float], digits: int) -> str:
     """Return numbers in a format specification `form`, separated by commas."""
-    return ", ".join(f"{value:{form}}" for value in values)
+    return ", ".join(rounded(value, digits) for value in values)

@@ -17,7 +17,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.study.cases import CASES
 from haptic_fieldbus.study.measure.bench import Tools, bench_of
 from haptic_fieldbus.study.measure.contact_loop import contacts
-from haptic_fieldbus.study.measure.host import host
+from haptic_fieldbus.study.measure.host import host_facts
 from haptic_fieldbus.study.measure.problems import problems
 from haptic_fieldbus.study.page.context import Context, Progress
 from haptic_fieldbus.study.page.cost import cost_section
@@ -44,8 +44,8 @@ SECTIONS: dict[str, Callable[[Context], Section]] = {
 KEYS = ("work_precision", "stability_cases", "optional_parts")
 """Keys of `report.json` that are always there, in addition to `host`."""
 TITLE = "Error against run time"
-LEAD = """How exact the virtual forces of haptic-fieldbus are, what they cost to compute, how their error grows along a
-run, and where the sampled loop is stable. SI units; lengths in metres, forces in newtons, unless a column says
+INTRODUCTION = """How exact the virtual forces of haptic-fieldbus are, what they cost to compute, how their error grows
+along a run, and where the sampled loop is stable. SI units; lengths in metres, forces in newtons, unless a column says
 otherwise."""
 
 HOW = """Times are those of this machine; errors, limits and stability are the same on any. Every number on this page
@@ -107,7 +107,7 @@ def make_report(
         part = _part_of(tell, place, len(chosen.sections))
         part(name, 0.0)
         sections.append(SECTIONS[name](replace(context, progress=part)))
-    machine = host()
+    machine = host_facts()
     found: dict[str, object] = {**{key: context.rows.get(key, []) for key in KEYS}, "host": machine}
     tell("done", 1.0)
     last = _made_on(machine, command, perf_counter() - begun)
@@ -144,25 +144,27 @@ def _make_folder(out: Path) -> None:
         raise UsageError(f'--out "{out}": {error.strerror}') from error
 
 
-def _write(out: Path, sections: list[Section], found: Mapping[str, object]) -> None:
+def _write(out: Path, sections: list[Section], rows: Mapping[str, object]) -> None:
     """Write figures, both JSON files and the page."""
     for section in sections:
         for name, document in section.figures.items():
             (out / "figures" / f"{name}.svg").write_text(document, encoding="utf-8")
     details = {section.name: section.details for section in sections if section.details is not None}
-    _write_json(out / "report.json", found)
+    _write_json(out / "report.json", rows)
     _write_json(out / "details.json", details)
-    (out / "index.html").write_text(page(TITLE, LEAD, sections), encoding="utf-8")
+    (out / "index.html").write_text(page(TITLE, INTRODUCTION, sections), encoding="utf-8")
 
 
 def _write_json(path: Path, value: object) -> None:
-    path.write_text(json.dumps(finite(value), ensure_ascii=False, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(
+        json.dumps(json_ready(value), ensure_ascii=False, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+    )
 
 
-def finite(value: object) -> object:
+def json_ready(value: object) -> object:
     """Return a copy with None in place of infinities and NaN, and with lists in place of tuples, as JSON has it."""
     if isinstance(value, Mapping):
-        return {str(key): finite(member) for key, member in value.items()}
+        return {str(key): json_ready(member) for key, member in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(member) for member in value]
+        return [json_ready(member) for member in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

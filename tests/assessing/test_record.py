@@ -1,15 +1,13 @@
 """The ring of rows, and files of frames and rows."""
 
-from itertools import product
 from pathlib import Path
 
 import can
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.assessing.record import Record, write_rows
+from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.buses.canopen.frames import CandumpWriter, open_frame_writer
 
 
@@ -90,18 +88,6 @@ def test_blf_numbers_the_channels_in_the_order_in_which_they_were_asked_for(tmp_
     with can.LogReader(tmp_path / "run.blf") as reader:
         read = [(message.channel, message.arbitration_id) for message in reader]
     assert read == [(1, 0x080), (0, 0x181), (1, 0x182)]
-
-
-def test_rows_are_written_with_their_names(tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    assert open_frame_writer(path) is None
-    record = Record(("t_ns", "handle.position"), 3)
-    values = list(product((1e15 + 1, 2.0), (0.1, -1e-9)))
-    for row in values:
-        record.push(row)
-    write_rows(record, path)
-    assert path.read_text().splitlines()[0] == "t_ns,handle.position"
-    np.testing.assert_array_equal(np.loadtxt(path, delimiter=",", skiprows=1), values[-3:])
 
 
 def test_a_file_of_anything_else_takes_no_frames() -> None:

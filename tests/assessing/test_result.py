@@ -13,8 +13,8 @@ from haptic_fieldbus.assessing.result import (
     TorqueError,
     TripRecord,
     finite,
-    plan_json,
 )
+from haptic_fieldbus.planning.plan_json import plan_json
 
 
 def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
@@ -26,7 +26,8 @@ def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
 
 def test_of_nothing_there_are_no_percentiles() -> None:
     assert Percentiles.of([]) is None
-    assert Timing(None, None, None).to_json() == {"period_us": None, "age_us": None, "compute_us": None}
+    none = dict.fromkeys(("period_us", "age_us", "compute_us", "lateness_us"))
+    assert Timing(None, None, None).to_json() == {**none, "late": 0}
 
 
 def test_what_is_not_known_is_null() -> None:
@@ -49,7 +50,7 @@ def test_everything_known_is_in_the_object() -> None:
         duration=0.01,
         bus_load=0.3,
         plan=compiled,
-        timing=Timing(times, times, times),
+        timing=Timing(times, times, times, times, late=2),
         torque_error=TorqueError(0.1, 0.2, "N", {"encoder": 1.0}, 0.02),
         energy_generated=math.inf,
         stability=compiled.stability,
@@ -59,7 +60,8 @@ def test_everything_known_is_in_the_object() -> None:
     assert shown["energy_generated_j"] is None
     assert shown["trips"] == [{"name": "speed limit", "time_s": 0.5, "message": "too fast"}]
     assert shown["torque_error"] == {"rms": 0.1, "max": 0.2, "unit": "N", "by_source": {"encoder": 1.0}}
-    assert shown["timing"] == {key: times.to_json() for key in ("period_us", "age_us", "compute_us")}
+    keys = ("period_us", "age_us", "compute_us", "lateness_us")
+    assert shown["timing"] == {**{key: times.to_json() for key in keys}, "late": 2}
     assert json.loads(json.dumps(shown, allow_nan=False)) == shown
 
 

@@ -6,7 +6,9 @@ import pytest
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing import summary
-from haptic_fieldbus.assessing.torque_error import ErrorSplit, split
+from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Run
+from haptic_fieldbus.assessing.error_sums import ErrorFigures
+from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.report.plot import plot_run
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.damper import Damper
@@ -18,15 +20,16 @@ from tests.builders import scene_of
 SHAFT = Coupling(("left", "right"), stiffness=200.0)
 
 
-def splits(monkeypatch: pytest.MonkeyPatch, *elements: AnyElement) -> list[ErrorSplit]:
+def splits(monkeypatch: pytest.MonkeyPatch, *elements: AnyElement) -> list[ErrorFigures]:
     """Of each axis in their order."""
-    found: list[ErrorSplit] = []
+    found: list[ErrorFigures] = []
+    summarise = summary.summarise
 
-    def watched(*given: object, **more: object) -> ErrorSplit:
-        found.append(split(*given, **more))  # type: ignore[arg-type]
-        return found[-1]
+    def watched(run: Run, axes: list[AxisAssessment], elapsed: float) -> Result:
+        found.extend(axis.figures for axis in axes if axis.figures is not None)
+        return summarise(run, axes, elapsed)
 
-    monkeypatch.setattr(summary, "split", watched)
+    monkeypatch.setattr(summary, "summarise", watched)
     run(scene_of(*elements), duration=1.2)
     return found
 

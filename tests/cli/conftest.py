@@ -4,17 +4,19 @@ import pytest
 
 from haptic_fieldbus.cli import main
 from tests.cli.command import Command, Finished
+from tests.number_style import strange_numbers
 
 
 @pytest.fixture
 def command(capsys: pytest.CaptureFixture[str]) -> Command:
-    """Call it with the words of a command line."""
+    """Call it with the words of a command line; what it tells people has no number in a style of its own."""
 
-    def call(*words: str) -> Finished:
+    def call(*words: object) -> Finished:
         with pytest.raises(SystemExit) as stopped:
-            main(words)
+            main([str(word) for word in words])
         code = stopped.value.code
         captured = capsys.readouterr()
+        assert strange_numbers(captured.err if "--json" in words else captured.out + captured.err) == []
         return Finished(code if isinstance(code, int) else 0, captured.out, captured.err)
 
     return call

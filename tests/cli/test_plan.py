@@ -7,7 +7,9 @@ from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 
-KEYS = ["mapped", "left_out", "pdos", "registers", "bus_load", "delay_s", "couplings", "modules"]
+KEYS = [
+    "mapped", "left_out", "pdos", "registers", "bus_load", "delay_s", "couplings", "limits", "modules", "deadlines",
+]  # fmt: skip
 
 
 @pytest.mark.thorough("every scene of the library", quick=("wall", "sprung_mass", "virtual_shaft"))

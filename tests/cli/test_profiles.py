@@ -6,7 +6,7 @@ import pytest
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder, profile_names
 from tests.cli.command import Command
 
-KEYS = {"name", "vendor", "model", "protocol", "usable", "evidence"}
+KEYS = {"name", "vendor", "model", "protocol", "usable", "evidence", "source"}
 
 
 def test_the_list_names_every_shipped_profile(command: Command) -> None:

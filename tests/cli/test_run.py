@@ -13,7 +13,7 @@ from tests.cli.command import Command
 SHORT = ("--duration", "0.6")
 KEYS = [
     "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
-    "torque_error", "energy_generated_j", "stability", "trips", "changes", "verdict",
+    "torque_error", "energy_generated_j", "stability", "trips", "changes", "verdict", "deadlines",
 ]  # fmt: skip
 STABILITY = {
     "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "spectral_radius", "margin", "verdict",
@@ -25,7 +25,16 @@ def test_a_run_tells_what_it_did_line_by_line(command: Command) -> None:
     assert finished.status == 0
     assert finished.err == ""
     keys = [line[:11].strip() for line in finished.out.splitlines()]
-    assert [key for key in keys if key] == ["scene", "bench", "plan", "delay", "stability", "result", "verdict"]
+    assert [key for key in keys if key] == [
+        "scene",
+        "bench",
+        "plan",
+        "delay",
+        "deadlines",
+        "stability",
+        "result",
+        "verdict",
+    ]
     for words in ("stiffness 600 N/m at 20 mm", "maxon EPOS4 (simulated), node 1", "in  TPDO1 statusword, position",
                   "out RPDO1 controlword, target torque", "left out: velocity", "600 periods, none missed",
                   "force error", "no trip"):  # fmt: skip
@@ -48,8 +57,9 @@ def test_json_is_the_only_thing_on_standard_output(command: Command) -> None:
         "6071h:00 target torque",
     ]
     assert all(set(each) == {"what", "why"} for each in result["plan"]["left_out"])
-    assert set(result["timing"]) == {"period_us", "age_us", "compute_us"}
-    assert all(set(each) == {"p50", "p99", "p999", "max"} for each in result["timing"].values())
+    assert set(result["timing"]) == {"period_us", "age_us", "compute_us", "lateness_us", "late"}
+    spreads = [each for key, each in result["timing"].items() if key != "late"]
+    assert all(set(each) == {"p50", "p99", "p999", "max"} for each in spreads)
     assert result["timing"]["period_us"]["p50"] == pytest.approx(1000.0)
     assert set(result["torque_error"]) == {"rms", "max", "unit", "by_source"}
     assert set(result["stability"]) == STABILITY
@@ -216,3 +226,10 @@ def test_on_a_real_bus_an_unknown_bench_is_refused(command: Command) -> None:
 def test_without_a_person_only_yes_enables_a_drive() -> None:
     with pytest.raises(UsageError, match="--yes"):
         module._ask("about to enable torque\nEnable?")
+
+
+def test_what_yes_answers_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert module._tell_question("can0: listened for 1 s\nabout to enable torque")
+    printed = capsys.readouterr()
+    assert printed.err == "can0: listened for 1 s\nabout to enable torque\n"
+    assert printed.out == ""

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus.numerics.estimators import judged_as
+from haptic_fieldbus.numerics.estimators import linear_stand_in
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 
@@ -58,7 +58,7 @@ def test_a_limit_of_zero_by_quantisation_is_told_with_its_reason(command: Comman
 
 def test_an_estimator_that_is_not_linear_is_told(command: Command) -> None:
     finished = command("stability", "damped_wall", "--estimator", "foaw-end-fit")
-    assert f"foaw-end-fit is not linear; judged with {judged_as('foaw-end-fit')} in its place" in finished.err
+    assert f"foaw-end-fit is not linear; judged with {linear_stand_in('foaw-end-fit')} in its place" in finished.err
 
 
 def test_the_text_tells_limits_with_all_and_with_less_friction(command: Command) -> None:
@@ -66,7 +66,7 @@ def test_the_text_tells_limits_with_all_and_with_less_friction(command: Command)
     assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
         "scene", "device", "delay", "limits", "radius", "verdict",
     ]  # fmt: skip
-    assert "with 0.7 of the friction: stable to 1 044 N/m, passive to 1 006 N/m" in out
+    assert "with 0.7 of the friction: stable to 1044 N/m, passive to 1006 N/m" in out
     assert "verdict    passive: " in out
     assert "margin 2.49" in out
 

@@ -207,6 +207,8 @@ def test_a_trip_is_final() -> None:
         (LinkFlag.NOT_OPERATIONAL, TripKind.NODE_NOT_OPERATIONAL),
         (LinkFlag.BUS_OFF, TripKind.BUS_OFF),
         (LinkFlag.EXCEPTION, TripKind.BUS_EXCEPTION),
+        (LinkFlag.FOREIGN, TripKind.FOREIGN_MASTER),
+        (LinkFlag.DUPLICATE, TripKind.DUPLICATE_NODE),
     ],
 )
 def test_each_fault_of_the_link_trips_at_once(flag: LinkFlag, kind: TripKind) -> None:

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.cycle.safety import HOLD_FADE, Permission, bind_hold, bind_limiter
-from haptic_fieldbus.planning.limits import EffortLimits
+from haptic_fieldbus.cycle.safety import Permission, bind_hold, bind_limiter
+from haptic_fieldbus.planning.limits import HOLD_FADE, EffortLimits
 
 PERIOD = 0.001
 FADED_IN = 1.0

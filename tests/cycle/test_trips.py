@@ -4,17 +4,18 @@ import pytest
 
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.cycle.trips import CAUSES, SILENCES, TRIP_ERRORS, explained, trip_error
-from haptic_fieldbus.errors import BusError, DriveFaultError, SafetyTripError
+from haptic_fieldbus.errors import BusError, DriveFaultError, PlanError, SafetyTripError
 from tests.builders import PROFILE, VELOCITY_ONLY, plan_of
 
 
 @pytest.mark.parametrize("kind", TripKind)
 def test_every_kind_of_trip_has_an_exception_and_a_cause(kind: TripKind) -> None:
     plan = plan_of(profile=VELOCITY_ONLY if kind is TripKind.DRIFT else PROFILE)
+    taken = ", 1.500 s after operation enabled. Torque was taken away"
     error = trip_error(Trip(kind, "handle", 2_500_000_000, 5.0, 2.0, "fault"), plan, 1_000_000_000)
     assert isinstance(error, TRIP_ERRORS[kind])
     assert str(error).startswith("axis handle: ")
-    assert str(error).endswith(", 1.500 s after operation enabled. Torque was taken away")
+    assert str(error).endswith(". No torque was given" if kind is TripKind.START_FORCE else taken)
 
 
 @pytest.mark.parametrize("table", [CAUSES, TRIP_ERRORS])
@@ -25,17 +26,20 @@ def test_the_tables_are_complete(table: dict[TripKind, object]) -> None:
 def test_only_our_own_limits_are_safety_trips() -> None:
     ours = {kind for kind, error in TRIP_ERRORS.items() if error is SafetyTripError}
     assert ours == {
+        TripKind.FOREIGN_MASTER,
+        TripKind.DUPLICATE_NODE,
         TripKind.PERIODS_MISSED,
         TripKind.NOT_FINITE,
         TripKind.ELEMENT_FAILED,
-        TripKind.START_FORCE,
         TripKind.SPEED,
         TripKind.ACCELERATION,
         TripKind.POWER,
         TripKind.POSITION,
         TripKind.DRIFT,
     }
-    assert all(issubclass(error, (BusError, DriveFaultError, SafetyTripError)) for error in TRIP_ERRORS.values())
+    assert TRIP_ERRORS[TripKind.START_FORCE] is PlanError
+    others = {error for kind, error in TRIP_ERRORS.items() if kind not in {*ours, TripKind.START_FORCE}}
+    assert all(issubclass(error, (BusError, DriveFaultError)) for error in others)
 
 
 def test_limits_are_named_with_their_units_and_the_value_that_passed_them() -> None:

@@ -33,7 +33,8 @@ HANDED_IN = {
     ): "the site of a run is a context that the caller made; the run enters and leaves it",
     ("buses.canopen.wire", "sim.canopen.bus"): "the master has an interface of python-can; it cannot see which",
     ("buses.canopen.master", "sim.canopen.bus"): "the same, when it is closed",
-    ("assessing.summary", "sim.canopen.world"): "a simulated run is judged by the true motion that its world knows",
+    ("assessing.axis_assessment", "sim.canopen.world"): "a run is judged by the true motion that its world knows",
+    ("assessing.summary", "sim.canopen.world"): "the world may forget the motion that has been judged",
     ("assessing.recording", "sim.mechanics.trajectory"): "the same motion, instant by instant",
 }
 """Where a module of a lower room calls one of a higher, and what it was handed for it."""
@@ -86,7 +87,7 @@ def test_the_page_fits_on_two_screens_with_one_picture() -> None:
 
 def test_the_picture_is_that_of_the_imports() -> None:
     script = maker()
-    assert script.FILE.read_text(encoding="utf-8") == script.picture(), "run: python docs/make_architecture.py"
+    assert script.FILE.read_text(encoding="utf-8") == script.picture(), "run: make docs"
 
 
 @pytest.mark.parametrize("mention", sorted(set(MENTION.findall(TEXT))), ids=": ".join)

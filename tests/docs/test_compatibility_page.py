@@ -11,6 +11,7 @@ import pytest
 from haptic_fieldbus.assessing.result import TripRecord
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.cli.failures import OUTCOMES
+from tests.scenes.packages import install
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "compatibility.md").read_text(encoding="utf-8")
 OBJECTS = {
@@ -49,12 +50,18 @@ def test_the_page_tells_of_every_command_that_prints_an_object() -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_prints_the_keys_of_the_page(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_command_prints_the_keys_of_the_page(
+    name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a package adds an element."""
+    install(tmp_path, "page_elements", "own = page_elements:Own")
+    monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(SystemExit):
         main([*COMMANDS[name].split(), "--json"])
     told = dict(objects_of(json.loads(capsys.readouterr().out), name))
     same = {"run: stability": "stability", "run: plan.left_out[]": "plan: left_out[]"}
-    same |= {f"run: timing.{time}": "run: timing.period_us" for time in ("age_us", "compute_us")}
+    same |= {"run: deadlines[]": "plan: deadlines[]"}
+    same |= {f"run: timing.{time}": "run: timing.period_us" for time in ("age_us", "compute_us", "lateness_us")}
     for at, keys in told.items():
         known = next((at.replace(start, there, 1) for start, there in same.items() if at.startswith(start)), at)
         known = known.replace("stability.", "stability: ", 1)

@@ -10,11 +10,11 @@ import pytest
 from canopen.objectdictionary import ODVariable
 
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType, NodeOffset, eds_text, read_eds
-from haptic_fieldbus.eds.model import Value
+from haptic_fieldbus.eds.model import EdsValue
 from tests.eds.vendor_files import FILES, FOLDER, facts, needs_files, vendor_eds
 
 NODE = 5
-pytestmark = needs_files
+pytestmark = [needs_files, pytest.mark.thorough("reads every vendor's file", quick=9)]
 
 FAULTS = {
     "elmo_gold_drive.dcf": ["CompactPDO", "a comment behind a value"],
@@ -28,7 +28,7 @@ FAULTS = {
 """Files in which something is wrong, and what; found by looking into each."""
 
 
-def at_node(value: Value | None) -> object:
+def at_node(value: EdsValue | None) -> object:
     return value.at(NODE) if isinstance(value, NodeOffset) else value
 
 

@@ -39,7 +39,7 @@ def shaft(stiffness: float = 100.0, damping: float = 0.0, ratio: float | None = 
 
 @pytest.mark.parametrize(("damping", "ratio", "wall"), [(0.0, 1.0, 0.0), (0.3, -2.0, 0.0), (0.3, 0.5, 300.0)])
 def test_the_limit_is_that_of_the_pair_written_by_hand(damping: float, ratio: float, wall: float) -> None:
-    found = list(tied(shaft(damping=damping, ratio=ratio), walls=(wall,)).judged().values())
+    found = list(tied(shaft(damping=damping, ratio=ratio), walls=(wall,)).stabilities().values())
     limit = found[0].stiffness_limit.stable
     assert limit is not None
     by_hand = PairByHand((PLANT, OTHER), (0.5, 0.8), damping, ratio, wall)
@@ -52,16 +52,16 @@ def test_the_limit_is_that_of_the_pair_written_by_hand(damping: float, ratio: fl
 def test_a_coupling_may_name_its_axes_the_other_way_round() -> None:
     one = tied(shaft(damping=0.3, ratio=2.0))
     turned = replace(one, couplings=(Coupling(("b", "a"), 100.0 * 2.0**2, 0.3 * 2.0**2, 1 / 2.0),))
-    first, second = one.told.stiffness_limit.stable, turned.told.stiffness_limit.stable
+    first, second = one.stability.stiffness_limit.stable, turned.stability.stiffness_limit.stable
     assert first is not None
     assert second == pytest.approx(4.0 * first, rel=1e-6)
-    assert (one.told_by, turned.told_by) == ("a", "b")
+    assert (one.reference_axis, turned.reference_axis) == ("a", "b")
 
 
 def test_two_couplings_side_by_side_are_one_of_their_sum() -> None:
     both = tied(shaft(100.0), replace(shaft(40.0), name="second"))
-    alone = tied(shaft(140.0)).told.stiffness_limit.stable
-    found = both.told.stiffness_limit.stable
+    alone = tied(shaft(140.0)).stability.stiffness_limit.stable
+    found = both.stability.stiffness_limit.stable
     assert alone is not None
     assert found == pytest.approx(alone - 40.0, rel=1e-6)
     assert both.stiffest == both.couplings[0]
@@ -70,8 +70,8 @@ def test_two_couplings_side_by_side_are_one_of_their_sum() -> None:
 def test_three_axes_in_a_row_are_one_loop() -> None:
     """The middle axis feels both shafts: less stiff than a pair may be, and stable in the package's own judgement."""
     chain = tied(shaft(200.0), Coupling(("b", "c"), 200.0, name="second"))
-    found = list(chain.judged().values())
-    pair = tied(shaft(200.0)).told
+    found = list(chain.stabilities().values())
+    pair = tied(shaft(200.0)).stability
     assert len(found) == 3
     assert found[0].stiffness_limit.stable is not None
     assert pair.stiffness_limit.stable is not None
@@ -88,7 +88,7 @@ def test_less_friction_lowers_the_limit() -> None:
     one = tied(shaft(damping=0.1))
     weak = one.weakened(0.7)
     assert [member.plant.damping for member in weak.members] == [0.7 * PLANT.damping, 0.7 * OTHER.damping]
-    before, after = one.told.stiffness_limit.stable, weak.told.stiffness_limit.stable
+    before, after = one.stability.stiffness_limit.stable, weak.stability.stiffness_limit.stable
     assert before is not None
     assert after is not None
     assert after < 0.9 * before
@@ -97,18 +97,18 @@ def test_less_friction_lowers_the_limit() -> None:
 @pytest.mark.thorough("judges many groups")
 def test_what_is_suggested_is_stable() -> None:
     wrong = tied(shaft(3000.0, 0.1))
-    assert wrong.told.verdict is Verdict.UNSTABLE
+    assert wrong.stability.verdict is Verdict.UNSTABLE
     found = wrong.suggested()
     assert found.stiffness is not None
-    assert tied(shaft(found.stiffness, 0.1)).told.verdict is not Verdict.UNSTABLE
+    assert tied(shaft(found.stiffness, 0.1)).stability.verdict is not Verdict.UNSTABLE
     assert found.damping is not None
-    damped = tied(shaft(3000.0, found.damping)).told
+    damped = tied(shaft(3000.0, found.damping)).stability
     assert damped.verdict is not Verdict.UNSTABLE
     assert damped.stiffness_limit.stable == pytest.approx(found.damping_limit)
 
 
 def test_limits_over_damping_are_those_of_a_coupling_with_that_damping() -> None:
-    one, other = tied(shaft(damping=0.1)), tied(shaft(damping=0.4)).told.stiffness_limit
+    one, other = tied(shaft(damping=0.1)), tied(shaft(damping=0.4)).stability.stiffness_limit
     stable = one.limit(0.4)
     assert stable == pytest.approx(other.stable)
     assert one.passive_limit(0.4, stable) == pytest.approx(other.passive)
@@ -125,9 +125,9 @@ def test_growth_is_that_of_the_loop_as_it_is() -> None:
 
 
 def test_a_wall_that_is_unstable_by_itself_leaves_no_stiffness_to_the_coupling() -> None:
-    limit = by_itself(Wall("a", 100.0)).told.stiffness_limit.stable
+    limit = by_itself(Wall("a", 100.0)).stability.stiffness_limit.stable
     assert limit is not None
-    found = tied(shaft(), walls=(1.2 * limit,)).told
+    found = tied(shaft(), walls=(1.2 * limit,)).stability
     assert found.verdict is Verdict.UNSTABLE
     assert found.stiffness_limit.stable == 0.0
     assert found.margin == 0.0
@@ -137,13 +137,13 @@ def test_a_wall_that_is_unstable_by_itself_leaves_no_stiffness_to_the_coupling()
 def test_an_axis_by_itself_varies_its_stiffest_element_and_keeps_the_rest() -> None:
     """Two walls side by side are one of their sum."""
     soft, stiff = Wall("a", 100.0, damping=0.3), Wall("a", 400.0)
-    both, whole = by_itself(soft, stiff), by_itself(Wall("a", 500.0, damping=0.3)).told
+    both, whole = by_itself(soft, stiff), by_itself(Wall("a", 500.0, damping=0.3)).stability
     assert both.stiffest is stiff
-    assert (both.told_by, both.told.stiffness, both.told.damping) == ("a", 400.0, 0.3)
-    assert both.told.spectral_radius == pytest.approx(whole.spectral_radius, rel=1e-12)
+    assert (both.reference_axis, both.stability.stiffness, both.stability.damping) == ("a", 400.0, 0.3)
+    assert both.stability.spectral_radius == pytest.approx(whole.spectral_radius, rel=1e-12)
     for found, expected in (
-        (both.told.stiffness_limit.stable, whole.stiffness_limit.stable),
-        (both.told.stiffness_limit.passive, whole.stiffness_limit.passive),
+        (both.stability.stiffness_limit.stable, whole.stiffness_limit.stable),
+        (both.stability.stiffness_limit.passive, whole.stiffness_limit.passive),
         (both.limit(0.0), whole.stiffness_limit.stable),
         (both.passive_limit(0.0, math.inf), whole.stiffness_limit.passive),
     ):
@@ -155,12 +155,12 @@ def test_an_axis_by_itself_varies_its_stiffest_element_and_keeps_the_rest() -> N
 
 def test_what_has_no_stiffness_has_nothing_to_suggest() -> None:
     free = by_itself(Damper("a", 5000.0))
-    assert (free.stiffest, free.told.stiffness, free.told.verdict) == (None, None, Verdict.UNSTABLE)
+    assert (free.stiffest, free.stability.stiffness, free.stability.verdict) == (None, None, Verdict.UNSTABLE)
     assert free.suggested() == Suggestion(None, None, None)
 
 
 def test_coupled_axes_by_themselves_keep_their_elements_and_nothing_else() -> None:
     pair = tied(shaft(), walls=(300.0,))
     first, second = pair.uncoupled()
-    assert first.told == by_itself(Wall("a", 300.0)).told
-    assert (first.told_by, second.told_by, second.couplings, second.stiffest) == ("a", "b", (), None)
+    assert first.stability == by_itself(Wall("a", 300.0)).stability
+    assert (first.reference_axis, second.reference_axis, second.couplings, second.stiffest) == ("a", "b", (), None)

@@ -95,12 +95,12 @@ def test_the_trapezoid_is_exact_for_a_free_mass_so_a_tachometer_costs_no_stiffne
 
 
 def test_a_wall_on_a_tachometer_is_stable_and_never_passive() -> None:
-    found = Group((Member("handle", SEEN, 5e-4, (Wall("handle", 600.0),), None, TACHOMETER),), (), PERIOD).told
+    found = Group((Member("handle", SEEN, 5e-4, (Wall("handle", 600.0),), None, TACHOMETER),), (), PERIOD).stability
     assert (found.verdict, found.stiffness_limit.passive) == (Verdict.STABLE, 0.0)
 
 
 def test_a_scene_without_a_force_that_follows_the_handle_is_passive_on_a_tachometer_too() -> None:
-    found = Group((Member("handle", SEEN, 5e-4, (Constant("handle", 1.0),), None, TACHOMETER),), (), PERIOD).told
+    found = Group((Member("handle", SEEN, 5e-4, (Constant("handle", 1.0),), None, TACHOMETER),), (), PERIOD).stability
     assert found.verdict is Verdict.PASSIVE
     assert judge(alone(SEEN, PERIOD, 5e-4), wall(2.0), None)[0].verdict is Verdict.STABLE
 

@@ -12,7 +12,7 @@ from haptic_fieldbus.margins.coupled import CoupledAxes
 from haptic_fieldbus.numerics import coupled, sampled
 from haptic_fieldbus.numerics.coupled import embedded, environment, shift_modes, spring_damper
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
-from haptic_fieldbus.numerics.passivity import response, responses
+from haptic_fieldbus.numerics.passivity import frequency_response, frequency_responses
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, sprung_mass, wall, with_damping
 from tests.pairs import ESTIMATORS, PairByHand, shaft
@@ -174,9 +174,9 @@ class TestEnvironment:
         one = sampled.environment(space, period=PERIOD, method=method, estimator=name)
         same = environment(space, period=PERIOD, method=method, estimators=(name,))
         both = environment(embedded(space, 1, 2), period=PERIOD, method=method, estimators=(None, name))
-        expected = response(one, angle)
-        np.testing.assert_allclose(response(same, angle), expected, rtol=1e-12)
-        found = responses(both, angle)
+        expected = frequency_response(one, angle)
+        np.testing.assert_allclose(frequency_response(same, angle), expected, rtol=1e-12)
+        found = frequency_responses(both, angle)
         np.testing.assert_allclose(found[:, 1, 1], expected, rtol=1e-12)
         found[:, 1, 1] = 0.0
         np.testing.assert_array_equal(found, np.zeros_like(found))
@@ -187,7 +187,7 @@ class TestEnvironment:
         z = np.exp(0.4j)
         first, second = (1 - 1 / z) / PERIOD, (1 - z**-4) / (4 * PERIOD)
         expected = np.array([[-first, second], [first, -second]])
-        np.testing.assert_allclose(responses(found, np.array([0.4]))[0], expected, rtol=1e-12)
+        np.testing.assert_allclose(frequency_responses(found, np.array([0.4]))[0], expected, rtol=1e-12)
 
     def test_virtual_states_without_a_method_are_refused(self) -> None:
         space = embedded(SprungMass("handle", 600.0, 0.5).dynamics, 0, 2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.numerics.passivity import damping_needed, hold, largest_gain, response
+from haptic_fieldbus.numerics.passivity import damping_needed, frequency_response, hold, largest_gain
 from haptic_fieldbus.numerics.sampled import environment
 from tests.loops import PERIOD, wall
 
@@ -78,7 +78,7 @@ def test_no_gain_is_passive_where_none_of_it_already_is_not() -> None:
 
 
 def test_the_response_of_an_environment_is_its_transfer_function() -> None:
-    found = response(
+    found = frequency_response(
         StateSpace(np.array([[0.8]]), np.array([[0.2]]), np.array([[-3.0]]), np.array([[1.0]])), np.array(ANGLES)
     )
     z = np.exp(1j * np.array(ANGLES))
@@ -102,7 +102,7 @@ def test_a_resonance_between_the_points_of_the_sweep_is_found(mass: float, stiff
     close = abs(np.angle(mode)) + (1.0 - abs(mode)) * np.linspace(-100.0, 100.0, 200_000)
     angle = np.concatenate([wide, close, np.geomspace(1e-4, 0.1, 10_000)])
     angle = angle[(angle > 0.0) & (angle <= math.pi)]
-    force, behind = response(found, angle), hold(angle, PERIOD, 0.4e-3)
+    force, behind = frequency_response(found, angle), hold(angle, PERIOD, 0.4e-3)
     along = (force * behind.displacement).real
     brute = 0.5 * float((along + np.sqrt(np.abs(force) ** 2 * behind.spread + along**2)).max())
     assert damping_needed(found, PERIOD, 0.4e-3) == pytest.approx(brute, rel=1e-6)

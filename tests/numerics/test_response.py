@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, rest
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.numerics.response import ExactResponse, recursion, sequence_response
+from haptic_fieldbus.numerics.response import ExactResponse, SequenceResponse, recursion
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ def test_a_sequence_is_answered_as_the_step_of_the_loop_answers_it(method: str) 
     inputs = np.stack([0.3 + 0.01 * np.sin(np.arange(500) * 0.1), 0.1 * np.cos(np.arange(500) * 0.1)], axis=-1)
     step = bind(DAMPED, 1e-3, method)
     expected = [step(x, v) for x, v in inputs.tolist()]
-    found = sequence_response(discrete(DAMPED, 1e-3, method), rest(DAMPED)[1], inputs)
+    found = SequenceResponse(discrete(DAMPED, 1e-3, method), rest(DAMPED)[1])(inputs)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 

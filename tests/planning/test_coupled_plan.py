@@ -10,13 +10,14 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.api.judging import Inquiry, judge_scene
-from haptic_fieldbus.assessing.result import plan_json
 from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins import Verdict
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.plan_json import plan_json
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.report.limits import limits
+from haptic_fieldbus.report.stability import stability_lines
 from haptic_fieldbus.report.words import announcement, stability_text
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.coupling import Coupling
@@ -106,10 +107,10 @@ class TestVerdict:
     def test_is_the_same_by_the_stability_command(self) -> None:
         judged = judge_scene(Inquiry("virtual_shaft"))
         assert judged.stability == haptic_fieldbus.plan("virtual_shaft").stability
-        text = dict(limits(judged))
+        text = dict(stability_lines(judged))
         assert "coupling left, right" in text["scene"]
         assert text["delay"].startswith("left 0.8 ms, right 0.8 ms")
-        less = judged.group.weakened(0.7).told.stiffness_limit.stable
+        less = judged.group.weakened(0.7).stability.stiffness_limit.stable
         assert less is not None
         assert less < (judged.stability.stiffness_limit.stable or 0.0)
 
@@ -169,7 +170,7 @@ class TestAges:
         assert {on: dict(ages) for on, ages in found.ages.items()} == {
             on: pytest.approx(dict.fromkeys(AXES, total)) for on in AXES
         }
-        late = f"{1e3 * total:.2f} ms behind both motions"
+        late = f"{rounded(1e3 * total)} ms behind both motions"
         line = f"shaft: force on left {late}, on right {late}"
         assert line in explain(plan)
         assert dict(announcement(plan))["coupling"] == line
@@ -184,7 +185,8 @@ class TestAges:
         assert found.ages["right"] == pytest.approx({"left": right + 165e-6, "right": right})
         late = {"left": (left, left - 165e-6), "right": (right + 165e-6, right)}
         parts = [
-            f"on {on} {1e3 * a:.2f} ms behind left and {1e3 * b:.2f} ms behind right" for on, (a, b) in late.items()
+            f"on {on} {rounded(1e3 * a)} ms behind left and {rounded(1e3 * b)} ms behind right"
+            for on, (a, b) in late.items()
         ]
         assert str(found) == f"shaft: force {', '.join(parts)}"
 

@@ -13,8 +13,6 @@ from haptic_fieldbus.errors import (
     SignalUnavailableError,
 )
 from haptic_fieldbus.margins.verdict import StiffnessLimit
-from haptic_fieldbus.numerics import estimators, integrators
-from haptic_fieldbus.planning import axis_plan
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
@@ -192,11 +190,6 @@ def test_where_any_stiffness_is_stable_and_passive_none_is_recommended() -> None
 def test_our_own_node_id_is_one_that_no_drive_has() -> None:
     assert can_traffic(plan_of()).master_node == 127
     assert can_traffic(plan_of(rig=rig_of(WALL, node=127))).master_node == 126
-
-
-def test_the_defaults_are_those_of_numerics() -> None:
-    assert axis_plan.DEFAULT_METHOD == integrators.DEFAULT_METHOD
-    assert axis_plan.DEFAULT_ESTIMATOR == estimators.DEFAULT_ESTIMATOR
 
 
 def test_a_bus_of_no_protocol_is_refused_with_what_would_be_one() -> None:

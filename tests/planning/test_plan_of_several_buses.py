@@ -130,9 +130,9 @@ def test_the_text_names_each_bus_its_load_and_its_axes_and_lists_its_pdos_below(
         "             6071h:00 target torque",
     ]
     assert lines[at : at + 14] == [
-        "bus        can0: 1000 Hz at 1 Mbit/s, load 27.2 % (worst case), axes left",
+        "bus        can0: 1000 Hz at 1 Mbit/s, load 27 % (worst case), axes left",
         *(line.format(tpdo=181, rpdo=201) for line in pdos),
-        "bus        can1: 1000 Hz at 0.5 Mbit/s, load 54.4 % (worst case), axes right",
+        "bus        can1: 1000 Hz at 500 kbit/s, load 54 % (worst case), axes right",
         *(line.format(tpdo=182, rpdo=202) for line in pdos),
     ]
 

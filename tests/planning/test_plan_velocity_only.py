@@ -13,8 +13,8 @@ from haptic_fieldbus.drive.rig import LinearMechanism, RotaryMechanism
 from haptic_fieldbus.errors import PlanError, RigError, SignalUnavailableError, UnstableSceneError
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.tuning import tuned
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene
@@ -54,9 +54,7 @@ def test_the_velocity_is_mapped_in_the_place_of_the_position(scene: Scene) -> No
 
 def test_the_steps_say_how_the_position_comes_about_and_how_long_it_holds() -> None:
     position = next(step for step in plan_of(profile=VELOCITY_ONLY).steps if step.startswith("position"))
-    assert position == (
-        "position: velocity → m by the trapezoid; drift trip when it may be off by 0.005 m, after 120 s"
-    )
+    assert position == ("position: velocity → m by the trapezoid; drift trip when it may be off by 5 mm, after 120 s")
 
 
 def test_a_drive_that_offers_both_has_its_position_mapped_and_is_told_why() -> None:
@@ -174,7 +172,7 @@ def test_an_axis_with_an_encoder_beside_one_without_keeps_its_estimator() -> Non
 
 def test_a_change_of_the_running_scene_keeps_both_as_they_are() -> None:
     plan = mixed()
-    changed = tuned(plan, plan, {"two.stiffness": 700.0}).plan
+    changed = plan_change(plan, plan, {"two.stiffness": 700.0}).plan
     assert [axis.estimator for axis in changed.axes] == [axis.estimator for axis in plan.axes]
     with pytest.raises(UnstableSceneError):
-        tuned(plan, plan, {"two.stiffness": 5000.0})
+        plan_change(plan, plan, {"two.stiffness": 5000.0})

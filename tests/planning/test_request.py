@@ -1,4 +1,6 @@
 import math
+import os
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -7,19 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.assessing.record import ROW_SUFFIXES
 from haptic_fieldbus.buses.canopen.frames import FRAME_SUFFIXES
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.request import RECORD_SUFFIXES, Choice, check_request, parse_changes, parse_settings
 from haptic_fieldbus.protocols.canopen.bus import (
     BITRATES,
-    DEFAULT_BITRATE,
     SIMULATION_INTERFACE,
     CanSection,
     can_interfaces,
     can_section,
 )
 from haptic_fieldbus.protocols.registry import parse_bus
+from haptic_fieldbus.running.rows import ROW_SUFFIXES
 
 
 def test_every_kind_of_recording_can_be_asked_for() -> None:
@@ -33,10 +35,10 @@ def test_every_interface_of_python_can_is_known() -> None:
 @pytest.mark.parametrize(
     ("text", "interface", "channel", "bitrate", "known"),
     [
-        ("socketcan:can0", "socketcan", "can0", DEFAULT_BITRATE, False),
+        ("socketcan:can0", "socketcan", "can0", DEFAULT_BIT_RATE, False),
         ("socketcan:vcan0@500000", "socketcan", "vcan0", 500_000, True),
-        ("udp_multicast:239.74.163.2", "udp_multicast", "239.74.163.2", DEFAULT_BITRATE, False),
-        ("udp_multicast:ff15:7079::1", "udp_multicast", "ff15:7079::1", DEFAULT_BITRATE, False),
+        ("udp_multicast:239.74.163.2", "udp_multicast", "239.74.163.2", DEFAULT_BIT_RATE, False),
+        ("udp_multicast:ff15:7079::1", "udp_multicast", "ff15:7079::1", DEFAULT_BIT_RATE, False),
         ("pcan:PCAN_USBBUS1@1000000", "pcan", "PCAN_USBBUS1", 1_000_000, True),
         ("slcan:/dev/ttyUSB0@125000", "slcan", "/dev/ttyUSB0", 125_000, True),
         ("virtual:a@b@10000", "virtual", "a@b", 10_000, True),
@@ -52,7 +54,7 @@ def test_a_can_bus_is_interface_channel_and_bit_rate(
     assert bus.text == text
 
 
-@pytest.mark.parametrize(("text", "bitrate"), [("sim", DEFAULT_BITRATE), ("sim@500000", 500_000)])
+@pytest.mark.parametrize(("text", "bitrate"), [("sim", DEFAULT_BIT_RATE), ("sim@500000", 500_000)])
 def test_the_simulated_bus_has_a_bit_rate_that_is_known(text: str, bitrate: int) -> None:
     bus = parse_bus(text)
     assert bus.simulated
@@ -63,8 +65,8 @@ def test_the_simulated_bus_has_a_bit_rate_that_is_known(text: str, bitrate: int)
 @pytest.mark.parametrize(
     ("text", "channel", "bitrate"),
     [
-        ("haptic_sim:bench", "bench", DEFAULT_BITRATE),
-        ("haptic_sim:maxon_epos4@5", "maxon_epos4@5", DEFAULT_BITRATE),
+        ("haptic_sim:bench", "bench", DEFAULT_BIT_RATE),
+        ("haptic_sim:maxon_epos4@5", "maxon_epos4@5", DEFAULT_BIT_RATE),
         ("haptic_sim:maxon_epos4@5,generic_cia402@6@250000", "maxon_epos4@5,generic_cia402@6", 250_000),
     ],
 )
@@ -164,7 +166,7 @@ def test_a_good_request_gives_the_bus_that_was_named(node: int, rate: float) -> 
         ({"rate": -1.0}, "rate -1"),
         ({"rate": math.nan}, "rate nan"),
         ({"rate": math.inf}, "rate inf"),
-        ({"rate": 1e9}, "rate 1e+09"),
+        ({"rate": 1e9}, "rate 1e9"),
         ({"duration": 0.0}, "duration 0"),
         ({"duration": math.nan}, "duration nan"),
         ({"duration": math.inf}, "duration inf"),
@@ -208,3 +210,13 @@ def test_asking_whether_a_file_can_be_written_leaves_no_trace(tmp_path: Path) ->
     check_request(plot=tmp_path / "picture.png", record=kept)
     assert [path.name for path in tmp_path.iterdir()] == ["frames.log"]
     assert kept.read_text() == "frames of another run"
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_a_place_that_is_no_file_is_refused_without_waiting_for_it(
+    make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    path = tmp_path / "run.csv"
+    make(path)
+    with pytest.raises(UsageError, match="it is no regular file"):
+        check_request(record=path)

@@ -4,8 +4,8 @@ import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.planning.settings import Value, parsed, settled
-from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.planning.settings import parsed, settled
+from haptic_fieldbus.scenes.catalogue import Setting, load_scene
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import scene_of
 
@@ -18,7 +18,13 @@ def test_numbers_are_read_from_texts_and_the_scene_is_final() -> None:
 
 
 def test_true_and_false_are_no_texts_and_what_is_no_text_stays() -> None:
-    texts: dict[str, Value] = {"a.on": "true", "a.off": "false", "a.unit": "25 mm", "a.number": "1e3", "a.given": 2.0}
+    texts: dict[str, Setting] = {
+        "a.on": "true",
+        "a.off": "false",
+        "a.unit": "25 mm",
+        "a.number": "1e3",
+        "a.given": 2.0,
+    }
     assert parsed(texts) == {"a.on": True, "a.off": False, "a.unit": "25 mm", "a.number": 1000.0, "a.given": 2.0}
     assert parsed(None) == {}
 
@@ -56,7 +62,9 @@ def test_a_part_of_the_limit_waits_for_a_verdict(text: str, divisor: float, made
         ),
     ],
 )
-def test_a_part_that_cannot_be_is_refused_before_anything_is_loaded(settings: dict[str, Value], sentence: str) -> None:
+def test_a_part_that_cannot_be_is_refused_before_anything_is_loaded(
+    settings: dict[str, Setting], sentence: str
+) -> None:
     with pytest.raises(UsageError) as refused:
         settled("no such scene", settings)
     assert str(refused.value) == sentence

@@ -8,7 +8,7 @@ import haptic_fieldbus
 from haptic_fieldbus.api.judging import Inquiry, judge_scene
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.explain import explain
-from haptic_fieldbus.report.limits import limits
+from haptic_fieldbus.report.stability import stability_lines
 from haptic_fieldbus.report.words import stability_text
 
 METHOD = "backward-euler"
@@ -16,7 +16,11 @@ METHOD = "backward-euler"
 
 
 def test_the_limits_of_a_scene_say_so() -> None:
-    lines = [text for key, text in limits(judge_scene(Inquiry("sprung_mass", method=METHOD))) if key in ("limits", "")]
+    lines = [
+        text
+        for key, text in stability_lines(judge_scene(Inquiry("sprung_mass", method=METHOD)))
+        if key in ("limits", "")
+    ]
     assert lines[0] == "stable with no limit"
     assert lines[1].startswith("passive to 1")
     assert "friction: stable with no limit, passive to 1" in lines[3]

@@ -6,8 +6,8 @@ import pytest
 
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import PlanError, SceneError, UnstableSceneError, UsageError
-from haptic_fieldbus.planning.settings import Value
 from haptic_fieldbus.running.changes import Changes
+from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import plan_of, scene_of
 
@@ -22,7 +22,7 @@ def begun(changes: Changes, duration: float = 10.0) -> Changes:
     return changes
 
 
-def run_to(changes: Changes, first: int, last: int) -> list[tuple[int, dict[str, Value]]]:
+def run_to(changes: Changes, first: int, last: int) -> list[tuple[int, dict[str, Setting]]]:
     """(period, settings) of what the loop makes in these periods."""
     made = []
     for period in range(first, last):

@@ -285,3 +285,18 @@ def test_two_runs_put_the_same_frames_on_the_wire() -> None:
         bench.bus.close()
         logs.append(bench.frames)
     assert logs[0] == logs[1]
+
+
+@pytest.mark.parametrize("interrupted", [False, True], ids=["ordinary end", "Ctrl-C"])
+def test_a_run_whose_end_a_drive_did_not_confirm_is_no_success(interrupted: bool) -> None:
+    """It ended with exit status 0 although `released` was False."""
+    bench, report = Bench().open(), LoopReport()
+
+    def stay(done: int) -> None:
+        bench.drive.power_stays = 0x27
+        if interrupted:
+            raise KeyboardInterrupt
+
+    with pytest.raises(BusError, match=r"did not confirm.*switch the power off.*node 1 \(axis handle\)"):
+        run_loop(bench.plan, Cycle(bench.plan), bench.bus, bench.clock, cycles=150, report=report, progress=stay)
+    assert (report.released, report.interrupted) == (False, interrupted)

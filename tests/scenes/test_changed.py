@@ -6,10 +6,12 @@ import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.errors import SceneError, UsageError
+from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.changed import changed
-from haptic_fieldbus.scenes.files import quantities
+from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Signal
 from tests.builders import scene_of
 
 TWO = scene_of(Wall("handle", 300.0), Wall("handle", 400.0, name="other"))
@@ -59,3 +61,42 @@ def test_an_element_that_no_file_has_is_checked_by_its_own_annotations() -> None
     assert changed(scene, {"wall.colour": "blue"}).elements == (Own("handle", 300.0, colour="blue"),)
     with pytest.raises(SceneError, match=r"--set wall\.stiffness: -1\.0; expected a number above 0"):
         changed(scene, {"wall.stiffness": -1.0})
+
+
+@dataclass(frozen=True)
+class Unchecked:
+    """A spring that does not say how it is checked."""
+
+    axis: str
+    stiffness: float
+    name: str = "own"
+
+    def __post_init__(self) -> None:
+        if self.stiffness < 0.0:
+            raise ValueError("stiffness below 0")
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.POSITION,)
+
+    def force(self, position: float) -> float:
+        return -self.stiffness * position
+
+    def linearised(self) -> StateSpace:
+        return gain([[-self.stiffness, 0.0]])
+
+
+@pytest.mark.parametrize("text", ["0.5 N/mm", "soft"])
+def test_an_element_that_takes_no_units_says_what_to_write(text: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        plan(scene_of(Unchecked("handle", 100.0)), settings={"own.stiffness": text})
+    assert [str(fault) for fault in caught.value.faults] == [
+        f'--set own.stiffness: "{text}"; expected a number; Unchecked takes units once it has the line '
+        "__pydantic_config__: ClassVar = STRICT and fields annotated with the types of haptic_fieldbus.scenes.element"
+    ]
+
+
+def test_what_an_element_refuses_itself_is_told_with_its_name() -> None:
+    with pytest.raises(SceneError, match="own: stiffness below 0"):
+        plan(scene_of(Unchecked("handle", 100.0)), settings={"own.stiffness": -1})
+    assert changed(scene_of(Unchecked("handle", 100.0)), {"own.stiffness": 3.0}).elements[0] == Unchecked("handle", 3.0)

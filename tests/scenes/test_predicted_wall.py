@@ -117,7 +117,7 @@ def test_stability_is_judged_by_the_prediction_as_the_damping_that_it_is() -> No
     """By a backward difference F = −K·(1.5·x_k − 0.5·x_{k−1}): passive while b > K·T/2 + |B|, B = K·T/2."""
     mass, damping = 0.63, 1.58
     member = Member("handle", Plant(mass, damping), 0.0, (WALL,), None, "backward-difference")
-    found = Group((member,), (), PERIOD).told.stiffness_limit
+    found = Group((member,), (), PERIOD).stability.stiffness_limit
     assert found.passive == pytest.approx(damping / PERIOD, rel=1e-6)
     assert found.stable is not None
     decay = math.exp(-damping * PERIOD / mass)

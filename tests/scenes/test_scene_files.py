@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus.errors import DocumentError, SceneError, UsageError
-from haptic_fieldbus.scenes.catalogue import Setting, load_scene, parameters, scene_names, scene_summaries
+from haptic_fieldbus.scenes.catalogue import Setting, load_scene, scene_names, scene_summaries
+from haptic_fieldbus.scenes.parameters import parameters
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
 from haptic_fieldbus.scenes.scene import SceneAxis, axes_of
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
@@ -153,15 +154,15 @@ def test_an_unknown_element_or_parameter_is_wrong_usage(setting: str, message: s
 @pytest.mark.parametrize(
     ("setting", "value", "message"),
     [
-        ("wall.stiffness", -3.0, "--set wall.stiffness: -3.0; expected a number above 0, from 1e-12 to 1e+12"),
-        ("wall.stiffness", float("nan"), "--set wall.stiffness: nan; expected a number above 0, from 1e-12 to 1e+12"),
+        ("wall.stiffness", -3.0, "--set wall.stiffness: -3.0; expected a number above 0, from 1e-12 to 1e12"),
+        ("wall.stiffness", float("nan"), "--set wall.stiffness: nan; expected a number above 0, from 1e-12 to 1e12"),
         (
             "wall.stiffness",
             "800",
             '--set wall.stiffness: "800"; expected a number without quotes, or one with its unit such as "2 N/m"',
         ),
-        ("wall.damping", True, "--set wall.damping: true; expected a number from 0 to 1e+09"),
-        ("wall.position", float("inf"), "--set wall.position: inf; expected a number from -1e+06 to 1e+06"),
+        ("wall.damping", True, "--set wall.damping: true; expected a number from 0 to 1e9"),
+        ("wall.position", float("inf"), "--set wall.position: inf; expected a number from -1e6 to 1e6"),
         ("wall.side", "left", '--set wall.side: "left"; expected "positive" or "negative"'),
     ],
 )
@@ -220,12 +221,12 @@ def test_a_faulty_file_is_told_before_a_setting_that_it_may_have_caused(tmp_path
         (
             "stiffness = 500",
             "stiffness = -500",
-            "line 8: element[0].stiffness: -500; expected a number above 0, from 1e-12 to 1e+12",
+            "line 8: element[0].stiffness: -500; expected a number above 0, from 1e-12 to 1e12",
         ),
         (
             "stiffness = 500",
             "stiffness = nan",
-            "line 8: element[0].stiffness: nan; expected a number above 0, from 1e-12 to 1e+12",
+            "line 8: element[0].stiffness: nan; expected a number above 0, from 1e-12 to 1e12",
         ),
         ("position = 0.02", "posishun = 0.02", "line 9: element[0].posishun: unknown key; nearest: position"),
         (

@@ -2,6 +2,7 @@
 
 import struct
 from dataclasses import dataclass, replace
+from functools import cache
 
 from haptic_fieldbus.drive.rig import RigAxis, default_axis
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
@@ -17,6 +18,7 @@ MS = 1_000_000
 SIZES = {"B": 1, "b": 1, "H": 2, "h": 2, "I": 4, "i": 4}
 
 
+@cache
 def profile(name: str = "maxon_epos4") -> CanopenProfile:
     return canopen_profile(load_profile(name))
 

@@ -4,6 +4,7 @@ import pytest
 
 from haptic_fieldbus.study.cases import CASES
 from haptic_fieldbus.study.page.stability import run_case
+from tests.number_style import strange_numbers
 
 SLUGS = """
 tiny-h h-sweep forward-euler-any-t float-overflow rk4-at-its-limit semi-implicit-at-its-limit lecture-constants
@@ -29,4 +30,6 @@ def test_every_case_is_there_under_its_name() -> None:
 def test_it_behaves_as_theory_says(name: str) -> None:
     found, _ = run_case(CASES[name], True)
     assert found.passed is True, f"expected {found.expected}, measured {found.measured}, judged by {found.oracle}"
-    assert min(map(len, (found.expected, found.measured, found.oracle, found.tolerance))) > 3
+    texts = (found.expected, found.measured, found.oracle, found.tolerance)
+    assert min(map(len, texts)) > 3
+    assert strange_numbers("\n".join(texts), is_prose=True) == []

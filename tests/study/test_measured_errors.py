@@ -13,7 +13,7 @@ from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerics import integrators
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.study.measure import contact_loop, growth, timing, work_precision
-from haptic_fieldbus.study.measure.bench import Bench, held
+from haptic_fieldbus.study.measure.bench import Bench, device_in_hand
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, Problem, problems, sprung_mass
 from haptic_fieldbus.study.measure.step_limits import step_limit
 from tests.loops import BENCH
@@ -108,7 +108,7 @@ def test_a_time_is_the_shortest_of_at_least_twenty_repeats_after_a_warm_up() -> 
 
 def loop_by_hand(period: float, steps: int, stiffness: float, damping: float) -> list[float]:
     """The wall in the hand, by the exponential of everything at once: device, hand, its sine, the held force."""
-    a, motor, hand = held(BENCH)
+    a, motor, hand = device_in_hand(BENCH)
     turn = 2.0 * math.pi
     system = np.zeros((7, 7))
     system[:4, :4], system[:4, 4:5], system[:4, 6:] = a, 4.0 * hand, motor
@@ -127,14 +127,14 @@ def loop_by_hand(period: float, steps: int, stiffness: float, damping: float) ->
 def test_the_closed_loop_is_the_one_written_out_by_hand() -> None:
     contact = contact_loop.contacts()["damped-wall-in-hand"]
     law = contact.law("backward-difference", 0.005, 0.0)
-    found = contact_loop.follow(law, SHIPPED, 0.005, 200)
+    found = contact_loop.loop_force(law, SHIPPED, 0.005, 200)
     np.testing.assert_allclose(found, loop_by_hand(0.005, 200, 600.0, 2.0), rtol=1e-9, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", contact_loop.contacts())
 def test_the_loop_in_continuous_time_is_what_another_solver_finds(name: str) -> None:
     contact = contact_loop.contacts()[name]
-    a, motor, hand = held(BENCH)
+    a, motor, hand = device_in_hand(BENCH)
     space = contact.space
 
     def rates(t: float, z: np.ndarray) -> np.ndarray:
@@ -191,13 +191,13 @@ def test_a_run_begins_with_the_mass_where_it_should_be(method: str) -> None:
 def test_energy_grows_and_fades_as_the_eigenvalues_of_euler_say() -> None:
     h = OMEGA * growth.PERIOD
     for method, factor in (("forward-euler", 1.0 + h * h), ("backward-euler", 1.0 / (1.0 + h * h))):
-        found = growth.follow(method, 5000)
+        found = growth.free_swing(method, 5000)
         for steps, energy in zip(found.steps, found.energy, strict=True):
             assert energy + 1.0 == pytest.approx(factor ** (steps - 1), rel=1e-9)
 
 
 def test_the_error_of_the_trapezoid_is_the_phase_that_it_lacks() -> None:
-    found = growth.follow("trapezoidal", 20_000)
+    found = growth.free_swing("trapezoidal", 20_000)
     h = OMEGA * growth.PERIOD
     lag = (h - 2.0 * math.atan(0.5 * h)) * found.steps[-1]
     assert found.error[-1] == pytest.approx(2.0 * math.sin(0.5 * lag), rel=0.02)
@@ -206,8 +206,8 @@ def test_the_error_of_the_trapezoid_is_the_phase_that_it_lacks() -> None:
 
 @pytest.mark.thorough("steps down to where floats end")
 def test_the_exact_step_loses_only_digits_and_euler_ends_where_floats_do() -> None:
-    assert growth.follow("exact-foh", 10**5).error[-1] < 1e-11
-    ended = growth.follow("forward-euler", 5 * 10**6)
+    assert growth.free_swing("exact-foh", 10**5).error[-1] < 1e-11
+    ended = growth.free_swing("forward-euler", 5 * 10**6)
     assert ended.diverged_at is not None
     overflow = 308.0 * math.log(10.0) / (0.5 * math.log1p((OMEGA * growth.PERIOD) ** 2))
     assert ended.steps[-1] < 1.02 * overflow
@@ -223,5 +223,5 @@ def test_the_largest_stable_step_is_measured_where_it_is_claimed() -> None:
 
 
 def test_a_device_without_friction_has_a_hand_too() -> None:
-    a, _, _ = held(Plant(mass=0.5, damping=0.0))
+    a, _, _ = device_in_hand(Plant(mass=0.5, damping=0.0))
     assert np.linalg.eigvals(a).real.max() <= 1e-12

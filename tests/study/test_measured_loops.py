@@ -11,12 +11,12 @@ from haptic_fieldbus import api
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.planning.judging import grouped
+from haptic_fieldbus.planning.verdicts import grouped
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.study.measure import deadlines, in_the_loop, optional_parts, region, scene_errors
 from haptic_fieldbus.study.measure.bench import Bench, Tools, bench_of
-from haptic_fieldbus.study.measure.host import host
+from haptic_fieldbus.study.measure.host import host_facts
 from haptic_fieldbus.study.measure.impedance import felt_impedance, ideal_impedance
 from haptic_fieldbus.study.measure.problems import MASS
 from haptic_fieldbus.study.page.impedance import of_plan
@@ -149,7 +149,7 @@ def test_a_flicked_handle_swings_as_the_growth_rate_says() -> None:
 def test_the_periods_that_are_timed_render_a_force() -> None:
     for scene in scene_names():
         plan = api.plan(scene)
-        cycle = optional_parts.running(plan)
+        cycle = optional_parts.running_cycle(plan)
         for (image,) in optional_parts.images(plan):
             cycle(image)
         assert (cycle.trip, cycle.enabled) == (None, True)
@@ -183,4 +183,4 @@ def test_the_error_of_each_scene_is_split_in_shares_that_sum_to_one() -> None:
 
 
 def test_the_host_is_told_with_versions() -> None:
-    assert {"processor", "cores", "system", "python", "numpy", "clock"} <= set(host())
+    assert {"processor", "cores", "system", "python", "numpy", "clock"} <= set(host_facts())

@@ -20,7 +20,7 @@ from haptic_fieldbus.study.measure.bench import Tools, bench_of
 from haptic_fieldbus.study.measure.work_precision import Point, Set
 from haptic_fieldbus.study.page import stability
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Section, number, page, percent, picture, table
+from haptic_fieldbus.study.page.html import Cell, Section, number_text, page, picture, table
 from haptic_fieldbus.study.page.style import LOOKS, look_of, svg
 from haptic_fieldbus.study.page.work_precision import (
     at_fixed_cost,
@@ -30,6 +30,7 @@ from haptic_fieldbus.study.page.work_precision import (
     order_words,
     sets_table,
 )
+from tests.number_style import strange_numbers
 
 TOOLS = Tools(api.run, api.plan)
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -52,17 +53,12 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (None, "–"), (math.nan, "–"), (math.inf, "∞"), (-math.inf, "−∞"), (0.0, "0"), (1234.5, "1 234"),
-        (0.01234, "0.0123"), (-2.5, "−2.5"), (1e5, "10⁵"), (2.5e-7, "2.5·10⁻⁷"),
+        (None, "–"), (math.nan, "–"), (math.inf, "∞"), (-math.inf, "-∞"), (0.0, "0"), (1234.5, "1230"),
+        (0.01234, "0.0123"), (-2.5, "-2.5"), (1e6, "1e6"), (2.5e-7, "2.5e-7"),
     ],
 )  # fmt: skip
 def test_numbers_read_as_people_write_them(value: float | None, text: str) -> None:
-    assert number(value) == text
-
-
-def test_a_share_is_told_in_per_cent() -> None:
-    assert percent(0.4567) == "46\u202f%"
-    assert percent(0.4567, 1) == "45.7\u202f%"
+    assert number_text(value) == text
 
 
 def test_cells_are_escaped_and_marked() -> None:
@@ -160,7 +156,10 @@ def test_a_folder_that_cannot_be_made_is_told_before_anything_is_measured(tmp_pa
 
 
 def test_numbers_that_json_does_not_know_become_null() -> None:
-    assert run_report.finite({"a": (math.inf, [math.nan, 1.0]), "b": "text"}) == {"a": [None, [None, 1.0]], "b": "text"}
+    assert run_report.json_ready({"a": (math.inf, [math.nan, 1.0]), "b": "text"}) == {
+        "a": [None, [None, 1.0]],
+        "b": "text",
+    }
 
 
 def test_progress_rises_to_the_end(tmp_path: Path) -> None:
@@ -190,6 +189,11 @@ def test_the_page_fetches_nothing(report: Path) -> None:
     assert sources.found
     assert all(source.startswith(("#", "data:image/svg+xml;base64,")) for source in sources.found)
     assert not re.search(r"@import|url\(", text)
+
+
+def test_the_numbers_of_the_page_are_in_one_style(report: Path) -> None:
+    text = re.sub(r'src="data:[^"]*"', "", (report / "index.html").read_text())
+    assert strange_numbers(text) == []
 
 
 def test_every_link_of_the_page_leads_to_a_heading() -> None:

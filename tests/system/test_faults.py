@@ -129,3 +129,9 @@ def test_every_error_of_a_run_carries_what_was_known() -> None:
         run("wall", settings={"wall.stiffness": 1e5})
     assert isinstance(refused.value.result, Result)
     assert refused.value.result.plan is not None
+
+
+def test_a_drive_that_vanishes_at_the_very_end_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, err, result = run_with('kind = "silence"\nat = 2.9992', tmp_path, capsys)
+    assert (code, result["verdict"]) == (1, None)
+    assert "did not confirm that their motors are off: switch the power off" in err

@@ -4,7 +4,7 @@ import pytest
 
 from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.estimators import ESTIMATORS, judged_as
+from haptic_fieldbus.numerics.estimators import ESTIMATORS, linear_stand_in
 from haptic_fieldbus.numerics.integrators import METHODS
 
 DURATION = 0.8
@@ -34,7 +34,7 @@ def test_a_wall_that_damps_is_rendered_by_every_estimator(estimator: str) -> Non
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_the_plan_says_by_what_stability_is_judged_where_the_estimator_is_not_linear(estimator: str) -> None:
     (step,) = [step for step in plan("damped_wall", estimator=estimator).steps if step.startswith("velocity: ")]
-    other = judged_as(estimator)
+    other = linear_stand_in(estimator)
     remark = f" (not linear: stability is judged with {other})" if other else ""
     assert step == f"velocity: {estimator}{remark}"
 

@@ -5,18 +5,21 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from haptic_fieldbus.buses.access import BusAccess
+from haptic_fieldbus.buses.canopen.foreign import OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog, frame_logs
+from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.opening import open_can
 from haptic_fieldbus.buses.canopen.setup import NO_ANSWER_ADVICE
-from haptic_fieldbus.buses.canopen.wire import Wire
+from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusTimeoutError
 from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.traffic import MASTER_NODES
 from haptic_fieldbus.protocols.catalogue import load_profile
 
 
@@ -27,16 +30,19 @@ class CanopenAccess(BusAccess):
         return frame_logs(record, buses)
 
     def open_bus(self, section: BusSection, clock: Clock, log: FrameLog | None) -> CanopenBus:
-        return CanopenBus(open_can(can_section(section)), clock, log, owned=True)
+        return CanopenBus(open_can(can_section(section)), clock, log, owned=True, echoes=section.interface in ECHOING)
 
     def rated_torque(self, section: BusSection, name: str, axis: RigAxis) -> float | None:
         profile = load_profile(axis.profile)
         mapped = profile.torque.rated if isinstance(profile, CanopenProfile) else None
         if mapped is None:
             return None
-        can_bus = open_can(can_section(section))
+        own = can_section(section)
+        can_bus = open_can(own)
         try:
-            wire = Wire(can_bus, MonotonicClock(), can_bus.channel_info)
+            wire = Wire(can_bus, MonotonicClock(), can_bus.channel_info, echoes=own.interface in ECHOING)
+            one = OneMaster([axis.node], own.master_node or MASTER_NODES[0])
+            listen(wire, own.listen, one, wire.name).refuse(one.master_node)
             raw = Node(wire, axis.node, f"node {axis.node} (axis {name})").read(mapped.entry)
         except BusTimeoutError as error:
             raise BusTimeoutError(f"{error}. {NO_ANSWER_ADVICE}") from error

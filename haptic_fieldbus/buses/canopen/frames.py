@@ -3,20 +3,20 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from io import BufferedWriter, FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
+
+from haptic_fieldbus.buses.log_file import LogFile, cut_file
 
 FRAME_SUFFIXES = (".log", ".blf")
 
 EXTENDED_FLAG = 0x8000_0000
 REMOTE_FLAG = 0x4000_0000
 ERROR_FLAG = 0x2000_0000
-CAN_ID = 0x1FFF_FFFF
+CAN_ID_MASK = 0x1FFF_FFFF
 """Mask of the identifier; it and the three flags make up a CAN-ID as SocketCAN writes it (linux/can.h)."""
-BUFFER = 1 << 16
-"""[octets]; the loop writes to the disk only when so many have gathered."""
-
 
 FrameLog = Callable[[int, int, bytes | bytearray], None]
 """Function that is called with every frame of a bus: time [ns], CAN-ID with the flags of SocketCAN, data."""
@@ -40,7 +40,7 @@ class CandumpWriter:
     """
 
     def __init__(self, path: Path, channel: str = "can0") -> None:
-        self._file = path.open("w", encoding="ascii", buffering=BUFFER, newline="\n")
+        self._file = LogFile(path)
         self._channel = channel
 
     def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
@@ -52,7 +52,8 @@ class CandumpWriter:
 
     def _write(self, channel: str, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
         seconds, microseconds = divmod(t_ns // 1000, 1_000_000)
-        self._file.write(f"({seconds:010d}.{microseconds:06d}) {channel} {_candump_frame(can_id, data)}\n")
+        line = f"({seconds:010d}.{microseconds:06d}) {channel} {_candump_frame(can_id, data)}\n"
+        self._file.add(line.encode())
 
     def close(self) -> None:
         self._file.close()
@@ -66,18 +67,25 @@ class CandumpWriter:
 
 def _candump_frame(can_id: int, data: bytes | bytearray) -> str:
     if can_id & ERROR_FLAG:
-        return f"{can_id & (ERROR_FLAG | CAN_ID):08X}#{data.hex().upper()}"
-    name = f"{can_id & CAN_ID:08X}" if can_id & EXTENDED_FLAG else f"{can_id & CAN_ID:03X}"
+        return f"{can_id & (ERROR_FLAG | CAN_ID_MASK):08X}#{data.hex().upper()}"
+    name = f"{can_id & CAN_ID_MASK:08X}" if can_id & EXTENDED_FLAG else f"{can_id & CAN_ID_MASK:03X}"
     return f"{name}#R" if can_id & REMOTE_FLAG else f"{name}#{data.hex().upper()}"
 
 
 class BlfWriter:
-    """Writer of Vector's binary logging format, by means of python-can."""
+    """Writer of Vector's binary logging format, by means of python-can.
+
+    Each container of frames reaches the system in one piece, so that a killed run leaves a file that can be read.
+    """
 
     def __init__(self, path: Path, channel: int = 1) -> None:
         from can.io import BLFWriter
 
-        self._writer = BLFWriter(path, channel=channel)
+        # The buffer holds a whole container, which python-can writes in several pieces.
+        self._file = BufferedWriter(FileIO(path, "w"), 2 * BLFWriter.max_container_size)
+        self._writer = BLFWriter(self._file, channel=channel)
+        self._size = 0
+        self._flush()
         self._channels = 0
 
     def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
@@ -94,16 +102,37 @@ class BlfWriter:
             Message(
                 timestamp=t_ns * 1e-9,
                 channel=channel,
-                arbitration_id=can_id & CAN_ID,
+                arbitration_id=can_id & CAN_ID_MASK,
                 is_extended_id=bool(can_id & EXTENDED_FLAG),
                 is_remote_frame=bool(can_id & REMOTE_FLAG),
                 is_error_frame=bool(can_id & ERROR_FLAG),
                 data=data,
             )
         )
+        if self._file.tell() != self._size:
+            self._flush()
+
+    def _flush(self) -> None:
+        """Hand a container to the system; raises OSError, after which the file ends with the container before."""
+        try:
+            self._file.flush()
+        except OSError:
+            self._give_up()
+            raise
+        self._size = self._file.tell()
+
+    def _give_up(self) -> None:
+        cut_file(self._file.fileno(), self._size)
+        self._file.raw.close()  # below the buffer, which would try again
 
     def close(self) -> None:
-        self._writer.stop()
+        if self._file.closed:
+            return
+        try:
+            self._writer.stop()
+        except OSError:
+            self._give_up()
+            raise
 
 
 def open_frame_writer(path: Path, channel: str = "can0") -> FrameWriter | None:
@@ -115,12 +144,45 @@ def open_frame_writer(path: Path, channel: str = "can0") -> FrameWriter | None:
 
 @contextmanager
 def frame_logs(path: Path | None, buses: Sequence[str]) -> Iterator[Mapping[str, FrameLog]]:
-    """Yield a log for each named bus, all into one file; an empty mapping when `path` is no file of frames."""
+    """Yield a log for each named bus, all into one file; an empty mapping when `path` is no file of frames.
+
+    A log never raises: the exchange goes on without it. Its error is raised at the end of the block, as that of closing
+    the file. Raises OSError.
+    """
     writer = None if path is None else open_frame_writer(path)
     if writer is None:
         yield {}
         return
+    guard = _Guard()
     try:
-        yield {buses[0]: writer} if len(buses) == 1 else {name: writer.channel(name) for name in buses}
+        logs = {buses[0]: writer} if len(buses) == 1 else {name: writer.channel(name) for name in buses}
+        yield {name: guard.around(log) for name, log in logs.items()}
     finally:
-        writer.close()
+        with guard:
+            writer.close()
+    if guard.fault is not None:
+        raise guard.fault
+
+
+class _Guard:
+    """Keeps what a recording raises, the first error alone; after it nothing more is recorded."""
+
+    def __init__(self) -> None:
+        self.fault: Exception | None = None
+
+    def around(self, log: FrameLog) -> FrameLog:
+        def note(t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+            if self.fault is None:
+                try:
+                    log(t_ns, can_id, data)
+                except Exception as error:
+                    self.fault = error
+
+        return note
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> bool:
+        self.fault = self.fault or (error if isinstance(error, Exception) else None)
+        return isinstance(error, Exception)

@@ -9,17 +9,27 @@ from collections.abc import Sequence
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.pdo import Pdo
-from haptic_fieldbus.signals import LinkFlag
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
+from haptic_fieldbus.signals import LinkFlag, Signal
 
 # Plain integers: combining members of an IntFlag would make a new member in every period of the loop.
-STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION = (int(flag) for flag in LinkFlag)
+STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
+    int(flag) for flag in LinkFlag
+)
+MOST_OWED = 2
+"""Most TPDOs that may still come late. A lost one never comes; it must not excuse those of a second node for long."""
 
 
 class Exchange:
     """State of one exchange: the number of TPDOs still missing, and whether TPDOs are taken (from SYNC on)."""
 
     def __init__(self) -> None:
+        self.begun = False
+        """True from the first exchange on; before it, a drive may send TPDOs as it becomes operational."""
+        self.doubled: int | None = None
+        """COB-ID of a TPDO that came more often than it was asked for; None while there was none."""
         self.taking = False
         self.missing = 0
 
@@ -44,6 +54,8 @@ class Link:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
             slot.fresh = False
+            if slot.owed < MOST_OWED:
+                slot.owed += 1
         return len(self._slots)
 
     @property
@@ -75,22 +87,38 @@ class Link:
         # A latch is the nominal end of SYNC, which may lie a little ahead of the clock: the age is never negative.
         AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, node.emergency)
 
+    def accuse(self, foreign: int | None, doubled: int | None) -> None:
+        """Add the COB-ID of somebody else's command, else of feedback that came twice, to the header of the axis."""
+        age_ns, flags, code = AXIS_HEADER.unpack_from(self._image, self._header)
+        if doubled in [slot.cob_id for slot in self._slots]:
+            flags, code = flags | DUPLICATE, doubled
+        if foreign is not None:
+            flags, code = flags | FOREIGN, foreign
+        AXIS_HEADER.pack_into(self._image, self._header, age_ns, flags, code)
+
 
 class _Slot:
     """Place of one TPDO in the image."""
 
-    __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed")
+    __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed", "owed")
 
     def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
         self.cob_id = cob_id
         self.exchange = Exchange()
         self.fresh = False
         self.malformed = False
+        self.owed = 0
+        """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
 
     def take(self, data: bytearray) -> None:
-        if not self.exchange.taking:
+        exchange = self.exchange
+        if exchange.begun:
+            self.owed -= 1
+            if self.owed < 0:
+                exchange.doubled = self.cob_id
+        if not exchange.taking:
             return
         if len(data) != self._size:
             self.malformed = True
@@ -98,4 +126,24 @@ class _Slot:
         self._image[self._offset : self._end] = data
         if not self.fresh:  # a TPDO that comes twice in a period must count once
             self.fresh = True
-            self.exchange.missing -= 1
+            exchange.missing -= 1
+
+
+def traffic_of(plan: Plan) -> CanTraffic:
+    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
+    (bus,) = plan.buses
+    if not isinstance(bus.traffic, CanTraffic):
+        raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
+    return bus.traffic
+
+
+def statusword_places(plan: Plan) -> tuple[int, ...]:
+    """Return the offset of each axis' statusword in the input image, in the order of the axes."""
+    places = []
+    for axis, image in zip(plan.axes, plan.image.axes, strict=True):
+        offset = image.inputs[0]
+        for mapped in axis.traffic.incoming:
+            if mapped.signal is Signal.STATUSWORD:
+                places.append(offset)
+            offset += mapped.type.size
+    return tuple(places)

@@ -7,51 +7,58 @@ One period is `read` and `write`:
   of the image; the cycle decides about them.
 - `write` sends the RPDOs and, every few periods, the heartbeat of the master.
 
-`stop` sends torque-free set-points before it does anything else. With several buses, `group` calls the parts of `open`,
-`read` and `stop` one by one, each on all buses.
+`stop` consists of `release`, `settle` and `leave`; `canopen.release` tells how. With several buses, `group` calls the
+parts of `open`, `read` and `stop` one by one, each on all buses.
 
 Reference: CiA 301 7.2.2 (PDO), 7.2.5 (SYNC), 7.2.8 (NMT).
 """
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import can
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
+from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
-from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link
+from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
+from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
-from haptic_fieldbus.buses.canopen.setup import ENERGISED, Setup
+from haptic_fieldbus.buses.canopen.release import Parting, Release
+from haptic_fieldbus.buses.canopen.setup import Setup
 from haptic_fieldbus.buses.canopen.wire import Wire, frame
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID, placed
 from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
-from haptic_fieldbus.protocols.cia402 import CIA402
-from haptic_fieldbus.signals import Signal
 
 SYNC_BITS = 48
 """Bits of the SYNC frame 080h without data, from start of frame to end of frame, with its four stuff bits."""
-LOST_HEARTBEATS = 3
-"""Heartbeat periods of silence after which a node shows no sign of life."""
 REFUSED_WRITES = 3
 """Periods in a row with refused set-points that make an exception; a single one only holds the torque longer."""
-STOP_PERIODS = 20
-"""Exchanges in which `stop` waits for torque-free statuswords, before it reads them by SDO."""
-PARTING_TIMEOUT = 0.03
-"""[s]; for each SDO answer after the last exchange. Shorter than the drives' deadline for our heartbeat."""
-PARTING_TRIES = 4
 
 
 class CanopenBus(InSteps):
-    """A CANopen master on any python-can bus; with `owned`, `close` also shuts the python-can bus down."""
+    """A CANopen master on any python-can bus; with `owned`, `close` also shuts the python-can bus down.
 
-    def __init__(self, can_bus: can.BusABC, clock: Clock, log: FrameLog | None = None, *, owned: bool = False) -> None:
+    `echoes` tells that the interface gives back the frames one sends, without marking them.
+    """
+
+    def __init__(
+        self,
+        can_bus: can.BusABC,
+        clock: Clock,
+        log: FrameLog | None = None,
+        *,
+        owned: bool = False,
+        echoes: bool = False,
+    ) -> None:
         self.facts: dict[str, DriveFacts] = {}
         self.warnings: list[str] = []
         self._can_bus = can_bus if owned else None
         self._clock = clock
-        self._wire = Wire(can_bus, clock, can_bus.channel_info, log)
+        self._wire = Wire(can_bus, clock, can_bus.channel_info, log, echoes=echoes)
         self._sync = frame(SYNC_COB_ID)
         self._plan: Plan | None = None
         self._setups: tuple[Setup, ...] = ()
@@ -59,7 +66,7 @@ class CanopenBus(InSteps):
         self._exchange = Exchange()
         self._image = bytearray()
         self._outputs: tuple[tuple[int, int, int], ...] = ()
-        self._statuswords: tuple[int, ...] = ()
+        self._release: Release | None = None
         self._started = False
         self._synced = False
         self.latch_ns = 0
@@ -73,31 +80,41 @@ class CanopenBus(InSteps):
         try:
             super().open(plan)
         except BaseException:
-            if self._plan is not None:  # `configure` had begun; before it nothing was written
-                self._leave_operational()
-            self._plan = None
+            self._started = False
+            self.leave()  # sends nothing before `configure`
             raise
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
-        """Check all drives without writing to them, and fill `facts`.
+        """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
 
-        `image` is the input image; later exchanges fill in the part of this bus. Raises BusTimeoutError,
-        BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
+        `image` is the input image; later exchanges fill in the part of this bus. Raises ForeignMasterError before
+        anything was sent, BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another
+        protocol.
         """
         # Frames from before must reach no handler: an old boot-up message would be taken for a restart.
         self._wire.mute()
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
+        traffic = traffic_of(plan)
+        one = OneMaster([axis.node for axis in plan.axes], traffic.master_node)
+        heard = listen(self._wire, traffic.listening, one, self._wire.name)
+        heard.refuse(traffic.master_node)
         self._bind(plan, image)
-        self.facts = {setup.axis.name: setup.inspect() for setup in self._setups}
+        self._foreign = ForeignMaster(self._wire, one, self.warnings.append)
+        told = heard.sentence()
+        self.facts = {setup.axis.name: replace(setup.inspect(), listened=told) for setup in self._setups}
 
     def configure(self, plan: Plan) -> None:
-        """Configure all inspected drives; raises BusError."""
+        """Configure all inspected drives; raises BusError, ForeignMasterError when somebody else commands meanwhile."""
+        # A person may have thought about the question for long: what came meanwhile is heard first.
+        self._wire.drain(self._clock.now_ns() + plan.period_ns)
+        self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
         for setup in self._setups:
             setup.configure()
 
     def start(self) -> None:
-        """Set all nodes operational, torque-free; raises BusError."""
+        """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
+        self._foreign.refuse(self._wire.name, "Nothing was enabled")
         self._started = True  # first, since a node may be operational already when a later one fails
         for setup in self._setups:
             setup.start()
@@ -114,6 +131,7 @@ class CanopenBus(InSteps):
             Link(setup.node, placed(setup.member.traffic.tpdos, places.inputs[0]), places.header, self._image)
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
         )
+        self._exchange = Exchange()
         for link in self._links:
             link.listen(self._wire, self._exchange)
         self._outputs = tuple(
@@ -121,19 +139,40 @@ class CanopenBus(InSteps):
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
             for pdo, offset in placed(setup.member.traffic.rpdos, places.outputs[0])
         )
-        self._statuswords = statusword_places(plan)
+        self._release = self._release_of(plan, traffic)
         self._heartbeat = frame(HEARTBEAT_COB_ID + traffic.master_node, bytes((NmtState.OPERATIONAL,)))
-        self._heartbeat_limit_ns = LOST_HEARTBEATS * traffic.node_heartbeat_ms * 1_000_000
+        self._heartbeat_limit_ns = round(traffic.silence * 1e9)
         self._heartbeat_every = traffic.heartbeat_every
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
         self._periods_to_heartbeat = 0
         self._refused_writes = 0
         self._started = False
 
+    def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
+        """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
+        partings = [
+            Parting(setup.node, self._wire, link, self._word_at(place), setup.disarming)
+            for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
+        ]
+        set_points = [(cob_id, end - start) for cob_id, start, end in self._outputs]
+        guard = max(traffic.guard(axis.name) for axis in plan.axes)
+        return Release(
+            self._wire, partings, set_points, self._sync_once, feedback_time=traffic.feedback_time, guard=guard
+        )
+
+    def _word_at(self, place: int) -> Callable[[], int]:
+        image = self._image
+        return lambda: image[place] | image[place + 1] << 8
+
+    def _sync_once(self, deadline_ns: int) -> None:
+        self.prepare(deadline_ns)
+        self.begin()
+
     def prepare(self, deadline_ns: int) -> None:
         """Process all frames since the last exchange, until the deadline [ns] at the latest, and begin a new one."""
         self._exchange.taking = False
         self._wire.drain(deadline_ns)
+        self._exchange.begun = True
         self._exchange.missing = sum([link.begin() for link in self._links])
 
     def begin(self) -> None:
@@ -154,6 +193,9 @@ class CanopenBus(InSteps):
         HEADER.pack_into(self._image, 0, latch_ns)
         for link in self._links:
             link.finish(latch_ns, now_ns, self._heartbeat_limit_ns, flags)
+        if self._foreign.cob_id is not None or exchange.doubled is not None:
+            for link in self._links:
+                link.accuse(self._foreign.cob_id, exchange.doubled)
         return self._image
 
     def write(self, image: bytes | bytearray) -> None:
@@ -167,23 +209,27 @@ class CanopenBus(InSteps):
             self._wire.offer(self._heartbeat)
         self._periods_to_heartbeat -= 1
 
-    def stop(self) -> bool:
-        """Send torque-free set-points, wait until the drives confirm, then set them pre-operational.
+    def release(self) -> None:
+        """Free the drives by every way that needs no answer, once the nodes may be operational; raises nothing."""
+        if self._started and self._release is not None:
+            self._release.begin()
 
-        Return True when every drive confirmed, or when none had been started. Raises no BusError.
-        The watch of the drives on our heartbeat is switched off only when every started drive confirmed. Otherwise it
-        stays on, and disables a drive that could not be reached.
+    def settle(self) -> bool:
+        """Look once more whether the drives are free; True when they are, or the time is over. Raises nothing."""
+        return self._release is None or self._release.look()
+
+    def leave(self) -> bool:
+        """Set the nodes pre-operational; True when every drive confirmed that its motor is off. Raises nothing.
+
+        True also when none had been started. A drive that did not confirm keeps its watch on our heartbeat.
         """
-        if self._plan is None:
+        if self._plan is None or self._release is None:
             return True
-        self.release()
-        confirmed = not self._started or self._await_release(self._plan)
-        self._leave_operational()
-        if self._started and confirmed:
-            self._release_guards()
-        self._plan, self._started = None, False
+        confirmed = self._release.leave()
+        self.warnings += self._release.warnings
         if self._wire.refusal is not None:
             self.warnings.append(str(self._wire.refusal))
+        self._plan, self._started = None, False
         return confirmed
 
     @property
@@ -196,65 +242,6 @@ class CanopenBus(InSteps):
         """True when all feedback of the last exchange arrived and the controller is not bus-off."""
         return not self._wire.bus_off and all(link.fresh for link in self._links)
 
-    def release(self) -> None:
-        """Send torque-free set-points now, once the nodes may be operational; raises no BusError.
-
-        Controlword *disable voltage* and target torque 0 both consist of zero octets.
-        """
-        if not self._started:
-            return
-        for cob_id, start, end in self._outputs:
-            try:
-                self._wire.send(frame(cob_id, bytes(end - start)))
-            except BusError as error:
-                self.warnings.append(f"torque-free set-point {cob_id:03X}h was not sent: {error}")
-
-    def _await_release(self, plan: Plan) -> bool:
-        """Exchange torque-free images until fresh statuswords show no energised motor; False when that fails."""
-        torque_free = bytes(plan.image.output_size)
-        deadline_ns = self._clock.now_ns()
-        try:
-            for _ in range(STOP_PERIODS):
-                image = self.read(deadline_ns + plan.period_ns)
-                if all(link.fresh for link in self._links) and not any(map(_energised, self._words(image))):
-                    return True
-                self.write(torque_free)
-                deadline_ns += plan.period_ns
-                self._clock.sleep_until(deadline_ns)
-            # PDOs alone confirmed nothing: a node that left operational sends none, but still answers SDO requests.
-            return not any(self._ask_energised(setup) for setup in self._setups)
-        except BusError as error:
-            self.warnings.append(f"no confirmation that torque is off: {error}")
-            return False
-
-    def _ask_energised(self, setup: Setup) -> bool:
-        """Read by SDO whether the motor is energised; try several times, since a restarting drive answers late."""
-        for _ in range(PARTING_TRIES - 1):
-            try:
-                return setup.energised(PARTING_TIMEOUT)
-            except BusTimeoutError:
-                continue
-        return setup.energised(PARTING_TIMEOUT)
-
-    def _words(self, image: bytearray) -> list[int]:
-        return [image[offset] | image[offset + 1] << 8 for offset in self._statuswords]
-
-    def _leave_operational(self) -> None:
-        for setup in self._setups:
-            try:
-                setup.node.command(NmtState.PRE_OPERATIONAL)
-            except BusError as error:
-                self.warnings.append(f"{setup.node.label} was not told to go pre-operational: {error}")
-
-    def _release_guards(self) -> None:
-        for setup in self._setups:
-            try:
-                # The SDO transfers take time, in which the drives that still watch must not miss our heartbeat.
-                self._wire.offer(self._heartbeat)
-                setup.release_guard(PARTING_TIMEOUT)
-            except BusError as error:
-                self.warnings.append(f"left with its heartbeat guard on, so it may report an error: {error}")
-
     def close(self) -> None:
         """Stop unless already stopped, and shut down the python-can bus if it is owned; raises no BusError."""
         self.stop()
@@ -262,27 +249,3 @@ class CanopenBus(InSteps):
         if self._can_bus is not None:
             self._can_bus.shutdown()
             self._can_bus = None
-
-
-def traffic_of(plan: Plan) -> CanTraffic:
-    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
-    (bus,) = plan.buses
-    if not isinstance(bus.traffic, CanTraffic):
-        raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
-    return bus.traffic
-
-
-def statusword_places(plan: Plan) -> tuple[int, ...]:
-    """Return the offset of each axis' statusword in the input image, in the order of the axes."""
-    places = []
-    for axis, image in zip(plan.axes, plan.image.axes, strict=True):
-        offset = image.inputs[0]
-        for mapped in axis.traffic.incoming:
-            if mapped.signal is Signal.STATUSWORD:
-                places.append(offset)
-            offset += mapped.type.size
-    return tuple(places)
-
-
-def _energised(statusword: int) -> bool:
-    return CIA402.state(statusword) in ENERGISED

@@ -18,13 +18,16 @@ from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
 from haptic_fieldbus.buses.canopen.wire import Wire, frame
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.protocols.canopen.cob_ids import (
+    EMCY_COB_ID,
+    NMT_COB_ID,
+    SDO_REQUEST_COB_ID,
+    SDO_RESPONSE_COB_ID,
+)
 from haptic_fieldbus.protocols.canopen.emergency import RESET_CLASS
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 
-NMT_COB_ID = 0x000
-EMCY_COB_ID = 0x080
-SDO_RESPONSE_COB_ID = 0x580
-SDO_REQUEST_COB_ID = 0x600
 SDO_TIMEOUT = 0.3
 """[s]."""
 
@@ -162,7 +165,7 @@ class Node:
                 said = "none came" if self.state is None else f"the last says {_state_name(self.state)}"
                 raise BusTimeoutError(
                     f"{self.label} was told to go {_state_name(state)}, but no heartbeat confirmed it in "
-                    f"{timeout:g} s: {said}. A raised error register (1001h) can keep a node from starting"
+                    f"{exactly(timeout)} s: {said}. A raised error register (1001h) can keep a node from starting"
                 )
 
     def now_ns(self) -> int:

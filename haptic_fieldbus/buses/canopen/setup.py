@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import canopen
 
 from haptic_fieldbus.buses.bus import DriveFacts
-from haptic_fieldbus.buses.canopen.limits import MAX_TORQUE, check_max_torque
+from haptic_fieldbus.buses.canopen.max_torque import MAX_TORQUE, check_max_torque
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, Direction, Pdo
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
@@ -40,7 +41,7 @@ COB_ID_INVALID = 0x8000_0000
 COB_ID_NO_RTR = 0x4000_0000
 """Bit 30 of a TPDO's COB-ID: no remote frames. It keeps its value, since many drives have it fixed."""
 SYNC_PRODUCER = 0x4000_0000  # bit 30 of 1005h: the device sends SYNC itself
-CAN_ID = 0x7FF
+COB_ID_MASK = 0x7FF
 SHAFT_BRAKES = 3  # abort connection option code (6007h): quick stop command
 SHAFT_WORDS = {1: "the drive faults", 2: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
 NO_ANSWER_ADVICE = "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
@@ -155,7 +156,7 @@ class Setup:
         sync = self._optional(SYNC_ID)
         if sync is None:
             return
-        if sync & CAN_ID != SYNC_COB_ID or sync & SYNC_PRODUCER:
+        if sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER:
             raise BusConfigurationError(
                 f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is needed"
             )
@@ -166,16 +167,14 @@ class Setup:
         if mapped is None:
             return None
         if mapped.unit not in RATED_TORQUE_UNITS:
-            known = ", ".join(RATED_TORQUE_UNITS)
-            raise BusConfigurationError(
-                f"{self.member.profile.title}: unit {mapped.unit!r} of {mapped.entry} is not one of {known}"
-            )
+            wrong = f"unit {mapped.unit!r} of {mapped.entry} is not one of {', '.join(RATED_TORQUE_UNITS)}"
+            raise BusConfigurationError(f"{self.member.profile.title}: {wrong}")
         rated = self.node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
         expected = self.axis.rig.rated_torque
         if expected is not None and abs(rated - expected) > RATED_TORQUE_TOLERANCE * expected:
             raise BusConfigurationError(
-                f"{self.node.label}: its rated torque is {rated:g} N·m ({mapped.entry}), the rig says {expected:g} N·m "
-                f"(axis.{self.axis.name}.rated_torque); every command would be wrong by that much"
+                f"{self.node.label}: its rated torque is {exactly(rated)} N·m ({mapped.entry}), the rig says "
+                f"{exactly(expected)} N·m (axis.{self.axis.name}.rated_torque); every command would be off by that"
             )
         return rated
 
@@ -206,11 +205,11 @@ class Setup:
             if option is not None:
                 self.node.write(ObjectEntry(option.object, DataType.INT16), self._reaction(option))
 
-    def release_guard(self, timeout: float) -> None:
-        """Switch off the watch on our heartbeat within `timeout` [s], so that leaving is no error; raises BusError."""
+    @property
+    def disarming(self) -> tuple[tuple[ObjectEntry, int], ...]:
+        """Entries and values that switch off the drive's watch on us, so that leaving is no error."""
         index = self.member.profile.link_loss.heartbeat_consumer
-        if index is not None:
-            self.node.send(ObjectEntry(index, DataType.UINT32, 1), 0, timeout)
+        return () if index is None else ((ObjectEntry(index, DataType.UINT32, 1), 0),)
 
     @property
     def _deadline_ms(self) -> int:
@@ -284,7 +283,7 @@ class Setup:
         deadline_ns = self.node.now_ns() + round(timeout * 1e9)
         while not reached():
             if self.node.now_ns() >= deadline_ns:
-                raise BusConfigurationError(f"{self.node.label} {complaint()} (waited {timeout:g} s)")
+                raise BusConfigurationError(f"{self.node.label} {complaint()} (waited {exactly(timeout)} s)")
             self.node.wait(POLL_NS)
 
 

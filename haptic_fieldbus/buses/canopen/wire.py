@@ -4,36 +4,47 @@ There is no Notifier and no thread. A caller that waits for a frame receives by 
 clock that was handed in, so that virtual time stays deterministic. Configuration and loop share this path.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from uuid import uuid4
 
 import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
-from haptic_fieldbus.buses.canopen.frames import FrameLog
+from haptic_fieldbus.buses.canopen.frames import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, FrameLog
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError
 
 Handler = Callable[[bytearray], None]
+Tap = Callable[[int, bytes | bytearray], None]
+"""Function that is called with the CAN-ID, flags included, and the data of every frame that comes."""
 
-EXTENDED_FLAG = 0x8000_0000
-REMOTE_FLAG = 0x4000_0000
-ERROR_FLAG = 0x2000_0000
+ECHOING = ("udp_multicast",)
+"""Interfaces that give back the frames one sends, without saying so."""
+
 BUS_OFF_ERROR = 0x040
 """Bit in the identifier of an error frame (linux/can/error.h, CAN_ERR_BUSOFF)."""
 
 
 class Wire:
-    """A python-can bus with a handler for each identifier; `name` is its name in messages."""
+    """A python-can bus with a handler for each identifier; `name` is its name in messages.
 
-    def __init__(self, can_bus: can.BusABC, clock: Clock, name: str, log: FrameLog | None = None) -> None:
+    Our own frames, when an interface gives them back, reach neither handlers nor log. Most interfaces mark them
+    (`is_rx`). One that `echoes` does not; there we mark them, see `_Marked`.
+    """
+
+    def __init__(
+        self, can_bus: can.BusABC, clock: Clock, name: str, log: FrameLog | None = None, *, echoes: bool = False
+    ) -> None:
         self.clock = clock
         self.name = name
         self.bus_off = False
         self.refusal: BusError | None = None
         """Error of the last frame that the full transmit queue refused; None when there was none."""
         # Bound methods are looked up once: the loop calls them for every frame.
-        self._send = can_bus.send
-        self._recv = can_bus.recv
+        port = _Marked(can_bus) if echoes else can_bus
+        self._send = port.send
+        self._recv = port.recv
         self._now_ns = clock.now_ns
         self._log = log
         self._handlers: dict[int, Handler] = {}
@@ -41,6 +52,22 @@ class Wire:
     def listen(self, can_id: int, handler: Handler) -> None:
         """Hand all frames with this CAN-ID to `handler`, which replaces an earlier one."""
         self._handlers[can_id] = handler
+
+    @contextmanager
+    def overhear(self, tap: Tap) -> Iterator[None]:
+        """Call `tap` with every frame that comes meanwhile; nothing may be sent."""
+        log = self._log
+
+        def both(t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+            tap(can_id, data)
+            if log is not None:
+                log(t_ns, can_id, data)
+
+        self._log = both
+        try:
+            yield
+        finally:
+            self._log = log
 
     def mute(self) -> None:
         """Forget all handlers."""
@@ -62,7 +89,7 @@ class Wire:
             self.refusal = ours
             return False
         if self._log is not None:
-            self._log(self._now_ns(), message.arbitration_id, message.data)
+            self._write_log(self._log, message.arbitration_id, message.data)
         return True
 
     def pump(self, deadline_ns: int) -> bool:
@@ -74,6 +101,8 @@ class Wire:
             raise translate(error, self.name) from error
         if message is None:
             return False
+        if not message.is_rx:
+            return True
         can_id = message.arbitration_id
         # The flags change the key of extended, remote and error frames, so that no handler of a data frame gets them.
         if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
@@ -81,11 +110,19 @@ class Wire:
             if message.is_error_frame and can_id & BUS_OFF_ERROR:
                 self.bus_off = True
         if self._log is not None:
-            self._log(self._now_ns(), can_id, message.data)
+            self._write_log(self._log, can_id, message.data)
         handler = self._handlers.get(can_id)
         if handler is not None:
             handler(message.data)
         return True
+
+    def _write_log(self, log: FrameLog, can_id: int, data: bytes | bytearray) -> None:
+        """Write a frame to the log; a log that raises is used no more, so that a full disk stops no other frame."""
+        try:
+            log(self._now_ns(), can_id, data)
+        except Exception:
+            self._log = None
+            raise
 
     def drain(self, deadline_ns: int) -> None:
         """Handle all frames that have already arrived, without waiting; in a flood, stop at the deadline [ns]."""
@@ -99,6 +136,28 @@ def _flags(message: can.Message) -> int:
         | (REMOTE_FLAG if message.is_remote_frame else 0)
         | (ERROR_FLAG if message.is_error_frame else 0)
     )
+
+
+class _Marked:
+    """A bus that gives back the frames one sends: ours carry a mark, and come back as not received.
+
+    python-can's UDP datagrams pass on the channel of a frame, which means nothing there. To count what was sent would
+    not do, because a lost echo would excuse the same frame of somebody else.
+    """
+
+    def __init__(self, can_bus: can.BusABC) -> None:
+        self._bus = can_bus
+        self._mark = uuid4().hex
+
+    def send(self, message: can.Message) -> None:
+        message.channel = self._mark
+        self._bus.send(message)
+
+    def recv(self, timeout: float) -> can.Message | None:
+        message = self._bus.recv(timeout)
+        if message is not None and message.channel == self._mark:
+            message.is_rx = False
+        return message
 
 
 def frame(can_id: int, data: bytes | bytearray = b"") -> can.Message:

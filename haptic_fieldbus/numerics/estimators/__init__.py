@@ -2,7 +2,7 @@
 
 An estimator is written NAME or NAME:key=value,key=value, such as `least-squares:window=8,order=2`. `bind` returns the
 step that the loop runs. `discrete` returns the linear system of the estimator, or None for an estimator that is not
-linear. `judged` returns the system by which stability is judged. An estimator that chooses between several linear
+linear. `linear_form` returns the system by which stability is judged. An estimator that chooses between several linear
 systems is judged by the one with the most delay, if there is one.
 
 The choice matters: in one published data set the estimator changed the stable stiffness by a factor of two. Less noise
@@ -13,14 +13,15 @@ import math
 from dataclasses import dataclass
 from importlib import import_module
 
+from haptic_fieldbus.documents import nearest
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, Value
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter, ParameterValue
 from haptic_fieldbus.numerics.linear import StateSpace
 
 __all__ = [
-    "DEFAULT_ESTIMATOR",
     "ESTIMATORS",
-    "Chosen",
+    "ChosenEstimator",
     "Estimate",
     "Estimator",
     "bind",
@@ -28,11 +29,9 @@ __all__ = [
     "discrete",
     "estimator_named",
     "is_timed",
-    "judged",
-    "judged_as",
+    "linear_form",
+    "linear_stand_in",
 ]
-
-DEFAULT_ESTIMATOR = "backward-difference"
 
 ESTIMATORS = {
     "backward-difference": "differences",
@@ -55,7 +54,7 @@ class ChosenEstimator:
     """An estimator with the parameters that were written after its name."""
 
     estimator: Estimator
-    given: dict[str, Value]
+    given: dict[str, ParameterValue]
 
     def setup(self, period: float, resolution: float = 0.0) -> EstimatorSetup:
         """Return all parameters, defaults included; `resolution` is one encoder count [m or rad].
@@ -63,7 +62,7 @@ class ChosenEstimator:
         Raises UsageError for a period [s] that is not above 0, and for parameters that do not fit it or each other.
         """
         if not 0.0 < period < math.inf:
-            raise UsageError(f"period {period:g} s: expected a finite number above 0")
+            raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
         defaults = {
             parameter.key: resolution if parameter.default is None else parameter.default
             for parameter in self.estimator.parameters
@@ -87,7 +86,7 @@ def chosen(spec: str) -> ChosenEstimator:
     name, _, written = spec.partition(":")
     estimator = estimator_named(name.strip())
     known = {parameter.key: parameter for parameter in estimator.parameters}
-    given: dict[str, Value] = {}
+    given: dict[str, ParameterValue] = {}
     for part in filter(None, map(str.strip, written.split(","))):
         key, equals, text = map(str.strip, part.partition("="))
         if not equals or key not in known:
@@ -98,7 +97,7 @@ def chosen(spec: str) -> ChosenEstimator:
     return ChosenEstimator(estimator, given)
 
 
-def _parsed(name: str, parameter: Parameter, text: str) -> Value:
+def _parsed(name: str, parameter: Parameter, text: str) -> ParameterValue:
     try:
         return parameter.parsed(text)
     except UsageError as error:
@@ -106,8 +105,6 @@ def _parsed(name: str, parameter: Parameter, text: str) -> Value:
 
 
 def _unknown(sentence: str, name: str, known: list[str]) -> str:
-    from haptic_fieldbus.documents import nearest
-
     near = nearest(name, known)
     return f"{sentence}; {f'nearest: {near[0]}; ' if near else ''}there are: {', '.join(known) or 'none'}"
 
@@ -133,19 +130,19 @@ def is_timed(spec: str) -> bool:
     return chosen(spec).estimator.timed
 
 
-def judged_as(spec: str) -> str | None:
+def linear_stand_in(spec: str) -> str | None:
     """Return the estimator by which stability is judged instead of this one; None when this one is linear itself."""
     choice = chosen(spec)
     # No stand-in depends on the period, so any period serves.
     return None if choice.estimator.system is not None else choice.estimator.stand_in(choice.setup(1.0))
 
 
-def judged(spec: str, period: float) -> StateSpace:
-    """Return the linear system by which stability is judged: the estimator's, or that of `judged_as`.
+def linear_form(spec: str, period: float) -> StateSpace:
+    """Return the linear system by which stability is judged: the estimator's, or that of `linear_stand_in`.
 
     Raises UsageError as `bind`, and TypeError when the stand-in of an estimator is not linear either.
     """
-    system = discrete(judged_as(spec) or spec, period)
+    system = discrete(linear_stand_in(spec) or spec, period)
     if system is None:
         raise TypeError(f"{spec} is judged as an estimator that is not linear either")
     return system

@@ -28,6 +28,7 @@ from collections.abc import Callable
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.estimators.estimator import Estimate, Estimator, EstimatorSetup, Parameter
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
@@ -39,7 +40,7 @@ POLES: dict[str, Callable[[float, float], float]] = {
 }
 """Pole of s/(τs + 1) from (τ, T), by the name of the mapping."""
 LIMITS: dict[str, Callable[[float], str]] = {
-    "forward": lambda period: f"tau above {0.5 * period:g} s, half of the period",
+    "forward": lambda period: f"tau above {exactly(0.5 * period)} s, half of the period",
     "trapezoidal": lambda period: "tau above 0",
 }
 """Condition of stability for people, from T, by the name of the mapping; the other mappings are always stable."""
@@ -132,8 +133,8 @@ def _check_mapping(setup: EstimatorSetup) -> None:
     mapping = setup.word("mapping")
     if not abs(_pole(setup)) < 1.0:
         raise UsageError(
-            f"filtered-derivative: tau={setup.number('tau'):g} s by the {mapping} mapping is unstable at a period of "
-            f"{setup.period:g} s; it needs {LIMITS[mapping](setup.period)}"
+            f"filtered-derivative: tau={exactly(setup.number('tau'))} s by the {mapping} mapping is unstable at a "
+            f"period of {exactly(setup.period)} s; it needs {LIMITS[mapping](setup.period)}"
         )
 
 

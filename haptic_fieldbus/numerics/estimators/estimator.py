@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace
 
-Value = float | str
+ParameterValue = float | str
 
 Estimate = Callable[..., float]
 """Step from the position of a period [m or rad] (and its time [ns], if `timed`) to the velocity [m/s or rad/s]."""
@@ -18,7 +19,7 @@ class Parameter:
     """A number or word that is written NAME:key=value; `default` None means one encoder count of the axis."""
 
     key: str
-    default: Value | None
+    default: ParameterValue | None
     meaning: str
     unit: str = ""
     lowest: float = 0.0
@@ -26,7 +27,7 @@ class Parameter:
     is_whole: bool = False
     choices: tuple[str, ...] = ()
 
-    def parsed(self, text: str) -> Value:
+    def parsed(self, text: str) -> ParameterValue:
         """Return the value of a text; raises UsageError, with the expected values, for any other text."""
         if self.choices:
             if text not in self.choices:
@@ -48,8 +49,8 @@ class Parameter:
             return f"one of {', '.join(self.choices)}"
         kind = "a whole number" if self.is_whole else "a number"
         if math.isinf(self.highest):
-            return f"{kind} from {self.lowest:g}{unit} up"
-        return f"{kind} from {self.lowest:g} to {self.highest:g}{unit}"
+            return f"{kind} from {exactly(self.lowest)}{unit} up"
+        return f"{kind} from {exactly(self.lowest)} to {exactly(self.highest)}{unit}"
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class EstimatorSetup:
 
     period: float
     resolution: float
-    values: Mapping[str, Value]
+    values: Mapping[str, ParameterValue]
 
     def number(self, key: str) -> float:
         return float(self.values[key])

@@ -26,6 +26,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 
 
 def bind_position(period: float, start: float = 0.0) -> Callable[[float], float]:
@@ -34,7 +35,7 @@ def bind_position(period: float, start: float = 0.0) -> Callable[[float], float]
     Raises UsageError for a period [s] that is not above 0.
     """
     if not 0.0 < period < math.inf:
-        raise UsageError(f"period {period:g} s: expected a finite number above 0")
+        raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
     before: float | None = None
     position, half = start, 0.5 * period
 

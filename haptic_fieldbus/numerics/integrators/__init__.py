@@ -10,14 +10,16 @@ the sampled loop with a hand (`margins`). A method that preserves energy does no
 
 import numpy as np
 
+from haptic_fieldbus.defaults import DEFAULT_METHOD
+from haptic_fieldbus.documents import nearest
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.integrators import one_step, staggered
-from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, check
+from haptic_fieldbus.numerics.integrators.method import Integrator, OneStep, check_system
 from haptic_fieldbus.numerics.integrators.stepping import Step, bind_general, bind_pair
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 
 __all__ = [
-    "DEFAULT_METHOD",
     "METHODS",
     "Integrator",
     "OneStep",
@@ -29,7 +31,6 @@ __all__ = [
     "rest",
 ]
 
-DEFAULT_METHOD = "exact-foh"
 
 METHODS = {
     method.name: method
@@ -55,8 +56,6 @@ def method_named(name: str) -> Integrator:
 
 
 def _unknown(name: str) -> str:
-    from haptic_fieldbus.documents import nearest  # only a mistake needs it
-
     near = nearest(name, METHODS)
     return f'no method "{name}"; {f"nearest: {near[0]}; " if near else ""}there are: {", ".join(METHODS)}'
 
@@ -68,13 +67,13 @@ def discretise(space: StateSpace, period: float, method: str = DEFAULT_METHOD) -
     for an implicit method whose equation has no solution at this period.
     """
     chosen = method_named(method)
-    check(space, period)
+    check_system(space, period)
     try:
         return chosen.discretise(space, period)
     except np.linalg.LinAlgError as error:
         raise UsageError(
-            f"{method} has no step of {period:g} s for these virtual states: one of their modes grows too fast for its "
-            "implicit equation; a shorter period has one"
+            f"{method} has no step of {exactly(period)} s for these virtual states: one of their modes grows too fast "
+            "for its implicit equation; a shorter period has one"
         ) from error
 
 

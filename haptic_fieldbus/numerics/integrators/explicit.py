@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 
 States = tuple[float, ...]
 Rates = Callable[..., Sequence[float]]
@@ -159,5 +160,5 @@ def bind_rates(
     if method not in EXPLICIT:
         raise UsageError(f'"{method}" is not for nonlinear rates; there are: {", ".join(EXPLICIT)}')
     if not 0.0 < period < math.inf:
-        raise UsageError(f"period {period:g} s: expected a finite number above 0")
+        raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
     return EXPLICIT[method](System(rates, tuple(start), tuple(positions)), period)

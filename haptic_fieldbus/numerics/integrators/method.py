@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 
 
@@ -59,13 +60,13 @@ class Integrator:
     """Function from (continuous system, period [s]) to one step; it does not check them."""
 
 
-def check(space: StateSpace, period: float) -> None:
+def check_system(space: StateSpace, period: float) -> None:
     """Check the period [s] and the entries of a system.
 
     Raises UsageError for a period that is not a finite number above 0, and for an entry that is not finite.
     """
     if not 0.0 < period < math.inf:
-        raise UsageError(f"period {period:g} s: expected a finite number above 0")
+        raise UsageError(f"period {exactly(period)} s: expected a finite number above 0")
     for name in ("a", "b", "c", "d"):
         matrix: Matrix = getattr(space, name)
         if not np.isfinite(matrix).all():

@@ -1,24 +1,28 @@
 """Names of CAN buses, as users and rig files write them."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from typing import Annotated, ClassVar
 
 from annotated_types import Ge, Le
 
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, SIMULATION
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
 
-DEFAULT_BITRATE = 1_000_000
 """Bit rate that is assumed when none is given [bit/s]."""
 BITRATES = (10_000, 1_000_000)
 """Lowest and highest bit rate of CiA 301, table 1 [bit/s]."""
 NODES = range(1, 128)
 """Node-IDs (CiA 301, 7.3.5)."""
+LISTENING = 1.0
+"""Time for which a master listens before it sends [s]."""
+LONGEST_LISTENING = 60.0
+"""[s]."""
 BUS_FORMS = "sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE], for example sim, socketcan:can0, pcan:PCAN_USBBUS1@1000000"
 
 SIMULATION_INTERFACE = "haptic_sim"
@@ -31,8 +35,6 @@ CAN_INTERFACES = (
     "pcan", "robotell", "seeedstudio", "serial", "slcan", "socketcan", "socketcand", "systec", "udp_multicast",
     "usb2can", "vector", "virtual",
 )  # fmt: skip
-SIMULATION = "sim"
-"""Name of the simulated bus; without a bit rate it takes that of the bus which it replaces in a rig."""
 LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 """Usual name of a CAN interface under Linux, which users write without `socketcan:`."""
 
@@ -41,7 +43,11 @@ LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 class CanSection(BusSection):
     """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
-    bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1])] = DEFAULT_BITRATE
+    bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1])] = DEFAULT_BIT_RATE
+    listen: Annotated[float, Ge(0.0), Le(LONGEST_LISTENING)] = LISTENING
+    """Time for which the master listens for somebody else before it sends anything [s]; 0: not at all."""
+    master_node: Annotated[int, Ge(NODES[0]), Le(NODES[-1])] | None = None
+    """Node-ID of the master's heartbeat; None: the highest that no drive of the rig has."""
     protocol: ClassVar[str] = "canopen"
     __pydantic_config__: ClassVar[dict[str, object]] = STRICT
 
@@ -79,15 +85,15 @@ def in_place_of(section: CanSection, named: BusName, channel: str | None) -> Can
         raise UsageError(f'bus "{named.text}" is no CAN bus, the rig\'s {section.interface}:{section.channel} is one')
     # A simulation without a bit rate is that of the bus which it replaces.
     bitrate = section.bitrate if named.text == SIMULATION else new.bitrate
-    return CanSection(new.interface, channel or new.channel, bitrate)
+    return replace(section, interface=new.interface, channel=channel or new.channel, bitrate=bitrate)
 
 
 def _parse_bare(text: str) -> BusName:
     """Parse a name without a colon: the simulated bus, or a slip that gets advice."""
     name, at, bitrate = text.partition("@")
     if name == SIMULATION:
-        speed = _bitrate(text, bitrate) if at else DEFAULT_BITRATE
-        return BusName(text, CanSection(SIMULATION_INTERFACE, "sim", speed))
+        speed = _bitrate(text, bitrate) if at else DEFAULT_BIT_RATE
+        return BusName(text, CanSection(SIMULATION_INTERFACE, SIMULATION, speed))
     if name in can_interfaces():
         raise UsageError(f'bus "{text}" lacks its channel: {name}:CHANNEL[@BITRATE]')
     if LINUX_CHANNEL.fullmatch(name):

@@ -80,7 +80,17 @@ class Canopen(FieldbusProtocol):
         own = tuple(
             BusMember(name, canopen_profile(profile), _pdos(traffic)) for name, (profile, traffic) in members.items()
         )
-        return CanTraffic(own, bus.can_section(section).bitrate, rate, waiting)
+        can_bus = bus.can_section(section)
+        if any(member.traffic.node == can_bus.master_node for member in own):
+            raise PlanError(f"master_node {can_bus.master_node} of the bus is the node-ID of one of its drives")
+        return CanTraffic(
+            own,
+            can_bus.bitrate,
+            rate,
+            waiting,
+            listening=can_bus.listen,
+            chosen_master_node=can_bus.master_node,
+        )
 
 
 def _pdos(traffic: AxisTraffic) -> PdoTraffic:

@@ -11,6 +11,9 @@ from functools import cached_property
 
 from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.errors import BusOverloadError
+from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.protocols.canopen.bus import LISTENING
+from haptic_fieldbus.protocols.canopen.cob_ids import cob_id_words
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, Direction, Pdo, worst_case_bits
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
@@ -25,6 +28,8 @@ HEARTBEATS_PER_DEADLINE = 5
 PERIODS_PER_DEADLINE = 5
 NODE_HEARTBEAT_MS = 100
 """Producer heartbeat time that the master writes to each drive."""
+LOST_HEARTBEATS = 3
+"""Heartbeat periods of silence after which a node shows no sign of life."""
 MASTER_NODES = range(127, 0, -1)
 """Candidates for the node-ID of the master, which its heartbeat needs; the first that no drive has is taken."""
 
@@ -86,7 +91,7 @@ class PdoTraffic:
         """Return a link fault in the terms of CANopen; raises KeyError for STALE, which is no fault."""
         if flag is LinkFlag.EMERGENCY:
             return f"node {self.node} sent emergency {code:04X}h ({emergency_meaning(code)})"
-        return FAULT_TEXTS[flag].format(node=self.node)
+        return FAULT_TEXTS[flag].format(node=self.node, frame=cob_id_words(code))
 
 
 FAULT_TEXTS = {
@@ -95,6 +100,9 @@ FAULT_TEXTS = {
     LinkFlag.NO_SIGN_OF_LIFE: "the heartbeat of node {node} stayed away",
     LinkFlag.NOT_OPERATIONAL: "node {node} is not operational, says its heartbeat",
     LinkFlag.EXCEPTION: "node {node} sent a malformed PDO, or the bus refused our frames",
+    LinkFlag.FOREIGN: "somebody else commands on this bus: {frame} came, and not from us; end that master, and put "
+    "axes that share a bus into one rig",
+    LinkFlag.DUPLICATE: "{frame} came more often than SYNC asked for it: two devices have the node-ID {node}",
 }
 
 
@@ -126,6 +134,9 @@ class CanTraffic:
     waiting: float = 0.0
     """Time from the last TPDO of this bus to that of the slowest bus, when computing can begin [s]."""
     node_heartbeat_ms: int = NODE_HEARTBEAT_MS
+    listening: float = LISTENING
+    """Time for which the master listens before it sends [s]."""
+    chosen_master_node: int | None = None
 
     @property
     def heartbeat_every(self) -> int:
@@ -139,8 +150,20 @@ class CanTraffic:
         return math.ceil(deadline * 1e3 - 1e-9) * 1e-3
 
     @property
+    def silence(self) -> float:
+        """Time without a heartbeat of a drive after which it counts as gone [s]."""
+        return LOST_HEARTBEATS * self.node_heartbeat_ms * 1e-3
+
+    @property
+    def disturbance(self) -> float:
+        """Time by which frames outside the exchange delay it: one of eight octets, and all heartbeats [s]."""
+        return (worst_case_bits(8) + (len(self.members) + 1) * worst_case_bits(1)) / self.bitrate
+
+    @property
     def master_node(self) -> int:
-        """Node-ID of the master: the highest that no drive has."""
+        """Node-ID of the master: the one that the rig chooses, else the highest that no drive has."""
+        if self.chosen_master_node is not None:
+            return self.chosen_master_node
         nodes = {member.traffic.node for member in self.members}
         return next(node for node in MASTER_NODES if node not in nodes)
 
@@ -195,11 +218,12 @@ class CanTraffic:
             return
         rate, load, lower = self.rate, self.load, self._fitting_rate()
         subject = f"bus {bus}: " if bus else ""
-        fits = "No rate would fit" if lower is None else f"Would fit: --rate {lower:g}"
+        fits = "No rate would fit" if lower is None else f"Would fit: --rate {exactly(lower)}"
         raise BusOverloadError(
-            f"{subject}{rate:g} Hz needs {self.period_bits} bits a period: {100 * load:.0f} % of {self.bitrate} "
-            f"bit/s, and {self.shortest_period * 1e3:.2f} ms for SYNC, TPDOs, {COMPUTE_NS / 1e3:.0f} µs of computing "
-            f"and RPDOs. At most {100 * LARGEST_BUS_LOAD:.0f} % and one period are allowed. {fits}"
+            f"{subject}{exactly(rate)} Hz needs {self.period_bits} bits a period: {percent(load)} of "
+            f"{self.bitrate} bit/s, and {rounded(1e3 * self.shortest_period)} ms for SYNC, TPDOs, "
+            f"{COMPUTE_NS // 1000} µs of computing and RPDOs. At most {percent(LARGEST_BUS_LOAD)} and one period are "
+            f"allowed. {fits}"
         )
 
     @property
@@ -237,11 +261,11 @@ class CanTraffic:
     def speed(self) -> str:
         """Bit rate in words."""
         fast = self.bitrate >= 1_000_000
-        return f"{self.bitrate / 1e6:g} Mbit/s" if fast else f"{self.bitrate / 1e3:g} kbit/s"
+        return f"{exactly(self.bitrate / 1e6)} Mbit/s" if fast else f"{exactly(self.bitrate / 1e3)} kbit/s"
 
     def line(self) -> str:
         """Return rate, bit rate and load in words."""
-        return f"{self.rate:g} Hz at {self.bitrate / 1e6:g} Mbit/s, load {100 * self.load:.1f} % (worst case)"
+        return f"{exactly(self.rate)} Hz at {self.speed}, load {percent(self.load)} (worst case)"
 
     @cached_property
     def _bits_in(self) -> int:

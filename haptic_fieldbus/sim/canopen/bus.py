@@ -7,12 +7,15 @@ receives (see `pace`).
 """
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import can
 from can.typechecking import CanFilters
 
 from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.channel import drives_of, slot_of
@@ -48,24 +51,28 @@ class SimulatedBus(can.BusABC):
         channel: str = "",
         can_filters: CanFilters | None = None,
         *,
-        bitrate: int = 1_000_000,
+        bitrate: int = DEFAULT_BIT_RATE,
         clock: Clock | None = None,
         world: World | None = None,
-        seed: int = 0,
-        hand: str = "none",
+        seed: int = DEFAULT_SEED,
+        hand: str = DEFAULT_HOSTED_HAND,
         workspace: str = "linear",
+        profiles: str | None = None,
         receive_own_messages: bool = False,
         **kwargs: object,
     ) -> None:
         """Attach to the wire of `world`, or without one to the wire of the drives that `channel` names.
 
+        `profiles` is a folder of own profiles, which the channel may name (see `load_profile`).
         Raises can.CanInitializationError when these drives cannot be simulated, or when the channel is open with
         another clock or bit rate.
         """
         # BusABC.__del__ calls shutdown(), also after an __init__ that raised.
         self._is_shutdown = True  # until the end of this method there is nothing to shut down
         self._channel = channel if world is None else None
-        self.world = world or _shared_world(channel, bitrate, clock, seed, hand, workspace)
+        self.world = world or _shared_world(
+            channel, bitrate, clock, partial(_new_world, channel, bitrate, seed, hand, workspace, profiles)
+        )
         self.channel_info = f"haptic_sim {channel}".rstrip()
         self._pace = self.world.pace
         self._controller = self._pace.attach(receive_own=receive_own_messages)
@@ -133,17 +140,17 @@ class SimulatedBus(can.BusABC):
         )
 
 
-def _shared_world(channel: str, bitrate: int, clock: Clock | None, seed: int, hand: str, workspace: str) -> World:
-    """Return the world of a channel, created on the first call.
+def _shared_world(channel: str, bitrate: int, clock: Clock | None, make: Callable[[Clock], World]) -> World:
+    """Return the world of a channel, made on the first call.
 
-    Raises can.CanInitializationError when it cannot be created, or exists with another clock or bit rate. The seed,
-    hand and workspace of a later caller are ignored.
+    Raises can.CanInitializationError when it cannot be made, or exists with another clock or bit rate. What `make` of a
+    later caller would make differently is ignored.
     """
     with _CHANNELS_LOCK:
         shared = _CHANNELS.get(channel)
         if shared is None:
             try:
-                world = _new_world(channel, bitrate, clock or MonotonicClock(), seed, hand, Workspace(workspace))
+                world = make(clock or MonotonicClock())
             except (HapticFieldbusError, ValueError) as error:
                 raise can.CanInitializationError(str(error)) from error
             shared = _CHANNELS[channel] = _Shared(world)
@@ -161,8 +168,10 @@ def _release(channel: str) -> None:
             del _CHANNELS[channel]
 
 
-def _new_world(channel: str, bitrate: int, clock: Clock, seed: int, hand: str, workspace: Workspace) -> World:
+def _new_world(
+    channel: str, bitrate: int, seed: int, hand: str, workspace: str, profiles: str | None, clock: Clock
+) -> World:
     world = World(clock, bitrate, seed, _LONGEST)
     for drive in drives_of(channel):
-        world.add(slot_of(drive, channel, workspace, hand_named(hand)))
+        world.add(slot_of(drive, channel, Workspace(workspace), hand_named(hand), profiles=profiles))
     return world

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.errors import UsageError
@@ -43,10 +44,11 @@ def slot_of(
     faults: Iterable[Fault] = (),
     *,
     booted: bool = True,
+    profiles: str | Path | None = None,
 ) -> Slot:
-    """Return the slot of a drive on the shipped bench.
+    """Return the slot of a drive on the shipped bench; `profiles` is a folder of own profiles (see `load_profile`).
 
     Raises ProfileError or EdsError for a bad profile file, UsageError for an unknown profile.
     """
     axis = default_axis(workspace, bus=bus, node=drive.node, profile=drive.profile)
-    return Slot(drive.node, load_profile(drive.profile), axis, hand, tuple(faults), booted=booted)
+    return Slot(drive.node, load_profile(drive.profile, profiles), axis, hand, tuple(faults), booted=booted)

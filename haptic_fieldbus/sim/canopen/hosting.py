@@ -9,15 +9,18 @@ none. Frames that the drives send at one instant go out in the order of their pr
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
 from haptic_fieldbus.buses.canopen.opening import open_can
+from haptic_fieldbus.buses.canopen.wire import ECHOING
 from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
-from haptic_fieldbus.protocols.canopen.bus import DEFAULT_BITRATE, NODES, can_section
+from haptic_fieldbus.protocols.canopen.bus import NODES, can_section
 from haptic_fieldbus.protocols.registry import parse_bus
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.channel import NamedDrive, drive_of, slot_of
@@ -28,11 +31,6 @@ from haptic_fieldbus.sim.faults import BusOff, ErrorFrame, Fault
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.slot import Slot
 
-ECHOING = ("udp_multicast",)
-"""Interfaces that return the frames one sends.
-
-There the drives of one host receive each other's frames from the bus.
-"""
 LONGEST_REMEMBERED = 1000
 """Least number of latest motion segments that are kept; no caller needs more."""
 
@@ -54,9 +52,11 @@ class HostRequest:
 
     drives: Sequence[str]
     bus: str | None
-    node: int = 1
-    hand: str = "none"
+    node: int = DEFAULT_NODE
+    hand: str = DEFAULT_HOSTED_HAND
     faults: tuple[Fault, ...] = ()
+    profiles: str | Path | None = None
+    """Folder of one's own profiles (see `load_profile`)."""
 
 
 def host(
@@ -84,7 +84,7 @@ def host(
         can_bus.shutdown()
 
 
-def check(request: HostRequest) -> tuple[BusName, list[Slot]]:
+def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
     """Return the bus of a request and the slots to put on it.
 
     Raises one UsageError that lists all faults of the request, or ProfileError or EdsError for a bad profile file.
@@ -108,7 +108,8 @@ def check(request: HostRequest) -> tuple[BusName, list[Slot]]:
         drives = numbered(request.drives, request.node)
     for drive in drives:
         with _collecting(faults):
-            slots.append(slot_of(drive, request.bus or "", Workspace.LINEAR, hand, request.faults, booted=False))
+            bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
+            slots.append(slot_of(*bench, booted=False, profiles=request.profiles))
     if bus is None or faults:
         raise UsageError("\n".join(faults))
     return bus, slots
@@ -169,9 +170,9 @@ class Host:
         can_bus: can.BusABC,
         clock: Clock,
         name: str,
-        seed: int = 0,
+        seed: int = DEFAULT_SEED,
         *,
-        bitrate: int = DEFAULT_BITRATE,
+        bitrate: int = DEFAULT_BIT_RATE,
         echoes: bool = False,
     ) -> None:
         self.lost = 0

@@ -14,7 +14,7 @@ class Line(Protocol):
     def error_frame(self, t_ns: int) -> None: ...
 
 
-def install(fault: faults.LastingFault, slave: Slave) -> None:
+def install_fault(fault: faults.LastingFault, slave: Slave) -> None:
     """Apply a fault that exists from power-on; call it before the slave is powered on."""
     match fault:
         case faults.MissingNode():

@@ -10,8 +10,9 @@ from dataclasses import replace
 from functools import partial
 from random import Random
 
+from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.canopen.injection import Line, inject, install
+from haptic_fieldbus.sim.canopen.injection import Line, inject, install_fault
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.link.wire import Port
 from haptic_fieldbus.sim.canopen.slave import Slave
@@ -29,7 +30,7 @@ class Rack:
     At least the `longest` latest segments of the true motion are kept, None: all.
     """
 
-    def __init__(self, line: Line, seed: int | str = 0, longest: int | None = None) -> None:
+    def __init__(self, line: Line, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         self._seed = seed
         self.slaves: dict[int, Slave] = {}
         self.attached: list[tuple[Port, Slave]] = []
@@ -50,7 +51,7 @@ class Rack:
         timed: list[TimedFault] = []
         for fault in faults_of(slot.faults, slot.node):
             if isinstance(fault, LastingFault):
-                install(fault, slave)
+                install_fault(fault, slave)
             else:
                 timed.append(fault)
         # The time of a fault counts from the drive's first *operation enabled*, which is not known yet.

@@ -9,7 +9,7 @@ from dataclasses import replace
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import default_axis
-from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsObject, EdsType, NodeOffset, ObjectCode, Value
+from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsObject, EdsType, EdsValue, NodeOffset, ObjectCode
 from haptic_fieldbus.eds.names import member_name, parameter_name
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.signals import Workspace
@@ -60,7 +60,7 @@ def dictionary_of(profile: DriveProfile, node: int) -> Dictionary:
     return Slave(node, profile, axis, lambda _frame: None).drive.dictionary
 
 
-def _default(entry: Entry, other: Entry) -> Value | None:
+def _default(entry: Entry, other: Entry) -> EdsValue | None:
     """Return the power-on value; None for a measured value."""
     if entry.type is None:
         return entry.default_text.decode(errors="replace") if entry.index in _STRINGS else entry.default_text or None
@@ -70,7 +70,7 @@ def _default(entry: Entry, other: Entry) -> Value | None:
     return entry.default if entry.default == other.default else NodeOffset(entry.default - 1)
 
 
-def _entry(entry: Entry, default: Value | None, described: EdsEntry | None) -> EdsEntry:
+def _entry(entry: Entry, default: EdsValue | None, described: EdsEntry | None) -> EdsEntry:
     """Return one sub-index; types of a vendor's file that are stored as octets appear as in that file."""
     type = described.type if described is not None else _type(entry)
     narrow = entry.type is not None and type in _TYPES.values() and (entry.low, entry.high) != entry.type.limits

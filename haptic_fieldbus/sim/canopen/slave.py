@@ -10,7 +10,7 @@ from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.model.options import node_options
-from haptic_fieldbus.sim.canopen.model.quirks import install, played
+from haptic_fieldbus.sim.canopen.model.quirks import install_quirks, with_quirks
 from haptic_fieldbus.sim.canopen.node import Node
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.settings import DriveSettings
@@ -31,14 +31,14 @@ class Slave:
         t_ns: int = 0,
     ) -> None:
         """Build the slave at `t_ns`, without voltage yet."""
-        model, settings = played(canopen_profile(profile), settings or DriveSettings())
+        model, settings = with_quirks(canopen_profile(profile), settings or DriveSettings())
         self.silent_until_ns = 0
         """Until this time no frame is sent or received."""
         self._frames = send
         self.drive = Drive(model, axis, self, hand, settings, t_ns)
         dictionary = self.drive.dictionary
         self.node = Node(number, dictionary, self.drive, self._send, node_options(number, model, settings))
-        self.not_taken_over = install(dictionary, model, number)
+        self.not_taken_over = install_quirks(dictionary, model, number)
         """Notes on the parts of a vendor's file that this drive cannot take over."""
 
     # Called by the rack.

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 
 from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim import NEVER_NS
@@ -39,7 +40,13 @@ class World:
     At least the `longest` latest frames and motion segments are kept; None: all, for a run that ends.
     """
 
-    def __init__(self, clock: Clock, bitrate: int = 1_000_000, seed: int | str = 0, longest: int | None = None) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        bitrate: int = DEFAULT_BIT_RATE,
+        seed: int | str = DEFAULT_SEED,
+        longest: int | None = None,
+    ) -> None:
         self.clock = clock
         self.bitrate = bitrate
         self._wire = Wire(bitrate, longest)
@@ -107,6 +114,17 @@ class World:
         drive = self._rack.slaves[node].drive
         drive.servo.advance(self._now_ns)
         return Trajectory(drive.plant.recorder, self._now_ns)
+
+    def so_far(self, node: int) -> Trajectory:
+        """Return the true motion of a shaft up to the instant that it has been moved to, without moving it."""
+        plant = self._rack.slaves[node].drive.plant
+        return Trajectory(plant.recorder, plant.t_ns)
+
+    def forget(self, before_ns: int) -> None:
+        """Drop the motion and the traffic before an instant [ns]."""
+        for slave in self._rack.slaves.values():
+            slave.drive.plant.recorder.forget(before_ns)
+        self._wire.forget(before_ns)
 
     def statistics(self, from_ns: int, to_ns: int) -> WireStatistics:
         """Return the traffic of the frames that end in (from_ns, to_ns]."""

@@ -31,7 +31,7 @@ from haptic_fieldbus.sim.drive.settings import (
     build_gains,
     build_plant,
     build_units,
-    known,
+    known_mechanics,
     object_defaults,
 )
 from haptic_fieldbus.sim.drive.stage import Stage
@@ -88,7 +88,8 @@ class Drive:
         self.power = PowerAutomaton()
         self.dictionary = Dictionary()
         self.objects = add_objects(
-            self.dictionary, profile, known(axis)[2], settings.serial, object_defaults(profile, axis, settings),
+            self.dictionary, profile, known_mechanics(axis)[2], settings.serial,
+            object_defaults(profile, axis, settings),
             settings.modes, settings.without,
         )  # fmt: skip
         period_ns = round(profile.timing.control_period * 1e9)

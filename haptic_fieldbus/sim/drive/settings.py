@@ -55,7 +55,7 @@ class DriveSettings:
     """Shaft speed at power-on [rad/s]."""
 
 
-def known(axis: RigAxis) -> tuple[float, float, float]:
+def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
     """Return inertia [kg·m²], viscous damping [N·m·s/rad] and rated torque [N·m] of the axis.
 
     Unknown values are those of the shipped bench; raises ValueError when that has none.
@@ -71,7 +71,7 @@ def known(axis: RigAxis) -> tuple[float, float, float]:
 
 def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int) -> Body:
     """Return motor, load and hand at the motor shaft, from `t_ns` on; a rigid shaft unless the rig has more parts."""
-    inertia, damping, _ = known(axis)
+    inertia, damping, _ = known_mechanics(axis)
     shaft = Shaft(inertia, damping, axis.coulomb_friction, _lag(profile))
     held = grip(hand, axis.mechanism) if hand is not None else None
     position, velocity = settings.position, settings.velocity
@@ -89,7 +89,7 @@ def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, setting
 
 def build_gains(profile: Cia402Profile, axis: RigAxis, tick: float) -> Gains:
     """Return the gains of the drive's own loops for a control tick [s]."""
-    inertia, damping, _ = known(axis)
+    inertia, damping, _ = known_mechanics(axis)
     return gains(inertia, damping, _lag(profile), tick)
 
 
@@ -111,7 +111,7 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     The ramps are the acceleration of the inertia alone by half of rated torque; the profile velocity is the speed that
     they reach in `_RAMP`.
     """
-    inertia, _, rated = known(axis)
+    inertia, _, rated = known_mechanics(axis)
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia * counts / (2 * math.pi)
     in_counts = 2 * math.pi / counts / velocity_step(_velocity_unit(profile), counts)

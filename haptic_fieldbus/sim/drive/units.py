@@ -13,6 +13,9 @@ from collections.abc import Mapping
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
 
 WRAP, HALF = 1 << 32, 1 << 31
+"""Of a position, which turns over."""
+_LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
+"""Of what is bounded: a velocity, an error."""
 _POSITION_POLARITY, _VELOCITY_POLARITY = 0x80, 0x40
 
 _RESOLUTION, _GEAR, _FEED = 0x608F, 0x6091, 0x6092
@@ -20,7 +23,7 @@ _RESOLUTION, _GEAR, _FEED = 0x608F, 0x6091, 0x6092
 
 def fit(value: float) -> int:
     """Return a value rounded and bounded to an INTEGER32."""
-    return max(-HALF, min(HALF - 1, round(value)))
+    return max(_LOWEST, min(_HIGHEST, round(value)))
 
 
 class Units:

@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.exact import expm
 from haptic_fieldbus.numerics.linear import Matrix
 
@@ -44,8 +45,9 @@ class Flow:
         self.a = a * 1e-9
         fastest = max(float(np.abs(np.linalg.eigvals(self.a)).max()), rate * 1e-9)
         if not fastest <= FASTEST:
+            found, most = rounded(fastest * 1e9), exactly(FASTEST * 1e9)
             raise UsageError(
-                f"the simulated mechanics changes at {fastest * 1e9:.3g} 1/s; expected at most {FASTEST * 1e9:g} 1/s: "
+                f"the simulated mechanics changes at {found} 1/s; expected at most {most} 1/s: "
                 "less stiffness or damping, or more inertia"
             )
         # The largest power of two of a nanosecond whose product with the fastest rate is at most 1/4.

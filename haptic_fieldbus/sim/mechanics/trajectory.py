@@ -4,6 +4,7 @@ A segment starts where the law of the motion changes: a new target, a piece of t
 """
 
 from array import array
+from bisect import bisect_right
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,15 @@ class Recorder:
         self.target_torques.append(torque)
         if self.longest is not None and len(self.target_torques) > 2 * self.longest:
             del self.target_times_ns[: -self.longest], self.target_torques[: -self.longest]
+
+    def forget(self, before_ns: int) -> None:
+        """Drop segments and targets that are over before an instant [ns]; what is in force then stays."""
+        columns = 2 + self.order
+        begins_ns = np.array(self.segments, dtype=np.float64).reshape(-1, columns)[:, :2].sum(axis=1)
+        first = max(0, int(np.searchsorted(begins_ns, before_ns, side="right")) - 1)
+        del self.flow_of_segment[:first], self.segments[: first * columns]
+        targets = max(0, bisect_right(self.target_times_ns, before_ns) - 1)
+        del self.target_times_ns[:targets], self.target_torques[:targets]
 
 
 class Trajectory:

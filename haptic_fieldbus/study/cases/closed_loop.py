@@ -7,13 +7,14 @@ import numpy as np
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.margins import Plant, stiffness_limit
 from haptic_fieldbus.margins.plant import sample
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import integrators, sampled
 from haptic_fieldbus.numerics.integrators import METHODS, trajectory
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.study.case import CaseResult
 from haptic_fieldbus.study.cases.drive_bench import PERIOD_NS, Feeder, feed
-from haptic_fieldbus.study.cases.oracles import jury_limit, moved
+from haptic_fieldbus.study.cases.oracles import jury_limit, moved_by_force
 from haptic_fieldbus.study.cases.textbook import RULES
 from haptic_fieldbus.study.measure.in_the_loop import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
@@ -39,10 +40,10 @@ def stiff_held_puck(quick: bool) -> CaseResult:
     expected = ["backward-euler", "trapezoidal", "exact-zoh", "exact-foh"]
     return CaseResult(
         f"bounded only: {', '.join(expected)}; exact ones on −k·cos(ωt) for {steps} steps",
-        f"bounded: {', '.join(bounded)}; exact ones off by {worst:.1e} of k ({allowed:.0e} allowed)",
+        f"bounded: {', '.join(bounded)}; exact ones off by {rounded(worst, 2)} of k ({rounded(allowed, 1)} allowed)",
         sorted(bounded) == sorted(expected) and worst <= allowed,
         "closed form −k·cos(ωt); stability at h = 1000 by hand",
-        tolerance=f"{allowed:.0e} of k",
+        tolerance=f"{rounded(allowed, 1)} of k",
     )
 
 
@@ -66,8 +67,8 @@ def free_puck(quick: bool) -> CaseResult:
     worst = max(errors.values())
     coarse, fine = (_two_masses(0.2, 1.0, count, "rk4") for count in (100, 200))
     return CaseResult(
-        f"exact steps on the closed form for {steps * PERIOD:g} s; rk4's error 16 times less at half the step",
-        f"off by {worst:.1e} of the way (1e-9 allowed); rk4 {coarse / fine:.2f} times less (14 to 18 allowed)",
+        f"exact steps on the closed form for {exactly(steps * PERIOD)} s; rk4's error 16 times less at half the step",
+        f"off by {rounded(worst, 2)} of the way (1e-9 allowed); rk4 {coarse / fine:.2f} times less (14 to 18 allowed)",
         worst <= 1e-9 and 14.0 <= coarse / fine <= 18.0,
         "closed form: uniform acceleration of both masses, and their oscillation",
         tolerance="1e-9 of the way; the ratio of 16 within 14 to 18",
@@ -84,9 +85,10 @@ def light_puck(quick: bool) -> CaseResult:
     exact = [jury_limit(Plant(mass, damping), PERIOD) for mass in masses]
     worst = max(abs(limit / by_hand - 1.0) for limit, by_hand in zip(limits, exact, strict=True))
     return CaseResult(
-        f"exact step on the closed form, forward Euler diverges; massless handle: limit {2 * damping / PERIOD:g} N/m",
-        f"off by {error:.1e} (1e-8 allowed), Euler {euler:.0e}; limit {massless:.6f} N/m, masses from 1e-4 to 1e-9 kg "
-        f"off Jury's by {worst:.0e} (1e-8 allowed)",
+        "exact step on the closed form, forward Euler diverges; massless handle: limit "
+        f"{exactly(2 * damping / PERIOD)} N/m",
+        f"off by {rounded(error, 2)} (1e-8 allowed), Euler {rounded(euler, 1)}; limit {massless:.6f} N/m, masses from "
+        f"1e-4 to 1e-9 kg off Jury's by {rounded(worst, 1)} (1e-8 allowed)",
         max(error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0)) <= 1e-8 and euler > 1e6,
         "closed form of two masses; Jury's conditions by hand, 2b/T without mass",
         tolerance="1e-8 of the way and of the limit",
@@ -102,7 +104,7 @@ def _textbook_forces(device: Plant, method: str, steps: int) -> list[float]:
         force = STIFFNESS * (q - x)
         forces.append(force)
         before = x
-        x, v = moved(device, x, v, force, PERIOD)
+        x, v = moved_by_force(device, x, v, force, PERIOD)
         q, speed = rule(q, speed, before, x, omega, PERIOD)
     return forces
 
@@ -125,7 +127,8 @@ def sampled_free_puck(quick: bool) -> CaseResult:
             wrong.append(method)
     return CaseResult(
         f"forces of textbook loops for {steps} periods; in them grow: {', '.join(growing) or 'none'}",
-        f"off by {worst:.1e} of the peak (1e-9 allowed); spectral radius disagrees for: {', '.join(wrong) or 'none'}",
+        f"off by {rounded(worst, 2)} of the peak (1e-9 allowed); spectral radius disagrees for: "
+        f"{', '.join(wrong) or 'none'}",
         worst <= 1e-9 and not wrong and sorted(RULES) == sorted(METHODS),
         "every method as textbooks write it, around a device in closed form, in plain floats",
         tolerance="1e-9 of the largest force; the set of methods exact",
@@ -149,7 +152,7 @@ def start_inside_the_wall(quick: bool) -> CaseResult:
     octets = feed(deeper)
     refused = deeper.tripped is TripKind.START_FORCE and not any(octets)
     return CaseResult(
-        "10 mm deep: −6 N on the line of the limit, 50.3 N in 0.5 s; 100 mm deep: refused without torque",
+        "10 mm deep: -6 N on the line of the limit, 50.3 N in 0.5 s; 100 mm deep: refused without torque",
         f"off the line by {worst:.4f} N (0.51 of a step of torque, {unit:.4f} N, allowed); "
         f"{'refused without torque' if refused else 'not refused'}",
         worst <= 0.51 * unit and refused,

@@ -6,10 +6,11 @@ from collections.abc import Callable
 import numpy as np
 
 from haptic_fieldbus.margins import Plant, Verdict, alone, judge, passive_limit, stiffness_limit
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.oracles import growth_of, jury_limit, plain_terms, schur_cohn_limit, simulate
+from haptic_fieldbus.study.cases.oracles import growth_of, jury_limit, plain_terms, sampled_positions, schur_cohn_limit
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3
@@ -36,9 +37,10 @@ def at_boundary(factor: float, quick: bool) -> CaseResult:
     e, _, c0 = plain_terms(BENCH, PERIOD)
     # `growth_of` compares the first with the last tenth of the run, which are 0.9 of it apart.
     expected = 0.9 * steps * 0.5 * math.log(e + factor * exact * c0)
-    measured = growth_of(simulate(BENCH, PERIOD, _law(factor * limit), steps))
+    measured = growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), steps))
     return CaseResult(
-        f"limit {exact:.6f} N/m; at {factor:g} of it ln of growth {expected:+.4f} in {0.9 * steps:g} periods",
+        f"limit {exact:.6f} N/m; at {exactly(factor)} of it ln of growth {expected:+.4f} in {exactly(0.9 * steps)} "
+        "periods",
         f"limit {limit:.6f} N/m (1e-8 allowed); ln of growth {measured:+.4f} (1 % and 0.005 allowed)",
         abs(limit / exact - 1.0) <= 1e-8
         and abs(measured - expected) <= 0.01 * abs(expected) + 0.005
@@ -53,7 +55,7 @@ def _chatter(stiffness: float, steps: int, push: float) -> tuple[float, float]:
     wall = loops(mass=BENCH.mass, damping=BENCH.damping, period=PERIOD, stiffness=stiffness, unilateral=True,
                  push=push, position=1e-3)  # fmt: skip
     peak = float(batch.run(wall, steps).peaks[-1, 0])
-    positions = simulate(BENCH, PERIOD, lambda x: -stiffness * x if x > 0.0 else 0.0, steps, push=push)
+    positions = sampled_positions(BENCH, PERIOD, lambda x: -stiffness * x if x > 0.0 else 0.0, steps, push=push)
     return peak - push / stiffness, max(positions[-(steps // 10) :]) - push / stiffness
 
 
@@ -71,7 +73,8 @@ def wall_over(quick: bool) -> CaseResult:
     grown = float(both_sides.growth[0]) ** (1.0 / 900.0)
     return CaseResult(
         f"in contact growth {expected:.4f} a period; leaning with 5 N, overshoot {brute * 1e6:.3f} µm for ever",
-        f"growth {grown:.4f} (0.1 %); overshoot {chatter * 1e6:.3f} µm (1 %), at half the limit {calm * 1e6:.0e} µm",
+        f"growth {grown:.4f} (0.1 %); overshoot {chatter * 1e6:.3f} µm (1 %), at half the limit "
+        f"{rounded(calm * 1e6, 1)} µm",
         abs(grown / expected - 1.0) <= 1e-3
         and abs(chatter / brute - 1.0) <= 0.01
         and brute > 0.1 * push / limit
@@ -88,12 +91,13 @@ def delayed(delay: float, quick: bool) -> CaseResult:
     worst = max(abs(_limit(each, delay=delay) / schur_cohn_limit(each, PERIOD, delay) - 1.0) for each in devices)
     limit, exact = _limit(BENCH, delay=delay), schur_cohn_limit(BENCH, PERIOD, delay)
     below, above = (
-        growth_of(simulate(BENCH, PERIOD, _law(factor * limit), 20_000, delay=delay)) for factor in (0.99, 1.01)
+        growth_of(sampled_positions(BENCH, PERIOD, _law(factor * limit), 20_000, delay=delay))
+        for factor in (0.99, 1.01)
     )
     return CaseResult(
         f"m = 0.1 kg, b = 50 N·s/m: {exact:.5f} N/m; fades at 0.99 of it, grows at 1.01",
-        f"{limit:.5f} N/m; {len(devices)} other devices off by {worst:.0e} at most (1e-6 allowed); "
-        f"ln of growth {below:+.2f}, {above:+.2f}",
+        f"{limit:.5f} N/m; {len(devices)} other devices off by {rounded(worst, 1)} at most (1e-6 allowed); ln of "
+        f"growth {below:+.2f}, {above:+.2f}",
         max(worst, abs(limit / exact - 1.0)) <= 1e-6 and below < -0.5 and above > 0.5,
         "characteristic polynomial by hand, Schur–Cohn in 60 digits; a loop of plain floats",
         tolerance="1e-6 of the limit; ln of growth beyond ±0.5",
@@ -108,11 +112,11 @@ def slow_loop(quick: bool) -> CaseResult:
     slowest = _limit(device, periods[-1])
     expected = 2.0 * device.damping / (periods[-1] - 2.0 * device.mass / device.damping)
     verdict = judge(alone(device, periods[0], 0.0), spring, stiffness)[0].verdict
-    grown = growth_of(simulate(device, periods[0], _law(stiffness), 50))
+    grown = growth_of(sampled_positions(device, periods[0], _law(stiffness), 50))
     return CaseResult(
         f"limit {expected:.8f} N/m at 0.1 Hz; 600 N/m at 20 Hz grows",
-        f"limit {slowest:.8f} N/m, off Jury's by {worst:.0e} (1e-8 allowed); 600 N/m {verdict.value}, "
-        f"ln of growth {grown:+.0f} in 50 periods",
+        f"limit {slowest:.8f} N/m, off Jury's by {rounded(worst, 1)} (1e-8 allowed); 600 N/m {verdict.value}, ln of "
+        f"growth {grown:+.0f} in 50 periods",
         max(worst, abs(slowest / expected - 1.0)) <= 1e-8 and verdict is Verdict.UNSTABLE and grown > 1.0,
         "Jury's conditions by hand and their limit for bT ≫ m; a loop of plain floats",
         tolerance="1e-8 of the limit",
@@ -126,11 +130,12 @@ def undamped_wall(quick: bool) -> CaseResult:
     limits += [passive_limit(each, PERIOD, 0.0) for each in plants]
     share, steps = (1e-3 if quick else 1e-5), (20_000 if quick else 1_000_000)
     device = Plant(0.1, 0.0)
-    measured = growth_of(simulate(device, PERIOD, _law(share * device.mass / PERIOD**2), steps))
+    measured = growth_of(sampled_positions(device, PERIOD, _law(share * device.mass / PERIOD**2), steps))
     expected = 0.9 * steps * 0.5 * math.log1p(0.5 * share)
     return CaseResult(
-        f"limit exactly 0 N/m; at K = {share:g}·m/T² ln of growth {expected:.4f} in {0.9 * steps:g} periods",
-        f"largest limit {max(limits):g} N/m of {len(limits)}; ln of growth {measured:.4f} (1 % allowed)",
+        f"limit exactly 0 N/m; at K = {exactly(share)}·m/T² ln of growth {expected:.4f} in {exactly(0.9 * steps)} "
+        "periods",
+        f"largest limit {exactly(max(limits))} N/m of {len(limits)}; ln of growth {measured:.4f} (1 % allowed)",
         not np.any(limits) and abs(measured / expected - 1.0) <= 0.01,
         "product of the roots 1 + K·T²/2m > 1, by hand; a loop of plain floats",
         tolerance="limit exactly 0; 1 % of ln of growth",

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.drive.rig import Limits
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import bind
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
@@ -12,18 +13,27 @@ from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag, Workspace
 from haptic_fieldbus.study.case import CaseResult
 from haptic_fieldbus.study.cases import drive_bench
-from haptic_fieldbus.study.cases.drive_bench import COUNT, PERIOD_NS, UNIT, Feeder, feed, plan_of, running, torque
+from haptic_fieldbus.study.cases.drive_bench import (
+    COUNT,
+    PERIOD_NS,
+    UNIT,
+    Feeder,
+    feed,
+    plan_of,
+    running_feeder,
+    torque,
+)
 
 
 def lost_bus(quick: bool) -> CaseResult:
     """Check that after bus-off in contact the target is 0 in that period, and the drive alone takes its torque away."""
-    cycle = running(plan_of(Constant("handle", 3.0)))
+    cycle = running_feeder(plan_of(Constant("handle", 3.0)))
     before = torque(cycle)
     after = [torque(cycle, flags=LinkFlag.BUS_OFF), *(torque(cycle) for _ in range(100))]
     outcome = drive_bench.bus_off_in_contact()
     return CaseResult(
         f"target {round(3.0 / UNIT)} ‰, then 0 from the period of the loss on; the drive's torque is asked to be 0 "
-        f"within its guard time of {1e3 * outcome.guard:g} ms and a period, and the run ends with an error",
+        f"within its guard time of {exactly(1e3 * outcome.guard)} ms and a period, and the run ends with an error",
         f"target {before} ‰, then at most {max(map(abs, after))} ‰ for {len(after)} periods; drive without torque "
         f"{1e3 * outcome.torque_free_after:.2f} ms later; {outcome.error}",
         before == round(3.0 / UNIT)
@@ -43,7 +53,7 @@ def stale_position(quick: bool) -> CaseResult:
     The first new sample brings the torque back, here in one period, for the slew limit allows it.
     """
     full = round(3.0 / UNIT)
-    cycle = running(plan_of(Constant("handle", 3.0)))
+    cycle = running_feeder(plan_of(Constant("handle", 3.0)))
     single = [torque(cycle, flags=flag) for _ in range(3) for flag in (LinkFlag.STALE, 0)]
     gap = [torque(cycle, flags=LinkFlag.STALE) for _ in range(12)]
     later = [torque(cycle) for _ in range(10)]
@@ -88,7 +98,7 @@ def denormal_input(quick: bool) -> CaseResult:
     """Check that forces below 2.2e-308 N give no torque and no trip, and such motions keep virtual states exact."""
     targets, trips = [], 0
     for value in (5e-324, -5e-324, 1e-310, 2.2250738585072014e-308):
-        cycle = running(plan_of(Constant("handle", value)))
+        cycle = running_feeder(plan_of(Constant("handle", value)))
         targets.append(abs(torque(cycle)))
         trips += cycle.trip is not None
     stiffness, mass, height, steps = 200.0, 0.5, 1e-310, 1000 if quick else 100_000
@@ -97,9 +107,9 @@ def denormal_input(quick: bool) -> CaseResult:
     turn = math.sqrt(stiffness / mass) * 1e-3
     error = max(abs(step(height) / height + stiffness * math.cos(turn * n)) for n in range(steps)) / stiffness
     return CaseResult(
-        f"targets 0 ‰, 0 trips; a sprung mass pushed by {height:g} m swings as k·x·cos(ω·t) for {steps} periods, "
-        "within 1e-6",
-        f"largest target {max(targets)} ‰, {trips} trips; off by {error:.1g}",
+        f"targets 0 ‰, 0 trips; a sprung mass pushed by {exactly(height)} m swings as k·x·cos(ω·t) for {steps} "
+        "periods, within 1e-6",
+        f"largest target {max(targets)} ‰, {trips} trips; off by {rounded(error, 1)}",
         not any(targets) and not trips and error < 1e-6,
         "closed form: F = −k·x·cos(ω·t) after a step of the handle",
         tolerance="1e-6 of the swing; targets exact",
@@ -109,7 +119,7 @@ def denormal_input(quick: bool) -> CaseResult:
 def encoder_wrap(quick: bool) -> CaseResult:
     """An encoder that passes 2³¹ on its way there and back is followed as if it had no end."""
     wall = Wall("handle", stiffness=1.0, position=-1.0, damping=0.5)
-    cycle = running(plan_of(wall, limits=Limits(speed=10.0, acceleration=1e9)), 0x7FFF_FFFF - 2000)
+    cycle = running_feeder(plan_of(wall, limits=Limits(speed=10.0, acceleration=1e9)), 0x7FFF_FFFF - 2000)
     true, off, off_speed, crossings = 0, 0.0, 0.0, 0
     ways = [way for _ in range(20 if quick else 2000) for way in (700, 700, 700, 1, 699, -700, -1, -699, -700, -700)]
     counts = 0x7FFF_FFFF - 2000
@@ -126,7 +136,7 @@ def encoder_wrap(quick: bool) -> CaseResult:
     return CaseResult(
         f"{expected} crossings, no trip, position within 1e-15 m and velocity within 1e-11 m/s of the unlimited count",
         f"{crossings} crossings, {cycle.tripped.value if cycle.tripped else 'no trip'}, position off by "
-        f"{off:.1g} m, velocity by {off_speed:.1g} m/s",
+        f"{rounded(off, 1)} m, velocity by {rounded(off_speed, 1)} m/s",
         crossings == expected and cycle.trip is None and off < 1e-15 and off_speed < 1e-11,
         "integers without a largest value, and fractions",
         tolerance="1e-15 m, 1e-11 m/s",
@@ -140,15 +150,15 @@ def encoder_jump(quick: bool) -> CaseResult:
     plan = plan_of(Wall("handle", stiffness=2000.0))
     outcomes = {}
     for jump in range(allowed - 20, allowed + 21):
-        cycle = running(plan)
+        cycle = running_feeder(plan)
         outcomes[jump] = (torque(cycle, jump), cycle.tripped)
     largest = max(jump for jump, (_, trip) in outcomes.items() if trip is None)
     tripped = [(sent, trip) for sent, trip in outcomes.values() if trip is not None]
     slew = plan.axes[0].limits.effort / 5.0 / UNIT
     kick = max(abs(sent) for sent, _ in outcomes.values())
     return CaseResult(
-        f"jumps up to {allowed} counts pass ({effort:.1f} N of the motor and {LARGEST_HAND_FORCE:g} N of a hand on "
-        f"{mass:.3f} kg for 1 ms, and two counts), larger ones trip with 0 ‰; no step of torque beyond {slew:.1f} ‰ "
+        f"jumps up to {allowed} counts pass ({effort:.1f} N of the motor and {exactly(LARGEST_HAND_FORCE)} N of a hand "
+        f"on {mass:.3f} kg for 1 ms, and two counts), larger ones trip with 0 ‰; no step of torque beyond {slew:.1f} ‰ "
         "(a fifth of the limit, and rounding)",
         f"up to {largest} counts pass, {len(tripped)} of 20 larger ones trip with at most "
         f"{max(abs(sent) for sent, _ in tripped)} ‰; largest step {kick} ‰",
@@ -171,14 +181,14 @@ def clock_backwards(quick: bool) -> CaseResult:
     Then neither the age of the feedback nor its velocity is known.
     """
     damped = plan_of(Wall("handle", stiffness=600.0, damping=0.5), estimator="tick-interval")
-    plain = running(plan_of(Wall("handle", stiffness=600.0)), t_ns=600 * PERIOD_NS)
+    plain = running_feeder(plan_of(Wall("handle", stiffness=600.0)), t_ns=600 * PERIOD_NS)
     off = 0.0
     for n in range(80):
         sent = torque(plain, 10 * (n + 1), t_ns=600 * PERIOD_NS)
         off = max(off, abs(sent + 6000.0 * (n + 1) * COUNT / UNIT))
     back = []
     for hop in (1, PERIOD_NS, 10**15):
-        cycle = running(damped, t_ns=600 * PERIOD_NS)
+        cycle = running_feeder(damped, t_ns=600 * PERIOD_NS)
         back.append((torque(cycle, 10, t_ns=600 * PERIOD_NS - hop), cycle.tripped))
     tripped = sum(trip is TripKind.CLOCK and sent == 0 for sent, trip in back)
     return CaseResult(
@@ -193,7 +203,9 @@ def clock_backwards(quick: bool) -> CaseResult:
 def long_clock(quick: bool) -> CaseResult:
     """Check that near 2⁶² ns (146 years) velocity is as exact as at 0, and trips and periods are to the nanosecond."""
     start = 2**62 + 12_345
-    cycle = running(plan_of(Wall("handle", 600.0, damping=0.5), estimator="tick-interval"), t_ns=start - PERIOD_NS)
+    cycle = running_feeder(
+        plan_of(Wall("handle", 600.0, damping=0.5), estimator="tick-interval"), t_ns=start - PERIOD_NS
+    )
     error, counts, t_ns = 0.0, 0, start
     for n in range(400):
         late = (n * 7919) % 1000 - 500  # scattered over ±0.5 µs, the same in each run: 7919 is prime
@@ -207,7 +219,7 @@ def long_clock(quick: bool) -> CaseResult:
     return CaseResult(
         "velocity within 1e-9 of counts over nanoseconds, trip at 1000000000000001 ns, "
         "300 periods of exactly 1000000 ns, simulated 1000 s before 2⁶² ns (where the simulation's clock ends)",
-        f"velocity off by {error:.1g}, trip at {stamp} ns, {cycles} simulated periods, {odd} of another length",
+        f"velocity off by {rounded(error, 1)}, trip at {stamp} ns, {cycles} simulated periods, {odd} of another length",
         error < 1e-9 and stamp == 10**15 + 1 and cycles == 300 and odd == 0,
         "fractions of integer counts and nanoseconds; float64 has steps of 1024 ns there",
         tolerance="1e-9 of the velocity; times exact",
@@ -219,7 +231,7 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
     wall = Wall("handle", stiffness=30.0, position=0.01, damping=0.002)
     limits = Limits(effort=0.3, speed=100.0)
     plans = [plan_of(wall, workspace=space, radius=1.0, limits=limits) for space in Workspace]
-    cycles = [running(plan) for plan in plans]
+    cycles = [running_feeder(plan) for plan in plans]
     worst, apart, before = 0.0, 0, 0.0
     for n in range(1, 200):
         counts = round(20.0 * math.sin(0.05 * n))
@@ -234,7 +246,8 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
     same = abs(low / high - 1.0)
     return CaseResult(
         "force and torque within 1e-12 of −K·x − B·v, 0 of 199 targets differ, limits of stiffness within 1e-12",
-        f"off by {worst:.1g}, {apart} of 199 targets differ, limits {low:.6g} and {high:.6g}, apart by {same:.1g}",
+        f"off by {rounded(worst, 1)}, {apart} of 199 targets differ, limits {rounded(low, 6)} and {rounded(high, 6)}, "
+        f"apart by {rounded(same, 1)}",
         worst < 1e-12 and apart == 0 and same < 1e-12 and all(cycle.trip is None for cycle in cycles),
         "closed form of a spring-damper, x = 2π·counts/4096 m or rad",
         tolerance="1e-12; targets exact",

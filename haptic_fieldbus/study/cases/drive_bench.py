@@ -9,11 +9,11 @@ from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Rig, default_axis
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.task import DEFAULT_DRIVE, DEFAULT_RATE
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -84,7 +84,7 @@ def torque(cycle: Feeder, counts: int = 0, flags: int = 0, t_ns: int = 0) -> int
     return int(cycle.plan.image.output.unpack(feed(cycle, counts, flags, t_ns))[-1])
 
 
-def running(plan: Plan, counts: int = 0, t_ns: int = 0) -> Feeder:
+def running_feeder(plan: Plan, counts: int = 0, t_ns: int = 0) -> Feeder:
     """Return a cycle that has been in operation enabled, at rest, until force is faded in."""
     cycle = Feeder(plan)
     for _ in range(FADED_IN):

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 from haptic_fieldbus.margins import Plant, stiffness_limit
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import bind
 from haptic_fieldbus.numerics.integrators.explicit import bind_rates
 from haptic_fieldbus.numerics.linear import gain
@@ -15,8 +16,8 @@ from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.sim.mechanics import plant as sim_plant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
-from haptic_fieldbus.study.case import CaseResult, listed
-from haptic_fieldbus.study.cases.oracles import jury_limit, simulate
+from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.cases.oracles import jury_limit, sampled_positions
 
 LOSS, IMPACT_MASS = 0.6, 0.2
 """Loss factor p of the impact [s/m], and the mass that hits [kg]."""
@@ -58,9 +59,9 @@ def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
     pulled_out = _contact(1e-3, -3.0 / LOSS)
     smallest = min(force for _, force in found)
     return CaseResult(
-        f"in at 0.1, 1, 5, 20 m/s, out at {listed(exact, '.5g')} m/s (within 1e-6); never a force below 0 N",
-        f"out at {listed([left for left, _ in found], '.5g')} m/s, off by {error:.1g}; smallest force {smallest:g} N, "
-        f"{pulled_out:g} N when pulled out at 3/p",
+        f"in at 0.1, 1, 5, 20 m/s, out at {values_text(exact, 5)} m/s (within 1e-6); never a force below 0 N",
+        f"out at {values_text([left for left, _ in found], 5)} m/s, off by {rounded(error, 1)}; smallest force "
+        f"{exactly(smallest)} N, {exactly(pulled_out)} N when pulled out at 3/p",
         error < 1e-6 and smallest >= 0.0 and pulled_out == 0.0,
         "closed form: p·v − ln(1 + p·v) is equal at entry and exit, solved by bisection",
         tolerance="1e-6 of the speed; the sign of the force exact",
@@ -105,10 +106,10 @@ def multi_scale_tissue(quick: bool) -> CaseResult:
     ratio = late[2] - late[1], late[1] - late[0]
     error = max(*map(abs, exact), _law(steps))
     return CaseResult(
-        "forward Euler ×99.0 a period, the trapezoid turns sign every period by ×−0.961 (within 0.01), "
+        "forward Euler ×99.0 a period, the trapezoid turns sign every period by ×-0.961 (within 0.01), "
         "exact step on the closed form within 1e-12 N",
-        f"forward Euler ×{growth:.4g}; trapezoid {turns} turns in {len(late) - 1} periods, "
-        f"×{ratio[0] / ratio[1]:.3f}; exact step off by {error:.1g} N",
+        f"forward Euler ×{rounded(growth, 4)}; trapezoid {turns} turns in {len(late) - 1} periods, "
+        f"×{ratio[0] / ratio[1]:.3f}; exact step off by {rounded(error, 1)} N",
         abs(growth - 99.0) < 0.01
         and turns == len(late) - 1
         and abs(ratio[0] / ratio[1] + 49.0 / 51.0) < 0.01
@@ -153,10 +154,10 @@ def lugre_fast_slip(quick: bool) -> CaseResult:
     largest = max(BRISTLE * abs(z) / LEVEL for z in _element_bristle(speeds))
     rates = [math.log(value) / steps for value in (below, above)]
     return CaseResult(
-        f"explicit: error ×0.98 a period at 0.99 of {limit:g} m/s, ×1.02 at 1.01; element: the ODE within 1e-8, "
-        "force within g up to 1e8 times the limit",
-        f"×{math.exp(rates[0]):.4f} and ×{math.exp(rates[1]):.4f} a period; element off by {error:.1g}, "
-        f"largest force {largest:.6g} g",
+        f"explicit: error ×0.98 a period at 0.99 of {exactly(limit)} m/s, ×1.02 at 1.01; element: the ODE within "
+        "1e-8, force within g up to 1e8 times the limit",
+        f"×{math.exp(rates[0]):.4f} and ×{math.exp(rates[1]):.4f} a period; element off by {rounded(error, 1)}, "
+        f"largest force {rounded(largest, 6)} g",
         abs(rates[0] - math.log(0.98)) < 1e-6
         and abs(rates[1] - math.log(1.02)) < 1e-6
         and error < 1e-8
@@ -216,9 +217,9 @@ def coulomb_stop(quick: bool) -> CaseResult:
     return CaseResult(
         f"stands after {times[0]:.6f} s and {ways[0]:.6f} rad with damping, {times[1]:.6f} s and {ways[1]:.6f} rad "
         f"without (within 2 ns and 1e-9), and stays; rendered, it turns after {rendered:.4f} rad (within 1e-4 of it)",
-        f"{found[0][0]:.6f} s and {found[0][1]:.6f} rad, {found[1][0]:.6f} s and {found[1][1]:.6f} rad; "
-        f"off by {1e9 * late:.2g} ns and {off:.1g}; "
-        f"rendered {turned:.4f} rad, off by {abs(turned / rendered - 1.0):.1g}",
+        f"{found[0][0]:.6f} s and {found[0][1]:.6f} rad, {found[1][0]:.6f} s and {found[1][1]:.6f} rad; off by "
+        f"{rounded(1e9 * late, 2)} ns and {rounded(off, 1)}; rendered {turned:.4f} rad, off by "
+        f"{rounded(abs(turned / rendered - 1.0), 1)}",
         late < 2e-9 and off < 1e-9 and abs(turned / rendered - 1.0) < 1e-4,
         "closed form: t = J/b·ln(1 + b·ω/fc), θ = J/b·(ω − fc/b·ln(1 + b·ω/fc)); J·ω/fc and J·ω²/2fc for b = 0, to "
         "which rendering adds fc/2K of its spring and ω·(T/2 + λ) of hold and torque loop",
@@ -234,7 +235,9 @@ DETENTS = Detents("handle", amplitude=1.0, pitch=PITCH)
 def _swing(stiffness: float, steps: int) -> float:
     """Return the growth factor of a swing of a millionth of a pitch in detents of this local stiffness [N/m]."""
     start = 1e-6 * PITCH
-    positions = simulate(HANDLE, PERIOD, DETENTS.with_stiffness(stiffness).force, steps + 1, start=(start, 0.0))
+    positions = sampled_positions(
+        HANDLE, PERIOD, DETENTS.with_stiffness(stiffness).force, steps + 1, start=(start, 0.0)
+    )
     return max(map(abs, positions[-499:])) / start
 
 
@@ -247,7 +250,8 @@ def detent_too_sharp(quick: bool) -> CaseResult:
     return CaseResult(
         f"limit {limit:.3f} N/m (within 1e-8), so A = {1e3 * limit * PITCH / (2 * math.pi):.1f} mN at 2 mm; a small "
         "swing at least halves at 0.9 of it and doubles at 1.1",
-        f"limit {predicted:.3f} N/m, off by {off:.1g}; swing ×{calm:.3g} and ×{restless:.3g} in {steps} periods",
+        f"limit {predicted:.3f} N/m, off by {rounded(off, 1)}; swing ×{rounded(calm)} and ×{rounded(restless)} in "
+        f"{steps} periods",
         off < 1e-8 and calm < 0.5 and restless > 2.0,
         "Jury's criterion written by hand, and the sine simulated step by step",
         tolerance="1e-8 of the limit; the swing beyond a factor of 2",

@@ -7,6 +7,7 @@ import numpy as np
 
 from haptic_fieldbus.api.open_loop import response
 from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise
 from haptic_fieldbus.numerics.integrators.explicit import EXPLICIT, bind_rates
 from haptic_fieldbus.numerics.integrators.trajectory import follow
@@ -52,9 +53,9 @@ def float_overflow(quick: bool) -> CaseResult:
     after, largest = targets[tripped:], max(commands[:tripped])
     return CaseResult(
         f"T·ω = 10 diverges at sample {expected}; in the cycle, T·ω = 100, trip at period {expected_trip} ± 1, then 0",
-        f"flagged at sample {found.diverged_at}, all {len(found.outputs)} rows before finite; trip at period {tripped} "
-        f"({cycle.tripped.value if cycle.tripped else 'none'}), {len(after)} targets after it all "
-        f"{max(map(abs, after), default=-1)} ‰, command before at most {largest:.3g} N",
+        f"flagged at sample {found.diverged_at}, all {len(found.outputs)} rows before finite; trip at period "
+        f"{tripped} ({cycle.tripped.value if cycle.tripped else 'none'}), {len(after)} targets after it all "
+        f"{max(map(abs, after), default=-1)} ‰, command before at most {rounded(largest)} N",
         found.diverged_at == expected == len(found.outputs)
         and bool(np.isfinite(found.outputs).all() and np.isfinite(found.states).all())
         and cycle.tripped is TripKind.NOT_FINITE
@@ -76,7 +77,7 @@ def mass_zero_refused(quick: bool) -> CaseResult:
     said = [_asked(mass) for mass in (0.0, -0.0)]
     tiny = refused(lambda: discretise(sprung_mass(STIFFNESS, 5e-324), 1e-3))
     return CaseResult(
-        f'm = 0 and −0 kg refused with "{SENTENCE}"; m = 5e-324 kg (k/m = ∞) with "a mass must be above 0"',
+        f'm = 0 and -0 kg refused with "{SENTENCE}"; m = 5e-324 kg (k/m = ∞) with "a mass must be above 0"',
         f'"{said[0]}"; "{tiny}"',
         all(SENTENCE in sentence for sentence in said) and "a mass must be above 0" in tiny,
         "q̇ = (k/m)·(x − p) has no value at m = 0; 200/5e-324 > 2¹⁰²⁴ (tolerance: none, the words are compared)",
@@ -90,7 +91,7 @@ def mass_negative_refused(quick: bool) -> CaseResult:
     radius = spectral_radius(discrete(sprung_mass(STIFFNESS, -MASS), 1e-3).a)
     expected = math.exp(1e-3 * math.sqrt(STIFFNESS / MASS))
     return CaseResult(
-        f'm = −1e-12, −0.5, −1e12 kg refused with "{SENTENCE}"; −0.5 kg would grow by {expected:.9f} a step of 1 ms',
+        f'm = -1e-12, -0.5, -1e12 kg refused with "{SENTENCE}"; -0.5 kg would grow by {expected:.9f} a step of 1 ms',
         f'"{said[1]}"; grows by {radius:.9f} a step',
         all(SENTENCE in sentence for sentence in said) and abs(radius - expected) <= 1e-9,
         "pole s = +√(k/|m|) = +20 1/s, growth e^{sT} (tolerance 1e-9)",
@@ -123,11 +124,12 @@ def mass_to_zero(quick: bool) -> CaseResult:
         expected.append(max(map(abs, closed)))
     return CaseResult(
         f"m from 1 to 1e-7 kg (T·ω to {period * math.sqrt(stiffness / masses[-1]):.1f}): largest force from "
-        f"{expected[0]:.4f} N (2·m·a) to {expected[-1]:.2e} N; each sample within {tolerance:.1e} N",
-        f"largest force from {largest[0]:.4f} N to {largest[-1]:.2e} N; error of a sample at most {worst:.1e} N",
+        f"{expected[0]:.4f} N (2·m·a) to {rounded(expected[-1])} N; each sample within {rounded(tolerance, 2)} N",
+        f"largest force from {largest[0]:.4f} N to {rounded(largest[-1])} N; error of a sample at most "
+        f"{rounded(worst, 2)} N",
         worst <= tolerance and largest == sorted(largest, reverse=True) and largest[-1] < 1e-5,
         "closed form F = −m·a·(h/2)·cot(h/2)·(1 − cos nh); tolerance 1e-12 of the spring force at the end, k·a·t²/2",
-        tolerance=f"{tolerance:.1e} N a sample",
+        tolerance=f"{rounded(tolerance, 2)} N a sample",
     )
 
 
@@ -145,8 +147,8 @@ def zero_input_stays_zero(quick: bool) -> CaseResult:
             advance = bind_rates(lambda t, z, u, s=square: (z[1], s * (u - z[0])), (0.0, 0.0), 1e-3, method, (0,))
             worst = max(worst, *(max(map(abs, advance(0.0))) for _ in range(steps)))
     return CaseResult(
-        f"force and states exactly 0 for {steps} steps, also at T·ω = 31 623",
-        f"largest magnitude {worst:g} over {len(METHODS)} linear and {len(EXPLICIT)} explicit methods",
+        f"force and states exactly 0 for {steps} steps, also at T·ω = 31623",
+        f"largest magnitude {exactly(worst)} over {len(METHODS)} linear and {len(EXPLICIT)} explicit methods",
         worst == 0.0,
         "ż = A z from z = 0: the zero solution, exact in floating point (tolerance 0)",
         tolerance="exact",

@@ -10,10 +10,11 @@ import math
 import numpy as np
 
 from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.batch import Running
 from haptic_fieldbus.numerics.loops import Array, Loops, loops
-from haptic_fieldbus.study.case import CaseResult, listed
-from haptic_fieldbus.study.cases.oracles import moved
+from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.cases.oracles import moved_by_force
 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)
@@ -49,7 +50,7 @@ def _slide(x: float, v: float, force: float, coulomb: float, span: float) -> tup
         left = force - math.copysign(coulomb, v or force)
         # Time until the velocity passes 0, where the handle sticks or slides on the other way.
         turn = MASS / DAMPING * math.log(1.0 - v * DAMPING / left) if v * left < 0.0 else math.inf
-        x, v = moved(DEVICE, x, v, left, min(turn, span))
+        x, v = moved_by_force(DEVICE, x, v, left, min(turn, span))
         v = 0.0 if turn <= span else v
         span -= turn
     return x, v
@@ -86,7 +87,7 @@ def coarse_encoder(quick: bool) -> CaseResult:
         agree &= by_hand == [False, True] and moves == sorted(moves)
     return CaseResult(
         f"rest up to D = 2·fc/K = {border * 1e6:.2f} µm, chatter above, at T = 0.25, 0.5 and 1 ms alike (±2 %)",
-        f"border at {listed([step * 1e6 for step in found], '.2f')} µm",
+        f"border at {values_text([step * 1e6 for step in found], 4)} µm",
         agree and all(abs(step / border - 1.0) <= 0.02 for step in found),
         "balance of forces at the edge of a count (Abbott & Okamura); the loop in plain floats on both sides",
         tolerance="2 % of the border",
@@ -124,9 +125,9 @@ def one_count_wall(quick: bool) -> CaseResult:
     longest = math.sqrt(12.0 * MASS / (DAMPING * PERIOD)) + 1.0
     deepest, least = float(x.max()) / STEP, float(x.min()) / STEP
     return CaseResult(
-        f"chatter for ever between 0 and 1 counts, n ≤ {longest:.0f} samples a half cycle, "
-        f"{expected * 1e6:.4f} µm/s at n = {half:g} (1e-6)",
-        f"n = {half:g} samples, {highest * 1e6:.4f} µm/s, between {least:.2f} and {deepest:.2f} counts",
+        f"chatter for ever between 0 and 1 counts, n ≤ {longest:.0f} samples a half cycle, {expected * 1e6:.4f} µm/s "
+        f"at n = {exactly(half)} (1e-6)",
+        f"n = {exactly(half)} samples, {highest * 1e6:.4f} µm/s, between {least:.2f} and {deepest:.2f} counts",
         0.0 < half <= longest and abs(highest / expected - 1.0) <= 1e-6 and least > -0.5 and deepest < 1.5,
         "closed form of the symmetric cycle of a damped mass under a sampled relay",
         tolerance="1e-6 of the speed",

@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discretise
 from haptic_fieldbus.numerics.integrators.trajectory import follow
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
@@ -41,7 +42,7 @@ def tiny_h(quick: bool) -> CaseResult:
             worst, where = error, method
     return CaseResult(
         f"force over stiffness after {steps} steps of h = 1e-6 within 1e-12 of each method's own recursion",
-        f"largest error {worst:.1e} ({where}), {len(METHODS)} methods",
+        f"largest error {rounded(worst, 2)} ({where}), {len(METHODS)} methods",
         worst <= 1e-12,
         "the hand-written recursion, raised to its power in 50 decimal digits",
         tolerance="1e-12 of the stiffness",
@@ -59,7 +60,7 @@ def h_sweep(quick: bool) -> CaseResult:
                 worst = max(worst, abs(found / expected - 1.0))
     return CaseResult(
         "spectral radius by formula, relative error ≤ 1e-9, h = 1e-6 … 1e3",
-        f"largest relative error {worst:.1e} at {count} values of h, 3 masses, {len(RADII)} methods",
+        f"largest relative error {rounded(worst, 2)} at {count} values of h, 3 masses, {len(RADII)} methods",
         worst <= 1e-9 and set(RADII) == set(METHODS),
         "closed forms: √(1 + h²), its inverse, 1, the roots of λ² − (2 − h²)λ + 1, √(1 − h⁶/72 + h⁸/576)",
         tolerance="1e-9 of the radius",
@@ -80,7 +81,7 @@ def forward_euler_any_t(quick: bool) -> CaseResult:
         gains.append(gain)
     return CaseResult(
         f"ln(E/E₀) = {steps}·ln(1 + h²) > 0 for T = 1 µs … 10 ms (h = 2e-5 … 0.2), within 1e-5 of itself",
-        f"ln(E/E₀) from {gains[0]:.3e} to {gains[-1]:.4g}, relative error at most {worst:.1e}",
+        f"ln(E/E₀) from {rounded(gains[0], 4)} to {rounded(gains[-1], 4)}, relative error at most {rounded(worst, 2)}",
         min(gains) > 0.0 and worst <= 1e-5,
         "closed form: each step multiplies the energy by 1 + h² exactly",
         tolerance="1e-5 of ln of growth",
@@ -104,7 +105,8 @@ def rk4_at_its_limit(quick: bool) -> CaseResult:
     return CaseResult(
         f"h = 2√2: energy constant to 1e-9; h·(1 ∓ 1e-4): ln(E/E₀) = {formulas[0]:.4f} and {formulas[1]:+.4f} after "
         f"{steps} steps, within 1e-6 of itself",
-        f"energy varies by {drift:.1e}, sample 60 off by {recursion:.1e}; ln(E/E₀) = {logs[0]:.4f} and {logs[1]:+.4f}",
+        f"energy varies by {rounded(drift, 2)}, sample 60 off by {rounded(recursion, 2)}; ln(E/E₀) = {logs[0]:.4f} "
+        f"and {logs[1]:+.4f}",
         drift <= 1e-9 and recursion <= 1e-11 and worst <= 1e-6,
         "|R(ih)|² = 1 + h⁶·(h² − 8)/576, and the step in exact fractions, [[−1, −1], [8, −1]]/3",
         tolerance="1e-9 of the energy, 1e-11 of a sample, 1e-6 of ln of growth",
@@ -124,7 +126,7 @@ def semi_implicit_at_its_limit(quick: bool) -> CaseResult:
     return CaseResult(
         f"h = 2: |p| = n = {steps} from v₀ = 1; h = 2 − 2e-6: |p| up to {bound:.2f}; h = 2 + 2e-6: radius "
         f"{formula:.9f}",
-        f"|p| = {abs(linear):.9g} after {steps} steps; up to {below:.2f}; radius {radius:.9f}",
+        f"|p| = {rounded(abs(linear), 9)} after {steps} steps; up to {below:.2f}; radius {radius:.9f}",
         abs(linear - expected) <= 1e-9 * steps and abs(below / bound - 1.0) <= 1e-4 and abs(radius - formula) <= 1e-9,
         "Mⁿ = (−1)ⁿ(1 − n·(M + 1)) at h = 2, |sin nφ|/(h·√(1 − h²/4)) below, radius "
         "e^{2·acosh(h/2)}; tolerances 1e-9, 1e-4, 1e-9",
@@ -148,7 +150,7 @@ def damper_b_equals_kt(quick: bool) -> CaseResult:
         f"k = 250 N/m, m = 0.4 kg, T = 1 ms: radius 1 at b = kT, {1 + 0.005 * square:.9f} at 0.99·kT; position after "
         f"{steps} steps {expected:.12f}",
         f"radius {radii[1]:.12f} at b = kT, {radii[0]:.9f} at 0.99·kT, {radii[2]:.9f} at 1.01·kT; position off by "
-        f"{error:.1e}",
+        f"{rounded(error, 2)}",
         worst <= 1e-12 and error <= 1e-9,
         "determinant 1 − bT/m + kT²/m, and the recursion in 50 decimal digits; tolerances 1e-12 and 1e-9",
         tolerance="1e-12 of the radii, 1e-9 of the position",
@@ -172,7 +174,7 @@ def lecture_constants(quick: bool) -> CaseResult:
         "k = 200 N/m, m = 0.5 kg, T = 1 ms: ω_n = 20 rad/s, f_n = 3.183099 Hz, T_n = 314.1593 ms; Euler 1 ± 0.02j; "
         "the mass overshoots to 2 units",
         f"ω_n = {2.0 * math.pi / measured:.6f} rad/s, f_n = {1.0 / measured:.6f} Hz, T_n = {1e3 * measured:.4f} ms; "
-        f"Euler off by {off:.1e}; overshoot to {1.0 + peak:.4f} units",
+        f"Euler off by {rounded(off, 2)}; overshoot to {1.0 + peak:.4f} units",
         abs(measured * natural / (2.0 * math.pi) - 1.0) <= 1e-6 and off <= 1e-12 and abs(peak - 1.0) <= 1e-3,
         "closed form √(k/m), ω_n/2π, 2π/ω_n, 1 − cos ω_n·t; tolerances 1e-6 relative, 1e-12, 1e-3",
         tolerance="1e-6 of ω_n, 1e-12 of the matrix, 1e-3 of the overshoot",
@@ -186,14 +188,14 @@ def energy_drift(quick: bool) -> CaseResult:
     """
     steps = 100_000 if quick else 10_000_000
     h2 = STIFFNESS / MASS * PERIOD**2
-    exact, verlet = growth.follow("exact-foh", steps).energy, growth.follow("verlet", steps).energy
+    exact, verlet = growth.free_swing("exact-foh", steps).energy, growth.free_swing("verlet", steps).energy
     tolerance = steps * 2.0**-52 + 1e-11
     drift, low, high = max(map(abs, exact)), min(verlet), max(verlet)
     return CaseResult(
-        f"{steps:.0e} steps at h = 0.02: exact-foh |E/E₀ − 1| ≤ {tolerance:.1e}; "
-        f"verlet from −h²/4 = {-h2 / 4:.1e} to 0",
-        f"exact-foh at most {drift:.1e}; verlet from {low:.3e} to {high:.1e}",
+        f"{rounded(steps, 1)} steps at h = 0.02: exact-foh |E/E₀ − 1| ≤ {rounded(tolerance, 2)}; verlet from −h²/4 = "
+        f"{rounded(-h2 / 4, 2)} to 0",
+        f"exact-foh at most {rounded(drift, 2)}; verlet from {rounded(low, 4)} to {rounded(high, 2)}",
         drift <= tolerance and -h2 / 4 - tolerance <= low <= -h2 / 8 and high <= tolerance,
         "the invariants: p² + (v/ω)² of the exact motion, p² + (v/ω)²/(1 − h²/4) of Verlet; one rounding a step",
-        tolerance=f"{tolerance:.1e} of the energy",
+        tolerance=f"{rounded(tolerance, 2)} of the energy",
     )

@@ -15,7 +15,7 @@ DIGITS = 60
 """Digits of Decimal; a polynomial of degree 13 with roots close to 1 loses many of them."""
 
 
-def moved(device: Plant, x: float, v: float, force: float, span: float) -> tuple[float, float]:
+def moved_by_force(device: Plant, x: float, v: float, force: float, span: float) -> tuple[float, float]:
     """Return position [m] and velocity [m/s] after a span [s] of constant force [N]."""
     if not device.damping:
         a = force / device.mass
@@ -25,7 +25,7 @@ def moved(device: Plant, x: float, v: float, force: float, span: float) -> tuple
     return x + tau * part * v + force * (span - tau * part) / device.damping, v + part * (force / device.damping - v)
 
 
-def simulate(
+def sampled_positions(
     device: Plant,
     period: float,
     law: Callable[[float], float],
@@ -49,8 +49,8 @@ def simulate(
         positions.append(x)
         forces = [law(x), *forces[:-1]]
         if rest:  # until the delay is over, the force of the sample before still acts
-            x, v = moved(device, x, v, forces[whole + 1] + push, rest)
-        x, v = moved(device, x, v, forces[whole] + push, period - rest)
+            x, v = moved_by_force(device, x, v, forces[whole + 1] + push, rest)
+        x, v = moved_by_force(device, x, v, forces[whole] + push, period - rest)
         if not abs(x) < 1e100:
             break
     return positions

@@ -8,12 +8,13 @@ import numpy as np
 
 from haptic_fieldbus.margins.patterns import gaps, pattern_bound, pattern_limit
 from haptic_fieldbus.margins.plant import Plant, sample
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import tachometer
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
 from haptic_fieldbus.study.case import CaseResult, refused
-from haptic_fieldbus.study.cases.oracles import moved
+from haptic_fieldbus.study.cases.oracles import moved_by_force
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD, STEP = 1e-3, 1e-5
@@ -41,8 +42,8 @@ def velocity_quantisation(quick: bool) -> CaseResult:
     error = float(np.sqrt(np.mean((found - ratio * unit) ** 2)))
     expected = unit * math.sqrt(GOLDEN * (1.0 - GOLDEN))
     return CaseResult(
-        f"3 or 4 times D/T = {unit * 1e3:g} mm/s, rms error D/T·√(f(1 − f)) = {expected * 1e3:.4f} mm/s (0.1 %)",
-        f"{' or '.join(f'{level:g}' for level in levels)} times, rms {error * 1e3:.4f} mm/s",
+        f"3 or 4 times D/T = {exactly(unit * 1e3)} mm/s, rms error D/T·√(f(1 − f)) = {expected * 1e3:.4f} mm/s (0.1 %)",
+        f"{' or '.join(f'{exactly(level)}' for level in levels)} times, rms {error * 1e3:.4f} mm/s",
         levels == [3.0, 4.0] and abs(error / expected - 1.0) <= 1e-3,
         "closed form: two levels with shares f and 1 − f, f the fraction of v·T/D",
         tolerance="0.1 % of the rms error; levels exact",
@@ -83,9 +84,9 @@ def differentiator_tau_below_half_t(quick: bool) -> CaseResult:
     pole = float(integrators.discrete(lag, PERIOD, "forward-euler").a[0, 0])
     growth, expected = abs(pole) ** steps, (1.0 / 0.49 - 1.0) ** steps
     return CaseResult(
-        f"τ = 0.49 T refused with the limit 0.0005 s, for it grows by {expected:.4g} in {steps} steps; 0.51 T rings "
-        f"with {1.0 - 1.0 / 0.51:.6f} a step (1e-9)",
-        f"{'refused' if refusal else 'taken'}, growth {growth:.4g}; 0.51 T rings with {ratio:.6f}",
+        f"τ = 0.49 T refused with the limit 0.0005 s, for it grows by {rounded(expected, 4)} in {steps} steps; 0.51 T "
+        f"rings with {1.0 - 1.0 / 0.51:.6f} a step (1e-9)",
+        f"{'refused' if refusal else 'taken'}, growth {rounded(growth, 4)}; 0.51 T rings with {ratio:.6f}",
         "0.0005 s" in refusal and abs(growth / expected - 1.0) <= 1e-9 and abs(ratio - 1.0 + 1.0 / 0.51) <= 1e-9,
         "closed form of the pole, 1 − T/τ",
         tolerance="1e-9 of the growths; the words exact",
@@ -113,7 +114,8 @@ def lecture_noise(quick: bool) -> CaseResult:
     return CaseResult(
         f"noise over signal 0.1 before, {expected[1] / expected[0]:.4f} differentiated, "
         f"{filtered[1] / filtered[0]:.4f} with τ = {tau} s; amplitudes to 1e-4",
-        f"{plain[1] / plain[0]:.4f}, {smooth[1] / smooth[0]:.4f} with the filter; worst amplitude off by {worst:.1e}",
+        f"{plain[1] / plain[0]:.4f}, {smooth[1] / smooth[0]:.4f} with the filter; worst amplitude off by "
+        f"{rounded(worst, 2)}",
         worst <= 1e-4,
         "closed form: (2/T)·sin(ωT/2), and Ω/√(1 + τ²Ω²) with Ω = (2/T)·tan(ωT/2)",
         tolerance="1e-4 of the amplitudes",
@@ -133,7 +135,8 @@ def tachometer_drift(quick: bool) -> CaseResult:
     expected = -0.5 * unit
     return CaseResult(
         f"{expected * 1e3:.3f} mm/s to and fro (1 %); a motion of 0.49 steps stays at 0 m exactly",
-        f"{x / seconds * 1e3:.4f} mm/s over {seconds:.0f} s; {slow:g} m of {0.49 * unit * seconds:.4g} m",
+        f"{x / seconds * 1e3:.4f} mm/s over {seconds:.0f} s; {exactly(slow)} m of {rounded(0.49 * unit * seconds, 4)} "
+        "m",
         abs(x / seconds / expected - 1.0) <= 0.01 and slow == 0.0,
         "closed form: rounding down takes half a step on average",
         tolerance="1 % of the drift; 0 exact",
@@ -184,7 +187,7 @@ def jittered_sampling(quick: bool) -> CaseResult:
         f"K up to 2b·ΣT_i/ΣT_i² = {expected:.1f} N/m (1 %), against {2.0 * plant.damping / PERIOD:.0f} N/m without "
         f"jitter; a steady 1 m/s is read with an rms error of {spread:.4f} m/s (1e-6), "
         "and of 0 with the samples' times (1e-9)",
-        f"{low:.1f} N/m; {error:.4f} m/s, and {worst:.1e} m/s at most with times",
+        f"{low:.1f} N/m; {error:.4f} m/s, and {rounded(worst, 2)} m/s at most with times",
         abs(low / expected - 1.0) <= 0.01 and abs(error / spread - 1.0) <= 1e-6 and worst <= 1e-9,
         "closed form for light damping; spread of the intervals over T",
         tolerance="1 % of the limit, 1e-6 and 1e-9 of the velocity",
@@ -196,7 +199,7 @@ def _grows_by_hand(plant: Plant, stiffness: float, lengths: tuple[int, ...]) -> 
     columns = []
     for x, v in ((1.0, 0.0), (0.0, 1.0)):
         for length in lengths:
-            x, v = moved(plant, x, v, -stiffness * x, length * PERIOD)
+            x, v = moved_by_force(plant, x, v, -stiffness * x, length * PERIOD)
         columns.append((x, v))
     (a, c), (b, d) = columns
     # Jury's conditions of the map [[a, b], [c, d]]: determinant and trace.

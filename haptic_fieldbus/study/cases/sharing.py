@@ -10,14 +10,15 @@ from collections.abc import Callable
 import numpy as np
 
 from haptic_fieldbus.margins import Plant, sample
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.loops import Array, loops
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
-from haptic_fieldbus.study.case import CaseResult, listed
+from haptic_fieldbus.study.case import CaseResult, signed, values_text
 from haptic_fieldbus.study.cases.friction import recorded
-from haptic_fieldbus.study.cases.oracles import moved
+from haptic_fieldbus.study.cases.oracles import moved_by_force
 
 PERIOD = 1e-3
 STIFFNESS, AMPLITUDE, TURN = 600.0, 0.01, 40
@@ -46,8 +47,8 @@ def passivity_observer_timing(quick: bool) -> CaseResult:
     ratios = [each / leak for each in ledgers]
     apart = max(abs(one - other) for one, other in zip([*ratios, fine / leak], [1.0, -1.0, 0.0, 1.0], strict=True))
     return CaseResult(
-        f"f_(k-1), f_k, their mean times x_k - x_(k-1): +leak, -leak, 0; leak {1e3 * leak:.6g} mJ",
-        f"{listed([1e3 * each for each in ledgers], '+.6g')} mJ; finely integrated {1e3 * fine:+.6g} mJ",
+        f"f_(k-1), f_k, their mean times x_k - x_(k-1): +leak, -leak, 0; leak {rounded(1e3 * leak, 6)} mJ",
+        f"{', '.join(signed(1e3 * each, 6) for each in ledgers)} mJ; finely integrated {signed(1e3 * fine, 6)} mJ",
         apart <= 1e-6,
         "closed form N·K·A²·sin²(π/N) a cycle, and ∫f·v over 50 parts of each period (to 1e-6)",
         tolerance="1e-6 of the leak",
@@ -88,12 +89,12 @@ def passivity_observer_delay(quick: bool) -> CaseResult:
     near = max(abs(one - other) for one, other in zip(shares, wanted, strict=True))
     worst = max(map(abs, errors))
     return CaseResult(
-        f"unshifted sees {listed(wanted, '.3f')} of the leak at td = 0, 0.3, 1, 1.7 T; shifted sees all of it",
-        f"unshifted {listed(shares, '.3f')}; shifted off by at most {100 * worst:.2g} %",
+        f"unshifted sees {values_text(wanted, 3)} of the leak at td = 0, 0.3, 1, 1.7 T; shifted sees all of it",
+        f"unshifted {values_text(shares, 3)}; shifted off by at most {rounded(100 * worst, 2)} %",
         near <= angle**2 and worst <= angle**2 and max(map(abs, checks)) <= 1e-6,
-        "closed form N/2·K·A²·(cos ψ − cos(θ + ψ)) a cycle, θ = ωT, ψ = ω·td, itself checked by fine integration "
-        f"(to 1e-6); shares and the shifted ledger to θ² = {angle**2:.2g}",
-        tolerance=f"{angle**2:.1g} of the leak",
+        "closed form N/2·K·A²·(cos ψ − cos(θ + ψ)) a cycle, θ = ωT, ψ = ω·td, itself checked by fine integration (to "
+        f"1e-6); shares and the shifted ledger to θ² = {rounded(angle**2, 2)}",
+        tolerance=f"{rounded(angle**2, 1)} of the leak",
     )
 
 
@@ -122,11 +123,13 @@ def saturation_ledger(quick: bool) -> CaseResult:
     change, scale = energy - before, max(energy, before)
     off, wrong = abs(applied - change) / scale, abs(asked - change) / scale
     return CaseResult(
-        f"kinetic energy changes by {1e3 * change:+.6g} mJ, with {saturated} of {steps} forces saturated at {most:g} N",
-        f"ledger after saturation {1e3 * applied:+.6g} mJ (off by {off:.1g}), before it {1e3 * asked:+.6g} mJ",
+        f"kinetic energy changes by {signed(1e3 * change, 6)} mJ, with {saturated} of {steps} forces saturated at "
+        f"{exactly(most)} N",
+        f"ledger after saturation {signed(1e3 * applied, 6)} mJ (off by {rounded(off, 1)}), before it "
+        f"{signed(1e3 * asked, 6)} mJ",
         off <= EXACT and wrong > 0.1 and saturated > steps // 10,
         "kinetic energy of a mass without friction (to 1e-9); the ledger before saturation is wrong by above 10 %",
-        tolerance=f"{EXACT:g} of the energy",
+        tolerance=f"{exactly(EXACT)} of the energy",
     )
 
 
@@ -151,9 +154,10 @@ def half_sample_wall(quick: bool) -> CaseResult:
     expected = 0.5 * math.log1p(0.5 * h * h)
     bound = 0.5 * STIFFNESS * PERIOD
     return CaseResult(
-        f"log of growth a period: plain {expected:.4g}, true velocity 0, difference {h**4 / 8.0:.3g}; passive with b = "
-        f"{bound:g} plain, {2.0 * bound:g} N·s/m by difference",
-        f"plain {plain:.4g}, true velocity {true:.1g}, difference {left:.3g}; b = {without:.4g} and {shaken:.4g} N·s/m",
+        f"log of growth a period: plain {rounded(expected, 4)}, true velocity 0, difference {rounded(h**4 / 8.0)}; "
+        f"passive with b = {exactly(bound)} plain, {exactly(2.0 * bound)} N·s/m by difference",
+        f"plain {rounded(plain, 4)}, true velocity {rounded(true, 1)}, difference {rounded(left)}; b = "
+        f"{rounded(without, 4)} and {rounded(shaken, 4)} N·s/m",
         abs(plain / expected - 1.0) <= 0.01
         and abs(true) * steps <= 0.01
         and abs(left / (h**4 / 8.0) - 1.0) <= 0.01
@@ -174,7 +178,7 @@ def _growth_a_period(mass: float, force: Callable[[float, float], float], steps:
     x, v, first, last = 0.001, 0.0, 0.0, 0.0
     window = round(2.0 * math.pi / (PERIOD * math.sqrt(STIFFNESS / mass)))
     for step in range(steps):
-        x, v = moved(device, x, v, force(x, v), PERIOD)
+        x, v = moved_by_force(device, x, v, force(x, v), PERIOD)
         # Twice the energy, summed over one swing at each end: it varies within a swing, its sum does not.
         size = STIFFNESS * x * x + mass * v * v
         if step < window:

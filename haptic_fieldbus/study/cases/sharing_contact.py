@@ -6,10 +6,11 @@ import numpy as np
 
 from haptic_fieldbus.margins import Plant, sample, stiffness_limit
 from haptic_fieldbus.margins.bodies import HAND, limit_with, sample_with
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.loops import Array, loops
-from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.oracles import simulate
+from haptic_fieldbus.study.case import CaseResult, signed
+from haptic_fieldbus.study.cases.oracles import sampled_positions
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3
@@ -48,19 +49,22 @@ def bounce_energy(quick: bool) -> CaseResult:
     expected, mean = math.expm1(0.5 * math.pi * h), float(gained.mean())
     low, high = float(gained.min()), float(gained.max())
     return CaseResult(
-        f"h = {h:.3g}: on average {100 * expected:.2f} % more out than in, each phase within ±h² = {100 * h * h:.2g} %",
-        f"{count} phases: mean {100 * mean:.2f} %, from {100 * low:.2f} to {100 * high:.2f} %; the positions alone say "
-        f"the same to {apart:.1g}",
+        f"h = {rounded(h)}: on average {100 * expected:.2f} % more out than in, each phase within ±h² = "
+        f"{rounded(100 * h * h, 2)} %",
+        f"{count} phases: mean {100 * mean:.2f} %, from {100 * low:.2f} to {100 * high:.2f} %; the positions alone "
+        f"say the same to {rounded(apart, 1)}",
         apart <= EXACT and abs(mean - expected) <= 0.5 * h * h and expected - h * h <= low < high <= expected + h * h,
         "work summed from positions by another loop (to 1e-9), and e^(πh/2) − 1 to h²/2",
-        tolerance=f"{EXACT:g} of a phase, h²/2 of the mean",
+        tolerance=f"{exactly(EXACT)} of a phase, h²/2 of the mean",
     )
 
 
 def _leak(mass: float, stiffness: float, phase: float, steps: int) -> float:
     """Return the work of the wall by the identity of `bounce_energy` [J], with the motion simulated by hand."""
     start = -SPEED * PERIOD * (1.0 - phase), SPEED
-    x = np.array(simulate(Plant(mass, 0.0), PERIOD, lambda x: -stiffness * max(x, 0.0), steps + 1, start=start))
+    x = np.array(
+        sampled_positions(Plant(mass, 0.0), PERIOD, lambda x: -stiffness * max(x, 0.0), steps + 1, start=start)
+    )
     inside = x[:-1] > 0.0
     squares = float((np.diff(x)[inside] ** 2).sum())
     entered, left = float(x[:-1][inside][0]), float(x[1:][inside][-1])
@@ -84,13 +88,13 @@ def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
     speed = most * PERIOD / mass - SPEED
     limit = stiffness_limit(Plant(mass, 0.5), PERIOD, 0.0, spring)
     return CaseResult(
-        f"contact of {1e3 * math.pi * math.sqrt(mass / stiffness):.2g} ms: speed times h²·φ − 1, to "
-        f"{expected.max():.4g}; bounded to {most:g} N, at most {speed:.3g} m/s",
-        f"times {found.max():.4g} (apart by {apart:.1g}), bounded {bounded:.3g} m/s; limit of stability {limit:.4g} of "
-        f"{stiffness:.4g} N/m",
+        f"contact of {rounded(1e3 * math.pi * math.sqrt(mass / stiffness), 2)} ms: speed times h²·φ − 1, to "
+        f"{rounded(expected.max(), 4)}; bounded to {exactly(most)} N, at most {rounded(speed)} m/s",
+        f"times {rounded(found.max(), 4)} (apart by {rounded(apart, 1)}), bounded {rounded(bounded)} m/s; limit of "
+        f"stability {rounded(limit, 4)} of {rounded(stiffness, 4)} N/m",
         apart <= EXACT and abs(bounded / speed - 1.0) <= EXACT and limit < stiffness,
         "closed form of one held force (to 1e-9)",
-        tolerance=f"{EXACT:g} of the speeds",
+        tolerance=f"{exactly(EXACT)} of the speeds",
     )
 
 
@@ -107,9 +111,9 @@ def hand_lets_go(quick: bool) -> CaseResult:
     held, released = _let_go(plant, stiffness, 1_000 if quick else 3_000)
     apart = [abs(one / other - 1.0) for one, other in zip((held, released), rates, strict=True)]
     return CaseResult(
-        f"K = {stiffness:.4g} N/m, limits {free:.4g} free and {in_hand:.4g} N/m held: rates {rates[0]:+.4g} held, "
-        f"{rates[1]:+.4g} 1/s released",
-        f"held it {'fades' if held < 0.0 else 'grows'} ({held:+.4g} 1/s), released {released:+.4g} 1/s",
+        f"K = {rounded(stiffness, 4)} N/m, limits {rounded(free, 4)} free and {rounded(in_hand, 4)} N/m held: rates "
+        f"{signed(rates[0], 4)} held, {signed(rates[1], 4)} 1/s released",
+        f"held it {'fades' if held < 0.0 else 'grows'} ({signed(held, 4)} 1/s), released {signed(released, 4)} 1/s",
         free < stiffness < in_hand and held < 0.0 < released and apart[1] <= 0.02 and apart[0] <= 0.05,
         "brute force: Runge–Kutta at T/8 between samples, with and without the hand (rates to 5 and 2 %)",
         tolerance="5 % and 2 % of the rates",

@@ -14,11 +14,12 @@ from collections.abc import Callable
 import numpy as np
 
 from haptic_fieldbus.margins import Plant, passive_limit_of, sample, stiffness_limit
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.numerics.passivity import damping_needed
-from haptic_fieldbus.study.case import CaseResult, listed
+from haptic_fieldbus.study.case import CaseResult, values_text
 from haptic_fieldbus.study.cases.oracles import largest, plain_terms, polynomials
 from haptic_fieldbus.study.measure import region
 
@@ -33,7 +34,7 @@ APART = 0.03
 ROOTS = "roots of a characteristic polynomial derived by hand (bisected in K, to 1e-6); loops run 3 % either side"
 
 
-def wall(stiffness: float, damping: float, pole: float = 0.0) -> StateSpace:
+def filtered_wall(stiffness: float, damping: float, pole: float = 0.0) -> StateSpace:
     """Return a wall whose damper acts on a low-passed backward difference, as a discrete environment."""
     return region.wall(stiffness, damping, PERIOD, f"low-pass:pole={pole}")
 
@@ -52,7 +53,7 @@ def oracle_limit(damping: float, delay: float, pole: float) -> float:
 
 def _package_limit(damping: float, delay: float, pole: float) -> float:
     """Return the stiffness limit that the package computes [N/m]."""
-    return stiffness_limit(DEVICE, PERIOD, delay, lambda stiffness: wall(stiffness, damping, pole))
+    return stiffness_limit(DEVICE, PERIOD, delay, lambda stiffness: filtered_wall(stiffness, damping, pole))
 
 
 def _right(limit: float, point: Point, quick: bool) -> int:
@@ -60,7 +61,7 @@ def _right(limit: float, point: Point, quick: bool) -> int:
     damping, delay, pole = point
     many = loops(
         mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, delay=delay, position=1e-3,
-        environments=[wall(factor * limit, damping, pole) for factor in (1.0 - APART, 1.0 + APART)],
+        environments=[filtered_wall(factor * limit, damping, pole) for factor in (1.0 - APART, 1.0 + APART)],
     )  # fmt: skip
     below, above = map(float, batch.run(many, 4_000 if quick else 40_000).growth)
     return (not below > 1.0) + (above > 1.0)
@@ -77,12 +78,12 @@ def _judged(points: list[Point], law: str, holds: Callable[[list[float]], bool],
     some = [(limit, point) for limit, point in zip(expected, points, strict=True) if limit]
     right = sum(_right(limit, point, quick) for limit, point in some)
     return CaseResult(
-        f"{law}; {listed(expected, '.4g')} N/m",
-        f"{listed(found, '.4g')} N/m, apart by {apart:.1g}; {right} of {2 * len(some)} loops "
-        "run 3 % off decay or grow so",
+        f"{law}; {values_text(expected, 4)} N/m",
+        f"{values_text(found, 4)} N/m, apart by {rounded(apart, 1)}; {right} of {2 * len(some)} loops run 3 % off "
+        "decay or grow so",
         holds(expected) and apart <= AGREEMENT and right == 2 * len(some),
         ROOTS,
-        tolerance=f"{AGREEMENT:g} of each limit; growth and decay 3 % off it",
+        tolerance=f"{exactly(AGREEMENT)} of each limit; growth and decay 3 % off it",
     )
 
 
@@ -119,20 +120,21 @@ def pure_damper_limit(quick: bool) -> CaseResult:
     low, high = 0.0, 4.0 * DEVICE.mass / PERIOD
     while high - low > 1e-10 * high:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if sampled.growth(device, wall(0.0, middle)) < 1.0 else (low, middle)
+        low, high = (middle, high) if sampled.growth(device, filtered_wall(0.0, middle)) < 1.0 else (low, middle)
     many = loops(
         mass=DEVICE.mass, damping=DEVICE.damping, period=PERIOD, velocity=0.1,
         virtual_damping=[(1.0 - APART) * expected, (1.0 + APART) * expected],
     )  # fmt: skip
     speed = np.abs(batch.run(many, 1_000).velocity)
-    needed = damping_needed(wall(0.0, 5.0), PERIOD, 0.0)
+    needed = damping_needed(filtered_wall(0.0, 5.0), PERIOD, 0.0)
     return CaseResult(
-        f"stable to B = {expected:.6g} N·s/m (2·m/T = {2 * DEVICE.mass / PERIOD:.0f}); passive needs b = B = 5 N·s/m",
-        f"stable to {low:.6g} N·s/m; 0.1 m/s becomes {speed[0]:.1g} and {speed[1]:.1g} m/s in 1000 periods 3 % below "
-        f"and above; passive needs b = {needed:.6g}",
+        f"stable to B = {rounded(expected, 6)} N·s/m (2·m/T = {2 * DEVICE.mass / PERIOD:.0f}); passive needs b = B = "
+        "5 N·s/m",
+        f"stable to {rounded(low, 6)} N·s/m; 0.1 m/s becomes {rounded(speed[0], 1)} and {rounded(speed[1], 1)} m/s in "
+        f"1000 periods 3 % below and above; passive needs b = {rounded(needed, 6)}",
         abs(low / expected - 1.0) <= AGREEMENT and speed[0] < 1e-3 < 1.0 < speed[1] and abs(needed / 5.0 - 1.0) < 1e-9,
         "Jury's conditions of z² + (B·c/T − p)·z + B·(a·d − p·c)/T in closed form (to 1e-6); b > |B|",
-        tolerance=f"{AGREEMENT:g} of the limit, 1e-9 of the damping",
+        tolerance=f"{exactly(AGREEMENT)} of the limit, 1e-9 of the damping",
     )
 
 
@@ -145,17 +147,17 @@ def filtered_damper_passivity(quick: bool) -> CaseResult:
     stiffness, virtual = 800.0, 3.0
     poles = (0.0, 0.3, 0.8, 0.95)
     expected = [0.5 * stiffness * PERIOD + virtual * (1.0 - r) / (1.0 + r) for r in poles]
-    found = [damping_needed(wall(stiffness, virtual, r), PERIOD, 0.0) for r in poles]
+    found = [damping_needed(filtered_wall(stiffness, virtual, r), PERIOD, 0.0) for r in poles]
     given = [_given_at_nyquist(stiffness, virtual, r) for r in poles]
     apart = max(abs(each / one - 1.0) for one, *others in zip(expected, found, given, strict=True) for each in others)
-    limit = passive_limit_of(DEVICE, PERIOD, 0.0, lambda k: wall(k, virtual, 0.8), math.inf)
+    limit = passive_limit_of(DEVICE, PERIOD, 0.0, lambda k: filtered_wall(k, virtual, 0.8), math.inf)
     by_hand = 2.0 * (DEVICE.damping - virtual * 0.2 / 1.8) / PERIOD
     return CaseResult(
-        f"b = {listed(expected, '.4g')} N·s/m for poles 0, 0.3, 0.8, 0.95; K to {by_hand:.6g} N/m with 0.8",
-        f"b = {listed(found, '.4g')} N·s/m by sweep, {listed(given, '.4g')} by energy; K to {limit:.6g} N/m",
+        f"b = {values_text(expected, 4)} N·s/m for poles 0, 0.3, 0.8, 0.95; K to {rounded(by_hand, 6)} N/m with 0.8",
+        f"b = {values_text(found, 4)} N·s/m by sweep, {values_text(given, 4)} by energy; K to {rounded(limit, 6)} N/m",
         apart <= AGREEMENT and abs(limit / by_hand - 1.0) <= AGREEMENT,
         "closed form, and the work of the forces on a handle shaken to and fro each period (to 1e-6)",
-        tolerance=f"{AGREEMENT:g} of each damping and limit",
+        tolerance=f"{exactly(AGREEMENT)} of each damping and limit",
     )
 
 

@@ -42,7 +42,7 @@ def bench_of(plan: Plan) -> Bench:
     return Bench(axis.plant, axis.delay.transport, plan.period)
 
 
-def held(plant: Plant) -> tuple[Matrix, Matrix, Matrix]:
+def device_in_hand(plant: Plant) -> tuple[Matrix, Matrix, Matrix]:
     """Return (A, B of the motor, B of the hand) of a linear device held by a hand; inputs are forces [N].
 
     The states are position and velocity of the handle, then of the hand. Shapes: `(4, 4)`, `(4, 1)`, `(4, 1)`.

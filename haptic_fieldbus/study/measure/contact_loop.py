@@ -18,13 +18,13 @@ from haptic_fieldbus.numerics.exact import zoh
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain
 from haptic_fieldbus.numerics.loops import Array
-from haptic_fieldbus.study.measure.bench import Bench, held
+from haptic_fieldbus.study.measure.bench import Bench, device_in_hand
 from haptic_fieldbus.study.measure.motions import KnownMotion, sine
 from haptic_fieldbus.study.measure.problems import Problem, peak, sprung_mass
 from haptic_fieldbus.study.measure.timing import ns_per_call
 from haptic_fieldbus.study.measure.work_precision import Point, Set, errors, with_order
 
-Law = Callable[[float], float]
+PositionLaw = Callable[[float], float]
 HORIZON, STIFFNESS, DAMPING = 1.0, 600.0, 2.0
 """Length of a run [s], and the walls of the scene library [N/m], [N·s/m]."""
 HAND_FORCE = sine(4.0, 1.0)
@@ -44,18 +44,18 @@ class Contact:
     title: str
     space: StateSpace
     methods: tuple[str, ...]
-    law: Callable[[str, float, float], Law]
+    law: Callable[[str, float, float], PositionLaw]
     """Function of method, period [s] and encoder step [m]: returns a law from position [m] to force [N]."""
 
 
-def _wall(method: str, period: float, resolution: float) -> Law:
+def _wall(method: str, period: float, resolution: float) -> PositionLaw:
     if method == "none":
         return lambda x: -STIFFNESS * x
     estimate = estimators.bind(method, period, resolution)
     return lambda x: -STIFFNESS * x - DAMPING * estimate(x)
 
 
-def _dragged(method: str, period: float, resolution: float) -> Law:
+def _dragged(method: str, period: float, resolution: float) -> PositionLaw:
     return integrators.bind(sprung_mass(), period, method)
 
 
@@ -74,7 +74,7 @@ def contacts() -> dict[str, Contact]:
 
 def closed(contact: Contact, bench: Bench) -> Problem:
     """Return device, hand and environment in continuous time as one problem, with the hand's force as input."""
-    (a, motor, hand), space = held(bench.plant), contact.space
+    (a, motor, hand), space = device_in_hand(bench.plant), contact.space
     size, inner = len(a), space.order
     feel = np.eye(2, size)  # (position, velocity) of the handle
     # Feedback u = feel·x of the environment (A_e, B_e, C_e, D_e) closes the loop: F = C_e z + D_e u drives the motor.
@@ -84,7 +84,7 @@ def closed(contact: Contact, bench: Bench) -> Problem:
     return Problem(contact.name, contact.title, StateSpace(system, drive, force, np.zeros((1, 2))), HAND_FORCE)
 
 
-def follow(law: Law, bench: Bench, period: float, steps: int) -> Array:
+def loop_force(law: PositionLaw, bench: Bench, period: float, steps: int) -> Array:
     """Return the force of the sampled loop at its samples [N], `(steps + 1,)`; fewer values when it diverged."""
     transition, drive = _moved(bench, HAND_FORCE, period)
     state = np.concatenate([np.zeros(4), HAND_FORCE.start])
@@ -100,7 +100,7 @@ def follow(law: Law, bench: Bench, period: float, steps: int) -> Array:
 
 def _moved(bench: Bench, motion: KnownMotion, period: float) -> tuple[Matrix, Array]:
     """Return the transition of device, hand and its force over one period, and the effect of a held motor force."""
-    a, motor, hand = held(bench.plant)
+    a, motor, hand = device_in_hand(bench.plant)
     outer = len(motion.start)
     system = np.block([[a, hand @ motion.output[:1]], [np.zeros((outer, len(a))), motion.system]])
     transition, drive = zoh(system, np.vstack([motor, np.zeros((outer, 1))]), period)
@@ -119,7 +119,7 @@ def _point(contact: Contact, method: str, bench: Bench, steps: int) -> Point:
     period = HORIZON / steps
     law = contact.law(method, period, bench.plant.resolution)
     reference = closed(contact, bench).exact(period, steps)
-    found = follow(law, bench, period, steps)
+    found = loop_force(law, bench, period, steps)
     figures = errors(found, reference)
     largest = float(np.abs(reference).max())
     # The eigenvalues of a loop with an encoder and an estimator are not at hand: instability is read off the run.

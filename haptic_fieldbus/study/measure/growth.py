@@ -82,7 +82,7 @@ def energy(one: OneStep, forces: tuple[float, float]) -> float:
         return float(0.5 * STIFFNESS * position**2 + 0.5 * MASS * velocity**2)
 
 
-def follow(method: str, total: int) -> Growth:
+def free_swing(method: str, total: int) -> Growth:
     """Run the step of the loop `total` times, and compare it with the exact force at the places of the run."""
     one = integrators.discretise(sprung_mass(), PERIOD, method)
     step = integrators.bind(sprung_mass(), PERIOD, method)

@@ -8,10 +8,12 @@ from time import get_clock_info
 
 import numpy as np
 
+from haptic_fieldbus.numerals import exactly
+
 PACKAGES = ("haptic-fieldbus", "numpy", "matplotlib", "python-can", "canopen")
 
 
-def host() -> dict[str, str]:
+def host_facts() -> dict[str, str]:
     """Return processor, system, clock and versions as texts by stable keys."""
     clock = get_clock_info("perf_counter")
     return {
@@ -21,7 +23,7 @@ def host() -> dict[str, str]:
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         **{name: _version(name) for name in PACKAGES},
         "linear_algebra": _blas(),
-        "clock": f"{clock.implementation}, resolution {clock.resolution * 1e9:g} ns",
+        "clock": f"{clock.implementation}, resolution {exactly(clock.resolution * 1e9)} ns",
     }
 
 

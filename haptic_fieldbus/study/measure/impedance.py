@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus.margins.plant import Plant, sample
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import Array
-from haptic_fieldbus.numerics.passivity import response
+from haptic_fieldbus.numerics.passivity import frequency_response
 from haptic_fieldbus.numerics.sampled import SampledPlant
 from haptic_fieldbus.study.measure.bench import Bench
 
@@ -46,7 +46,7 @@ def felt_impedance(bench: Bench, environment: StateSpace, frequency: Array) -> C
     s = _laplace(frequency)
     angle = 2.0 * np.pi * frequency * period
     by_itself = 1.0 / (plant.mass * s**2 + plant.damping * s)
-    law = response(environment, angle)
+    law = frequency_response(environment, angle)
     samples = by_itself / (1.0 - pulse_response(sample(plant, period, bench.delay), angle) * law)
     # expm1 keeps the digits of 1 − e^{−sT} at low frequencies, where both are nearly equal.
     hold = np.exp(-s * bench.delay) * -np.expm1(-s * period) / (s * period) / (1.0 + s * plant.torque_lag)

@@ -48,14 +48,14 @@ def sine(amplitude: float, frequency: float) -> KnownMotion:
     )
 
 
-def minimum_jerk(way: float, duration: float) -> KnownMotion:
-    """Return the motion of a reaching hand, way·(10 τ³ − 15 τ⁴ + 6 τ⁵) with τ = t/duration, valid for 0 ≤ τ ≤ 1.
+def minimum_jerk(travel: float, duration: float) -> KnownMotion:
+    """Return the motion of a reaching hand, travel·(10 τ³ − 15 τ⁴ + 6 τ⁵) with τ = t/duration, valid for 0 ≤ τ ≤ 1.
 
     Source: Flash & Hogan 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985.
     """
     # States are the derivatives by τ; those of order 3 to 5 at τ = 0 are 3!·10, −4!·15 and 5!·6.
     chain = np.diag(np.ones(5), 1) / duration
-    derivatives = way * np.array([0.0, 0.0, 0.0, 60.0, -360.0, 720.0])
+    derivatives = travel * np.array([0.0, 0.0, 0.0, 60.0, -360.0, 720.0])
     output = np.zeros((2, 6))
     output[0, 0], output[1, 1] = 1.0, 1.0 / duration
     return KnownMotion(chain, output, derivatives)

@@ -8,6 +8,7 @@ from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.cycle.cycle import Cycle, columns, decoded_columns
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.cycle.safety import Permission, bind_limiter
+from haptic_fieldbus.defaults import DEFAULT_METHOD
 from haptic_fieldbus.numerics import estimators, integrators
 from haptic_fieldbus.numerics.estimators import ESTIMATORS
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -47,7 +48,7 @@ def images(plan: Plan, count: int = IMAGES) -> list[tuple[bytes]]:
     return [(_image(plan, 1.0, swing, number),) for number, swing in enumerate(swings)]
 
 
-def _image(plan: Plan, way: float, swing: float, number: int) -> bytes:
+def _image(plan: Plan, travel: float, swing: float, number: int) -> bytes:
     """Return the image of period `number`: `way` is the share of the way to the place, `swing` the share of a swing."""
     known = {"t_ns": number * plan.period_ns}
     for axis in plan.axes:
@@ -55,12 +56,12 @@ def _image(plan: Plan, way: float, swing: float, number: int) -> bytes:
         known |= {
             f"{axis.name}.age_ns": 100_000,
             f"{axis.name}.statusword": ENABLED,
-            f"{axis.name}.position counts": round((middle * way + amplitude * swing) / axis.position_unit),
+            f"{axis.name}.position counts": round((middle * travel + amplitude * swing) / axis.position_unit),
         }
     return plan.image.input.pack(*(known.get(name, 0) for name in decoded_columns(plan)))
 
 
-def running(plan: Plan) -> Cycle:
+def running_cycle(plan: Plan) -> Cycle:
     """Return a cycle in operation enabled, after the fade-in, whose handles are at their places."""
     cycle = Cycle(plan)
     # The zero is where the handle is first, and a jump would trip: the handle is led there over many periods.
@@ -85,7 +86,7 @@ def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[Optiona
 def _period(plan: Plan) -> tuple[float, Spread]:
     """Return the shortest mean time of a whole period [ns], and the distribution of single periods."""
     given = images(plan)
-    cycle = running(plan)
+    cycle = running_cycle(plan)
     cost = ns_per_call(cycle, [image for (image,) in given])
     return cost, spread(cycle, given * 10)
 
@@ -131,4 +132,4 @@ def _steps(wall: Plan, bench: Bench) -> Iterator[tuple[str, Callable[..., object
     moved = [0.01 * each for each in swing]
     for name in METHODS:
         yield f"integrator, two states: {name}", integrators.bind(sprung_mass(), period, name), moved
-    yield f"integrator, four states: {integrators.DEFAULT_METHOD}", integrators.bind(free_puck(), period), moved
+    yield f"integrator, four states: {DEFAULT_METHOD}", integrators.bind(free_puck(), period), moved

@@ -124,7 +124,7 @@ def problems() -> dict[str, Problem]:
     return {problem.name: problem for problem in every}
 
 
-def periods(quick: bool) -> tuple[int, ...]:
+def step_counts(quick: bool) -> tuple[int, ...]:
     """Return the numbers of steps to the horizon, 5 to 5120; the last three differ by 2 each, to show the order."""
     return (5, 20, 80, 320, 1280, 2560, 5120) if quick else tuple(5 * 2**power for power in range(11))
 

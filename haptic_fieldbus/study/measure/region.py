@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.margins import passive_limit_of, stiffness_limit
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -44,7 +45,7 @@ class Region:
         return float((predicted == self.grew)[apart].mean())
 
 
-def wall(stiffness: float, damping: float, period: float, estimator: str = "backward-difference") -> StateSpace:
+def wall(stiffness: float, damping: float, period: float, estimator: str = DEFAULT_ESTIMATOR) -> StateSpace:
     """Return a wall with its estimator as the discrete environment of the loop."""
     return environment(gain([[-stiffness, -damping]]), period=period, method=None, estimator=estimator)
 

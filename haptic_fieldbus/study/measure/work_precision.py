@@ -62,15 +62,17 @@ class Set:
         return self.points[0].order
 
 
-def errors(found: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float | None, float | None, float | None]:
+def errors(
+    measured: NDArray[np.float64], exact: NDArray[np.float64]
+) -> tuple[float | None, float | None, float | None]:
     """Return final, rms and largest error [N]; all None when the run ended early or its error overflows.
 
     `found` has the shape `(n,)`; `exact` is as long or longer.
     """
-    if len(found) < len(exact):
+    if len(measured) < len(exact):
         return None, None, None
     with np.errstate(over="ignore", invalid="ignore"):
-        error = np.abs(found - exact)
+        error = np.abs(measured - exact)
         figures = float(error[-1]), float(np.sqrt(np.mean(error**2))), float(error.max())
     return figures if all(map(math.isfinite, figures)) else (None, None, None)
 

@@ -24,7 +24,7 @@ class Context:
     rows: dict[str, list[dict[str, object]]] = field(default_factory=dict)
     """Rows of `report.json` by their key; sections add to them, and all share the same dictionary."""
 
-    def wanted(self, name: str) -> bool:
+    def is_chosen(self, name: str) -> bool:
         """Return whether a problem or case is to be measured."""
         return self.names is None or name in self.names
 
@@ -32,7 +32,7 @@ class Context:
         """Add a row to `report.json`."""
         self.rows.setdefault(key, []).append(row)
 
-    def each(self, items: Collection[Item], label: Callable[[Item], str]) -> Iterator[Item]:
+    def with_progress(self, items: Collection[Item], label: Callable[[Item], str]) -> Iterator[Item]:
         """Yield the items one after another, and report progress before each."""
         for place, item in enumerate(items):
             self.progress(label(item), place / len(items))

@@ -5,13 +5,14 @@ from dataclasses import asdict, astuple
 
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, SKY
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
 from haptic_fieldbus.study.measure.deadlines import SCENE, RateDeadlines, deadlines
 from haptic_fieldbus.study.measure.optional_parts import OptionalPart, parts
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, percent, picture, table
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, number_text, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, svg
 
 QUICK, FULL = 20_000, 1_000_000
@@ -54,28 +55,28 @@ def cost_section(context: Context) -> Section:
         "What each optional part costs",
         "".join(body),
         (
-            f"A whole period of the wall takes {1e-3 * whole.ns_per_step:.2g} µs of computing; its exchange on the bus "
-            f"takes {1e6 * late.bus:.0f} µs.",
+            f"A whole period of the wall takes {rounded(1e-3 * whole.ns_per_step)} µs of computing; its exchange on "
+            f"the bus takes {1e6 * late.bus:.0f} µs.",
         ),
         {"cost": document},
         asdict(late),
     )
 
 
-def draw(found: Sequence[OptionalPart]) -> Figure:
+def draw(parts: Sequence[OptionalPart]) -> Figure:
     """Return a figure with a bar for each part, on a logarithmic scale."""
-    drawn = figure(1.2 + 0.24 * len(found))
+    drawn = figure(1.2 + 0.24 * len(parts))
     panel = drawn.subplots()
-    for row, each in enumerate(found):
+    for row, part in enumerate(parts):
         # At least 1 ns: a part that is a difference of two times can come out negative, and the scale is logarithmic.
-        colour = COLOURS.get(each.part.partition(":")[0], SKY)
-        panel.barh(row, max(each.ns_per_step, 1.0), color=colour, height=0.68)
-        panel.text(max(each.ns_per_step, 1.0) * 1.06, row, f"{each.ns_per_step:,.0f}".replace(",", " "), va="center",
+        colour = COLOURS.get(part.part.partition(":")[0], SKY)
+        panel.barh(row, max(part.ns_per_step, 1.0), color=colour, height=0.68)
+        panel.text(max(part.ns_per_step, 1.0) * 1.06, row, f"{part.ns_per_step:.0f}", va="center",
                    size=8.5, color="#444444")  # fmt: skip
-    panel.set_yticks(range(len(found)), [each.part for each in found], fontsize=9)
+    panel.set_yticks(range(len(parts)), [part.part for part in parts], fontsize=9)
     panel.invert_yaxis()
     panel.set_xscale("log")
-    panel.set_xlim(20.0, 2.2 * max(each.ns_per_step for each in found))
+    panel.set_xlim(20.0, 2.2 * max(part.ns_per_step for part in parts))
     panel.margins(y=0.01)
     dress(panel, "", "time per step [ns]", "")
     panel.grid(visible=False, axis="y")
@@ -85,14 +86,13 @@ def draw(found: Sequence[OptionalPart]) -> Figure:
 
 def _late_table(late: RateDeadlines) -> str:
     """Return the times of a period in words, and a table of missed periods at each rate."""
-    shown = [number(1e6 * value) for value in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)]
+    shown = [number_text(1e6 * value) for value in (late.compute_p50, late.compute_p999, late.compute_max, late.bus)]
     times = (
-        f"{number(float(late.periods))} periods of <code>{SCENE}</code>: computing {shown[0]} µs (median), "
-        f"{shown[1]} µs (99.9 %), {shown[2]} µs (largest); bus {shown[3]} µs."
+        f"{late.periods} periods of <code>{SCENE}</code>: computing {shown[0]} µs (median), {shown[1]} µs (99.9 %), "
+        f"{shown[2]} µs (largest); bus {shown[3]} µs."
     )
     rows: list[list[Entry]] = [
-        [f"{each.rate:,.0f} Hz".replace(",", " "), _share(each.missed_computing), _share(each.missed)]
-        for each in late.rates
+        [f"{exactly(each.rate)} Hz", _share(each.missed_computing), _share(each.missed)] for each in late.rates
     ]
     return paragraph(times) + table(("rate", "missed by computing alone", "missed with the bus"), rows)
 
@@ -101,4 +101,4 @@ def _share(value: float) -> Cell:
     """Return a share of missed periods; good only when none was missed."""
     if value in (0.0, 1.0):
         return Cell("every period", "bad") if value else Cell("0", "good")
-    return Cell(percent(value, 4 if value < 1e-2 else 1), "bad")
+    return Cell(percent(value), "bad")

@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
+from haptic_fieldbus.numerals import exactly, percent
 from haptic_fieldbus.report.plot import INK
 from haptic_fieldbus.study.measure.friction_plane import LARGEST, Ending, Plane, border
-from haptic_fieldbus.study.page.html import paragraph, percent, picture
+from haptic_fieldbus.study.page.html import paragraph, picture
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg
 
 STARTS = (5.0, 20.0, 100.0)
@@ -25,30 +26,30 @@ away, friction and rounding exact. A motion of size A grows only where sampling 
 takes, K·T/2 − b &gt; 4·fc/(π·ω·A): the larger it is, the nearer its border is to β = ½."""
 
 
-def part(found: Sequence[Plane]) -> tuple[str, str]:
+def part(planes: Sequence[Plane]) -> tuple[str, str]:
     """Return the part as HTML, and the SVG document of its figure."""
-    document = svg(side_by_side(found, _panel, 4.2, ncols=5))
-    share = min(each.agreement for each in found)
-    told = "all handles" if share == 1.0 else f"{percent(share, 1)} of the handles"
+    document = svg(side_by_side(planes, _panel, 4.2, ncols=5))
+    share = min(plane.agreement for plane in planes)
+    told = "all handles" if share == 1.0 else f"{percent(share, 3)} of the handles"
     caption = (
-        f"{len(found[0].axis)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: predicted by "
+        f"{len(planes[0].axis)}² handles in each panel. Colours: measured. Dashed: the quadrants. Solid: predicted by "
         f"describing functions for motions of that size; {told} more than 5 % of the plane away from it end so."
     )
     return paragraph(EXPLAINED) + picture("friction-plane", document, caption), document
 
 
-def _panel(panel: Axes, each: Plane) -> None:
+def _panel(panel: Axes, plane: Plane) -> None:
     """Draw the measured endings, the predicted border and the quadrants."""
     colours = ListedColormap([COLOURS[outcome][0] for outcome in Ending])
-    panel.pcolormesh(each.axis, each.axis, each.outcome, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest",
+    panel.pcolormesh(plane.axis, plane.axis, plane.outcome, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest",
                      rasterized=True)  # fmt: skip
     for colour, label in COLOURS.values():  # empty areas, for the legend
         panel.fill_between([], [], color=colour, label=label)
     beta = np.linspace(0.0, 0.5, 50)
-    panel.plot(beta, border(each.start, beta), color="#0072B2", linewidth=2.0, label="predicted: grows below")
+    panel.plot(beta, border(plane.start, beta), color="#0072B2", linewidth=2.0, label="predicted: grows below")
     panel.axvline(0.5, color=INK, linewidth=1.0, linestyle="--", label="quadrants")
     panel.axhline(0.5, color=INK, linewidth=1.0, linestyle="--")
     panel.set_xlim(0.0, LARGEST)
     panel.set_ylim(0.0, LARGEST)
-    dress(panel, f"let go {each.start:g} counts away", "β = b/(K·T)", "σ = fc/(K·D)")
+    dress(panel, f"let go {exactly(plane.start)} counts away", "β = b/(K·T)", "σ = fc/(K·D)")
     panel.grid(visible=False)

@@ -7,12 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.plot import FELT, GREY
 from haptic_fieldbus.study.measure import growth
 from haptic_fieldbus.study.measure.growth import Growth
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Section, number, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Cell, Section, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
 
 QUICK, FULL = 10**5, 10**7
@@ -29,12 +30,14 @@ digits."""
 def growth_section(context: Context) -> Section:
     """Measure all methods and return their section."""
     total = QUICK if context.quick else FULL
-    told = f"{total:.0e} steps of ".replace("e+0", "e")
-    found = [growth.follow(method, total) for method in context.each(METHODS, lambda method: f"{told}{method}")]
+    told = f"{rounded(total)} steps of "
+    found = [
+        growth.free_swing(method, total) for method in context.with_progress(METHODS, lambda method: f"{told}{method}")
+    ]
     document = svg(draw(found))
     caption = (
-        f"{number(float(total))} steps are {number(total * growth.PERIOD)} s of simulated time. What exceeds the frame "
-        "is drawn at its edge; × marks where numbers stopped being finite."
+        f"{rounded(total)} steps are {rounded(total * growth.PERIOD)} s of simulated time. What exceeds the frame is "
+        "drawn at its edge; × marks where numbers stopped being finite."
     )
     body = [paragraph(EXPLAINED), picture("growth", document, caption), growth_table(found)]
     return Section(
@@ -47,51 +50,51 @@ def growth_section(context: Context) -> Section:
     )
 
 
-def draw(found: Sequence[Growth]) -> Figure:
+def draw(swings: Sequence[Growth]) -> Figure:
     """Return a figure of the force's error and of the energy's drift over the steps."""
     drawn = figure(4.9)
     left, right = drawn.subplots(1, 2)
-    for each in found:
-        _curve(left, each, each.error)
-        _curve(right, each, each.energy)
+    for swing in swings:
+        _curve(left, swing, swing.error)
+        _curve(right, swing, swing.energy)
     left.axhline(FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)))
     left.annotate("a hand cannot tell", (0.01, FELT), xycoords=("axes fraction", "data"), va="bottom", size=8.5,
                   color="#666666")  # fmt: skip
     dress(left, "force", "steps", "largest error / amplitude")
     dress(right, "energy", "steps", "|energy / energy at the start − 1|")
-    legend(drawn, {each.method: each.method for each in found}, ncols=5)
+    legend(drawn, {swing.method: swing.method for swing in swings}, ncols=5)
     return drawn
 
 
-def _curve(panel: Axes, each: Growth, values: Sequence[float]) -> None:
+def _curve(panel: Axes, swing: Growth, values: Sequence[float]) -> None:
     """Draw one method; values outside the frame are drawn at its edge, × marks where numbers overflowed."""
     low, high = 1e-16, 1e2  # from the rounding of doubles to errors far larger than the force itself
-    panel.loglog(each.steps, np.clip(np.abs(values), low, high), **line(each.method))
-    if each.diverged_at is not None:
-        panel.loglog([each.diverged_at], [high], linestyle="none", marker="x", markersize=9, markeredgewidth=2.0,
-                     color=look_of(each.method).colour, clip_on=False)  # fmt: skip
+    panel.loglog(swing.steps, np.clip(np.abs(values), low, high), **line(swing.method))
+    if swing.diverged_at is not None:
+        panel.loglog([swing.diverged_at], [high], linestyle="none", marker="x", markersize=9, markeredgewidth=2.0,
+                     color=look_of(swing.method).colour, clip_on=False)  # fmt: skip
     panel.set_ylim(low, high)
 
 
-def growth_table(found: Sequence[Growth]) -> str:
+def growth_table(swings: Sequence[Growth]) -> str:
     """Return a table of the last errors and the energy drifts."""
     rows = [
         [
-            each.method,
-            Cell(f"by step {each.diverged_at:,}".replace(",", " "), "bad") if each.diverged_at is not None else "no",
-            *(each.error[-1], each.energy[-1], max(map(abs, each.energy))),
+            swing.method,
+            Cell(f"by step {swing.diverged_at}", "bad") if swing.diverged_at is not None else "no",
+            *(swing.error[-1], swing.energy[-1], max(map(abs, swing.energy))),
         ]
-        for each in found
+        for swing in swings
     ]
     headings = ("method", "overflowed", "last error / amplitude", "last energy drift", "largest energy drift")
     return table(headings, rows)
 
 
-def _finding(found: Sequence[Growth], total: int) -> str:
-    by_name = {each.method: each for each in found}
+def _finding(swings: Sequence[Growth], total: int) -> str:
+    by_name = {swing.method: swing for swing in swings}
     best, leapfrog = by_name["exact-foh"], by_name["semi-implicit"]
     return (
-        f"After {number(float(total))} steps of a swinging mass the exact step is off by {number(best.error[-1])} of "
-        f"the amplitude and its energy by {number(abs(best.energy[-1]))}; the symplectic one keeps its energy within "
-        f"{number(max(map(abs, leapfrog.energy)))} and is off by {number(leapfrog.error[-1])}, all of it phase."
+        f"After {rounded(total)} steps of a swinging mass the exact step is off by {rounded(best.error[-1])} of the "
+        f"amplitude and its energy by {rounded(abs(best.energy[-1]))}; the symplectic one keeps its energy within "
+        f"{rounded(max(map(abs, leapfrog.energy)))} and is off by {rounded(leapfrog.error[-1])}, all of it phase."
     )

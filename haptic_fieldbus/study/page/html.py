@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
 
+from haptic_fieldbus.numerals import DIGITS, rounded
+
 STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: #222; margin: 0;
@@ -84,7 +86,7 @@ Entry = str | Cell | float | None
 def table(headings: Sequence[str], rows: Iterable[Sequence[Entry]], text_columns: int = 1) -> str:
     """Return a table whose first `text_columns` are aligned as text, the others as numbers.
 
-    Cells are escaped; floats and None are written by `number`.
+    Cells are escaped; floats and None are written by `number_text`.
     """
     head = "".join(
         f'<th class="text">{escape(word)}</th>' if place < text_columns else f"<th>{escape(word)}</th>"
@@ -101,7 +103,7 @@ def folded(summary: str, body: str) -> str:
 
 
 def _cell(entry: Entry, is_text: bool) -> str:
-    text = entry if isinstance(entry, str | Cell) else number(entry)
+    text = entry if isinstance(entry, str | Cell) else number_text(entry)
     marked = text if isinstance(text, Cell) else Cell(text, "text" if is_text else "")
     classes = " ".join(filter(None, [marked.kind, "text" if is_text and marked.kind != "text" else ""]))
     return f'<td class="{classes}">{escape(marked.text)}</td>' if classes else f"<td>{escape(marked.text)}</td>"
@@ -113,29 +115,13 @@ def _plain(text: str) -> str:
     return parts[0] + "".join(part.partition(">")[2] for part in parts[1:])
 
 
-def number(value: float | None, digits: int = 3) -> str:
+def number_text(value: float | None, digits: int = DIGITS) -> str:
     """Return a number for a table, rounded to `digits`, or as a power of ten; – for None and NaN."""
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
-        return "∞" if value > 0 else "−∞"
-    if value == 0.0:
-        return "0"
-    if 1e-3 <= abs(value) < 1e5:
-        return f"{value:.{digits}g}".replace("-", "−") if abs(value) < 1000 else f"{value:,.0f}".replace(",", " ")
-    mantissa, exponent = f"{value:.{max(0, digits - 2)}e}".split("e")
-    if float(mantissa) == 1.0:
-        return f"10{_raised(int(exponent))}"
-    return f"{mantissa}·10{_raised(int(exponent))}".replace("-", "−")
-
-
-def percent(share: float, digits: int = 0) -> str:
-    """Return a share in percent with a narrow no-break space before the sign."""
-    return f"{100.0 * share:.{digits}f}\u202f%"
-
-
-def _raised(exponent: int) -> str:
-    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        return "∞" if value > 0 else "-∞"
+    return rounded(value, digits)
 
 
 def page(title: str, lead: str, sections: Sequence[Section]) -> str:

@@ -5,14 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import parallel
-from haptic_fieldbus.planning.judging import grouped
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.verdicts import grouped
 from haptic_fieldbus.report.plot import BLUE, FELT, GREY, INK, VERMILION
 from haptic_fieldbus.study.measure.bench import bench_of
 from haptic_fieldbus.study.measure.impedance import Impedance, impedance
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Entry, Section, number, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Entry, Section, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, svg
 
 SCENES = ("wall", "damped_wall", "sprung_mass")
@@ -27,7 +28,7 @@ zero, the handle can give a hand more energy than it got."""
 
 def impedance_section(context: Context) -> Section:
     """Compute the impedances of a few scenes and return their section."""
-    scenes = context.each(SCENES, lambda scene: f"impedance of {scene}")
+    scenes = context.with_progress(SCENES, lambda scene: f"impedance of {scene}")
     found = [of_plan(context.tools.plan(scene)) for scene in scenes]
     document = svg(draw(found))
     caption = (
@@ -55,59 +56,66 @@ def of_plan(plan: Plan) -> Impedance:
     return impedance(plan.scene.name, bench, space, group.environment())
 
 
-def error(each: Impedance) -> np.ndarray:
+def error(curve: Impedance) -> np.ndarray:
     """Return the relative error |Z/Z_ideal − 1|, `(n,)`."""
-    return np.asarray(np.abs(each.felt / each.ideal - 1.0))
+    return np.asarray(np.abs(curve.felt / curve.ideal - 1.0))
 
 
-def draw(found: Sequence[Impedance]) -> Figure:
+def draw(impedances: Sequence[Impedance]) -> Figure:
     """Return a figure of magnitude, relative error and real part, a column for each scene."""
     drawn = figure(7.6)
-    panels = drawn.subplots(3, len(found), sharex=True, squeeze=False, height_ratios=[1.3, 1.0, 1.0])
-    for (top, middle, bottom), each in zip(panels.T, found, strict=True):
-        f = each.frequency
-        top.loglog(f, np.abs(each.felt), color=BLUE, linewidth=2.4, label="felt, sampled loop")
-        top.loglog(f, np.abs(each.ideal), color=INK, linewidth=1.1, label="ideal, continuous")
-        top.loglog(f, np.abs(each.device), color=GREY, linewidth=1.1, linestyle="--", label="device, motor off")
-        middle.loglog(f, error(each), color=VERMILION, linewidth=1.6)
+    panels = drawn.subplots(3, len(impedances), sharex=True, squeeze=False, height_ratios=[1.3, 1.0, 1.0])
+    for (top, middle, bottom), curve in zip(panels.T, impedances, strict=True):
+        f = curve.frequency
+        top.loglog(f, np.abs(curve.felt), color=BLUE, linewidth=2.4, label="felt, sampled loop")
+        top.loglog(f, np.abs(curve.ideal), color=INK, linewidth=1.1, label="ideal, continuous")
+        top.loglog(f, np.abs(curve.device), color=GREY, linewidth=1.1, linestyle="--", label="device, motor off")
+        middle.loglog(f, error(curve), color=VERMILION, linewidth=1.6)
         middle.axhline(FELT, color=GREY, linewidth=1.0, linestyle=(0, (5, 4)))
-        bottom.semilogx(f, each.felt.real, color=BLUE, linewidth=1.8)
-        bottom.semilogx(f, each.ideal.real, color=INK, linewidth=1.0)
-        bottom.fill_between(f, each.felt.real, 0.0, where=each.felt.real < 0.0, color=VERMILION, alpha=0.3, linewidth=0)
+        bottom.semilogx(f, curve.felt.real, color=BLUE, linewidth=1.8)
+        bottom.semilogx(f, curve.ideal.real, color=INK, linewidth=1.0)
+        bottom.fill_between(
+            f, curve.felt.real, 0.0, where=curve.felt.real < 0.0, color=VERMILION, alpha=0.3, linewidth=0
+        )
         bottom.axhline(0.0, color=INK, linewidth=0.7)
         # Resonances would stretch the axis: it is scaled by the ideal, whose real part is the damping felt.
-        top_of = 1.5 * float(each.ideal.real.max())
+        top_of = 1.5 * float(curve.ideal.real.max())
         bottom.set_ylim(-0.6 * top_of, top_of)
-        first = each is found[0]
-        dress(top, each.scene, "", "|Z| [N·s/m]" if first else "")
+        first = curve is impedances[0]
+        dress(top, curve.scene, "", "|Z| [N·s/m]" if first else "")
         dress(middle, "", "", "|Z / ideal − 1|" if first else "")
         dress(bottom, "", "frequency [Hz]", "Re Z [N·s/m]" if first else "")
     drawn.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     return drawn
 
 
-def impedance_table(found: Sequence[Impedance]) -> str:
+def impedance_table(impedances: Sequence[Impedance]) -> str:
     """Return a table of errors, and of the frequencies at which an error is felt or the real part is negative."""
     places = (1.0, 10.0, 100.0)
 
-    def row(each: Impedance) -> list[Entry]:
-        values = [100.0 * float(np.interp(place, each.frequency, error(each))) for place in places]
-        return [each.scene, *values, _first(each, error(each) > FELT), _first(each, each.felt.real < 0.0)]
+    def row(curve: Impedance) -> list[Entry]:
+        values = [100.0 * float(np.interp(place, curve.frequency, error(curve))) for place in places]
+        return [
+            curve.scene,
+            *values,
+            _first(curve, error(curve) > FELT),
+            _first(curve, curve.felt.real < 0.0),
+        ]
 
-    headings = ("scene", *(f"error at {place:g} Hz [%]" for place in places), "first above 8 % at",
+    headings = ("scene", *(f"error at {exactly(place)} Hz [%]" for place in places), "first above 8 % at",
                 "Re Z first negative at")  # fmt: skip
-    return table(headings, map(row, found))
+    return table(headings, map(row, impedances))
 
 
-def _first(each: Impedance, holds: np.ndarray) -> str:
+def _first(curve: Impedance, holds: np.ndarray) -> str:
     """Return the lowest frequency at which the mask `holds`, `(n,)`, is True; "nowhere" when there is none."""
-    return f"{each.frequency[int(np.argmax(holds))]:.3g} Hz" if holds.any() else "nowhere"
+    return f"{rounded(curve.frequency[int(np.argmax(holds))])} Hz" if holds.any() else "nowhere"
 
 
-def _finding(each: Impedance) -> str:
-    off = error(each)
-    early, worst = 100.0 * float(np.interp(1.0, each.frequency, off)), 100.0 * float(off.max())
+def _finding(curve: Impedance) -> str:
+    off = error(curve)
+    early, worst = 100.0 * float(np.interp(1.0, curve.frequency, off)), 100.0 * float(off.max())
     return (
-        f"At the handle, the {each.scene} differs from the ideal by {number(early)} % at 1 Hz, and most, "
-        f"{number(worst)} %, where device and {each.scene} resonate ({each.frequency[off.argmax()]:.3g} Hz)."
+        f"At the handle, the {curve.scene} differs from the ideal by {rounded(early)} % at 1 Hz, and most, "
+        f"{rounded(worst)} %, where device and {curve.scene} resonate ({rounded(curve.frequency[off.argmax()])} Hz)."
     )

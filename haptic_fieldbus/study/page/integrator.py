@@ -7,13 +7,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.plot import GREY, INK
 from haptic_fieldbus.study.measure import in_the_loop
 from haptic_fieldbus.study.measure.bench import Bench
 from haptic_fieldbus.study.measure.in_the_loop import HANDLES, LoopGrowth, flicked_free
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, percent, picture, table
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, number_text, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, svg
 
 QUICK, FULL = 40, 160
@@ -37,7 +38,7 @@ whole, ln(ρ)/T, over the stiffness of a virtual 0.5 kg mass at 1 kHz on the shi
 def integrator_section(context: Context) -> Section:
     """Measure the growth rates of all methods and return their section."""
     points = QUICK if context.quick else FULL
-    methods = context.each(METHODS, lambda method: f"loop with {method}")
+    methods = context.with_progress(METHODS, lambda method: f"loop with {method}")
     found = [in_the_loop.loop_growth(context.bench, method, points) for method in methods]
     stiffness = SHARE * _limit(found, "exact-foh")
     rates, swing = svg(draw(found)), svg(draw_flicked(context.bench, stiffness))
@@ -68,15 +69,15 @@ def integrator_section(context: Context) -> Section:
     )
 
 
-def draw(found: Sequence[LoopGrowth]) -> Figure:
+def draw(growths: Sequence[LoopGrowth]) -> Figure:
     """Return a figure of growth rates over stiffness, a panel for each handle."""
     drawn = figure(4.6)
     for panel, name in zip(drawn.subplots(1, 3, sharey=True), HANDLES, strict=True):
-        for each in found:
-            panel.plot(each.stiffness, each.rate[name], **line(each.method, marked=False))
+        for growth in growths:
+            panel.plot(growth.stiffness, growth.rate[name], **line(growth.method, marked=False))
         _axis(panel)
         dress(panel, TITLES[name], "virtual stiffness [N/m]", "growth rate [1/s]" if name == HANDLES[0] else "")
-    legend(drawn, {each.method: each.method for each in found}, marked=False, ncols=5)
+    legend(drawn, {growth.method: growth.method for growth in growths}, marked=False, ncols=5)
     return drawn
 
 
@@ -110,22 +111,22 @@ def draw_flicked(bench: Bench, stiffness: float) -> Figure:
     return drawn
 
 
-def _limit(found: Sequence[LoopGrowth], method: str, name: str = "free") -> float:
+def _limit(growths: Sequence[LoopGrowth], method: str, name: str = "free") -> float:
     """Return the stiffest stable spring of a method with this handle [N/m]."""
-    return next(each.limit[name] for each in found if each.method == method)
+    return next(growth.limit[name] for growth in growths if growth.method == method)
 
 
-def limits_table(found: Sequence[LoopGrowth]) -> str:
+def limits_table(growths: Sequence[LoopGrowth]) -> str:
     """Return a table of the stiffest stable springs, and of the rates with the stiffness of the scene."""
 
-    def row(each: LoopGrowth) -> list[Entry]:
-        limits = [each.limit[name] for name in HANDLES]
-        preserved = math.isclose(METHODS[each.method].oscillator_growth(0.1), 1.0, abs_tol=1e-12)
+    def row(growth: LoopGrowth) -> list[Entry]:
+        limits = [growth.limit[name] for name in HANDLES]
+        preserved = math.isclose(METHODS[growth.method].oscillator_growth(0.1), 1.0, abs_tol=1e-12)
         return [
-            each.method,
+            growth.method,
             Cell("yes", "good") if preserved else "no",
-            *(("any" if math.isinf(k) else number(k, 4)) if k else Cell("none", "bad") for k in limits),
-            *(0.0 if abs(each.at_scene[name]) < 1e-9 else each.at_scene[name] for name in HANDLES),  # or rounding
+            *(("any" if math.isinf(k) else number_text(k, 4)) if k else Cell("none", "bad") for k in limits),
+            *(0.0 if abs(growth.at_scene[name]) < 1e-9 else growth.at_scene[name] for name in HANDLES),  # or rounding
         ]
 
     headings = (
@@ -133,46 +134,46 @@ def limits_table(found: Sequence[LoopGrowth]) -> str:
         *(f"stiffest stable spring, {name} [N/m]" for name in HANDLES),
         *(f"rate at 200 N/m, {name} [1/s]" for name in HANDLES),
     )  # fmt: skip
-    return table(headings, map(row, found))
+    return table(headings, map(row, growths))
 
 
-def short_answer(found: Sequence[LoopGrowth]) -> str:
+def short_answer(growths: Sequence[LoopGrowth]) -> str:
     """Return the answer in short, as HTML."""
-    best = _limit(found, "exact-foh")
-    euler, drift, held = (_limit(found, name) for name in ("forward-euler", "semi-implicit-drift-first", "exact-zoh"))
+    best = _limit(growths, "exact-foh")
+    euler, drift, held = (_limit(growths, name) for name in ("forward-euler", "semi-implicit-drift-first", "exact-zoh"))
     return (
-        "With the puck clamped, yes. In the loop, hardly by itself: what counts is how late the force is. With a free "
-        f"handle forward Euler stands {percent(euler / best)} of the stiffness of the straight-line exact step "
-        f"({number(euler)} of {number(best)} N/m), but drift-first and <code>exact-zoh</code>, which both preserve "
+        "With the puck clamped, yes. In the loop, hardly by itself: what counts is how late the force is. With a "
+        f"free handle forward Euler stands {percent(euler / best)} of the stiffness of the straight-line exact step "
+        f"({rounded(euler)} of {rounded(best)} N/m), but drift-first and <code>exact-zoh</code>, which both preserve "
         f"stability, lose {percent(1.0 - drift / best)} and {percent(1.0 - held / best)} too, and <code>rk4</code>, "
         "which does not preserve it, loses nothing."
     )
 
 
-def _softest(found: Sequence[LoopGrowth]) -> str:
+def _softest(growths: Sequence[LoopGrowth]) -> str:
     """Return a sentence on forward Euler with a soft spring in a hand; empty when it is stable with any soft spring."""
-    softest = next(each.softest["in the hand"] for each in found if each.method == "forward-euler")
+    softest = next(growth.softest["in the hand"] for growth in growths if growth.method == "forward-euler")
     if not softest:
         return ""
     return (
-        f" In the hand forward Euler grows below {number(softest)} N/m too: so soft a spring moves the handle too "
+        f" In the hand forward Euler grows below {rounded(softest)} N/m too: so soft a spring moves the handle too "
         "little for the hand to take out what the method puts in."
     )
 
 
-def answer(found: Sequence[LoopGrowth]) -> str:
+def answer(growths: Sequence[LoopGrowth]) -> str:
     """Return the answer at length, as HTML."""
-    clamped = next(each.at_scene["clamped"] for each in found if each.method == "forward-euler")
-    doubling = f"{math.log(2.0) / clamped:.2g} s" if clamped > 0.0 else "no time"
+    clamped = next(growth.at_scene["clamped"] for growth in growths if growth.method == "forward-euler")
+    doubling = f"{rounded(math.log(2.0) / clamped)} s" if clamped > 0.0 else "no time"
     return (
-        f"{short_answer(found)} Clamped, nothing takes energy out of the virtual mass, so forward Euler doubles its "
+        f"{short_answer(growths)} Clamped, nothing takes energy out of the virtual mass, so forward Euler doubles its "
         f"swing every {doubling} at 200 N/m, and no period is short enough to stop it (the rate is k·T/2m): there a "
         "method must not add energy, and forward Euler is the only one that does. In the loop, the device's friction "
         "and the hand take energy out, and the sampled loop puts energy in, because the force is late: by the delay, "
         "by T/2 of hold, and by whatever the integrator adds. Forward Euler pulls its own spring a period late, "
         "drift-first reads the handle a period late, and a held input is half a period old on average. A method that "
         "preserves the energy of its own oscillator is silent on that, and cannot make the loop stable: with enough "
-        f"stiffness every one of them grows.{_softest(found)} Backward Euler is stable at any stiffness only because "
+        f"stiffness every one of them grows.{_softest(growths)} Backward Euler is stable at any stiffness only because "
         "it damps the mass that it should render. So: choose a method without delay of its own "
         "(<code>exact-foh</code>, the default), and judge the loop, not the method; <code>haptic-fieldbus "
         "stability</code> does."

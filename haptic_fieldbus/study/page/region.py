@@ -6,12 +6,13 @@ from dataclasses import replace
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
+from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.report.plot import GREEN, VERMILION
 from haptic_fieldbus.study.measure.friction_plane import plane
 from haptic_fieldbus.study.measure.region import Region, region
 from haptic_fieldbus.study.page import friction_plane
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Entry, Section, number, paragraph, percent, picture, table
+from haptic_fieldbus.study.page.html import Entry, Section, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg
 
 QUICK, FULL = (32, 3000), (120, 20_000)
@@ -35,32 +36,31 @@ def region_section(context: Context) -> Section:
     points, periods = QUICK if context.quick else FULL
     bench = context.bench
     late = replace(bench, delay=bench.delay + bench.period)
-    delays = f"{1e3 * bench.delay:.2g} ms of delay", f"{1e3 * late.delay:.2g} ms of delay"
+    delays = f"{rounded(1e3 * bench.delay)} ms of delay", f"{rounded(1e3 * late.delay)} ms of delay"
     wanted = (
         (delays[0], bench, None),
         (f"closer: small damping, {delays[0]}", bench, 3.0 * bench.plant.damping),
         (f"one period more: {delays[1]}", late, None),
     )
     found = [region(title, of, points, periods, damping)
-             for title, of, damping in context.each(wanted, lambda item: f"region, {item[0]}")]  # fmt: skip
+             for title, of, damping in context.with_progress(wanted, lambda item: f"region, {item[0]}")]  # fmt: skip
     context.progress("region, friction and encoder", 0.9)
     size = QUICK_PLANE if context.quick else FULL_PLANE
     sticking, plane_document = friction_plane.part([plane(start, *size) for start in friction_plane.STARTS])
     agreed = min(each.agreement for each in found)
-    told = "every loop" if agreed == 1.0 else f"{percent(agreed, 2)} of the loops"
+    told = "every loop" if agreed == 1.0 else f"{percent(agreed, 4)} of the loops"
     document = svg(side_by_side(found, _panel, 4.4, ncols=4))
     caption = (
-        f"{points}² loops of {periods:,} periods in each panel.".replace(",", " ")
-        + " Measured: blue fades, orange grows. Lines: predicted."
+        f"{points}² loops of {periods} periods in each panel. Measured: blue fades, orange grows. Lines: predicted."
     )
     return Section(
         "region",
         "Stiffness and damping: the region that is stable",
         paragraph(EXPLAINED) + picture("region", document, caption) + _table(found) + sticking,
         (
-            f"Measured and predicted K–B regions agree on {told}, a strip of 1 % around the boundary left out; without "
-            f"damping the wall is stable to {number(float(found[0].stable_limit[0]))} N/m and passive to "
-            f"{number(float(found[0].passive_limit[0]))} N/m.",
+            f"Measured and predicted K–B regions agree on {told}, a strip of 1 % around the boundary left out; "
+            f"without damping the wall is stable to {rounded(float(found[0].stable_limit[0]))} N/m and passive to "
+            f"{rounded(float(found[0].passive_limit[0]))} N/m.",
         ),
         {"region": document, "friction-plane": plane_document},
         [
@@ -71,32 +71,37 @@ def region_section(context: Context) -> Section:
     )  # fmt: skip
 
 
-def _panel(panel: Axes, each: Region) -> None:
+def _panel(panel: Axes, region: Region) -> None:
     """Draw the measured grid and the predicted limits of a region."""
     scale = 1e-3  # N/m to N/mm
-    panel.pcolormesh(each.damping, scale * each.stiffness, each.grew.T, cmap=ListedColormap(["#cfe5f2", "#f8dcc4"]),
+    colours = ListedColormap(["#cfe5f2", "#f8dcc4"])
+    panel.pcolormesh(region.damping, scale * region.stiffness, region.grew.T, cmap=colours,
                      vmin=0, vmax=1, shading="nearest", rasterized=True)  # fmt: skip
-    panel.plot(each.damping, scale * each.stable_limit, color="#0072B2", linewidth=2.0, label="predicted: stable below")
-    panel.plot(each.damping, scale * each.passive_limit, color=GREEN, linewidth=2.0, linestyle="--",
+    panel.plot(
+        region.damping, scale * region.stable_limit, color="#0072B2", linewidth=2.0, label="predicted: stable below"
+    )
+    panel.plot(region.damping, scale * region.passive_limit, color=GREEN, linewidth=2.0, linestyle="--",
                label="predicted: passive below")  # fmt: skip
     # Empty areas, for the legend: a mesh has no entry of its own there.
     panel.fill_between([], [], color="#cfe5f2", label="measured: fades")
     panel.fill_between([], [], color="#f8dcc4", label="measured: grows", edgecolor=VERMILION)
-    panel.set_xlim(0.0, each.damping[-1])
-    panel.set_ylim(0.0, scale * each.stiffness[-1])
-    dress(panel, each.title, "virtual damping B [N·s/m]", "virtual stiffness K [N/mm]")
+    panel.set_xlim(0.0, region.damping[-1])
+    panel.set_ylim(0.0, scale * region.stiffness[-1])
+    dress(panel, region.title, "virtual damping B [N·s/m]", "virtual stiffness K [N/mm]")
     panel.grid(visible=False)
 
 
-def _table(found: Sequence[Region]) -> str:
+def _table(regions: Sequence[Region]) -> str:
     rows: list[list[Entry]] = [
         [
-            each.title,
-            *map(float, (each.stable_limit[0], each.stable_limit.max(), each.damping[each.stable_limit.argmax()])),
-            float(each.passive_limit.max()),
-            percent(each.agreement, 2),
+            region.title,
+            *map(
+                float, (region.stable_limit[0], region.stable_limit.max(), region.damping[region.stable_limit.argmax()])
+            ),
+            float(region.passive_limit.max()),
+            percent(region.agreement, 4),
         ]
-        for each in found
+        for region in regions
     ]
     headings = ("bench", "stable without damping [N/m]", "stable at best [N/m]", "with damping [N·s/m]",
                 "passive at best [N/m]", "measured as predicted")  # fmt: skip

@@ -5,12 +5,13 @@ from dataclasses import asdict
 
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
 from haptic_fieldbus.study.measure.scene_errors import Misfit, scene_error
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, number, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, number_text, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, svg
 
 QUICK, FULL = 2.0, 10.0
@@ -36,7 +37,7 @@ from what the others did."""
 def sources_section(context: Context) -> Section:
     """Run all scenes of the library, or a few for a quick report, and return their section."""
     names, duration = (FEW_SCENES, QUICK) if context.quick else (scene_names(), FULL)
-    scenes = context.each(names, lambda scene: f"scene {scene}")
+    scenes = context.with_progress(names, lambda scene: f"scene {scene}")
     found = [scene_error(context.tools, scene, duration) for scene in scenes]
     known = [each for each in found if each.rms is not None]
     document = svg(draw(known))
@@ -52,47 +53,47 @@ def sources_section(context: Context) -> Section:
     )
 
 
-def draw(found: Sequence[Misfit]) -> Figure:
+def draw(misfits: Sequence[Misfit]) -> Figure:
     """Return a figure with a bar for each scene, stacked from the shares of its sources."""
-    drawn = figure(1.6 + max(0.28 * len(found), min(0.5 * len(found), 2.0)))
+    drawn = figure(1.6 + max(0.28 * len(misfits), min(0.5 * len(misfits), 2.0)))
     panel = drawn.subplots()
-    for row, each in enumerate(found):
+    for row, misfit in enumerate(misfits):
         # Positive shares are stacked to the right of 0, negative ones to the left.
         ends = {True: 0.0, False: 0.0}
-        for source, share in each.by_source.items():
+        for source, share in misfit.by_source.items():
             colour, hatch = COLOURS.get(source, (GREY, ""))
             panel.barh(row, share, left=ends[share >= 0.0], color=colour, hatch=hatch, edgecolor="white", height=0.62)
             ends[share >= 0.0] += share
-    panel.set_yticks(range(len(found)), [each.scene for each in found])
-    panel.set_ylim(len(found) - 0.4, -0.6)
+    panel.set_yticks(range(len(misfits)), [misfit.scene for misfit in misfits])
+    panel.set_ylim(len(misfits) - 0.4, -0.6)
     panel.axvline(0.0, color="#222222", linewidth=0.8)
     dress(panel, "error split by source", "share of the mean square error [1]", "")
-    for source in _seen(found):  # bars of no length, for a legend with each source once
+    for source in _seen(misfits):  # bars of no length, for a legend with each source once
         colour, hatch = COLOURS[source]
         panel.barh(0, 0, color=colour, hatch=hatch, edgecolor="white", label=source)
     drawn.legend(loc="outside lower center", ncols=len(COLOURS) + 1, frameon=False, fontsize=9)
     return drawn
 
 
-def _seen(found: Sequence[Misfit]) -> list[str]:
+def _seen(misfits: Sequence[Misfit]) -> list[str]:
     """Return the sources that occur in any of the scenes, in their usual order."""
-    return [source for source in COLOURS if any(source in each.by_source for each in found)]
+    return [source for source in COLOURS if any(source in misfit.by_source for misfit in misfits)]
 
 
-def sources_table(found: Sequence[Misfit]) -> str:
+def sources_table(misfits: Sequence[Misfit]) -> str:
     """Return a table of errors and shares, or of the reason why a scene was not measured."""
-    sources = _seen(found)
+    sources = _seen(misfits)
 
-    def row(each: Misfit) -> list[Entry]:
-        if each.rms is None:
-            return [each.scene, Cell(each.reason, "text"), *[""] * (3 + len(sources))]
-        shares = [100.0 * each.by_source[s] if s in each.by_source else None for s in sources]
-        contact = None if each.contact is None else 100.0 * each.contact
-        energy = None if each.energy is None else 1e3 * each.energy
+    def row(misfit: Misfit) -> list[Entry]:
+        if misfit.rms is None:
+            return [misfit.scene, Cell(misfit.reason, "text"), *[""] * (3 + len(sources))]
+        shares = [100.0 * misfit.by_source[s] if s in misfit.by_source else None for s in sources]
+        contact = None if misfit.contact is None else 100.0 * misfit.contact
+        energy = None if misfit.energy is None else 1e3 * misfit.energy
         return [
-            each.scene,
-            f"{number(each.rms)} {each.unit}",
-            f"{number(each.max)} {each.unit}",
+            misfit.scene,
+            f"{number_text(misfit.rms)} {misfit.unit}",
+            f"{number_text(misfit.max)} {misfit.unit}",
             contact,
             energy,
             *shares,
@@ -100,13 +101,13 @@ def sources_table(found: Sequence[Misfit]) -> str:
 
     headings = ("scene", "rms error", "largest error", "error in contact, % of force", "energy put in [mJ]",
                 *(f"{source} [%]" for source in sources))  # fmt: skip
-    return table(headings, map(row, found))
+    return table(headings, map(row, misfits))
 
 
-def _finding(each: Misfit) -> str:
-    largest = max(each.by_source, key=lambda source: each.by_source[source])
-    felt = "" if each.contact is None else f", {100.0 * each.contact:.2g} % of the force (a hand feels from about 8 %)"
+def _finding(misfit: Misfit) -> str:
+    largest = max(misfit.by_source, key=lambda source: misfit.by_source[source])
+    felt = "" if misfit.contact is None else f", {percent(misfit.contact)} of the force (a hand feels from about 8 %)"
     return (
-        f"The rendered wall is off by {number(each.rms)} {each.unit} rms in contact{felt}; "
-        f"{100.0 * each.by_source[largest]:.0f} % of it is {largest}."
+        f"The rendered wall is off by {number_text(misfit.rms)} {misfit.unit} rms in contact{felt}; "
+        f"{percent(misfit.by_source[largest])} of it is {largest}."
     )

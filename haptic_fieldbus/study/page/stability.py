@@ -26,9 +26,9 @@ def run_case(case: Case, quick: bool) -> tuple[CaseResult, float]:
 
 def stability_section(context: Context) -> Section:
     """Run the chosen cases and return their section."""
-    chosen = {name: case for name, case in CASES.items() if context.wanted(name)}
+    chosen = {name: case for name, case in CASES.items() if context.is_chosen(name)}
     found = {}
-    for name, case in context.each(chosen.items(), lambda item: f"case {item[0]}"):
+    for name, case in context.with_progress(chosen.items(), lambda item: f"case {item[0]}"):
         found[name] = run_case(case, context.quick)
         context.add("stability_cases", {"name": name, **asdict(found[name][0])})
     failed = [f"<code>{name}</code>" for name, (result, _) in found.items() if not result.passed]
@@ -37,7 +37,7 @@ def stability_section(context: Context) -> Section:
     return Section("stability", "Stiff and extreme cases", paragraph(EXPLAINED) + _table(found), (finding,))
 
 
-def _table(found: Mapping[str, tuple[CaseResult, float]]) -> str:
+def _table(results: Mapping[str, tuple[CaseResult, float]]) -> str:
     rows: list[list[str | Cell]] = [
         [
             name,
@@ -47,6 +47,6 @@ def _table(found: Mapping[str, tuple[CaseResult, float]]) -> str:
             f"{result.oracle}; within: {result.tolerance}" if result.tolerance else result.oracle,
             f"{seconds:.2f}",
         ]
-        for name, (result, seconds) in found.items()
+        for name, (result, seconds) in results.items()
     ]
     return table(("case", "verdict", "expected", "measured", "judged by", "time [s]"), rows, text_columns=5)

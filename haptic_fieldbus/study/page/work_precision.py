@@ -8,15 +8,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.plot import FELT, GREY
 from haptic_fieldbus.study.measure import contact_loop, work_precision
 from haptic_fieldbus.study.measure.contact_loop import Contact
-from haptic_fieldbus.study.measure.problems import Problem, periods, problems
+from haptic_fieldbus.study.measure.problems import Problem, problems, step_counts
 from haptic_fieldbus.study.measure.step_limits import step_limit
 from haptic_fieldbus.study.measure.work_precision import Point, Set
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, folded, number, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Cell, Entry, Section, folded, number_text, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
 
 FAILED = 10.0
@@ -41,7 +42,7 @@ input the classic orders show."""
 def work_precision_section(context: Context) -> Section:
     """Measure the chosen problems and contacts with all their methods, and return their section."""
     every: dict[str, Problem | Contact] = {**problems(), **contact_loop.contacts()}
-    chosen = [(name, item) for name, item in every.items() if context.wanted(name)]
+    chosen = [(name, item) for name, item in every.items() if context.is_chosen(name)]
     body, figures, found = [paragraph(EXPLAINED)], {}, []
     for place, (name, item) in enumerate(chosen):
         sets = []
@@ -56,19 +57,19 @@ def work_precision_section(context: Context) -> Section:
         body += [f"<h3>{item.title[0].upper()}{item.title[1:]}</h3>", picture(name, document, _caption(sets))]
         body.append(folded("Figures of each method", sets_table(sets)))
     if context.names is None:
-        body += ["<h3>Largest stable step</h3>", paragraph(LIMITS), _limits_table()]
+        body += ["<h3>Largest stable step</h3>", paragraph(LIMITS_EXPLAINED), _limits_table()]
     return Section("work-precision", "Error against the time it costs", "".join(body), tuple(_findings(found)), figures)
 
 
-LIMITS = """What each method claims, and what bisection on its own step finds: the largest <i>h</i> = T·√(k/m) at
-which an undamped oscillator does not grow, and the largest T/τ at which a decay with time constant τ does not. 0: it
-grows at every step size, T sets only how fast. This is the integrator by itself; what the sampled loop does is
-another matter, below."""
+LIMITS_EXPLAINED = """What each method claims, and what bisection on its own step finds: the largest <i>h</i> =
+T·√(k/m) at which an undamped oscillator does not grow, and the largest T/τ at which a decay with time constant τ does
+not. 0: it grows at every step size, T sets only how fast. This is the integrator by itself; what the sampled loop
+does is another matter, below."""
 
 
 def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
     """Return an iterator that measures one method after another."""
-    steps = periods(context.quick)
+    steps = step_counts(context.quick)
     if isinstance(item, Problem):
         return (work_precision.measure(item, method, steps) for method in METHODS)
     return (contact_loop.measure(item, method, context.bench, steps) for method in item.methods)
@@ -111,31 +112,31 @@ def computing(point: Point) -> float:
     return 1e-3 * point.ns_per_step / point.period_s
 
 
-def _curve(panel: Axes, each: Set, places: Sequence[float], height: float) -> None:
+def _curve(panel: Axes, runs: Set, places: Sequence[float], height: float) -> None:
     """Draw the runs of one method; those that failed stand at `height` in the zone of failures."""
-    good = [(x, p.error_rms) for x, p in zip(places, each.points, strict=True) if not has_failed(p, each.peak)]
-    failed = [x for x, p in zip(places, each.points, strict=True) if has_failed(p, each.peak)]
-    panel.loglog([x for x, _ in good], [max(e or 0.0, 1e-17) for _, e in good], **line(each.method))
+    good = [(x, p.error_rms) for x, p in zip(places, runs.points, strict=True) if not has_failed(p, runs.peak)]
+    failed = [x for x, p in zip(places, runs.points, strict=True) if has_failed(p, runs.peak)]
+    panel.loglog([x for x, _ in good], [max(e or 0.0, 1e-17) for _, e in good], **line(runs.method))
     if failed:
         panel.loglog(failed, [height] * len(failed), linestyle="none", marker="x", markersize=5, markeredgewidth=1.6,
-                     color=look_of(each.method).colour)  # fmt: skip
+                     color=look_of(runs.method).colour)  # fmt: skip
 
 
-def is_as_claimed(each: Set) -> bool:
+def is_as_claimed(runs: Set) -> bool:
     """Return whether the observed order is the claimed one, or nothing is claimed.
 
     An exact method shows rounding only, and has no observed order.
     """
-    order = math.inf if each.order is None else each.order
-    return each.claimed is None or order == each.claimed or abs(order - each.claimed) <= CLOSE
+    order = math.inf if runs.order is None else runs.order
+    return runs.claimed is None or order == runs.claimed or abs(order - runs.claimed) <= CLOSE
 
 
-def order_words(each: Set) -> str:
+def order_words(runs: Set) -> str:
     """Return the observed order, and the claimed one in brackets."""
-    observed = "rounding only" if each.order is None else f"{each.order:.2f}"
-    if each.claimed is None:
+    observed = "rounding only" if runs.order is None else f"{runs.order:.2f}"
+    if runs.claimed is None:
         return f"{observed} (no claim)"
-    return f"{observed} ({'exact' if math.isinf(each.claimed) else f'{each.claimed:g}'})"
+    return f"{observed} ({'exact' if math.isinf(runs.claimed) else f'{exactly(runs.claimed)}'})"
 
 
 def _caption(sets: Sequence[Set]) -> str:
@@ -145,40 +146,40 @@ def _caption(sets: Sequence[Set]) -> str:
     unstable = sum(not point.stable for each in sets for point in each.points)
     return (
         f"{total} runs, {failed} of them failed; {unstable} with a step that makes some mode grow, which a short run "
-        f"can survive. Largest exact force {number(sets[0].peak)} N."
+        f"can survive. Largest exact force {rounded(sets[0].peak)} N."
     )
 
 
-def at_fixed_cost(each: Set, cost: float = FIXED_COST) -> float | None:
+def at_fixed_cost(runs: Set, cost: float = FIXED_COST) -> float | None:
     """Return the rms error [N] at a computing time `cost` [µs] for a second; None when it lies outside the runs.
 
     Between two runs the error is interpolated by a straight line of logarithms.
     """
-    known = sorted((computing(p), p.error_rms) for p in each.points if p.error_rms)
+    known = sorted((computing(p), p.error_rms) for p in runs.points if p.error_rms)
     if not known or not known[0][0] <= cost <= known[-1][0]:
         return None
     costs, errors = np.log(known).T
     return math.exp(np.interp(math.log(cost), costs, errors))
 
 
-def nearest(each: Set) -> Point:
+def at_fixed_period(runs: Set) -> Point:
     """Return the run whose period is nearest to `FIXED_PERIOD`, on a logarithmic scale."""
-    return min(each.points, key=lambda point: abs(math.log(point.period_s / FIXED_PERIOD)))
+    return min(runs.points, key=lambda point: abs(math.log(point.period_s / FIXED_PERIOD)))
 
 
 def sets_table(sets: Sequence[Set]) -> str:
     """Return a table of all methods on one problem: orders, largest stable step, errors and cost."""
-    period = 1e3 * nearest(sets[0]).period_s
+    period = 1e3 * at_fixed_period(sets[0]).period_s
 
     def row(each: Set) -> list[Entry]:
-        point = nearest(each)
+        point = at_fixed_period(each)
         failed = Cell("failed", "bad") if has_failed(point, each.peak) else None
         share = None if failed or point.error_rms is None else 100.0 * point.error_rms / each.peak
         largest = max((p.period_s for p in each.points if p.stable), default=None)
         return [
             each.method,
             Cell(order_words(each), "good" if is_as_claimed(each) else "bad"),
-            "none of them" if largest is None else f"{1e3 * largest:.3g} ms",
+            "none of them" if largest is None else f"{rounded(1e3 * largest)} ms",
             *(failed or error for error in (point.error_final, point.error_rms, point.error_max)),
             share,
             f"{point.ns_per_step:.0f}",
@@ -186,8 +187,9 @@ def sets_table(sets: Sequence[Set]) -> str:
         ]
 
     headings = (
-        "method", "order: observed (claimed)", "largest stable step tried", f"final error at {period:.2g} ms [N]",
-        "rms [N]", "max [N]", "rms, % of largest force", "ns per step", f"rms [N] for {FIXED_COST:g} µs a second",
+        "method", "order: observed (claimed)", "largest stable step tried", f"final error at {rounded(period)} ms [N]",
+        "rms [N]", "max [N]", "rms, % of largest force", "ns per step",
+        f"rms [N] for {exactly(FIXED_COST)} µs a second",
     )  # fmt: skip
     return table(headings, map(row, sets))
 
@@ -195,7 +197,7 @@ def sets_table(sets: Sequence[Set]) -> str:
 def _limits_table() -> str:
     """Return a table of the largest stable steps of all methods."""
     rows = [
-        [name, *(number(each, 6) for each in limits), f"{radius:.9f}"]
+        [name, *(number_text(each, 6) for each in limits), f"{radius:.9f}"]
         for name, *limits, radius in map(astuple, map(step_limit, METHODS))
     ]
     headings = ("method", "oscillator: claimed h", "measured h", "decay: claimed T/τ", "measured T/τ",
@@ -203,25 +205,26 @@ def _limits_table() -> str:
     return table(headings, rows)
 
 
-def _findings(found: Sequence[Sequence[Set]]) -> Iterator[str]:
+def _findings(sets_of_problems: Sequence[Sequence[Set]]) -> Iterator[str]:
     """Yield the findings that the measured sets permit: on orders, and on the two exact steps."""
-    every = [each for sets in found for each in sets]
+    every = [each for sets in sets_of_problems for each in sets]
     told = [each for each in every if each.claimed is not None]
     if told:
         failed = sum(has_failed(p, each.peak) for each in every for p in each.points)
         yield (
-            f"Observed orders are the claimed ones, within {CLOSE:g}, in {sum(map(is_as_claimed, told))} of "
+            f"Observed orders are the claimed ones, within {exactly(CLOSE)}, in {sum(map(is_as_claimed, told))} of "
             f"{len(told)} sets of runs; {failed} of {sum(len(each.points) for each in every)} runs failed, and are "
             "drawn as failures."
         )
-    smooth = next((sets for sets in found if sets[0].problem == "sprung-mass-minimum-jerk"), None)
+    smooth = next((sets for sets in sets_of_problems if sets[0].problem == "sprung-mass-minimum-jerk"), None)
     if smooth:
         by_name = {each.method: each for each in smooth}
         held, line_ = by_name["exact-zoh"], by_name["exact-foh"]
-        share = (nearest(held).error_rms or 0.0) / (nearest(line_).error_rms or math.inf)
+        held_run, line_run = at_fixed_period(held), at_fixed_period(line_)
+        share = (held_run.error_rms or 0.0) / (line_run.error_rms or math.inf)
         yield (
-            f"At {1e3 * nearest(held).period_s:.2g} ms the straight-line exact step (<code>exact-foh</code>) is "
-            f"{number(share, 2)} times as accurate as the held one (<code>exact-zoh</code>) on a hand's motion, and "
-            f"costs {nearest(line_).ns_per_step / nearest(held).ns_per_step:.2f} times as much: the input "
-            "hold, not the integrator, was the error."
+            f"At {rounded(1e3 * held_run.period_s)} ms the straight-line exact step (<code>exact-foh</code>) is "
+            f"{rounded(share, 2)} times as accurate as the held one (<code>exact-zoh</code>) on a hand's motion, and "
+            f"costs {line_run.ns_per_step / held_run.ns_per_step:.2f} times as much: the input hold, not the "
+            "integrator, was the error."
         )

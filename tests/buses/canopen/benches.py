@@ -10,6 +10,8 @@ from tests.buses.canopen.fake_can import FakeCan, FakeDrive, epos4_objects
 
 NODE = 1
 RPDO, TPDO, HEARTBEAT = 0x200 + NODE, 0x180 + NODE, 0x700 + NODE
+LISTENING_NS = 1_000_000_000
+"""For which a master listens before it sends."""
 TORQUE_FREE = bytes(4)
 """Controlword disable voltage, target torque 0."""
 

@@ -12,7 +12,7 @@ from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutEr
 from haptic_fieldbus.protocols.canopen.profile import LinkLossSection
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import PROFILE, WALL, plan_of, rig_of, scene_of
-from tests.buses.canopen.benches import NODE, Bench
+from tests.buses.canopen.benches import LISTENING_NS, NODE, Bench
 from tests.buses.canopen.fake_can import FakeDrive
 
 PRE_OPERATIONAL = (0x000, bytes((0x80, NODE)))
@@ -111,7 +111,7 @@ def test_answers_and_restarts_from_before_opening_are_dropped() -> None:
 
 def test_the_answer_to_somebody_elses_request_is_refused() -> None:
     bench = Bench()
-    bench.can.reply(0x580 + NODE, b"\x43\x08\x10\x00\xff\xff\xff\xff", delay_ns=1)
+    bench.can.reply(0x580 + NODE, b"\x43\x08\x10\x00\xff\xff\xff\xff", delay_ns=LISTENING_NS + 1)
     with pytest.raises(BusConfigurationError, match=r"answered wrongly.*another SDO client"):
         bench.open()
 
@@ -183,7 +183,7 @@ def _stay_enabled(drive: FakeDrive) -> None:
 
 
 def _restart_soon(drive: FakeDrive) -> None:
-    drive.bus.later(5_000_000, drive.restart)
+    drive.bus.later(LISTENING_NS + 5_000_000, drive.restart)
 
 
 FAILING: dict[str, tuple[Callable[[FakeDrive], None], type[Exception], str]] = {

@@ -104,6 +104,8 @@ class ToyTraffic:
     rate: float
     waiting: float
     speed: str = f"{BAUD} baud"
+    silence: float = math.inf
+    disturbance: float = 0.0
 
     @property
     def latch(self) -> float:
@@ -259,8 +261,10 @@ class ToyBus(InSteps):
         if self.plan is not None:
             self.write(bytes(self.plan.image.output_size))
 
-    def stop(self) -> bool:
-        self.release()
+    def settle(self) -> bool:
+        return True
+
+    def leave(self) -> bool:
         return all(drive.mode == DISABLED for drive in self.drives.values())
 
     def close(self) -> None:
@@ -269,6 +273,14 @@ class ToyBus(InSteps):
     def trajectory(self, node: int) -> Trajectory:
         self.drives[node].plant.advance(self.clock.now_ns())
         return Trajectory(self.drives[node].plant.recorder, self.clock.now_ns())
+
+    def so_far(self, node: int) -> Trajectory:
+        plant = self.drives[node].plant
+        return Trajectory(plant.recorder, plant.t_ns)
+
+    def forget(self, before_ns: int) -> None:
+        for drive in self.drives.values():
+            drive.plant.recorder.forget(before_ns)
 
     def _pass(self, octets: int) -> None:
         self.clock.sleep_until(self.clock.now_ns() + round(1e9 * line_time(octets)))

@@ -102,11 +102,14 @@ def test_names_and_numbers_are_read_in_blocks_too(foreign: Foreign) -> None:
 
 
 def test_a_client_that_vanishes_in_a_block_leaves_a_server_for_the_next_one(foreign: Foreign) -> None:
-    foreign.node.sdo.open(USER_DATA, 1, "wb", size=100, buffering=7, block_transfer=True).raw.send(bytes(7))
+    vanished = foreign.node.sdo.open(USER_DATA, 1, "wb", size=100, buffering=7, block_transfer=True)
+    vanished.raw.send(bytes(7))
     aborts = [bytes(message.data) for message in foreign.hear(2 * S) if message.arbitration_id == 0x580 + NODE]
     assert aborts == [bytes.fromhex("80 f0 5f 01 00 00 04 05")]
     foreign.node.sdo.responses = Responses(foreign.network, foreign.bus)
     assert foreign.node.sdo.upload(0x1000, 0) == bytes.fromhex("92 01 02 00")
+    with pytest.raises(canopen.SdoAbortedError):
+        vanished.close()
 
 
 def test_a_saved_parameter_outlives_the_reset_that_canopen_sends(foreign: Foreign) -> None:

@@ -10,7 +10,7 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.channel import NamedDrive, slot_of
-from haptic_fieldbus.sim.canopen.hosting import Host, HostRequest, check, host, joined_bus, numbered
+from haptic_fieldbus.sim.canopen.hosting import Host, HostRequest, host, joined_bus, numbered, resolve
 from haptic_fieldbus.sim.faults import BusOff, Emergency, ErrorFrame, Fault
 from haptic_fieldbus.sim.slot import Slot
 
@@ -196,7 +196,7 @@ class TestRequest:
         faults = (BusOff("bus_off", 1.0), ErrorFrame("error_frame", 1.0), Emergency("emergency", 1.0, 1, bus="can0"))
         request = HostRequest(["generic_cia402", "nonsense"], "sim", hand="foot", faults=faults)
         with pytest.raises(UsageError) as refused:
-            check(request)
+            resolve(request)
         said = str(refused.value).splitlines()
         assert [line.split()[0:2] for line in said] == [
             ["fault", '"bus_off"'], ["fault", '"error_frame"'], ["fault", '"emergency"'], ["no", "hand"],
@@ -204,12 +204,12 @@ class TestRequest:
         ]  # fmt: skip
 
     def test_a_bus_that_cannot_be_opened_is_a_bus_error(self) -> None:
-        bus, slots = check(HostRequest(["generic_cia402"], "udp_multicast:127.0.0.1"))
+        bus, slots = resolve(HostRequest(["generic_cia402"], "udp_multicast:127.0.0.1"))
         with pytest.raises(BusError, match="udp_multicast"):
             host(bus, slots, 0, lambda _slot: None, lambda: True)
 
     def test_hosting_ends_when_it_is_asked_to(self) -> None:
-        bus, slots = check(HostRequest(["generic_cia402@7"], "virtual:hosting until asked"))
+        bus, slots = resolve(HostRequest(["generic_cia402@7"], "virtual:hosting until asked"))
         told: list[int] = []
         asked = iter([False, True])
         with can.Bus(interface="virtual", channel="hosting until asked") as ear:

@@ -1,6 +1,7 @@
 """The EDS of the simulated drive: complete, judged by other readers, and what the drive answers over SDO."""
 
 import logging
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -128,7 +129,7 @@ def test_the_drive_lets_write_what_its_sheet_says(bench: Bench, file: Path) -> N
         code = _downloaded(sdo, variable, data or bytes(len(variable) // 8 or 1))
         assert (code == AbortCode.READ_ONLY.value) is (variable.access_type in ("ro", "const")), where
         if variable.data_type in canopen.objectdictionary.INTEGER_TYPES and variable.access_type not in ("ro", "const"):
-            assert _downloaded(sdo, variable, bytes(9)) == AbortCode.TOO_LONG.value, where
+            assert _announced(sdo, variable, 9) == AbortCode.TOO_LONG.value, where
 
 
 def _uploaded(sdo: Any, variable: Any) -> tuple[int, bytes]:
@@ -138,7 +139,18 @@ def _uploaded(sdo: Any, variable: Any) -> tuple[int, bytes]:
         return abort.code, b""
 
 
+def _announced(sdo: Any, variable: Any, count: int) -> int:
+    """The answer to a segmented download of so many octets; a stream of canopen's goes on with it when it is let go."""
+    try:
+        sdo.request_response(struct.pack("<BHBL", 0x21, variable.index, variable.subindex, count))
+    except canopen.SdoAbortedError as abort:
+        return int(abort.code)
+    return 0
+
+
 def _downloaded(sdo: Any, variable: Any, data: bytes) -> int:
+    if len(data) > 4 and (code := _announced(sdo, variable, len(data))):
+        return code
     try:
         sdo.download(variable.index, variable.subindex, data)
     except canopen.SdoAbortedError as abort:

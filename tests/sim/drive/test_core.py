@@ -14,7 +14,7 @@ from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.drive import settings as settings_module
 from haptic_fieldbus.sim.drive.brake import LONGEST_NS
-from haptic_fieldbus.sim.drive.settings import DriveSettings, known
+from haptic_fieldbus.sim.drive.settings import DriveSettings, known_mechanics
 from haptic_fieldbus.sim.hand import HANDS
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from tests.sim.bench import MS, NODE, DriveBench, Refusal, axis, profile
@@ -278,13 +278,13 @@ class TestObjects:
     def test_unknown_values_of_a_rig_are_those_of_the_shipped_bench(self) -> None:
         bench = default_axis(Workspace.LINEAR, bus="", node=1, profile="")
         unknown = replace(bench, inertia=None, viscous_damping=None, rated_torque=None)
-        assert known(unknown) == (4e-5, 1e-4, 0.4)
+        assert known_mechanics(unknown) == (4e-5, 1e-4, 0.4)
 
     def test_a_shipped_bench_must_know_its_values(self, monkeypatch: pytest.MonkeyPatch) -> None:
         unknown = axis(inertia=None)
         monkeypatch.setattr(settings_module, "default_axis", lambda *_, **__: unknown)
         with pytest.raises(ValueError, match="unknown values"):
-            known(unknown)
+            known_mechanics(unknown)
 
 
 class TestQuickStop:

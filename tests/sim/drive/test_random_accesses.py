@@ -43,7 +43,7 @@ def _step(bench: DriveBench, random: Random) -> None:
     bench.run(random.choice((0, 100_000, MS, 5 * MS)))
 
 
-@pytest.mark.thorough("six storms", quick=2)
+@pytest.mark.thorough("six storms", quick=1)
 @pytest.mark.parametrize("seed", range(6))
 def test_a_storm_of_values_leaves_a_drive_that_works(seed: int) -> None:
     random = Random(seed)

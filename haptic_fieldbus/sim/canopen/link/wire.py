@@ -5,7 +5,7 @@ which the bus becomes free take part in that arbitration. Times are integer nano
 """
 
 from array import array
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import deque
 from dataclasses import dataclass
 
@@ -118,6 +118,11 @@ class Wire:
     def duration_ns(self, bits: int) -> int:
         """Return the duration of a number of bits, to the nearest nanosecond."""
         return (bits * 1_000_000_000 + self.bitrate // 2) // self.bitrate
+
+    def forget(self, before_ns: int) -> None:
+        """Drop the frames that ended before an instant [ns] from the statistics."""
+        first = bisect_left(self._ends, before_ns)
+        del self._ends[:first], self._bits[:first]
 
     def statistics(self, from_ns: int, to_ns: int) -> WireStatistics:
         """Return the traffic of the frames that end in (from_ns, to_ns]."""

@@ -75,7 +75,7 @@ _FIRST_MANUFACTURER_BIT = 16
 _PDO_COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
 
 
-def played(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
+def with_quirks(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
     """Return the profile and the settings with the quirks of the profile applied, to build the drive from."""
     quirks, link_loss, torque = profile.simulation, profile.link_loss, profile.torque
     absent = frozenset(quirks.absent)
@@ -105,7 +105,7 @@ def played(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenPro
     return replace(profile, link_loss=link_loss, torque=torque), settings
 
 
-def install(dictionary: Dictionary, profile: CanopenProfile, node: int) -> tuple[str, ...]:
+def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -> tuple[str, ...]:
     """Apply the quirks of the dictionary once the drive is built.
 
     Returns notes, in words, on the parts of a vendor's file that could not be taken over; empty without such a file.

@@ -52,6 +52,6 @@ def wrap(position: float) -> int:
     return (math.floor(position + 0.5) + HALF) % WRAP - HALF
 
 
-def nearest(target: float, position: float) -> float:
+def nearest_turn(target: float, position: float) -> float:
     """Return the position that equals `target` modulo 2³² and is nearest to `position`, which has no end."""
     return position + (target - position + HALF) % WRAP - HALF

@@ -15,7 +15,7 @@ gain k of the position loop (see `stage`). The value of 607Ah on entering the mo
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from haptic_fieldbus.sim.drive.modes.following import Following, nearest
+from haptic_fieldbus.sim.drive.modes.following import Following, nearest_turn
 from haptic_fieldbus.sim.drive.modes.mode import (
     BIT_12,
     FOLLOWS_COMMAND,
@@ -112,7 +112,7 @@ class ProfilePosition(Mode):
         if point.relative:
             return (self._target if self._target is not None else self.stage.angle()) + point.target * unit
         # Positions wrap at 32 bits; the shorter way round is taken.
-        return nearest(point.target, self.stage.angle() / unit) * unit
+        return nearest_turn(point.target, self.stage.angle() / unit) * unit
 
     def _go(self, point: SetPoint, goal: float, t_ns: int) -> None:
         angle, velocity, _ = self._motion.at((t_ns - self._begin_ns) * 1e-9)
@@ -189,7 +189,7 @@ class CyclicPosition(Mode):
             return
         unit = self.stage.units.angle
         self._from = self._demand(t_ns)
-        self._to = nearest(wanted, self._from / unit) * unit
+        self._to = nearest_turn(wanted, self._from / unit) * unit
         self._seen, self._begin_ns = wanted, t_ns
         # 60C2h: a number and its power of ten, in seconds.
         self._span_ns = max(1, round(self._time.value * 10.0 ** (self._exponent.value + 9)))

@@ -290,6 +290,9 @@ class TestPdos:
 # Vendors' files.
 
 
+EVERY_FILE = pytest.mark.thorough("a drive for each vendor's file", quick=5)
+
+
 @pytest.fixture(scope="module", params=USABLE)
 def vendor(request: pytest.FixtureRequest) -> tuple[Eds, DriveBench]:
     eds = vendor_eds(request.param)
@@ -297,6 +300,7 @@ def vendor(request: pytest.FixtureRequest) -> tuple[Eds, DriveBench]:
 
 
 @needs_files
+@EVERY_FILE
 def test_a_vendors_drive_has_every_object_of_its_file_and_no_other(vendor: tuple[Eds, DriveBench]) -> None:
     eds, bench = vendor
     theirs = {(entry.index, entry.subindex): entry for entry in eds}
@@ -311,6 +315,7 @@ def test_a_vendors_drive_has_every_object_of_its_file_and_no_other(vendor: tuple
 
 
 @needs_files
+@EVERY_FILE
 def test_a_vendors_drive_answers_with_the_values_and_lengths_of_its_file(vendor: tuple[Eds, DriveBench]) -> None:
     eds, bench = vendor
     for described in eds:
@@ -341,6 +346,7 @@ def _number(described: EdsEntry) -> int:
 
 
 @needs_files
+@EVERY_FILE
 def test_a_vendors_drive_is_enabled_in_its_torque_mode_and_makes_torque(vendor: tuple[Eds, DriveBench]) -> None:
     _, bench = vendor
     bench = DriveBench(profile_from_eds(vendor[0]))
@@ -402,6 +408,7 @@ def test_an_eds_that_is_not_usable_is_refused_on_the_simulated_bus(tmp_path: Pat
 
 
 @needs_files
+@pytest.mark.thorough("three runs", quick=1)
 @pytest.mark.parametrize("name", ["delta_asda_a2.eds", "maxon_epos4_70_15.eds", "elmo_gold_drive.dcf"])
 def test_a_wall_is_felt_on_a_vendors_drive(name: str) -> None:
     result = haptic_fieldbus.run("wall", drive=str(FOLDER / name), duration=1.5, seed=1)
@@ -412,6 +419,7 @@ def test_a_wall_is_felt_on_a_vendors_drive(name: str) -> None:
 
 
 @needs_files
+@pytest.mark.thorough("three starts of the master", quick=1)
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [

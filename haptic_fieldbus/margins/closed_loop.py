@@ -1,7 +1,7 @@
 """A sampled loop for limits and verdicts: one axis, or several axes that couplings tie together.
 
-Limits, verdicts and suggestions need the same methods of both (`Loop`), but the computation differs. A single axis has
-closed forms, which are several times faster than the matrices of several axes (ADR 0013). The matrices are in
+Limits, verdicts and suggestions need the same methods of both (`ClosedLoop`), but the computation differs. A single
+axis has closed forms, which are several times faster than the matrices of several axes (ADR 0013). The matrices are in
 `coupled`; `group` chooses between both.
 """
 
@@ -32,7 +32,7 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False)
-class Loop(ABC):
+class ClosedLoop(ABC):
     """Axes under their delayed holds, closed over (x_1 … x_n)_k → (F_1 … F_n)_k; `period` in s.
 
     Raises UsageError for a period that is not above 0, and for a negative delay.
@@ -99,7 +99,7 @@ class Loop(ABC):
         return min(value(axis.plant) / (share or 1.0) for axis, share in zip(self.axes, felt, strict=True))
 
 
-class OneAxis(Loop):
+class OneAxis(ClosedLoop):
     """A single axis, with the closed forms of `numerics.sampled` and `numerics.passivity`."""
 
     def matrix(self, environment: StateSpace) -> Matrix:
@@ -133,7 +133,7 @@ class OneAxis(Loop):
         return [1.0]
 
 
-def alone(plant: Plant, period: float, delay: float) -> Loop:
+def alone(plant: Plant, period: float, delay: float) -> ClosedLoop:
     """Return the loop of a single axis; `period` and `delay` in s. Raises UsageError for impossible times."""
     return OneAxis((Axis(plant, delay),), period)
 

@@ -7,6 +7,8 @@ differential thresholds", Perception 18, 1989, doi:10.1068/p180681).
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.numerals import percent
+
 JUST_NOTICEABLE = 0.08
 """Smallest difference of forces that a hand can tell, as a share of the force."""
 AVERAGED = 0.05
@@ -33,7 +35,7 @@ def ripple(force: Array, rate: float) -> float | None:
     return float(np.sqrt(np.mean((middle - slow) ** 2)) / np.abs(slow).mean())
 
 
-def verdict_of(
+def run_verdict(
     *, scene: str, effort: str, stable: bool, contact: float | None, ripple: float | None, missed: int
 ) -> str:
     """Return the verdict on a simulated run as one sentence.
@@ -47,7 +49,7 @@ def verdict_of(
         return "The handle met nothing: no contact in this run."
     parts = [_felt(scene, effort, contact)]
     if ripple is not None:
-        parts.append("no chatter" if ripple < JUST_NOTICEABLE else f"it chatters: {100 * ripple:.0f} % ripple")
+        parts.append("no chatter" if ripple < JUST_NOTICEABLE else f"it chatters: {percent(ripple)} ripple")
     if missed:
         parts.append(f"{missed} periods missed")
     return "; ".join(parts) + "."
@@ -55,8 +57,8 @@ def verdict_of(
 
 def _felt(scene: str, effort: str, contact: float) -> str:
     # Two digits; from 100 % on whole percents, since ".2g" would turn to an exponent.
-    share = f"error {100 * contact:{'.2g' if contact < 1.0 else '.0f'}} % of the {effort}"
-    limit = f"the {100 * JUST_NOTICEABLE:.0f} % a hand can tell"
+    share = f"error {percent(contact)} of the {effort}"
+    limit = f"the {percent(JUST_NOTICEABLE)} a hand can tell"
     if contact < JUST_NOTICEABLE:
         return f"Feels like the ideal {scene}: {share}, below {limit}"
     return f"Feels different from the ideal {scene}: {share}, above {limit}"

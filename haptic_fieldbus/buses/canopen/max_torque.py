@@ -8,6 +8,7 @@ import math
 
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 
 MAX_TORQUE = ObjectEntry(0x6072, DataType.UINT16)
@@ -24,7 +25,7 @@ def check_max_torque(axis: AxisPlan, label: str, max_torque: int | None) -> None
         return
     unit, allowed = axis.workspace.effort_unit, max_torque * axis.effort_unit
     raise BusConfigurationError(
-        f"{label}: {MAX_TORQUE} is {max_torque} ‰ of rated torque ({allowed:.3g} {unit}), the axis may ask for "
-        f"{asked} ‰ ({axis.limits.effort:.3g} {unit}): force would be cut without a word. Raise it with the drive's "
-        f"own tool, or set axis.{axis.name}.limits.effort in the rig"
+        f"{label}: {MAX_TORQUE} is {max_torque} ‰ of rated torque ({in_unit(allowed, unit)}), the axis may ask for "
+        f"{asked} ‰ ({in_unit(axis.limits.effort, unit)}): force would be cut without a word. Raise it with the "
+        f"drive's own tool, or set axis.{axis.name}.limits.effort in the rig"
     )

@@ -9,12 +9,15 @@ from dataclasses import dataclass, replace
 
 from haptic_fieldbus.errors import PlanError, UnstableSceneError, UsageError
 from haptic_fieldbus.margins.linear import ROUNDING
+from haptic_fieldbus.margins.transition import SHARES, mixed
+from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.planning.judging import grouped
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.settings import Value, settled
+from haptic_fieldbus.planning.settings import settled
+from haptic_fieldbus.planning.verdicts import grouped
+from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
@@ -31,9 +34,9 @@ MISSING = {
 
 @dataclass(frozen=True)
 class Change:
-    """New values that passed all checks; `settings` are those of the new scene, in SI."""
+    """New values that passed all checks; `settings` are the values that the new scene has, in SI."""
 
-    settings: Mapping[str, Value]
+    settings: Mapping[str, Setting]
     plan: Plan
     """The running plan with these values."""
     time: float = 0.0
@@ -53,8 +56,8 @@ class Applied:
     """Length of the ramp in periods."""
 
 
-def tuned(
-    running: Plan, last: Plan, settings: Mapping[str, Value], *, force: bool = False, time: float = 0.0
+def plan_change(
+    running: Plan, last: Plan, settings: Mapping[str, Setting], *, force: bool = False, time: float = 0.0
 ) -> Change:
     """Return the change that applies `settings` to `last`, the plan after the change before; nothing is touched.
 
@@ -75,7 +78,7 @@ def tuned(
         raise PlanError("\n".join(f"{sentence}: start a new run" for sentence in refused))
     if not force:
         check_stable(plan, running=True)
-        _check_way(last, plan)
+        _check_transition(last, plan)
     return Change({setting: _value(plan.scene, setting) for setting in settings}, plan, time)
 
 
@@ -97,10 +100,8 @@ def _beyond(running: Plan, plan: Plan) -> Iterator[str]:
                     yield f"{element.name} needs {MISSING[signal]}"
 
 
-def _check_way(before: Plan, after: Plan) -> None:
+def _check_transition(before: Plan, after: Plan) -> None:
     """Raise UnstableSceneError when a mix of two stable sets of elements, old and new, is unstable."""
-    from haptic_fieldbus.margins.way import SHARES, mixed
-
     changing = {new.name for old, new in zip(before.axes, after.axes, strict=True) if _forces(old) != _forces(new)}
     for share in SHARES:
         axes = [
@@ -116,7 +117,7 @@ def _check_way(before: Plan, after: Plan) -> None:
         if any(group.growth() > 1.0 + ROUNDING for group in groups):
             raise UnstableSceneError(
                 "the way to these values is unstable on this bench, though both ends are not: it is with "
-                f"{100 * share:g} % of the new and the rest of the old. Go by other values"
+                f"{percent(share, 3)} of the new and the rest of the old. Go by other values"
             )
 
 
@@ -125,8 +126,8 @@ def _forces(axis: AxisPlan) -> tuple[AnyElement, ...]:
     return (*axis.elements, *axis.couplings)
 
 
-def _value(scene: Scene, setting: str) -> Value:
+def _value(scene: Scene, setting: str) -> Setting:
     """Return the value of a setting in the scene, which must have it."""
     name, _, parameter = setting.rpartition(".")
-    value: Value = next(getattr(element, parameter) for element in scene.elements if element.name == name)
+    value: Setting = next(getattr(element, parameter) for element in scene.elements if element.name == name)
     return value

@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.numerics.sampled import TACHOMETER
-from haptic_fieldbus.planning.axis_plan import DEFAULT_ESTIMATOR, AxisPlan
+from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import AGE_SHARE
 from haptic_fieldbus.protocols.traffic import BusTraffic
 
@@ -25,14 +26,14 @@ def _seen(axis: AxisPlan, period: float) -> Plant | None:
     return replace(axis.plant, resolution=abs(axis.velocity_unit) * period, tachometer=True)
 
 
-def judged(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
+def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ...]:
     """Return the axes with the verdicts on their groups; an axis has none when a bench in its group is unknown.
 
     Raises UsageError for a stiffness, method or estimator that cannot be judged.
     """
     found = {axis.name: axis for axis in axes}
     for each in grouped(axes, period):
-        for name, verdict in each.judged().items():
+        for name, verdict in each.stabilities().items():
             found[name] = replace(found[name], stability=verdict, group=each)
     return tuple(found.values())
 

@@ -10,9 +10,9 @@ from haptic_fieldbus.cycle.laws import field_of
 from haptic_fieldbus.cycle.state import Sensed
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SceneError, UnstableSceneError, UsageError
 from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.planning.live_changes import MISSING, Change, plan_change
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
-from haptic_fieldbus.planning.tuning import MISSING, Change, tuned
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.damped_sprung_mass import DampedSprungMass
@@ -29,7 +29,7 @@ DAMPED = scene_of(Wall("handle", stiffness=600.0, damping=2.0))
 
 def change(plan: Plan, **settings: Any) -> Change:
     """Settings of the wall on top of the plan."""
-    return tuned(plan, plan, {f"wall.{name}": value for name, value in settings.items()})
+    return plan_change(plan, plan, {f"wall.{name}": value for name, value in settings.items()})
 
 
 def test_a_change_is_the_plan_with_the_new_values_and_all_else_kept() -> None:
@@ -72,19 +72,19 @@ def test_faults_are_told_in_the_words_of_a_new_run(settings: dict[str, float | s
         load_scene("damped_wall", settings)
     plan = plan_of(scene)
     with pytest.raises(type(of_file.value)) as of_change:
-        tuned(plan, plan, settings)
+        plan_change(plan, plan, settings)
     assert str(of_change.value) == str(of_file.value)
 
 
 def test_rules_across_parameters_hold_for_a_scene_made_in_python() -> None:
     plan = plan_of(scene_of(Friction("handle", coulomb=1.0, stiffness=500.0, breakaway=2.0, window=0.01)))
     with pytest.raises(SceneError, match=r"friction\.breakaway: 2: expected 0, or at least coulomb, 3"):
-        tuned(plan, plan, {"friction.coulomb": 3.0})
+        plan_change(plan, plan, {"friction.coulomb": 3.0})
 
 
 def test_a_change_names_something() -> None:
     with pytest.raises(UsageError, match="names what it changes"):
-        tuned(plan_of(), plan_of(), {})
+        plan_change(plan_of(), plan_of(), {})
 
 
 def test_an_unstable_value_is_refused_with_the_limit_and_only_the_hints_that_a_running_loop_can_take() -> None:
@@ -103,7 +103,7 @@ def test_an_unstable_value_is_refused_with_the_limit_and_only_the_hints_that_a_r
 
 def test_force_lets_an_unstable_value_pass() -> None:
     plan = plan_of()
-    assert tuned(plan, plan, {"wall.stiffness": 90_000.0}, force=True).settings == {"wall.stiffness": 90_000.0}
+    assert plan_change(plan, plan, {"wall.stiffness": 90_000.0}, force=True).settings == {"wall.stiffness": 90_000.0}
 
 
 def test_on_an_unknown_bench_there_is_no_verdict_to_refuse_by() -> None:
@@ -121,7 +121,7 @@ def test_damping_may_go_and_come_again_where_velocity_is_estimated() -> None:
     running = plan_of(DAMPED)
     without = change(running, damping=0.0)
     assert without.plan.axes[0].estimator is None
-    again = tuned(running, without.plan, {"wall.damping": 3.0})
+    again = plan_change(running, without.plan, {"wall.damping": 3.0})
     assert again.plan.axes[0].estimator == running.axes[0].estimator
 
 
@@ -149,9 +149,9 @@ class Asking:
 def test_every_signal_that_the_loop_has_not_is_refused(signal: Signal) -> None:
     plan = plan_of(scene_of(Asking("handle", signal)))
     with pytest.raises(PlanError, match=r"asking needs .*, which this run does not .*: start a new run"):
-        tuned(plan, plan, {"asking.curious": True})
+        plan_change(plan, plan, {"asking.curious": True})
     asked = plan_of(scene_of(Asking("handle", signal, curious=True)))
-    assert tuned(asked, asked, {"asking.curious": False}).settings == {"asking.curious": False}
+    assert plan_change(asked, asked, {"asking.curious": False}).settings == {"asking.curious": False}
 
 
 def coupled(stiffness: float, *elements: Element, damping: float = 0.0) -> Plan:
@@ -162,12 +162,12 @@ def coupled(stiffness: float, *elements: Element, damping: float = 0.0) -> Plan:
 
 def test_a_coupling_is_changed_and_judged_as_an_element_is() -> None:
     plan = coupled(200.0)
-    found = tuned(plan, plan, {"coupling.stiffness": 300.0})
+    found = plan_change(plan, plan, {"coupling.stiffness": 300.0})
     assert found.plan.scene.couplings == (Coupling(("left", "right"), 300.0),)
     with pytest.raises(UnstableSceneError):
-        tuned(plan, plan, {"coupling.stiffness": 90_000.0})
+        plan_change(plan, plan, {"coupling.stiffness": 90_000.0})
     with pytest.raises(PlanError) as refused:
-        tuned(plan, plan, {"coupling.damping": 1.0})
+        plan_change(plan, plan, {"coupling.damping": 1.0})
     assert str(refused.value) == "coupling needs velocity, which this run does not estimate: start a new run"
 
 
@@ -216,12 +216,12 @@ def test_a_way_that_is_unstable_between_two_stable_ends_is_refused() -> None:
     with pytest.raises(
         UnstableSceneError, match=r"the way to these values .* with [0-9.]+ % of the new and"
     ) as refused:
-        tuned(plan, plan, TO_SOFT)
+        plan_change(plan, plan, TO_SOFT)
     share = float(str(refused.value).partition(" % of the new")[0].rpartition(" ")[2]) / 100
     ends, middle = [_swing(plan, end).max() for end in (0.0, 1.0)], _swing(plan, share)
     assert max(ends) < 1e-4
     assert middle[-100:].max() > 100.0 * middle[:100].max()
-    assert tuned(plan, plan, TO_SOFT, force=True).settings == TO_SOFT
+    assert plan_change(plan, plan, TO_SOFT, force=True).settings == TO_SOFT
 
 
 def test_on_a_coupled_axis_the_way_is_judged_with_all_that_hangs_on_it() -> None:
@@ -239,10 +239,10 @@ def test_on_a_coupled_axis_the_way_is_judged_with_all_that_hangs_on_it() -> None
     }
     plan = coupled(1.0, *soft)
     check_stable(plan)
-    check_stable(tuned(plan, plan, stiff, force=True).plan)
+    check_stable(plan_change(plan, plan, stiff, force=True).plan)
     with pytest.raises(UnstableSceneError, match="the way to these values is unstable"):
-        tuned(plan, plan, stiff)
-    assert tuned(plan, plan, {"wall.position": 0.001}).settings == {"wall.position": 0.001}
+        plan_change(plan, plan, stiff)
+    assert plan_change(plan, plan, {"wall.position": 0.001}).settings == {"wall.position": 0.001}
 
 
 def test_on_a_coupled_axis_of_an_unknown_bench_there_is_no_verdict_on_the_way() -> None:
@@ -251,7 +251,7 @@ def test_on_a_coupled_axis_of_an_unknown_bench_there_is_no_verdict_on_the_way() 
         name: replace(axis, inertia=None if name == "right" else axis.inertia) for name, axis in plan.rig.axis.items()
     }
     running = plan_of(plan.scene, rig=replace(plan.rig, axis=unknown))
-    assert tuned(running, running, {"at left.stiffness": 90_000.0}).plan.stability is None
+    assert plan_change(running, running, {"at left.stiffness": 90_000.0}).plan.stability is None
 
 
 def test_of_two_axes_only_the_changed_one_is_judged_on_its_way() -> None:

@@ -1,0 +1,154 @@
+"""Assessment of one axis of a simulated run, part by part: the error of its force, and its traces."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from haptic_fieldbus.assessing.error_sums import ErrorFigures
+from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.record import Record
+from haptic_fieldbus.assessing.recording import Array, Conversion, Recording, Times, TrueMotion, Truth
+from haptic_fieldbus.assessing.result import Trace
+from haptic_fieldbus.assessing.spans import Handover, Kind, Span, spans
+from haptic_fieldbus.assessing.torque_error import Splitter
+from haptic_fieldbus.assessing.traces import Traces
+from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.selection import Selection
+
+if TYPE_CHECKING:  # imported for its type alone: a scene without couplings never loads it
+    from haptic_fieldbus.assessing.ties import Tie
+
+
+@dataclass(frozen=True)
+class Run:
+    """Data of a run, from which its result is made."""
+
+    selection: Selection
+    cycle: Cycle
+    record: Record
+    report: LoopReport
+    worlds: Mapping[str, Truth]
+    """True motions by the name of the bus; empty on real drives."""
+    clock: str
+    """Name of the clock."""
+    periods: int
+    """Number of periods that the run is to last."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Rows of some periods, by the names of their columns, each `(n_periods,)`."""
+
+    columns: Mapping[str, Array]
+    overlap: int
+    """Periods at the begin that the part before had too."""
+    skipped: int
+    """Periods of the run before the first row here."""
+    began_ns: int
+    """Instant of the first period of the run."""
+    firsts: list[int]
+    """First periods after the changes so far, counted from the begin of the run."""
+    last: bool
+    """Whether the run ends with this part."""
+
+    @property
+    def times_ns(self) -> Times:
+        """Instants at which the positions were latched [ns], `(n_periods,)`."""
+        return self.columns["t_ns"].astype(np.int64)
+
+
+class AxisAssessment:
+    """Error and traces of one axis of a simulated run."""
+
+    def __init__(self, run: Run, axis: AxisPlan) -> None:
+        self.axis = axis
+        self._run = run
+        self._splitter: Splitter | None = None
+        self._traces = Traces(run.periods, run.selection.plan.period_ns)
+        self._zeros: dict[str, float] = {}
+
+    @property
+    def figures(self) -> ErrorFigures | None:
+        """Figures of the error; None for a run shorter than the fade-in."""
+        return self._splitter.figures if self._splitter is not None else None
+
+    @property
+    def trace(self) -> Trace | None:
+        """Trace of the true motion; None for a run shorter than the fade-in."""
+        return self._traces.trace(self.axis) if self.figures is not None else None
+
+    def take(self, part: Part) -> None:
+        """Assess a part; a run that ends before the fade-in has no error."""
+        axis, times_ns = self.axis, part.times_ns
+        # Before the end of the fade-in the torque is reduced on purpose, which is no error of the rendering.
+        begin_ns = int(part.began_ns + axis.limits.fade_in * 1e9)
+        if times_ns[-1] <= begin_ns and part.skipped == 0 and part.last:
+            return
+        if self._splitter is None:
+            self._splitter = Splitter(
+                period=self._run.selection.plan.period,
+                begin_ns=begin_ns,
+                method=axis.method,
+                unit=axis.workspace.effort_unit,
+            )
+        points = self._splitter.take(
+            *self._known_of(axis, part),
+            acted=self._spans(axis.elements, part, lambda plan: plan.elements),
+            ties=self._ties(part) if axis.couplings else (),
+        )
+        new = slice(part.overlap, None)
+        self._traces.add(points, times_ns[new], part.columns[f"{axis.name}.position"][new])
+
+    def _known_of(self, axis: AxisPlan, part: Part) -> tuple[Recording, TrueMotion, Conversion]:
+        """Return the recording of an axis, the true motion of its shaft, and the conversion between both."""
+        columns = part.columns
+        recording = Recording(
+            times_ns=part.times_ns,
+            position=columns[f"{axis.name}.position"],
+            force=columns[f"{axis.name}.force"],
+            command=columns[f"{axis.name}.command"],
+            # The record always has the column; without an estimator no element used its value.
+            velocity=columns[f"{axis.name}.velocity"] if axis.estimator else None,
+            tachometer=axis.integrates,
+            overlap=part.overlap,
+            began_ns=part.began_ns,
+        )
+        world, mechanism = self._run.worlds[axis.rig.bus], axis.rig.mechanism
+        trajectory = world.so_far(axis.node)
+        if axis.name not in self._zeros:
+            self._zeros[axis.name] = self._zero(axis, trajectory, part.times_ns)
+        return recording, trajectory, Conversion(mechanism.ratio * mechanism.sign, self._zeros[axis.name])
+
+    def _zero(self, axis: AxisPlan, trajectory: TrueMotion, times_ns: Times) -> float:
+        """Return the shaft angle at which the handle is at 0 [rad]."""
+        if axis.integrates:
+            # Without a position from the drive, the integral begins at 0 in the first enabled period.
+            return float(trajectory.sample(times_ns[:1])[0][0])
+        return 2 * np.pi * self._run.cycle.zero_counts(axis.name) / axis.steps_per_revolution
+
+    def _spans(
+        self, elements: tuple[Kind, ...], part: Part, of: Callable[[AxisPlan], tuple[Kind, ...]]
+    ) -> list[Span[Kind]]:
+        """Return the spans of elements or couplings, as `of` selects them, that act in new periods of the part."""
+        place = self._run.selection.plan.axes.index(self.axis)  # a change keeps the axes and their order
+        exchanges = [
+            Handover(applied.after_ns, applied.periods, of(applied.change.plan.axes[place]))
+            for applied in self._run.report.changes
+        ]
+        known = spans(elements, exchanges, part.times_ns, part.firsts, part.skipped)
+        return [span for span in known if span.rows.stop > part.overlap]
+
+    def _ties(self, part: Part) -> "list[Tie]":
+        """Return the couplings of an axis, each with the recording and true motion of the axis at its other end."""
+        from haptic_fieldbus.assessing.ties import Tie
+
+        others = {each.name: each for each in self._run.selection.plan.axes}
+        found = []
+        for span in self._spans(self.axis.couplings, part, lambda plan: plan.couplings):
+            place = span.element.axes.index(self.axis.name)
+            other = others[span.element.axes[1 - place]]
+            found.append(Tie(span, place, *self._known_of(other, part)))
+        return found

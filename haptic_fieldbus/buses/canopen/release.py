@@ -1,0 +1,228 @@
+"""The way to zero torque on one CAN bus: one design for a trip, an ordinary end and an exception.
+
+1. `begin` sends, to every drive and without waiting for anything, the torque-free set-point with controlword 0 (RPDO)
+   and the controlword 0 once more as an expedited SDO download of 6040h. Each acts where the other does not: an RPDO
+   only in a node that is operational and has it enabled, the download in a pre-operational node too.
+2. `look` asks for a statusword, by SYNC and TPDO or by an SDO upload of 6041h, and listens for one slice of time. A
+   drive that is still silent after the first looks is told to go pre-operational, since a node that somebody stopped
+   takes no SDO requests, and the download is repeated.
+3. A drive that says that its motor is off has its guard disarmed (1016h = 0), so that no fault remains when we leave.
+
+From `begin` on no heartbeat of ours is sent. The guard of a drive that confirms nothing therefore takes its torque away
+by itself, within the guard time counted from our last heartbeat, and the looks end only after that time.
+
+A slice and all other times here are those of the bus, not of the loop: the way to zero does not grow with the period.
+
+Reference: CiA 301 7.2.4.3 (SDO protocols), 7.2.8.3 (NMT); IEC 61800-7-201 (CiA 402-2), 6040h, 6041h.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from haptic_fieldbus.buses.canopen.link import Link
+from haptic_fieldbus.buses.canopen.node import NmtState, Node
+from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ENERGISED, STATUSWORD
+from haptic_fieldbus.buses.canopen.wire import Wire, frame
+from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.protocols.canopen.cob_ids import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
+from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
+
+SLICE = 0.002
+"""[s] of one look; longer where SYNC and TPDOs take more than half of it."""
+LOOKS_BEFORE_NMT = 2
+"""Looks after which a drive that did not confirm is told to go pre-operational."""
+PATIENCE_NS = 15_000_000
+"""Time that a drive has for an SDO answer, before the next request is sent [ns]."""
+GRACE = 0.03
+"""Time from the end of the longest guard to the last look, for SDO answers about what the guard did [s]."""
+
+Command = tuple[ObjectEntry, int | None]
+"""An entry and the value to download to it; None: upload it."""
+DISABLE: Command = (CONTROLWORD, DISABLE_VOLTAGE)
+ASK: Command = (STATUSWORD, None)
+DOWNLOAD_DONE, UPLOAD_DONE, ABORTED = 3, 2, 4
+"""Specifiers of an SDO response, in its highest three bits."""
+
+
+class Parting:
+    """One drive on its way to zero torque; a step sends at most one SDO request, and waits for nothing."""
+
+    def __init__(self, node: Node, wire: Wire, link: Link, word: Callable[[], int], guard: Sequence[Command]) -> None:
+        """`word` returns the statusword received last; `guard` are the downloads that disarm the guard."""
+        self.node, self.link = node, link
+        self._wire, self._word, self._guard = wire, word, tuple(guard)
+        self.free = False
+        """True when the drive has said that its motor is off."""
+        self.refused: int | None = None
+        """SDO abort code with which the drive kept its guard."""
+        self._to_disarm: list[Command] = []
+        self._sent: Command | None = None
+        self._waiting_until_ns = 0
+
+    def begin(self) -> None:
+        """Forget an earlier release, and take the SDO answers of the node from now on."""
+        self.free, self.refused, self._to_disarm = False, None, list(self._guard)
+        self._sent, self._waiting_until_ns = None, 0
+        self._wire.listen(SDO_RESPONSE_COB_ID + self.node.id, self._answered)
+
+    @property
+    def settled(self) -> bool:
+        """True when the motor is off and the guard disarmed, or refused to be."""
+        return self.free and not self._to_disarm
+
+    def step(self, now_ns: int) -> None:
+        """Take over a fresh statusword; send the next request when none is waited for. Raises BusError."""
+        if not self.free and self.link.fresh:
+            self._judge(self._word())
+        if not self.settled and now_ns >= self._waiting_until_ns:
+            self._send(self._next(), now_ns)
+
+    def to_pre_operational(self) -> None:
+        """Set the node pre-operational, where it serves SDO requests whatever was done to it; raises BusError."""
+        self._sent, self._waiting_until_ns = None, 0  # a stopped node has lost the request
+        self.node.command(NmtState.PRE_OPERATIONAL)
+
+    def _next(self) -> Command:
+        if self.free:
+            return self._to_disarm[0]
+        return ASK if self._sent == DISABLE else DISABLE
+
+    def _send(self, command: Command, now_ns: int) -> None:
+        self._sent, self._waiting_until_ns = command, now_ns + PATIENCE_NS
+        self._wire.send(frame(SDO_REQUEST_COB_ID + self.node.id, request(*command)))
+
+    def _answered(self, data: bytearray) -> None:
+        """Take an SDO response; one to an earlier request, which names another entry, is passed over."""
+        if self._sent is None or len(data) != 8 or bytes(data[1:4]) != _address(self._sent[0]):
+            return
+        specifier, command = data[0] >> 5, self._sent
+        self._waiting_until_ns = 0
+        if command == ASK and specifier == UPLOAD_DONE:
+            self._judge(data[4] | data[5] << 8)
+        elif command in self._to_disarm and specifier in (DOWNLOAD_DONE, ABORTED):
+            self._to_disarm.remove(command)
+            if specifier == ABORTED:
+                self.refused = int.from_bytes(data[4:8], "little")
+
+    def _judge(self, statusword: int) -> None:
+        self.free = CIA402.state(statusword) not in ENERGISED
+
+
+class Release:
+    """The release of all drives of one bus; no method raises anything but KeyboardInterrupt and its like."""
+
+    def __init__(
+        self,
+        wire: Wire,
+        partings: Sequence[Parting],
+        set_points: Sequence[tuple[int, int]],
+        sync: Callable[[int], None],
+        *,
+        feedback_time: float,
+        guard: float,
+    ) -> None:
+        """Take the COB-ID and size of each RPDO, a function that begins an exchange, and two times [s].
+
+        `feedback_time` is that of SYNC and all TPDOs, `guard` the longest guard of the drives.
+        """
+        self.warnings: list[str] = []
+        self._wire, self._clock = wire, wire.clock
+        self._partings = tuple(partings)
+        self._torque_free = tuple((cob_id, frame(cob_id, bytes(size))) for cob_id, size in set_points)
+        self._sync = sync
+        self._slice_ns = round(max(SLICE, 2.0 * feedback_time) * 1e9)
+        self._longest_ns = round((guard + GRACE) * 1e9)
+        self._end_ns = self._looks = 0
+        self._begun = False
+
+    def begin(self) -> None:
+        """Send everything that frees the drives and needs no answer."""
+        now_ns = self._clock.now_ns()
+        self._end_ns, self._looks, self._begun = now_ns + self._longest_ns, 0, True
+        for parting in self._partings:
+            parting.begin()
+        self._send_set_points()
+        self._step(now_ns)
+
+    def look(self) -> bool:
+        """Ask and listen for one slice; True when all drives are settled, the time is over, or nothing was begun."""
+        if not self._begun:
+            return True
+        deadline_ns = self._clock.now_ns() + self._slice_ns
+        if self._looks:
+            self._send_set_points()
+        if self._looks == LOOKS_BEFORE_NMT:
+            for parting in self._partings:
+                if not parting.free:
+                    self._to_pre_operational(parting)
+        self._looks += 1
+        if not self._try("nothing was heard of the drives", partial(self._listen, deadline_ns)):
+            self._clock.sleep_until(deadline_ns)  # a bus that is gone waits for nothing by itself
+        return self._settled or self._clock.now_ns() >= self._end_ns
+
+    def leave(self) -> bool:
+        """Set the nodes pre-operational; True when every drive said that its motor is off, or nothing was begun."""
+        for parting in self._partings:
+            self._to_pre_operational(parting)
+        if not self._begun:
+            return True
+        self._begun = False
+        for parting in self._partings:
+            self._tell(parting)
+        return all(parting.free for parting in self._partings)
+
+    def _tell(self, parting: Parting) -> None:
+        """Warn about a drive that is not free, or that keeps its guard."""
+        if not parting.free:
+            self._warn(f"{parting.node.label} did not confirm that its motor is off")
+        elif parting.refused is not None or not parting.settled:
+            why = "" if parting.refused is None else f" (it refused to disarm it: {parting.refused:08X}h)"
+            self._warn(f"{parting.node.label} was left with its heartbeat guard on, so it may report an error{why}")
+
+    @property
+    def _settled(self) -> bool:
+        return all(parting.settled for parting in self._partings)
+
+    def _send_set_points(self) -> None:
+        """Send target torque 0 and controlword *disable voltage*, which both consist of zero octets."""
+        for cob_id, message in self._torque_free:
+            self._try(f"torque-free set-point {cob_id:03X}h was not sent", partial(self._wire.send, message))
+
+    def _listen(self, deadline_ns: int) -> None:
+        self._try("the drives were not asked by SYNC", partial(self._sync, deadline_ns))
+        while not self._settled and self._clock.now_ns() < deadline_ns:
+            self._step(self._clock.now_ns())
+            self._wire.pump(deadline_ns)
+
+    def _step(self, now_ns: int) -> None:
+        for parting in self._partings:
+            self._try(f"{parting.node.label} was not reached by SDO", partial(parting.step, now_ns))
+
+    def _to_pre_operational(self, parting: Parting) -> None:
+        self._try(f"{parting.node.label} was not told to go pre-operational", parting.to_pre_operational)
+
+    def _try(self, failure: str, action: Callable[[], object]) -> bool:
+        """Do something that must not keep anything else from being done; False, and a warning, when it failed."""
+        try:
+            action()
+        except Exception as error:  # of the bus, of a driver, of the log of the frames
+            self._warn(f"{failure}: {error}")
+            return False
+        return True
+
+    def _warn(self, sentence: str) -> None:
+        if sentence not in self.warnings:
+            self.warnings.append(sentence)
+
+
+def request(entry: ObjectEntry, value: int | None) -> bytes:
+    """Return the SDO request that downloads `value`, expedited, or uploads the entry when it is None."""
+    if value is None:
+        return bytes((0x40,)) + _address(entry) + bytes(4)
+    data = entry.type.pack(value)
+    # Expedited, with its size: bits 2 and 3 count the octets that are not used.
+    return bytes((0x23 | (4 - len(data)) << 2,)) + _address(entry) + data.ljust(4, b"\0")
+
+
+def _address(entry: ObjectEntry) -> bytes:
+    return entry.object.to_bytes(2, "little") + bytes((entry.subindex,))

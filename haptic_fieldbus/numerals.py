@@ -1,0 +1,59 @@
+"""Numbers as people read them in texts and plots; JSON keeps every digit.
+
+Plain digits from 1e-4 up to 1e6, beyond them a power of ten: 1.2e-5. The minus is ASCII and nothing stands between
+thousands, so that what is read can be typed, `--set wall.stiffness=3370`.
+"""
+
+import math
+
+DIGITS = 3
+"""Significant digits of what was measured or computed: more than a hand can tell."""
+LIMIT_DIGITS = 4
+"""Of a limit and of what is asked beside it, which should not read the same just beyond."""
+PERCENT_DIGITS = 2
+GIVEN_DIGITS = 12
+"""Of what somebody gave: all that were written, and none that binary fractions add."""
+PLAIN_FROM, PLAIN_BELOW = 1e-4, 1e6
+
+PREFIXES = ((1e-2, ""), (1e-4, "m"), (1e-7, "µ"), (1e-10, "n"))
+"""The SI prefix of a quantity from so much on."""
+FACTORS = {"": 1.0, "m": 1e3, "µ": 1e6, "n": 1e9}
+
+
+def exactly(value: float) -> str:
+    """Return a number as it was given."""
+    return rounded(value, GIVEN_DIGITS)
+
+
+def rounded(value: float, digits: int = DIGITS) -> str:
+    """Return a measured or computed number with that many significant digits, without zeros at its end."""
+    if not math.isfinite(value):
+        return str(float(value))
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    nearest = float(f"{mantissa}e{exponent}")
+    if nearest == 0.0:
+        return "0"
+    if PLAIN_FROM <= abs(nearest) < PLAIN_BELOW:
+        return repr(nearest).removesuffix(".0")
+    return f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}e{int(exponent)}"
+
+
+def rounded_limit(limit: float) -> str:
+    """Return a computed limit, or what is compared with it."""
+    return rounded(limit, LIMIT_DIGITS)
+
+
+def in_unit(value: float, unit: str) -> str:
+    """Return a measured or computed quantity, in thousandths of its unit and so on where it is small.
+
+    Units of kg keep their prefix.
+    """
+    fitting = (prefix for least, prefix in PREFIXES if abs(value) >= least)
+    prefix = "" if unit.startswith("kg") else next(fitting, "")
+    return f"{rounded(FACTORS[prefix] * value)} {prefix}{unit}"
+
+
+def percent(share: float, digits: int = PERCENT_DIGITS) -> str:
+    """Return a share in percent, whole ones from ten percent on."""
+    whole = len(str(round(abs(100.0 * share)))) if math.isfinite(share) else 0
+    return f"{rounded(100.0 * share, max(digits, whole))} %"

@@ -1,0 +1,104 @@
+"""The longest time from an event to zero torque at the motor, for each cause for which torque is taken away.
+
+Three ways lead to zero, and each cause takes the first that it can:
+
+- The loop sees the event in the feedback of the next period, and the set-points of that period are torque-free.
+- Feedback that is missing: the torque is held, then fades; feedback that grows too old is a trip.
+- Nothing of us reaches the drive: its own guard takes the torque away.
+
+A torque loop of first order never reaches zero, so *zero* is `REMAINDER` of the torque at the event. The times are
+those of a host that is never late; its lateness comes on top, and is itself bounded by the guard, as that of a host
+that stands still is.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.limits import fade_periods
+from haptic_fieldbus.protocols.traffic import BusTraffic, Json
+
+REMAINDER = 0.01
+"""Share of the torque at which it counts as zero."""
+
+
+class EndCause(Enum):
+    """Reason for which torque is taken away; the value is the name that users and scripts see."""
+
+    TRIP = "own limit or trip"
+    FEEDBACK = "feedback lost"
+    FAULT = "drive fault or emergency"
+    RESET = "node reset"
+    HEARTBEAT = "heartbeat of the drive lost"
+    NOT_OPERATIONAL = "drive left operational"
+    DISCONNECTED = "bus-off or cable off"
+    KILLED = "master killed"
+    STOPPED = "master stopped"
+    NO_EFFECT = "set-points without effect"
+    END = "Ctrl-C or ordinary end"
+
+
+@dataclass(frozen=True)
+class TorqueDeadline:
+    """The longest time from an event to zero torque [s]; inf when nothing notices the event."""
+
+    cause: EndCause
+    seconds: float
+    how: str
+
+    def to_json(self) -> dict[str, Json]:
+        """Return the object of `plan --json`; None when nothing notices the event."""
+        stated = 1e3 * self.seconds if math.isfinite(self.seconds) else None
+        return {"cause": self.cause.value, "stated_ms": stated}
+
+
+def deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float) -> tuple[TorqueDeadline, ...]:
+    """Return the deadline for each cause, each that of the slowest axis."""
+    slowest: dict[EndCause, TorqueDeadline] = {}
+    for axis, traffic in axes:
+        for each in _of_axis(axis, traffic, period):
+            if each.cause not in slowest or each.seconds > slowest[each.cause].seconds:
+                slowest[each.cause] = each
+    return tuple(slowest.values())
+
+
+def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[TorqueDeadline]:
+    """Yield the deadlines of one axis, in the order of `EndCause`."""
+    guard, end = traffic.guard(axis.name), _end(axis, traffic)
+    # The event may happen just after a latch, so the next one shows it.
+    seen = period + traffic.latch + axis.delay.transport + end
+    faded, old = _missing(axis, period)
+    by_loop = "seen in the next period, whose set-points are torque-free"
+    by_guard = f"the guard of the drive, {1e3 * guard:g} ms"
+    yield TorqueDeadline(EndCause.TRIP, seen, by_loop)
+    lost = min(faded, old) + end
+    yield TorqueDeadline(EndCause.FEEDBACK, lost, "held for one period, then faded out")
+    yield TorqueDeadline(EndCause.FAULT, seen, f"the drive by itself; the others: {by_loop}")
+    yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself; the others as when feedback is lost")
+    if math.isfinite(traffic.silence):
+        how = f"{1e3 * traffic.silence:g} ms without it, then {by_loop}"
+        yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
+    how = f"feedback older than {1e3 * axis.limits.age:g} ms is a trip; then by SDO, at the latest {by_guard}"
+    yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
+    yield TorqueDeadline(EndCause.DISCONNECTED, guard + end, by_guard)
+    yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
+    yield TorqueDeadline(EndCause.STOPPED, guard + end, f"{by_guard}, alone")
+    yield TorqueDeadline(EndCause.NO_EFFECT, math.inf, "nothing notices it")
+    yield TorqueDeadline(EndCause.END, seen, "torque-free set-points at once")
+
+
+def _end(axis: AxisPlan, traffic: BusTraffic) -> float:
+    """Return what is added to every way [s]: messages in between, one tick of the drive, the lag of its torque loop."""
+    lag = -math.log(REMAINDER) * axis.delay.torque_loop
+    return traffic.disturbance + axis.profile.timing.control_period + lag
+
+
+def _missing(axis: AxisPlan, period: float) -> tuple[float, float]:
+    """Return when torque-free set-points act after the last feedback [s]: by the fade, and by the age of feedback."""
+    # A loop without feedback waits for it nearly to the end of its period; and set-points that act at SYNC alone are
+    # then taken over a period later.
+    answered = period * (2.0 if axis.delay.transport >= period else 1.0)
+    faded = (1 + fade_periods(period)) * period
+    return faded + answered, axis.limits.age + period + answered

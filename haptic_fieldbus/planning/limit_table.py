@@ -1,0 +1,72 @@
+"""The limits of an axis as people and scripts read them: value, reaction, and how long it takes.
+
+A limit that clamps acts on the set-point of the same period. One that trips does so in the period that shows it; how
+long the way from there to zero torque is, the plan says apart from this table (`deadlines`).
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+from haptic_fieldbus.numerals import exactly, in_unit
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.limits import START_SHARE
+
+
+class Reaction(Enum):
+    """What happens at a limit; the value is the name that users and scripts see."""
+
+    CLAMP = "clamp"
+    FADE = "fade"
+    REFUSE = "refuse"
+    DISABLE = "disable"
+
+
+@dataclass(frozen=True)
+class LimitRow:
+    """One limit of an axis; `time` [s] is how long it must be exceeded, 0 for one period."""
+
+    name: str
+    value: float
+    unit: str
+    reaction: Reaction
+    time: float = 0.0
+
+
+def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
+    """Yield the limits that this axis has, in the order in which a force meets them; none that is infinite."""
+    limits, force, length = axis.limits, axis.workspace.effort_unit, axis.workspace.length_unit
+    rows = (
+        LimitRow("force at the start", START_SHARE * limits.effort, force, Reaction.REFUSE),
+        LimitRow("fade-in of the limit", limits.fade_in, "s", Reaction.CLAMP),
+        LimitRow("force", limits.effort, force, Reaction.CLAMP),
+        LimitRow("slew", limits.slew, f"{force}/s", Reaction.CLAMP),
+        LimitRow("force at standstill", limits.holding, force, Reaction.CLAMP, limits.stall),
+        LimitRow("feedback missing", 2.0 * period, "s", Reaction.FADE),
+        LimitRow("age of feedback", limits.age, "s", Reaction.DISABLE),
+        LimitRow("speed", limits.speed, f"{length}/s", Reaction.DISABLE),
+        LimitRow("acceleration", limits.acceleration, f"{length}/s²", Reaction.DISABLE),
+        LimitRow("jump in a period", limits.jump(period, axis.resolution), length, Reaction.DISABLE),
+        LimitRow("power", limits.power, "W", Reaction.DISABLE),
+        *_range(axis),
+        LimitRow("drift", limits.drift if axis.integrates else math.inf, length, Reaction.DISABLE),
+    )
+    return (row for row in rows if math.isfinite(row.value) and math.isfinite(row.time))
+
+
+def _range(axis: AxisPlan) -> Iterator[LimitRow]:
+    for name, place in zip(("lowest position", "highest position"), axis.limits.position or (), strict=False):
+        yield LimitRow(name, place, axis.workspace.length_unit, Reaction.DISABLE)
+
+
+def limit_lines(axis: AxisPlan, period: float) -> Iterator[str]:
+    """Yield one line for each reaction: its name, and the limits that it keeps."""
+    rows = tuple(limit_rows(axis, period))
+    for reaction in Reaction:
+        yield f"{reaction.value}: {', '.join(_text(row) for row in rows if row.reaction is reaction)}"
+
+
+def _text(row: LimitRow) -> str:
+    time = f" after {exactly(row.time)} s" if row.time else ""
+    return f"{row.name} {in_unit(row.value, row.unit)}{time}"

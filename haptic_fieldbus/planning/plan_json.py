@@ -1,0 +1,63 @@
+"""A plan as the JSON object that the command line prints; its keys are a contract."""
+
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.limit_table import limit_rows
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
+from haptic_fieldbus.protocols.traffic import Json
+
+
+def plan_json(plan: Plan) -> dict[str, Json]:
+    """Return the object that `plan --json` prints; delays and ages in s."""
+    delay = plan.delay
+    return {
+        **summary_json(plan),
+        **_traffic_json(plan),
+        "bus_load": plan.bus_load,
+        "delay_s": {
+            "bus": delay.bus,
+            "compute": delay.compute,
+            "drive": delay.drive,
+            "torque_loop": delay.torque_loop,
+            "total": delay.total,
+        },
+        "couplings": [
+            {"name": each.name, "age_s": {on: dict(ages) for on, ages in each.ages.items()}}
+            for each in plan.coupling_ages
+        ],
+        "limits": [row for axis in plan.axes for row in _limits_json(axis, plan.period)],
+        "modules": list(plan.modules),
+        "deadlines": [each.to_json() for each in plan.deadlines],
+    }
+
+
+def summary_json(plan: Plan) -> dict[str, Json]:
+    return {
+        "mapped": list(plan.mapped),
+        "left_out": [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out],
+    }
+
+
+def _traffic_json(plan: Plan) -> dict[str, Json]:
+    """Return the process data exchanged, by the key of each protocol; None for a protocol that no axis uses."""
+    # All keys are present from the start: the keys of the object do not depend on the bench.
+    found: dict[str, Json] = dict.fromkeys(TRAFFIC_KEYS.values())
+    for axis in plan.axes:
+        for key, rows in axis.traffic.to_json(axis.rig.bus).items():
+            before = found.get(key)
+            found[key] = [*(before if isinstance(before, list) else ()), *rows]
+    return found
+
+
+def _limits_json(axis: AxisPlan, period: float) -> list[Json]:
+    return [
+        {
+            "axis": axis.name,
+            "limit": row.name,
+            "value": row.value,
+            "unit": row.unit,
+            "reaction": row.reaction.value,
+            "after_s": row.time,
+        }
+        for row in limit_rows(axis, period)
+    ]

@@ -1,0 +1,75 @@
+"""Signals that end a run: the first one, further ones, and handlers that are not ours to take."""
+
+import signal
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from haptic_fieldbus.running.ending import SIGNALS, ended_by_signals
+
+EACH = pytest.mark.parametrize("number", SIGNALS, ids=[each.name for each in SIGNALS])
+
+
+@pytest.fixture(autouse=True)
+def usual_handlers() -> Iterator[None]:
+    """As a process has them when it begins."""
+    before = {each: signal.getsignal(each) for each in SIGNALS}
+    for each in SIGNALS:
+        signal.signal(each, signal.default_int_handler if each is signal.SIGINT else signal.SIG_DFL)
+    yield
+    for each, handler in before.items():
+        signal.signal(each, handler)
+
+
+@EACH
+def test_before_the_loop_a_signal_interrupts(number: signal.Signals) -> None:
+    with pytest.raises(KeyboardInterrupt), ended_by_signals() as ending:
+        signal.raise_signal(number)
+    assert ending.signal == number
+
+
+@EACH
+def test_in_the_loop_it_is_only_noted_however_often_it_comes(number: signal.Signals) -> None:
+    with ended_by_signals() as ending:
+        ending.hold()
+        for _ in range(3):
+            signal.raise_signal(number)
+            signal.raise_signal(signal.SIGINT)
+    assert ending.signal == number
+
+
+def test_after_the_first_signal_no_other_one_interrupts_the_way_to_zero() -> None:
+    with ended_by_signals() as ending:
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+    assert ending.signal == signal.SIGINT
+
+
+def test_handlers_are_put_back_and_those_of_others_left_alone() -> None:
+    def own(number: int, frame: object) -> None:
+        raise AssertionError
+
+    signal.signal(signal.SIGTERM, own)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as under nohup
+    with ended_by_signals() as ending:
+        assert signal.getsignal(signal.SIGTERM) is own
+        signal.raise_signal(signal.SIGHUP)
+        assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    assert ending.signal is None
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_outside_the_main_thread_nothing_is_taken() -> None:
+    taken: list[bool] = []
+
+    def work() -> None:
+        with ended_by_signals():
+            taken.append(signal.getsignal(signal.SIGINT) is not signal.default_int_handler)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert taken == [False]

@@ -1,0 +1,192 @@
+"""Ends of runs in processes of their own: signals, kill −9, a sleeping host, a full disk; memory of a long run."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+
+from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, line_of, require_multicast, start
+
+pytestmark = pytest.mark.xdist_group("peers")
+BUS = f"udp_multicast:{GROUP}@1000000"
+RATE = 20.0
+"""[Hz]; two processes keep it also on a busy machine: the drive waits for a quarter of a second."""
+NODE = 5
+
+
+@pytest.fixture
+def port() -> Iterator[int]:
+    """Of a bus with a drive on it, moved to and fro by a hand."""
+    port = free_port()
+    require_multicast(port)
+    drive = start("simulate", "--drive", f"maxon_epos4@{NODE}", "--bus", BUS, "--hand", "sine", port=port)
+    try:
+        line_of(drive)
+        yield port
+    finally:
+        drive.kill()
+        drive.communicate()
+
+
+class Listener:
+    """Hears all frames; the drive's TPDO tells its state, our RPDO the torque that is asked for."""
+
+    def __init__(self, port: int) -> None:
+        self.bus = can.Bus(interface="udp_multicast", channel=GROUP, port=port)
+
+    def until_torque(self, run: "subprocess.Popen[str]") -> None:
+        """Wait until a set-point asks for torque: the handle is in contact."""
+        for _ in range(20_000):
+            message = self.bus.recv(20.0)
+            assert message is not None, "no frame came"
+            assert run.poll() is None, run.communicate()[1]
+            if message.arbitration_id == 0x200 + NODE and any(message.data[2:4]):
+                return
+        raise AssertionError("no torque was asked for")
+
+    def last_set_point(self) -> bytes:
+        """The last one of all that were heard; the run is over. The drive's heartbeats go on."""
+        last = b"none"
+        while (message := self.bus.recv(0.0)) is not None:
+            if message.arbitration_id == 0x200 + NODE:
+                last = bytes(message.data)
+        return last
+
+
+@pytest.fixture
+def listener(port: int) -> Iterator[Listener]:
+    listener = Listener(port)
+    yield listener
+    listener.bus.shutdown()
+
+
+def rendering(port: int, *words: str) -> "subprocess.Popen[str]":
+    return start(
+        "run", "wall", "--set", "wall.stiffness=100", "--set", "wall.position=0.005",
+        "--drive", "maxon_epos4", "--node", str(NODE), "--bus", BUS, "--rate", str(RATE),
+        "--duration", "60", "--yes", "--force", *words, port=port,
+    )  # fmt: skip
+
+
+def ended(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
+    out, err = process.communicate(timeout=STARTS_WITHIN)
+    return process.returncode, out, err
+
+
+@pytest.mark.thorough("two processes for seconds")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_a_run_torque_free_and_in_order(name: str, port: int, listener: Listener, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    process = rendering(port, "--json", "--record", str(path))
+    listener.until_torque(process)
+    # Again and again, as somebody does who does not want to wait: nothing interrupts the way to zero.
+    process.send_signal(getattr(signal, name))
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGINT)
+    status, out, err = ended(process)
+    assert status == 0, err
+    assert not any(listener.last_set_point())
+    result = json.loads(out)
+    assert result["trips"] == []
+    assert result["cycles"] > 0
+    with path.open() as file:
+        assert len(list(csv.DictReader(file))) >= result["cycles"]
+
+
+@pytest.mark.thorough("two processes for seconds")
+@pytest.mark.parametrize("suffix", [".csv", ".log", ".blf"])
+def test_a_killed_run_leaves_its_recording(suffix: str, port: int, listener: Listener, tmp_path: Path) -> None:
+    path = tmp_path / f"run{suffix}"
+    process = rendering(port, "--record", str(path))
+    listener.until_torque(process)
+    process.kill()
+    process.communicate()
+    if suffix == ".csv":
+        # The process that writes the rows ends after the run, when it has written all that it was handed.
+        subprocess.run([sys.executable, "-c", WAIT, str(path)], timeout=STARTS_WITHIN, check=True)
+        with path.open() as file:
+            rows = list(csv.DictReader(file))
+        assert len(rows) > 0.2 * RATE
+        assert all(row["handle.position"] for row in rows)
+    else:
+        with can.LogReader(path) as reader:
+            assert all(message.dlc <= 8 for message in reader)
+
+
+WAIT = """
+import sys, time
+from pathlib import Path
+path, size = Path(sys.argv[1]), -1
+while path.stat().st_size != size or size == 0:
+    size = path.stat().st_size
+    time.sleep(0.5)
+"""
+
+
+@pytest.mark.thorough("two processes for seconds")
+def test_a_host_that_slept_ends_torque_free(port: int, listener: Listener) -> None:
+    process = rendering(port, "--json")
+    listener.until_torque(process)
+    process.send_signal(signal.SIGSTOP)
+    subprocess.run([sys.executable, "-c", "import time; time.sleep(1)"], check=True)
+    process.send_signal(signal.SIGCONT)
+    status, out, err = ended(process)
+    assert status in (1, 3), err
+    assert json.loads(out)["trips"]
+    assert not any(listener.last_set_point())
+
+
+FULL = Path("/dev/full")
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+@pytest.mark.thorough("a process for each suffix", quick=(".csv",))
+@pytest.mark.parametrize("suffix", [".csv", ".log"])
+def test_a_full_disk_ends_the_recording_and_the_exit_status_tells(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"run{suffix}"
+    path.symlink_to(FULL)
+    process = start("run", "wall", "--duration", "2", "--record", str(path), "--json", port=0)
+    status, out, err = ended(process)
+    assert status == 1
+    assert json.loads(out)["cycles"] == 2000
+    assert "the recording is not complete: No space left on device" in err
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+def test_a_recording_that_cannot_be_begun_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    """A .blf file begins with a header."""
+    path = tmp_path / "run.blf"
+    path.symlink_to(FULL)
+    status, out, err = ended(start("run", "wall", "--duration", "1", "--record", str(path), "--json", port=0))
+    assert status == 2
+    assert json.loads(out)["cycles"] == 0
+    assert f"cannot record to {path}: No space left on device" in err
+
+
+LONG = """
+import json, resource, sys
+from haptic_fieldbus import run
+result = run("wall", duration=float(sys.argv[1]), rate=1000.0)
+memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(json.dumps({"kib": memory, "cycles": result.cycles, "points": len(result.traces[0].times)}))
+"""
+
+
+@pytest.mark.thorough("renders minutes", quick=("a minute",))
+@pytest.mark.parametrize("seconds", [60, 1800], ids=["a minute", "half an hour"])
+def test_a_long_run_needs_less_than_300_mb(seconds: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LONG, str(seconds)], capture_output=True, text=True, check=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    told = json.loads(done.stdout)
+    assert told["cycles"] == 1000 * seconds
+    assert told["kib"] * 1024 < 300e6
+    assert told["points"] < 250_000
