@@ -1,7 +1,7 @@
 """The stability limits of a scene before anything moves, on its bench or on a device given by numbers."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD
@@ -15,9 +15,17 @@ from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering, select
 from haptic_fieldbus.planning.settings import settled
 from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.scenes.quantities import RANGES, Quantity
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 
+LARGEST: Mapping[str, float] = {
+    "damping": RANGES[Quantity.DAMPING].largest,
+    "coulomb": RANGES[Quantity.EFFORT].largest,
+    "resolution": RANGES[Quantity.LENGTH].largest,
+    "delay": 100.0,
+}
+"""Largest values of a device; a longer delay would need a model of as many periods."""
 UNCERTAIN = 0.7
 """Share of the Coulomb friction for which a report gives the limits too, besides the full friction."""
 
@@ -133,12 +141,14 @@ def _plant_of(device: Device, period: float) -> Plant:
     """Return the plant of a device; raises one UsageError with all values that are impossible."""
     values = {name: getattr(device, name) for name in ("damping", "coulomb", "resolution", "delay")}
     faults = [
-        f"{name} {exactly(value)}: expected a number from 0 up"
+        f"{name} {exactly(value)}: expected a number from 0 up, at most {exactly(LARGEST[name])}"
         for name, value in values.items()
-        if not 0.0 <= value < math.inf
+        if not 0.0 <= value <= LARGEST[name]
     ]
-    if not 0.0 < device.mass < math.inf:
-        faults.insert(0, f"mass {exactly(device.mass)}: expected a number above 0{_massless(device, period, faults)}")
+    mass = RANGES[Quantity.MASS]
+    if not mass.smallest <= device.mass <= mass.largest:
+        expected = f"expected a number above 0, from {exactly(mass.smallest)} to {exactly(mass.largest)}"
+        faults.insert(0, f"mass {exactly(device.mass)}: {expected}{_massless(device, period, faults)}")
     if faults:
         raise UsageError("\n".join(faults))
     return Plant(device.mass, device.damping, device.coulomb, device.resolution)
@@ -146,7 +156,7 @@ def _plant_of(device: Device, period: float) -> Plant:
 
 def _massless(device: Device, period: float, faults: list[str]) -> str:
     """Return the end of the message about a mass of 0: the limit of a spring as the mass goes to 0, if there is one."""
-    if faults or not device.damping:
+    if faults or device.mass or not device.damping:
         return ""
     plant = Plant(0.0, device.damping)
     limit = stiffness_limit(plant, period, device.delay, lambda stiffness: gain([[-stiffness]]))

@@ -4,11 +4,9 @@ The puck starts at rest, with virtual masses at rest at its position. A step mov
 finds the masses at rest at the old position. Nothing is fed back, so a growth comes from the method alone.
 """
 
-import csv
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.api.arguments import arguments_of
+from haptic_fieldbus.api.motions import motion_of
 from haptic_fieldbus.cycle.laws import law_of
 from haptic_fieldbus.defaults import (
     DEFAULT_AMPLITUDE,
@@ -37,7 +36,8 @@ from haptic_fieldbus.signals import Signal, Workspace
 
 Array = NDArray[np.float64]
 
-INPUT_FORMS = "step, ramp, sine@HZ or FILE.csv with the columns time and position"
+MOST_SAMPLES = 2_000_000
+"""Most samples of a response; all of them are kept in memory."""
 STATE_NAMES = ("position", "velocity")
 """Names of the first two virtual states; further states are numbered."""
 
@@ -82,15 +82,6 @@ class Response:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class PrescribedMotion:
-    """A motion: the position `rest` before it [m or rad], and `at` from times `(n,)` [s] to positions `(n,)`."""
-
-    rest: float
-    at: Callable[[Array], Array]
-    duration: float = DEFAULT_MOTION_DURATION
-
-
 @dataclass
 class _Answer:
     """The response of one element: force `(n_samples,)`, states by name, spectral radius of its step."""
@@ -117,6 +108,9 @@ def response(task: OpenLoop) -> Response:
     axis = chosen.axes[0]
     # Both ends are sampled.
     samples = round((motion.duration if duration is None else duration) / period) + 1
+    if samples > MOST_SAMPLES:
+        expected = f"expected at most {MOST_SAMPLES}: a shorter duration"
+        raise UsageError(f"{samples} samples at {exactly(task.rate)} Hz; {expected}")
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
     elements = (*chosen.of_axis(axis.name), *_grounded(chosen, axis.name))
@@ -242,49 +236,3 @@ def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:
             forces.pop()
             break
     return np.array(forces)
-
-
-def motion_of(name: str | Path, amplitude: float) -> PrescribedMotion:
-    """Return the motion of a name (`INPUT_FORMS`); raises UsageError when there is none."""
-    if not math.isfinite(amplitude):
-        raise UsageError(f"amplitude {exactly(amplitude)}: expected a number")
-    text = str(name)
-    if text == "step":
-        return PrescribedMotion(0.0, lambda time: np.full_like(time, amplitude))
-    if text == "ramp":
-        return PrescribedMotion(0.0, lambda time: amplitude * time)
-    if text.startswith("sine@"):
-        turn = 2.0 * math.pi * _frequency(text)
-        return PrescribedMotion(0.0, lambda time: amplitude * np.sin(turn * time))
-    if Path(text).suffix == ".csv":
-        return _recorded(Path(text), amplitude)
-    raise UsageError(f'no input "{text}"; there are: {INPUT_FORMS}')
-
-
-def _frequency(text: str) -> float:
-    try:
-        frequency = float(text.partition("@")[2])
-    except ValueError:
-        frequency = math.nan
-    if not 0.0 < frequency < math.inf:
-        raise UsageError(f'input "{text}": after @ stands a frequency above 0 in Hz, for example sine@2')
-    return frequency
-
-
-def _recorded(path: Path, amplitude: float) -> PrescribedMotion:
-    """Return a motion on straight lines between the rows of a file; its first time becomes 0."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except OSError as error:
-        raise UsageError(f'input "{path}": cannot be read: {error.strerror}') from error
-    try:
-        times = [float(row["time"]) for row in rows]
-        places = [amplitude * float(row["position"]) for row in rows]
-    except (KeyError, TypeError, ValueError):
-        raise UsageError(f'input "{path}": expected the columns time and position, with numbers') from None
-    rising = all(before < after for before, after in pairwise(times))
-    if len(times) < 2 or not rising or not all(map(math.isfinite, (*times, *places))):
-        raise UsageError(f'input "{path}": expected two rows or more of finite numbers, their times rising')
-    first = times[0]
-    return PrescribedMotion(places[0], lambda time: np.interp(first + time, times, places), times[-1] - first)

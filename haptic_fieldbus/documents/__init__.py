@@ -7,11 +7,16 @@ positions only when there is a fault.
 
 from haptic_fieldbus.documents.document import Document, knows, read_document, schema_of
 from haptic_fieldbus.documents.expected import KeyPath
-from haptic_fieldbus.documents.names import file_names, file_of, is_eds, is_path, nearest, suggestion
+from haptic_fieldbus.documents.names import beside, file_names, file_of, is_eds, is_path, nearest, suggestion
+from haptic_fieldbus.documents.octets import EDS_SIZE, TABLE_SIZE, TOML_SIZE, read_octets
 
 __all__ = [
+    "EDS_SIZE",
+    "TABLE_SIZE",
+    "TOML_SIZE",
     "Document",
     "KeyPath",
+    "beside",
     "file_names",
     "file_of",
     "is_eds",
@@ -19,6 +24,7 @@ __all__ = [
     "knows",
     "nearest",
     "read_document",
+    "read_octets",
     "schema_of",
     "suggestion",
 ]

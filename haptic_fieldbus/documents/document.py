@@ -14,8 +14,10 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+from haptic_fieldbus.documents.bounds import fault_of_data, fault_of_text
 from haptic_fieldbus.documents.expected import Expectation, KeyPath, Schema, child
 from haptic_fieldbus.documents.names import suggestion
+from haptic_fieldbus.documents.octets import TOML_SIZE, read_octets
 from haptic_fieldbus.errors import DocumentError, Fault
 
 if TYPE_CHECKING:
@@ -29,6 +31,8 @@ _AT_LINE = re.compile(r"\s*\(at line (\d+), column (\d+)\)$")
 _AT_END = re.compile(r"\s*\(at end of document\)$")
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _SHOWN_LENGTH = 60
+_MOST_FAULTS = 100
+"""Most keys whose faults are told; of a file with more, the rest would help nobody."""
 
 
 class Document:
@@ -65,6 +69,8 @@ class Document:
 
     def fault(self, path: KeyPath, message: str, *, also: bool = False) -> None:
         """Note a fault at a key; a further message for the same key is dropped unless it has `also`."""
+        if path not in self.faults and len(self.faults) >= _MOST_FAULTS:
+            return
         messages = self.faults.setdefault(path, [])
         if also or not messages:
             messages.append(message)
@@ -83,7 +89,10 @@ class Document:
         """Return a value that `validate` gave; raises `error` with all noted faults, by line, if there are any."""
         if value is None or self.faults:
             faults = [self._fault(path, message) for path, messages in self.faults.items() for message in messages]
-            raise self.error(self.source, sorted(faults, key=lambda fault: fault.line or math.inf))
+            faults.sort(key=lambda fault: fault.line or math.inf)
+            if len(self.faults) >= _MOST_FAULTS:
+                faults.append(Fault("", f"these are the first {_MOST_FAULTS} faults; there may be more"))
+            raise self.error(self.source, faults)
         return value
 
     def validate(self, schema: type[T], path: KeyPath = (), *, loaded: Sequence[str] = ()) -> T | None:
@@ -101,7 +110,8 @@ class Document:
         try:
             return cast(T, _adapter(kind).validate_json(json.dumps(value, default=_no_date), strict=True))
         except ValidationError as error:
-            for item in error.errors(include_url=False, include_context=False, include_input=False):
+            found = error.errors(include_url=False, include_context=False, include_input=False)
+            for item in found[:_MOST_FAULTS]:
                 if item["type"] == "value_error":
                     self._rule(item["msg"].removeprefix("Value error, "), (*path, *_follow(value, item["loc"])))
                 else:
@@ -175,6 +185,7 @@ class Document:
         return Positions(self.text)
 
     def _parse(self) -> dict[str, object]:
+        self._refuse_whole(fault_of_text(self.text))
         try:
             data: dict[str, object] = tomllib.loads(self.text)
             # Validation writes the data as JSON. Data for which that fails must be refused here, as a fault of the
@@ -188,7 +199,13 @@ class Document:
         # Python refuses to convert an integer of several thousand digits.
         except ValueError:
             raise self.error(self.source, [Fault("", "a number has too many digits")]) from None
+        self._refuse_whole(fault_of_data(data))
         return data
+
+    def _refuse_whole(self, message: str) -> None:
+        """Raise `error` for a fault of the file as a whole, unless the message is empty."""
+        if message:
+            raise self.error(self.source, [Fault("", message)])
 
     def _syntax_faults(self, message: str) -> list[Fault]:
         """Return a fault for each key that is given twice, else the place at which the parser stopped."""
@@ -207,13 +224,11 @@ class Document:
 def read_document(path: Path, error: type[DocumentError]) -> Document:
     """Read a TOML file; raises `error` when it cannot be read, is not UTF-8 or is not TOML."""
     try:
-        octets = path.read_bytes()
+        octets = read_octets(path, TOML_SIZE)
     except FileNotFoundError:
         raise error(path, [Fault("", "no such file")]) from None
-    except (OSError, ValueError) as cause:
-        # A path with a NUL raises ValueError.
-        reason = (isinstance(cause, OSError) and cause.strerror) or str(cause)
-        raise error(path, [Fault("", f"cannot be read: {reason}")]) from cause
+    except OSError as cause:
+        raise error(path, [Fault("", f"cannot be read: {cause.strerror}")]) from cause
     try:
         text = octets.decode("utf-8-sig")
     except UnicodeDecodeError as cause:
@@ -244,6 +259,7 @@ def key_text(path: KeyPath) -> str:
             text += f"[{step}]"
         else:
             # TOML forbids a bare DEL in a text, JSON does not.
+            step = step if len(step) <= _SHOWN_LENGTH else step[:_SHOWN_LENGTH] + "…"
             quoted = json.dumps(step, ensure_ascii=False).replace("\x7f", "\\u007F")
             text += "." * bool(text) + (step if _BARE_KEY.fullmatch(step) else quoted)
     return text

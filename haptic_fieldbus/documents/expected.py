@@ -112,11 +112,15 @@ def _describe_list(node: Schema, hexadecimal: bool) -> str:
 
 def _bounds(node: Schema, hexadecimal: bool) -> str:
     def shown(bound: float) -> str:
-        return f"0x{int(bound):X}" if hexadecimal and bound >= 0 else exactly(bound) if bound % 1 else str(int(bound))
+        if hexadecimal and bound >= 0:
+            return f"0x{int(bound):X}"
+        return exactly(bound) if node.get("type") == "number" else str(int(bound))
 
     low, high = node.get("minimum"), node.get("maximum")
     if low is not None and high is not None:
-        return f" from {shown(low)} to {shown(high)}"
+        # Above 0 is said besides: of a mass it is the rule, and the range only what can be computed.
+        above = f" above {shown(node['exclusiveMinimum'])}," if "exclusiveMinimum" in node else ""
+        return f"{above} from {shown(low)} to {shown(high)}"
     parts = [
         f"{words} {shown(node[key])}"
         for key, words in (

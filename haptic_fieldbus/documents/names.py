@@ -9,6 +9,9 @@ from haptic_fieldbus.errors import UsageError
 LISTED = 12
 """The longest list of names that is shown when none is near; a longer one would hide the message."""
 
+COMPARED = 200
+"""Most names, and most letters of one, that are compared; comparing takes the product of their lengths."""
+
 _EDS_SUFFIXES = (".eds", ".dcf")
 _SUFFIXES = (".toml", *_EDS_SUFFIXES)
 
@@ -16,8 +19,8 @@ _SUFFIXES = (".toml", *_EDS_SUFFIXES)
 def nearest(name: str, names: Iterable[str]) -> list[str]:
     """Return up to three of `names` that are similar to `name` or contain it, the nearest first."""
     # In reverse, so that of names that differ in case alone the first stays.
-    by_lower = {candidate.lower(): candidate for candidate in sorted(names, reverse=True)}
-    wanted = name.lower()
+    by_lower = {candidate.lower(): candidate for candidate in sorted(names, reverse=True)[-COMPARED:]}
+    wanted = name.lower()[:COMPARED]
     close = difflib.get_close_matches(wanted, by_lower, n=3, cutoff=0.6)
     containing = sorted(lower for lower in by_lower if len(wanted) > 2 and wanted in lower and lower not in close)
     return [by_lower[lower] for lower in (close + containing)[:3]]
@@ -59,3 +62,19 @@ def file_of(kind: str, name: str | Path, folder: Path, others: Iterable[str] = (
         listed = f"{kind.capitalize()}s are listed by: haptic-fieldbus {kind}s list"
         raise UsageError(f'no {kind} "{name}"{suggestion(str(name), {*names, *others})}. {listed}')
     return folder / f"{name}.toml"
+
+
+def beside(path: Path, name: str, *folders: Path) -> Path:
+    """Return the file that the file at `path` names: inside its folder, or inside one of `folders`.
+
+    A file from elsewhere must not reach others of this computer. Links are followed before the folders are compared.
+    Raises UsageError for a name that leads out of them.
+    """
+    allowed = (path.resolve().parent, *folders)
+    try:
+        found = (allowed[0] / name).resolve()
+    except (OSError, ValueError, RuntimeError):  # a circle of links, a NUL
+        found = Path(name)
+    if Path(name).is_absolute() or not any(found.is_relative_to(folder) for folder in allowed):
+        raise UsageError(f'"{name}" is no file in the folder of this file, or in one below it')
+    return found

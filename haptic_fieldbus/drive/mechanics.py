@@ -7,9 +7,9 @@ a field says otherwise.
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from annotated_types import Gt
+from annotated_types import Gt, Le
 
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeFloat, PositiveFloat
+from haptic_fieldbus.drive.fields import STRICT, AnyFloat, Inertia, NonNegativeFloat, PositiveFloat
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class CompliantCoupling:
 
     stiffness: PositiveFloat
     """[N·m/rad]"""
-    load_inertia: PositiveFloat
+    load_inertia: Inertia
     """Part of the axis' inertia that lies behind the spring [kg·m²]."""
     damping: NonNegativeFloat = 0.0
     """Damping parallel to the spring [N·m·s/rad]."""
@@ -31,12 +31,12 @@ class CompliantCoupling:
 class Weight:
     """A weight on the handle."""
 
-    torque: float
+    torque: AnyFloat
     """Torque of the weight [N·m].
 
     Linear mechanism: constant, positive towards positive angles. Rotary mechanism: the largest, at a horizontal lever.
     """
-    hanging_at: float = 0.0
+    hanging_at: AnyFloat = 0.0
     """Angle of a rotary handle at which its lever hangs down [rad], counted from the zero of the simulated encoder."""
     __pydantic_config__: ClassVar = STRICT
 
@@ -47,7 +47,7 @@ class Cogging:
 
     torque: NonNegativeFloat
     """[N·m]"""
-    periods_per_revolution: Annotated[int, Gt(0)]
+    periods_per_revolution: Annotated[int, Gt(0), Le(1_000_000)]
     __pydantic_config__: ClassVar = STRICT
 
 

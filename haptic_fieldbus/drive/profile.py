@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Len
 
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeFloat, PositiveFloat
+from haptic_fieldbus.drive.fields import STRICT, Frequency, NonNegativeTime, Time
 from haptic_fieldbus.drive.objects import DataType, Order
 from haptic_fieldbus.signals import Signal
 
@@ -47,14 +47,14 @@ class DriveSection:
 class TimingSection:
     """Times of a drive: torque loop, controller, change of mode."""
 
-    torque_bandwidth: PositiveFloat
+    torque_bandwidth: Frequency
     """Bandwidth of the torque loop, which is taken as first order [Hz]."""
-    control_period: NonNegativeFloat
+    control_period: NonNegativeTime
     """Period of the drive's controller [s].
 
     A new target acts at the next multiple of it, counted from the latch of the feedback; with 0 it acts at once.
     """
-    mode_change_timeout: PositiveFloat = 1.0
+    mode_change_timeout: Time = 1.0
     """Longest time that the drive may take to change its mode of operation [s]."""
     __pydantic_config__: ClassVar = STRICT
 

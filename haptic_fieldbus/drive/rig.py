@@ -7,9 +7,21 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from annotated_types import Ge, Gt, Len
+from annotated_types import Ge, Len
 
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeFloat, PositiveFloat
+from haptic_fieldbus.drive.fields import (
+    STRICT,
+    AnyFloat,
+    Counts,
+    CountsPerRevolution,
+    GearRatio,
+    Inertia,
+    MetresPerRevolution,
+    NonNegativeFloat,
+    PositiveFloat,
+    Time,
+    Torque,
+)
 from haptic_fieldbus.drive.mechanics import Mechanics
 from haptic_fieldbus.signals import Workspace
 
@@ -48,9 +60,9 @@ class LinearMechanism:
     """A capstan, belt or screw: the handle moves by `metres_per_revolution` for each turn of the motor."""
 
     kind: Literal["linear"]
-    metres_per_revolution: PositiveFloat
+    metres_per_revolution: MetresPerRevolution
     sign: Literal[-1, 1] = 1
-    zero: Literal["start"] | int = "start"
+    zero: Literal["start"] | Counts = "start"
     """Zero of the handle: its place when the drive is enabled, or an encoder count."""
     __pydantic_config__: ClassVar = STRICT
 
@@ -69,9 +81,9 @@ class RotaryMechanism:
     """A gear, or none: the motor turns `gear_ratio` times as far as the handle."""
 
     kind: Literal["rotary"]
-    gear_ratio: PositiveFloat = 1.0
+    gear_ratio: GearRatio = 1.0
     sign: Literal[-1, 1] = 1
-    zero: Literal["start"] | int = "start"
+    zero: Literal["start"] | Counts = "start"
     __pydantic_config__: ClassVar = STRICT
 
     @property
@@ -90,14 +102,14 @@ class Limits:
 
     effort: PositiveFloat | None = None
     speed: PositiveFloat | None = None
-    position: tuple[float, float] | None = None
+    position: tuple[AnyFloat, AnyFloat] | None = None
     drift: PositiveFloat | None = None
     """How far a position that is integrated from velocity may be uncertain; no other position is."""
     acceleration: PositiveFloat | None = None
     """[m/s² or rad/s²]; None: what the motor and a hand can do to the inertia, where it is known."""
     power: PositiveFloat | None = None
     """[W] that the motor may give to the hand; None: not limited."""
-    stall: PositiveFloat | None = None
+    stall: Time | None = None
     """[s] for which counts may stand still under torque before the limit falls; None: 90 s."""
     __pydantic_config__: ClassVar = STRICT
 
@@ -111,12 +123,12 @@ class RigAxis:
     """Number of the drive on its bus, in the range of the protocol."""
     profile: str
     mechanism: Annotated[LinearMechanism | RotaryMechanism, ByKind()]
-    encoder_counts_per_revolution: Annotated[int, Gt(0)]
-    rated_torque: PositiveFloat | None = None
+    encoder_counts_per_revolution: CountsPerRevolution
+    rated_torque: Torque | None = None
     """[N·m]"""
     torque_constant: PositiveFloat | None = None
     """[N·m/A]; needed only for drives whose torque is given as a current."""
-    inertia: PositiveFloat | None = None
+    inertia: Inertia | None = None
     """[kg·m²]"""
     viscous_damping: NonNegativeFloat | None = None
     """[N·m·s/rad]"""

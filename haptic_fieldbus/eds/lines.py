@@ -12,9 +12,32 @@ from haptic_fieldbus.errors import Fault
 
 _HEAD = re.compile(r"\[([^\]]*)\]\s*(;.*)?$")
 _LINE_END = re.compile(r"\r\n?|\n")
-# A semicolon without a blank in front may belong to the value.
-_COMMENT = re.compile(r"\s+;.*$")
+# A semicolon without a blank in front may belong to the value. A row of blanks is tried from its first one alone, else
+# a long one would take the square of its length.
+_COMMENT = re.compile(r"(?<!\s)\s++;.*$")
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+
+
+MOST_FAULTS = 1000
+"""Most faults that are noted; a file with more is none that somebody corrects by such a list."""
+
+LONGEST_TEXT = 300
+"""Most letters of a fault that are told; a message quotes the line of a file, which may have millions."""
+
+
+class Faults(list[Fault]):
+    """Faults of a file in the order in which they were found, the first ones alone."""
+
+    def append(self, fault: Fault) -> None:
+        """Note a fault, unless there are too many already."""
+        if len(self) < MOST_FAULTS:
+            super().append(Fault(_shortened(fault.key), _shortened(fault.message), fault.line))
+        elif len(self) == MOST_FAULTS:
+            super().append(Fault("", f"there are more than {MOST_FAULTS} faults: the others are left out", fault.line))
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + "…"
 
 
 @dataclass(frozen=True)

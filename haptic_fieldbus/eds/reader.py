@@ -10,7 +10,8 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from haptic_fieldbus.eds.lines import FileSection, sections_of, text_of_octets
+from haptic_fieldbus.documents import EDS_SIZE, read_octets
+from haptic_fieldbus.eds.lines import Faults, FileSection, sections_of, text_of_octets
 from haptic_fieldbus.eds.model import DeviceInfo, Eds, EdsObject
 from haptic_fieldbus.eds.objects import ObjectReader
 from haptic_fieldbus.eds.values import whole_number
@@ -26,20 +27,22 @@ DUMMY_TYPES = range(1, 8)
 _OBJECT = re.compile(r"(?:0x)?([0-9a-f]{4})$")
 _SUBINDEX = re.compile(r"(?:0x)?([0-9a-f]{4})sub(?:0x)?([0-9a-f]{1,3})$")
 _HIGHEST_SUBINDEX = 0xFF
+MOST_ENTRIES = 50_000
+"""Most entries of a file; one line of a compact array stands for 254. The largest drives have some thousands."""
 
 
 def load_eds(path: str | Path) -> Eds:
     """Read the file of a device; raises EdsError when it cannot be read or holds no object."""
     try:
-        data = Path(path).read_bytes()
+        data = read_octets(path, EDS_SIZE)
     except OSError as error:
-        raise EdsError(path, [Fault("", f"cannot be read: {error.strerror or error}")]) from error
+        raise EdsError(path, [Fault("", f"cannot be read: {error.strerror}")]) from error
     return read_eds(data, str(path))
 
 
 def read_eds(data: bytes, source: str = "") -> Eds:
     """Read the content of a file, named `source` in errors; raises EdsError when it holds no object."""
-    faults: list[Fault] = []
+    faults = Faults()
     sections = sections_of(text_of_octets(data, faults), faults)
     objects = _objects(sections, faults)
     if not objects:
@@ -68,10 +71,15 @@ def _objects(sections: Mapping[str, FileSection], faults: list[Fault]) -> dict[i
             heads[int(head[1], 16)] = section
         elif member is not None and int(member[2], 16) <= _HIGHEST_SUBINDEX:
             members.setdefault(int(member[1], 16), {})[int(member[2], 16)] = section
-    return {
-        index: ObjectReader(index, sections, faults).read(heads.get(index), members.get(index, {}))
-        for index in sorted(heads.keys() | members.keys())
-    }
+    objects: dict[int, EdsObject] = {}
+    count = 0
+    for index in sorted(heads.keys() | members.keys()):
+        objects[index] = ObjectReader(index, sections, faults).read(heads.get(index), members.get(index, {}))
+        count += len(objects[index].entries)
+        if count > MOST_ENTRIES:
+            faults.append(Fault(f"[{index:04X}]", f"more than {MOST_ENTRIES} entries: the others are left out"))
+            break
+    return objects
 
 
 def _check_lists(sections: Mapping[str, FileSection], objects: Mapping[int, EdsObject], faults: list[Fault]) -> None:

@@ -13,22 +13,32 @@ from haptic_fieldbus.eds.model import EdsValue, NodeOffset
 from haptic_fieldbus.eds.types import OCTETS, REALS, TEXTS, EdsType
 
 NODE_ID = "$nodeid"
+WIDEST = range(-(1 << 63), 1 << 64)
+"""Whole numbers of the widest types of CiA 301, INTEGER64 and UNSIGNED64."""
+_SHOWN_LENGTH = 60
 
 
 def whole_number(text: str) -> int:
-    """Return the number of a decimal, hexadecimal or octal text; raises ValueError when it is none."""
-    digits = text.strip().lower()
+    """Return the number of a decimal, hexadecimal or octal text; raises ValueError for another, or above 64 bits."""
+    shown = text if len(text) <= _SHOWN_LENGTH else text[:_SHOWN_LENGTH] + "…"
+    try:
+        number = _number(text.strip().lower())
+    except ValueError:
+        raise ValueError(f'"{shown}" is no number') from None
+    if number not in WIDEST:
+        raise ValueError(f'"{shown}" is more than 64 bits hold')
+    return number
+
+
+def _number(digits: str) -> int:
     sign = -1 if digits.startswith("-") else 1
     digits = digits.lstrip("+-").strip()
-    try:
-        if digits.startswith("0x"):
-            return sign * int(digits[2:], 16)
-        # With an 8 or a 9 a number cannot be octal: its zero is taken as padding.
-        if digits.startswith("0") and digits.isdecimal() and not set(digits) & {"8", "9"}:
-            return sign * int(digits, 8)
-        return sign * int(digits, 10)
-    except ValueError:
-        raise ValueError(f'"{text}" is no number') from None
+    if digits.startswith("0x"):
+        return sign * int(digits[2:], 16)
+    # With an 8 or a 9 a number cannot be octal: its zero is taken as padding.
+    if digits.startswith("0") and digits.isdecimal() and not set(digits) & {"8", "9"}:
+        return sign * int(digits, 8)
+    return sign * int(digits, 10)
 
 
 def formula(text: str) -> int | NodeOffset:

@@ -10,11 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.exact import followed, zoh
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium
 
 TACHOMETER = "tachometer"
 """Name in place of an estimator: the drive measures velocity, and the loop integrates its position from it."""
+
+MOST_PERIODS = 200
+"""Longest delay that is judged, in periods: each is a state of the sampled loop."""
 
 
 def environment(space: StateSpace, *, period: float, method: str | None, estimator: str | None) -> StateSpace:
@@ -95,8 +99,12 @@ class SampledPlant:
 def split_delay(delay: float, period: float) -> tuple[int, float]:
     """Return (n, δ [s]) with delay = n·period + δ and 0 ≤ δ < period.
 
-    A delay within a billionth of a period of a whole number of periods counts as whole.
+    A delay within a billionth of a period of a whole number of periods counts as whole. Raises UsageError for a delay
+    of more periods than are judged.
     """
+    if not delay <= MOST_PERIODS * period:
+        most = f"{MOST_PERIODS} periods, {exactly(MOST_PERIODS * period)} s"
+        raise UsageError(f"delay {exactly(delay)} s: expected at most {most}")
     whole = math.floor(delay / period + 1e-9)
     fraction = delay - whole * period
     return whole, fraction if fraction > 1e-9 * period else 0.0

@@ -3,7 +3,6 @@
 The Python API and the command line both use these functions, so both refuse the same requests in the same words.
 """
 
-import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,11 @@ from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 
 MAXIMUM_RATE = 100_000.0
 """Highest rate accepted [Hz]: far above the rate of any bus here, and low enough for the clock to resolve a period."""
+MINIMUM_RATE = 0.1
+"""Lowest rate accepted [Hz]: five of its periods are the longest time that a drive's guard can be given."""
+LONGEST = 1e6
+"""Longest duration accepted [s]."""
+LARGEST_SEED = 2**64 - 1
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 RECORD_SUFFIXES = (".log", ".blf", ".csv")
@@ -132,17 +136,18 @@ def check_fade_in(fade_in: float) -> None:
 
 def _number_faults(rate: float, duration: float, seed: int) -> list[str]:
     """Return the faults of rate [Hz], duration [s] and seed; the comparisons also refuse NaN."""
-    good_rate = 0.0 < rate <= MAXIMUM_RATE
-    good_duration = math.isfinite(duration) and duration > 0.0
+    good_rate = MINIMUM_RATE <= rate <= MAXIMUM_RATE
+    good_duration = 0.0 < duration <= LONGEST
+    rates = f"from {exactly(MINIMUM_RATE)} to {exactly(MAXIMUM_RATE)} Hz"
     checks = [
-        (good_rate, f"rate {exactly(rate)}: expected a rate above 0 and up to {exactly(MAXIMUM_RATE)} Hz"),
-        (good_duration, f"duration {exactly(duration)}: expected a time above 0 s"),
+        (good_rate, f"rate {exactly(rate)}: expected a rate above 0, {rates}"),
+        (good_duration, f"duration {exactly(duration)}: expected a time above 0 s, at most {exactly(LONGEST)} s"),
         (
             # Only if both are good by themselves: one fault is not to be reported twice.
             not (good_rate and good_duration) or rate * duration >= 1.0,
             f"duration {exactly(duration)} s: less than one period at {exactly(rate)} Hz",
         ),
-        (seed >= 0, f"seed {seed}: expected a whole number from 0"),
+        (0 <= seed <= LARGEST_SEED, f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}"),
     ]
     return [sentence for good, sentence in checks if not good]
 
@@ -157,6 +162,8 @@ def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list
         return [f'{option} "{path}": there is no folder {path.parent}']
     # Opening to append tries the permissions without changing a file that is there.
     existed = path.exists()
+    if existed and not path.is_file():  # opening a FIFO would wait for somebody who reads it
+        return [f'{option} "{path}": it is no regular file']
     try:
         path.open("ab").close()
     except OSError as error:

@@ -6,17 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from haptic_fieldbus.documents import file_names, file_of, schema_of
-from haptic_fieldbus.scenes.files import (
-    LIBRARY,
-    SceneFile,
-    ScenePart,
-    apply_settings,
-    check_together,
-    elements_of,
-    raise_faults,
-    read_parts,
-)
+from haptic_fieldbus.scenes.files import apply_settings, check_together, elements_of, raise_faults
 from haptic_fieldbus.scenes.parameters import quantities
+from haptic_fieldbus.scenes.parts import LIBRARY, SceneFile, ScenePart, read_parts
 from haptic_fieldbus.scenes.quantities import Quantity
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, own_elements
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis

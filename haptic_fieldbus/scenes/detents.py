@@ -16,7 +16,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Self
 
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Length, Place, PositiveEffort
@@ -34,7 +34,7 @@ class Detents:
     amplitude: PositiveEffort
     pitch: Length
     position: Place = 0.0
-    count: Annotated[int, Ge(0)] = 0
+    count: Annotated[int, Ge(0), Le(1_000_000)] = 0
     name: str = "detents"
     __pydantic_config__: ClassVar = STRICT
 

@@ -20,10 +20,10 @@ are checked when a file is read (`documents`).
 from collections.abc import Callable
 from typing import Annotated, Protocol, Self, runtime_checkable
 
-from annotated_types import Ge, Gt, Le, Len
+from annotated_types import Ge, Le, Len
 
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.quantities import Quantity
+from haptic_fieldbus.scenes.quantities import RANGES, Quantity
 from haptic_fieldbus.signals import Signal
 
 # Pydantic's configuration of every element: an unknown key, an infinity or not-a-number is a fault of the file.
@@ -34,27 +34,27 @@ Law = Callable[..., float]
 PairLaw = Callable[..., tuple[float, float]]
 """Signals of the first axis, then of the second → (force on the first, force on the second) [N or N·m]."""
 
-Place = Annotated[float, Quantity.LENGTH]
-Length = Annotated[float, Gt(0), Quantity.LENGTH]
-NonNegativeLength = Annotated[float, Ge(0), Quantity.LENGTH]
-Speed = Annotated[float, Gt(0), Quantity.SPEED]
-NonNegativeSpeed = Annotated[float, Ge(0), Quantity.SPEED]
-Acceleration = Annotated[float, Quantity.ACCELERATION]
-NonNegativeAcceleration = Annotated[float, Ge(0), Quantity.ACCELERATION]
-AnyEffort = Annotated[float, Quantity.EFFORT]
-Effort = Annotated[float, Ge(0), Quantity.EFFORT]
-PositiveEffort = Annotated[float, Gt(0), Quantity.EFFORT]
-Stiffness = Annotated[float, Gt(0), Quantity.STIFFNESS]
-NonNegativeStiffness = Annotated[float, Ge(0), Quantity.STIFFNESS]
-Damping = Annotated[float, Ge(0), Quantity.DAMPING]
-PositiveDamping = Annotated[float, Gt(0), Quantity.DAMPING]
-Mass = Annotated[float, Gt(0), Quantity.MASS]
-InverseSpeed = Annotated[float, Ge(0), Quantity.INVERSE_SPEED]
-Duration = Annotated[float, Gt(0), Quantity.TIME]
-NonNegativeDuration = Annotated[float, Ge(0), Quantity.TIME]
-Frequency = Annotated[float, Gt(0), Quantity.FREQUENCY]
-AnyRatio = Annotated[float, Quantity.RATIO]
-Ratio = Annotated[float, Ge(0), Quantity.RATIO]
+Place = Annotated[float, RANGES[Quantity.LENGTH].any, Quantity.LENGTH]
+Length = Annotated[float, RANGES[Quantity.LENGTH].positive, Quantity.LENGTH]
+NonNegativeLength = Annotated[float, RANGES[Quantity.LENGTH].from_zero, Quantity.LENGTH]
+Speed = Annotated[float, RANGES[Quantity.SPEED].positive, Quantity.SPEED]
+NonNegativeSpeed = Annotated[float, RANGES[Quantity.SPEED].from_zero, Quantity.SPEED]
+Acceleration = Annotated[float, RANGES[Quantity.ACCELERATION].any, Quantity.ACCELERATION]
+NonNegativeAcceleration = Annotated[float, RANGES[Quantity.ACCELERATION].from_zero, Quantity.ACCELERATION]
+AnyEffort = Annotated[float, RANGES[Quantity.EFFORT].any, Quantity.EFFORT]
+Effort = Annotated[float, RANGES[Quantity.EFFORT].from_zero, Quantity.EFFORT]
+PositiveEffort = Annotated[float, RANGES[Quantity.EFFORT].positive, Quantity.EFFORT]
+Stiffness = Annotated[float, RANGES[Quantity.STIFFNESS].positive, Quantity.STIFFNESS]
+NonNegativeStiffness = Annotated[float, RANGES[Quantity.STIFFNESS].from_zero, Quantity.STIFFNESS]
+Damping = Annotated[float, RANGES[Quantity.DAMPING].from_zero, Quantity.DAMPING]
+PositiveDamping = Annotated[float, RANGES[Quantity.DAMPING].positive, Quantity.DAMPING]
+Mass = Annotated[float, RANGES[Quantity.MASS].positive, Quantity.MASS]
+InverseSpeed = Annotated[float, RANGES[Quantity.INVERSE_SPEED].from_zero, Quantity.INVERSE_SPEED]
+Duration = Annotated[float, RANGES[Quantity.TIME].positive, Quantity.TIME]
+NonNegativeDuration = Annotated[float, RANGES[Quantity.TIME].from_zero, Quantity.TIME]
+Frequency = Annotated[float, RANGES[Quantity.FREQUENCY].positive, Quantity.FREQUENCY]
+AnyRatio = Annotated[float, RANGES[Quantity.RATIO].any, Quantity.RATIO]
+Ratio = Annotated[float, RANGES[Quantity.RATIO].from_zero, Quantity.RATIO]
 Share = Annotated[float, Ge(0), Le(1), Quantity.RATIO]
 TwoAxes = Annotated[tuple[str, ...], Len(2, 2)]
 

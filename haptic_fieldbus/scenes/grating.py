@@ -17,7 +17,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from annotated_types import Gt, Le
+from annotated_types import Ge, Gt, Le
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Law, Length, PositiveEffort, Stiffness
@@ -36,7 +36,7 @@ class Grating:
     coulomb: PositiveEffort
     stiffness: Stiffness
     pitch: Length
-    depth: Annotated[float, Gt(0), Le(1), Quantity.RATIO] = 0.5
+    depth: Annotated[float, Gt(0), Ge(1e-9), Le(1), Quantity.RATIO] = 0.5
     name: str = "grating"
     __pydantic_config__: ClassVar = STRICT
 

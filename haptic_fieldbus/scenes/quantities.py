@@ -7,8 +7,11 @@ text holds a number and a unit, `"0.6 N/mm"`; it is refused when the unit measur
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 from functools import cache
+
+from annotated_types import Interval
 
 from haptic_fieldbus.signals import Workspace
 
@@ -34,6 +37,45 @@ class Quantity(Enum):
         """Return the SI unit in this workspace; empty for a ratio."""
         return self.value[workspace is Workspace.ROTARY]
 
+
+@dataclass(frozen=True)
+class Range:
+    """Magnitudes that a quantity may have, in SI units: 0, or from `smallest` to `largest`."""
+
+    smallest: float
+    largest: float
+
+    @property
+    def positive(self) -> Interval:
+        """Bounds of a number above 0."""
+        return Interval(gt=0.0, ge=self.smallest, le=self.largest)
+
+    @property
+    def from_zero(self) -> Interval:
+        return Interval(ge=0.0, le=self.largest)
+
+    @property
+    def any(self) -> Interval:
+        """Bounds of a number with either sign."""
+        return Interval(ge=-self.largest, le=self.largest)
+
+
+RANGES: Mapping[Quantity, Range] = {
+    Quantity.LENGTH: Range(1e-9, 1e6),
+    Quantity.SPEED: Range(1e-9, 1e6),
+    Quantity.ACCELERATION: Range(1e-9, 1e9),
+    Quantity.EFFORT: Range(1e-9, 1e9),
+    Quantity.STIFFNESS: Range(1e-12, 1e12),
+    Quantity.DAMPING: Range(1e-12, 1e9),
+    Quantity.MASS: Range(1e-12, 1e9),
+    Quantity.INVERSE_LENGTH: Range(1e-9, 1e9),
+    Quantity.INVERSE_SPEED: Range(1e-9, 1e9),
+    Quantity.EFFORT_RATE: Range(1e-9, 1e12),
+    Quantity.TIME: Range(1e-9, 1e9),
+    Quantity.FREQUENCY: Range(1e-9, 1e9),
+    Quantity.RATIO: Range(1e-9, 1e9),
+}
+"""Far beyond any device for a hand, and far inside of what arithmetic takes: products and quotients stay finite."""
 
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6}
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180, "rev": 2 * math.pi}

@@ -21,7 +21,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal, Self
 
-from annotated_types import Gt, Le
+from annotated_types import Ge, Gt, Le
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Length, PositiveEffort
@@ -40,7 +40,7 @@ class Texture:
     amplitude: PositiveEffort
     pitch: Length
     profile: Literal["sine", "triangle"] = "sine"
-    rounding: Annotated[float, Gt(0), Le(1), Quantity.RATIO] = 0.5
+    rounding: Annotated[float, Gt(0), Ge(1e-9), Le(1), Quantity.RATIO] = 0.5
     name: str = "texture"
     __pydantic_config__: ClassVar = STRICT
 

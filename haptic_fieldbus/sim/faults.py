@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 from annotated_types import Ge, Le
 
 from haptic_fieldbus.documents import read_document
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeFloat, PositiveFloat, UInt32
+from haptic_fieldbus.drive.fields import STRICT, Counts, NonNegativeTime, Time, UInt32
 from haptic_fieldbus.drive.rig import ByKind
 from haptic_fieldbus.errors import FaultFileError
 
@@ -34,7 +34,7 @@ class Emergency(Concern):
     """An emergency message, without any effect on the drive."""
 
     kind: Literal["emergency"]
-    at: NonNegativeFloat
+    at: NonNegativeTime
     code: ErrorCode
 
 
@@ -43,7 +43,7 @@ class DriveFault(Concern):
     """A fault that the drive detects: emergency message, fault reaction, *fault*."""
 
     kind: Literal["drive_fault"]
-    at: NonNegativeFloat
+    at: NonNegativeTime
     # 2310h: continuous over current.
     code: ErrorCode = 0x2310
 
@@ -53,8 +53,8 @@ class NodeReset(Concern):
     """A restart of the node by its watchdog; the boot-up message comes `duration` [s] later."""
 
     kind: Literal["node_reset"]
-    at: NonNegativeFloat
-    duration: PositiveFloat = 0.001
+    at: NonNegativeTime
+    duration: Time = 0.001
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class Silence(Concern):
     """A disconnected cable of the node: it neither sends nor receives."""
 
     kind: Literal["silence"]
-    at: NonNegativeFloat
-    duration: PositiveFloat | None = None
+    at: NonNegativeTime
+    duration: Time | None = None
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class MissingTpdos(Concern):
     """The loss of the next `count` TPDOs inside the node."""
 
     kind: Literal["missing_tpdos"]
-    at: NonNegativeFloat
-    count: Annotated[int, Ge(1)] = 1
+    at: NonNegativeTime
+    count: Annotated[int, Ge(1), Le(1_000_000_000)] = 1
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class HeartbeatLost(Concern):
     """The end of the node's own heartbeat; everything else continues."""
 
     kind: Literal["heartbeat_lost"]
-    at: NonNegativeFloat
+    at: NonNegativeTime
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,8 @@ class EncoderJump(Concern):
     """A loss or gain of encoder counts."""
 
     kind: Literal["encoder_jump"]
-    at: NonNegativeFloat
-    counts: int
+    at: NonNegativeTime
+    counts: Counts
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,8 @@ class PositionStuck(Concern):
     """An encoder that keeps its last counts while the shaft moves."""
 
     kind: Literal["position_stuck"]
-    at: NonNegativeFloat
-    duration: PositiveFloat | None = None
+    at: NonNegativeTime
+    duration: Time | None = None
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ class BusOff(Concern):
     """Bus-off of the master's controller: an error frame, then it neither sends nor receives."""
 
     kind: Literal["bus_off"]
-    at: NonNegativeFloat
-    duration: PositiveFloat | None = None
+    at: NonNegativeTime
+    duration: Time | None = None
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class ErrorFrame(Concern):
     """A disturbed frame that the master's controller reports; no frame is lost."""
 
     kind: Literal["error_frame"]
-    at: NonNegativeFloat
+    at: NonNegativeTime
 
 
 @dataclass(frozen=True)

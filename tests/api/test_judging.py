@@ -79,17 +79,18 @@ def test_an_estimator_that_is_not_linear_is_replaced_and_named(
 @pytest.mark.parametrize(
     ("inquiry", "sentence"),
     [
-        (Inquiry("wall", delay=0.0), "mass 0: expected a number above 0"),
+        (Inquiry("wall", delay=0.0), "mass 0: expected a number above 0, from 1e-12 to 1e9"),
         (
             Inquiry("wall", damping=1.5),
-            "mass 0: expected a number above 0; as it goes to 0, the limit of a spring goes to 3000",
+            "mass 0: expected a number above 0, from 1e-12 to 1e9; as it goes to 0, the limit of a spring goes to 3000",
         ),
         (
             Inquiry("wall", mass=-1.0, damping=-2.0),
-            "mass -1: expected a number above 0\ndamping -2: expected a number from 0 up",
+            "mass -1: expected a number above 0, from 1e-12 to 1e9\n"
+            "damping -2: expected a number from 0 up, at most 1e9",
         ),
-        (Inquiry("wall", mass=math.nan), "mass nan: expected a number above 0"),
-        (Inquiry("wall", mass=1.0, delay=math.inf), "delay inf: expected a number from 0 up"),
+        (Inquiry("wall", mass=math.nan), "mass nan: expected a number above 0, from 1e-12 to 1e9"),
+        (Inquiry("wall", mass=1.0, delay=math.inf), "delay inf: expected a number from 0 up, at most 100"),
     ],
 )
 def test_a_device_that_cannot_be_is_refused_with_the_limit(inquiry: Inquiry, sentence: str) -> None:

@@ -103,7 +103,11 @@ def test_a_scene_without_elements_answers_with_nothing() -> None:
 
 
 def test_a_law_that_overflows_ends_the_response() -> None:
-    found = haptic_fieldbus.response(Scene("huge", "", AXES, (Wall("handle", 1e300),)), input="ramp", amplitude=1e12)
+    class Steep(Wall):
+        def force(self, position: float, velocity: float = 0.0) -> float:
+            return 1e308 * position
+
+    found = haptic_fieldbus.response(Scene("huge", "", AXES, (Steep("handle", 1.0),)), input="ramp", amplitude=1e5)
     assert found.diverged
     assert len(found.time) == 1
 

@@ -231,7 +231,7 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
         "; nearest: int32, uint32, int8",
         "line 12: pdo.tpdo_types: missing; expected a list of at least 1, each a whole number from 0 to 255",
         "line 13: pdo.tpdo_typs: unknown key; nearest: tpdo_types, rpdo_types, tpdos",
-        "line 18: timing.torque_bandwidth: -5; expected a number above 0",
+        "line 18: timing.torque_bandwidth: -5; expected a number above 0, from 0.001 to 1e9",
     ]
 
 
@@ -366,7 +366,7 @@ def test_every_unit_of_velocity_has_its_length() -> None:
 def test_a_faulty_value_without_a_source_is_told_both(tmp_path: Path) -> None:
     assert faults_of(tmp_path, ("control_period = 0.0", "control_period = -1"), ('timing = "measured"', "")) == [
         'line 18: timing.torque_bandwidth: no source; expected an entry "timing.torque_bandwidth" in [sources]',
-        "line 19: timing.control_period: -1; expected a number not below 0",
+        "line 19: timing.control_period: -1; expected a number from 0 to 1e6",
         'line 19: timing.control_period: no source; expected an entry "timing.control_period" in [sources]',
     ]
 

@@ -113,7 +113,11 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("bitrate = 500_000", 'bitrate = "500k"', 'line 4: bus.can0.bitrate: "500k"; expected a whole number above 0'),
+        (
+            "bitrate = 500_000",
+            'bitrate = "500k"',
+            'line 4: bus.can0.bitrate: "500k"; expected a whole number from 10000 to 1000000',
+        ),
         ('channel = "can0"', "", "line 1: bus.can0.channel: missing; expected text that is not empty"),
         ('bus = "can0"', 'bus = "cann0"', "line 6: axis.handle.bus: no [bus.cann0] in this file; nearest: can0"),
         ("node = 5", "node = 128", "line 7: axis.handle.node: 128; expected a whole number from 1 to 127"),
@@ -133,7 +137,11 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
             'line 8: axis.handle.profile: no file "sub/mine.toml" beside this one',
         ),
         ('"maxon_epos4"', "4", "line 8: axis.handle.profile: 4; expected text"),
-        ("inertia = 6.0e-5", "inertia = 0", "line 11: axis.handle.inertia: 0; expected a number above 0"),
+        (
+            "inertia = 6.0e-5",
+            "inertia = 0",
+            "line 11: axis.handle.inertia: 0; expected a number above 0, from 1e-12 to 1e6",
+        ),
         (
             "[axis.handle.limits]",
             "gear_ratio = 2\n[axis.handle.limits]",
@@ -142,7 +150,8 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
         (
             "metres_per_revolution = 0.05",
             "",
-            "line 15: axis.handle.mechanism.metres_per_revolution: missing; expected a number above 0",
+            "line 15: axis.handle.mechanism.metres_per_revolution: missing; "
+            "expected a number above 0, from 1e-6 to 1000",
         ),
         (
             'kind = "linear"',
@@ -160,9 +169,14 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
         (
             'zero = "start"',
             'zero = "end"',
-            'line 19: axis.handle.mechanism.zero: "end"; expected "start" or a whole number',
+            'line 19: axis.handle.mechanism.zero: "end"; '
+            'expected "start" or a whole number from -2147483648 to 2147483647',
         ),
-        ("effort = 8", "effort = inf", "line 21: axis.handle.limits.effort: inf; expected a number above 0"),
+        (
+            "effort = 8",
+            "effort = inf",
+            "line 21: axis.handle.limits.effort: inf; expected a number above 0, from 1e-9 to 1e9",
+        ),
         (
             "[-0.10, 0.10]",
             "[0.10, -0.10]",
@@ -176,7 +190,7 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
         (
             "[-0.10, 0.10]",
             '["a", 0.10]',
-            'line 23: axis.handle.limits.position[0]: "a"; expected a number',
+            'line 23: axis.handle.limits.position[0]: "a"; expected a number from -1e9 to 1e9',
         ),
         (
             '{ kind = "rotary", gear_ratio = 4, zero = 120 }',

@@ -1,4 +1,6 @@
 import math
+import os
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -208,3 +210,13 @@ def test_asking_whether_a_file_can_be_written_leaves_no_trace(tmp_path: Path) ->
     check_request(plot=tmp_path / "picture.png", record=kept)
     assert [path.name for path in tmp_path.iterdir()] == ["frames.log"]
     assert kept.read_text() == "frames of another run"
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_a_place_that_is_no_file_is_refused_without_waiting_for_it(
+    make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    path = tmp_path / "run.csv"
+    make(path)
+    with pytest.raises(UsageError, match="it is no regular file"):
+        check_request(record=path)

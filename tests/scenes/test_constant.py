@@ -60,7 +60,7 @@ def test_no_motion_changes_it() -> None:
         ({"fade_time": 1.0}, "expected a duration too"),
         ({"duration": 1.0, "attack_time": 2.0}, "expected to fit into the duration"),
         ({"attack_level": -1.0, "attack_time": 1.0}, "greater than or equal to 0"),
-        ({"duration": 0.0}, "greater than 0"),
+        ({"duration": 0.0}, "greater than"),
         ({"start_delay": -1.0}, "greater than or equal to 0"),
         ({"magnitude": float("inf")}, "finite"),
         ({"frequency": 1.0}, "frequency"),

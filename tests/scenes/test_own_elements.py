@@ -67,7 +67,7 @@ class TestUsedLikeOurs:
         with pytest.raises(SceneError) as caught:
             load_scene(write(tmp_path, text))
         assert [str(fault) for fault in caught.value.faults] == [
-            "line 7: element[0].limit: -3.0; expected a number above 0",
+            "line 7: element[0].limit: -3.0; expected a number above 0, from 1e-9 to 1e9",
             'line 8: element[0].position: "10 N"; expected a length in m, as the axis is linear; '
             "N measures a force on a linear axis",
             "line 9: element[0].colour: unknown key; known: axis, limit, name, position, stiffness",

@@ -154,15 +154,15 @@ def test_an_unknown_element_or_parameter_is_wrong_usage(setting: str, message: s
 @pytest.mark.parametrize(
     ("setting", "value", "message"),
     [
-        ("wall.stiffness", -3.0, "--set wall.stiffness: -3.0; expected a number above 0"),
-        ("wall.stiffness", float("nan"), "--set wall.stiffness: nan; expected a number above 0"),
+        ("wall.stiffness", -3.0, "--set wall.stiffness: -3.0; expected a number above 0, from 1e-12 to 1e12"),
+        ("wall.stiffness", float("nan"), "--set wall.stiffness: nan; expected a number above 0, from 1e-12 to 1e12"),
         (
             "wall.stiffness",
             "800",
             '--set wall.stiffness: "800"; expected a number without quotes, or one with its unit such as "2 N/m"',
         ),
-        ("wall.damping", True, "--set wall.damping: true; expected a number not below 0"),
-        ("wall.position", float("inf"), "--set wall.position: inf; expected a finite number"),
+        ("wall.damping", True, "--set wall.damping: true; expected a number from 0 to 1e9"),
+        ("wall.position", float("inf"), "--set wall.position: inf; expected a number from -1e6 to 1e6"),
         ("wall.side", "left", '--set wall.side: "left"; expected "positive" or "negative"'),
     ],
 )
@@ -218,8 +218,16 @@ def test_a_faulty_file_is_told_before_a_setting_that_it_may_have_caused(tmp_path
             "line 7: element[0].axis: no [axis.handel] in this file; nearest: handle",
         ),
         ('axis = "handle"', "", "line 4: element[0].axis: missing; expected text"),
-        ("stiffness = 500", "stiffness = -500", "line 8: element[0].stiffness: -500; expected a number above 0"),
-        ("stiffness = 500", "stiffness = nan", "line 8: element[0].stiffness: nan; expected a number above 0"),
+        (
+            "stiffness = 500",
+            "stiffness = -500",
+            "line 8: element[0].stiffness: -500; expected a number above 0, from 1e-12 to 1e12",
+        ),
+        (
+            "stiffness = 500",
+            "stiffness = nan",
+            "line 8: element[0].stiffness: nan; expected a number above 0, from 1e-12 to 1e12",
+        ),
         ("position = 0.02", "posishun = 0.02", "line 9: element[0].posishun: unknown key; nearest: position"),
         (
             '"negative"',

@@ -6,9 +6,11 @@ import pytest
 
 from haptic_fieldbus.errors import SceneError
 from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.scenes.parts import MOST_ELEMENTS
 from haptic_fieldbus.scenes.scene import SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
+from tests.documents.hostile import READERS, said_of
 
 WALL = '[[element]]\nkind = "wall"\nname = "{name}"\naxis = "handle"\nstiffness = {stiffness}\n'
 AXIS = '[axis.handle]\nworkspace = "{workspace}"\n'
@@ -98,8 +100,8 @@ def test_faults_of_several_files_are_told_together(tmp_path: Path) -> None:
     write(tmp_path, "base", walls=wall("a", "-1"))
     first, second = faults_of(write(tmp_path, "scene", include='["base.toml"]', walls=wall("b", "nan")))
     base = tmp_path / "base.toml"
-    assert first == f"in {base}: line 8: element[0].stiffness: -1; expected a number above 0"
-    assert second == "line 8: element[0].stiffness: nan; expected a number above 0"
+    assert first == f"in {base}: line 8: element[0].stiffness: -1; expected a number above 0, from 1e-12 to 1e12"
+    assert second == "line 8: element[0].stiffness: nan; expected a number above 0, from 1e-12 to 1e12"
 
 
 def test_numbers_may_carry_their_units(tmp_path: Path) -> None:
@@ -119,7 +121,7 @@ def test_wrong_units_are_told_with_line_and_what_they_measure(tmp_path: Path) ->
 
 def test_a_quantity_is_in_range_after_its_unit_too(tmp_path: Path) -> None:
     assert faults_of(write(tmp_path, "scene", walls=wall("a", '"-1 N/mm"'))) == [
-        'line 8: element[0].stiffness: "-1 N/mm"; expected a number above 0'
+        'line 8: element[0].stiffness: "-1 N/mm"; expected a number above 0, from 1e-12 to 1e12'
     ]
 
 
@@ -127,3 +129,61 @@ def test_a_kind_of_one_workspace_is_refused_in_the_other(tmp_path: Path) -> None
     text = '[[element]]\nkind = "gravity"\naxis = "handle"\nmass = 1.0\n'
     (fault,) = faults_of(write(tmp_path, "scene", workspace="rotary", walls=text))
     assert fault == 'line 4: element[0]: "gravity" is for linear axes; its axis is rotary'
+
+
+@pytest.mark.parametrize("name", ["../outside.toml", "inner/../../outside.toml", "link.toml", "linked/outside.toml"])
+def test_a_file_outside_of_the_folder_is_not_included(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "scenes"
+    (folder / "inner").mkdir(parents=True)
+    outside = write(tmp_path, "outside", walls=wall("a"))
+    (folder / "link.toml").symlink_to(outside)
+    (folder / "linked").symlink_to(tmp_path)
+    (fault,) = faults_of(write(folder, "scene", include=f'["{name}"]', walls=wall("b")))
+    assert fault == f'line 1: include[0]: "{name}" is no file in the folder of this file, or in one below it'
+
+
+def test_an_absolute_path_is_not_included_even_inside_the_folder(tmp_path: Path) -> None:
+    inside = write(tmp_path, "inside", walls=wall("a"))
+    (fault,) = faults_of(write(tmp_path, "scene", include=f'["{inside}"]', walls=wall("b")))
+    assert fault.endswith("is no file in the folder of this file, or in one below it")
+
+
+def test_an_included_file_does_not_lead_out_of_its_own_folder(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    write(tmp_path, "beside", walls=wall("c"))
+    write(tmp_path / "inner", "middle", include='["../beside.toml"]', walls=wall("b"))
+    (fault,) = faults_of(write(tmp_path, "scene", include='["inner/middle.toml"]', walls=wall("a")))
+    assert '"../beside.toml" is no file in the folder of this file' in fault
+
+
+def test_files_below_the_folder_and_links_inside_of_it_are_included(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    write(tmp_path / "inner", "one", walls=wall("a"))
+    (tmp_path / "two.toml").symlink_to("inner/one.toml")
+    assert load_scene(write(tmp_path, "first", include='["inner/one.toml"]', walls=wall("b"))).elements
+    assert load_scene(write(tmp_path, "second", include='["two.toml"]', walls=wall("b"))).elements
+
+
+@pytest.mark.parametrize("name", ["a\\u0000.toml", "x" * 5000 + ".toml", "loop.toml"])
+def test_a_path_that_cannot_be_is_told(name: str, tmp_path: Path) -> None:
+    (tmp_path / "loop.toml").symlink_to("loop.toml")
+    (fault,) = faults_of(write(tmp_path, "scene", include=f'["{name}"]', walls=wall("b")))
+    assert fault.startswith("line 1: include[0]: ")
+
+
+def test_files_that_include_ten_others_each_are_not_all_read(tmp_path: Path) -> None:
+    """A billion laughs: 10⁹ files at the ninth level."""
+    for level in range(9):
+        names = ", ".join([f'"level{level + 1}.toml"'] * 10)
+        write(tmp_path, f"level{level}", include=f"[{names}]")
+    write(tmp_path, "level9", walls=wall("a"))
+    said = said_of(tmp_path, {"scene": READERS["scene"].replace("x.toml", "level0.toml")})["scene"]
+    assert said is not None
+    assert "expected at most 32 files in all" in said
+
+
+def test_there_are_at_most_some_hundred_elements_in_all_files(tmp_path: Path) -> None:
+    write(tmp_path, "base", walls="".join(wall(f"a{number}") for number in range(MOST_ELEMENTS)))
+    assert len(load_scene(tmp_path / "base.toml").elements) == MOST_ELEMENTS
+    (fault,) = faults_of(write(tmp_path, "more", include='["base.toml"]', walls=wall("b")))
+    assert fault == "element: 501 in all files; expected at most 500"

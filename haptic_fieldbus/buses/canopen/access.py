@@ -10,8 +10,9 @@ from haptic_fieldbus.buses.canopen.frames import FrameLog, frame_logs
 from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node
+from haptic_fieldbus.buses.canopen.opening import open_can
 from haptic_fieldbus.buses.canopen.setup import NO_ANSWER_ADVICE
-from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire, open_can
+from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS

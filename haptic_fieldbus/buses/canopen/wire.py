@@ -13,8 +13,7 @@ import can
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
 from haptic_fieldbus.buses.canopen.frames import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, FrameLog
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.errors import BusError, UsageError
-from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.errors import BusError
 
 Handler = Callable[[bytearray], None]
 Tap = Callable[[int, bytes | bytearray], None]
@@ -164,14 +163,3 @@ class _Marked:
 def frame(can_id: int, data: bytes | bytearray = b"") -> can.Message:
     """Return a data frame with an 11-bit identifier; a bytearray is not copied."""
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
-
-
-def open_can(section: CanSection) -> can.BusABC:
-    """Open the python-can interface of a rig; raises UsageError for impossible settings, BusError for the rest."""
-    subject = f"{section.interface}:{section.channel}"
-    try:
-        return can.Bus(interface=section.interface, channel=section.channel, bitrate=section.bitrate)
-    except FOREIGN as error:
-        raise translate(error, f"cannot open {subject}") from error
-    except (ValueError, TypeError, ImportError) as error:  # how interfaces refuse settings that they cannot have
-        raise UsageError(f"cannot open {subject}: {error}") from error

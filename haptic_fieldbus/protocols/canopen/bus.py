@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from typing import Annotated, ClassVar
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, SIMULATION
 from haptic_fieldbus.documents import suggestion
@@ -43,7 +43,7 @@ LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 class CanSection(BusSection):
     """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
-    bitrate: Annotated[int, Gt(0)] = DEFAULT_BIT_RATE
+    bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1])] = DEFAULT_BIT_RATE
     listen: Annotated[float, Ge(0.0), Le(LONGEST_LISTENING)] = LISTENING
     """Time for which the master listens for somebody else before it sends anything [s]; 0: not at all."""
     master_node: Annotated[int, Ge(NODES[0]), Le(NODES[-1])] | None = None

@@ -6,10 +6,10 @@ The dataclasses are the schema of a profile file with `protocol = "canopen"`.
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal
 
-from annotated_types import Ge, Le, Len
+from annotated_types import Ge, Gt, Le, Len
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile, Index, LinkLoss
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeFloat, PositiveFloat, UInt32
+from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, UInt32
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
 
@@ -28,8 +28,8 @@ class PdoSection:
     rpdos: Annotated[int, Ge(1), Le(512)] = 4
     entries: Annotated[int, Ge(1), Le(64)] = 8
     """Number of mapping entries of one PDO."""
-    inhibit_time_default: NonNegativeFloat = 0.0
-    """Inhibit time of a TPDO after power-on [s]."""
+    inhibit_time_default: Annotated[float, Ge(0), Le(6.5535)] = 0.0
+    """Inhibit time of a TPDO after power-on [s]; 1800h:03 has 16 bits of 100 µs."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -38,8 +38,8 @@ class LinkLossSection(LinkLoss):
     """Detection of a master that is gone, and the reaction of the drive."""
 
     heartbeat_consumer: Index | None = None
-    deadline: PositiveFloat = 0.05
-    """Longest time without a heartbeat of the master [s]; written to the heartbeat consumer."""
+    deadline: Annotated[float, Gt(0), Ge(0.001), Le(65.535)] = 0.05
+    """Longest time without a heartbeat of the master [s]; written to the heartbeat consumer, in ms of 16 bits."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -62,9 +62,9 @@ class SimulationSection:
     """6072h after power-on [‰ of rated torque]."""
     supported_modes: UInt32 | None = None
     """Value of 6502h, whatever the drive can do."""
-    mode_change_time: NonNegativeFloat = 0.0
+    mode_change_time: NonNegativeTime = 0.0
     """Time from the writing of 6060h until 6061h shows the mode [s]."""
-    boot_time: NonNegativeFloat = 0.0
+    boot_time: NonNegativeTime = 0.0
     """Time from power-on or a reset to the boot-up message [s]."""
     __pydantic_config__: ClassVar = STRICT
 

@@ -292,8 +292,8 @@ def _round_down(rate: float) -> float:
 
 
 def _next_tick(instant: float, control_period: float) -> float:
-    """Return the first multiple of `control_period` from `instant` on [s]; with a period of 0 the instant itself."""
-    if control_period == 0.0:
+    """Return the first multiple of `control_period` from `instant` on [s]; below 1 ns, the instant itself."""
+    if control_period < 1e-9:
         return instant
     # The tolerance keeps rounding from adding a whole period to an instant that is a multiple.
     return math.ceil(instant / control_period - 1e-9) * control_period

@@ -14,7 +14,8 @@ from pathlib import Path
 import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
-from haptic_fieldbus.buses.canopen.wire import ECHOING, open_can
+from haptic_fieldbus.buses.canopen.opening import open_can
+from haptic_fieldbus.buses.canopen.wire import ECHOING
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError

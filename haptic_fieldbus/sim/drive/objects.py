@@ -12,6 +12,7 @@ from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, PositionSe
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable, one_of
 from haptic_fieldbus.sim.drive.object_table import FACTORS, STANDARD_MODES, Defaults, Row, rows
 
@@ -183,7 +184,12 @@ def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: flo
         return rated_torque
     unit = RATED_TORQUE_UNITS[rated.unit]
     entry = _add_mapped(dictionary, rated, Access.RO, Mappable.TPDO)
-    entry.value = entry.default = round(rated_torque / unit)
+    steps, most = round(rated_torque / unit), rated.type.limits[1]
+    if steps > most:
+        raise UsageError(
+            f"{profile.name}: {exactly(rated_torque)} N·m of rated torque; expected at most {exactly(most * unit)} N·m"
+        )
+    entry.value = entry.default = steps
     if not entry.value:
         raise UsageError(f"{profile.name}: {rated_torque} N·m of rated torque is less than one step of {rated.unit}")
     return entry.value * unit

@@ -13,11 +13,15 @@ import math
 
 import numpy as np
 
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.exact import expm
 from haptic_fieldbus.numerics.linear import Matrix
 
 MAX_TRANSITIONS = 4096
 """Matrices that one cache holds; it is emptied when full."""
+FASTEST = 1.0
+"""Fastest rate [1/ns], at which the first omitted term of the series over a rest of 1 ns is below 1e-13."""
 _TERMS = 16
 """Terms of the Taylor series; at a rate of 1/4 per quantum the first omitted term is below 1e-22."""
 # Enough for the last bit of a float: 2⁻⁶⁰ of the bracket.
@@ -34,9 +38,18 @@ class Flow:
     """One mode of motion, ż = A z, with `a` of shape (n, n) in 1/s."""
 
     def __init__(self, a: Matrix, rate: float = 0.0) -> None:
-        """Prepare the motion; `rate` [1/s] is that of changes that the eigenvalues of `a` do not show."""
+        """Prepare the motion; `rate` [1/s] is that of changes that the eigenvalues of `a` do not show.
+
+        Raises UsageError for a motion that is faster than the series takes.
+        """
         self.a = a * 1e-9
         fastest = max(float(np.abs(np.linalg.eigvals(self.a)).max()), rate * 1e-9)
+        if not fastest <= FASTEST:
+            found, most = rounded(fastest * 1e9), exactly(FASTEST * 1e9)
+            raise UsageError(
+                f"the simulated mechanics changes at {found} 1/s; expected at most {most} 1/s: "
+                "less stiffness or damping, or more inertia"
+            )
         # The largest power of two of a nanosecond whose product with the fastest rate is at most 1/4.
         self._smallest = max(0, int(np.floor(np.log2(0.25 / fastest)))) if fastest > 0 else 20
         self.quantum_ns = float(1 << self._smallest)

@@ -1,31 +1,14 @@
-"""Opening python-can interfaces, and frames of all kinds in the log."""
+"""Frames of all kinds in the log."""
 
 from typing import Any
 
 import can
 import pytest
 
-from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire, frame, open_can
+from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire, frame
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
-from haptic_fieldbus.errors import BusError, UsageError
-from haptic_fieldbus.protocols.canopen.bus import CanSection
 from tests.buses.canopen.fake_can import FakeCan
 from tests.peers.hosts import GROUP, free_port, require_multicast
-
-
-def test_any_python_can_interface_can_be_opened() -> None:
-    with open_can(CanSection("virtual", "wire-test")) as bus:
-        assert isinstance(bus, can.BusABC)
-
-
-def test_an_interface_that_does_not_exist_is_named() -> None:
-    with pytest.raises(BusError, match="cannot open no_such_interface:can0"):
-        open_can(CanSection("no_such_interface", "can0"))
-
-
-def test_a_channel_that_does_not_exist_is_named() -> None:
-    with pytest.raises((BusError, UsageError), match="cannot open socketcan:no_such_channel"):
-        open_can(CanSection("socketcan", "no_such_channel"))
 
 
 def test_the_log_tells_extended_remote_and_error_frames_apart_as_socketcan_does() -> None:

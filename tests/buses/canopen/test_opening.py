@@ -1,0 +1,61 @@
+"""Opening python-can interfaces: every one that cannot be opened is told in one sentence, with what to do."""
+
+import os
+import subprocess
+import sys
+
+import can
+import pytest
+
+from haptic_fieldbus.buses.canopen.opening import ADVICE, OF_A_PACKAGE, open_can
+from haptic_fieldbus.errors import BusError, UsageError
+from haptic_fieldbus.protocols.canopen.bus import CAN_INTERFACES, SIMULATION_INTERFACE, CanSection
+
+OPEN = {"virtual", SIMULATION_INTERFACE}
+"""Interfaces that need no driver, so that any channel can be opened."""
+CLOSED = sorted(set(can.VALID_INTERFACES) - OPEN)
+
+
+def test_any_python_can_interface_can_be_opened() -> None:
+    with open_can(CanSection("virtual", "wire-test")) as bus:
+        assert isinstance(bus, can.BusABC)
+
+
+def test_an_interface_that_does_not_exist_is_named() -> None:
+    with pytest.raises(BusError, match="cannot open no_such_interface:can0"):
+        open_can(CanSection("no_such_interface", "can0"))
+
+
+def test_a_channel_that_does_not_exist_is_named() -> None:
+    with pytest.raises((BusError, UsageError), match="cannot open socketcan:no_such_channel"):
+        open_can(CanSection("socketcan", "no_such_channel"))
+
+
+@pytest.mark.parametrize("channel", ["0", "can0", "/dev/null", "", "1" * 400])
+@pytest.mark.parametrize("interface", CLOSED)
+def test_every_interface_that_cannot_be_opened_says_what_to_install_or_type(interface: str, channel: str) -> None:
+    with pytest.raises((BusError, UsageError)) as caught:
+        open_can(CanSection(interface, channel))
+    said = str(caught.value)
+    assert said.startswith(f"cannot open {interface}:{channel}: ")
+    assert said.endswith(f"; {ADVICE.get(interface, OF_A_PACKAGE)}")
+    assert "\n" not in said
+
+
+def test_every_interface_of_python_can_has_its_advice() -> None:
+    assert set(ADVICE) == set(CAN_INTERFACES)
+    assert all("install" in advice or "type" in advice for advice in ADVICE.values())
+
+
+@pytest.mark.parametrize("interface", ["kvaser", "neousys"])
+def test_the_command_says_it_in_one_line_and_nothing_else(interface: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "haptic_fieldbus", "run", "wall", "--bus", f"{interface}:0@1000000", "--yes", "--force"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"COLUMNS": "1000"},
+    )
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert ADVICE[interface] in done.stderr
