@@ -49,7 +49,7 @@ DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli.options": "planning.request protocols.registry",
         "cli.pictures": "planning.request",
-        "cli.plan": "api assessing.result planning.explain planning.task",
+        "cli.plan": "api planning.explain planning.plan_json planning.task",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.canopen.profile protocols.catalogue"
         " protocols.folders sim.canopen.sheet",
         "cli.report": "api study.make_report study.measure.bench",
@@ -64,7 +64,8 @@ DOES_WITHOUT = {
         "api": "api.sites running.changes running.session",
         "api.judging": "numerics.estimators",
         "api.open_loop": "numerics.estimators numerics.integrators numerics.integrators.trajectory",
-        "cycle.axis": "cycle.tachometer numerics.estimators",
+        "cycle.axis": "cycle.tachometer",
+        "cycle.sensing": "numerics.estimators",
         "cycle.laws": "numerics.integrators",
         "documents.document": "documents.positions",
         "margins.group": "margins.coupled",
@@ -80,6 +81,7 @@ DOES_WITHOUT = {
         "scenes.registry": "scenes.own",
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
+        "assessing.axis_assessment": "assessing.ties",
         "assessing.summary": "assessing.ties",
         "assessing.torque_error": "assessing.virtual_states",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",

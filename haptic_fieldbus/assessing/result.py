@@ -59,7 +59,7 @@ class Timing:
     """Distributions of the period, of the feedback's age when used, of the host's computing time and lateness [µs].
 
     None without periods in operation enabled. The computing time is only reported: simulations use the plan's constant.
-    Of a run of more than 500 000 periods, the distributions are those of the last 500 000.
+    Of a run of more than 500000 periods, the distributions are those of the last 500000.
     """
 
     period_us: Percentiles | None
@@ -126,8 +126,8 @@ class Trace:
     When the error is known, `position` is the true position of the handle, `force` the force of the motor, and `ideal`
     that of the scene in continuous time. Otherwise (on real drives, and in short runs) `position` is the decoded one,
     `force` the commanded one, and `ideal` is None. `times` and all that belongs to it have the shape `(n_times,)`.
-    A simulated run of more than 30 000 periods is thinned to the extremes of bins; of one on real drives, the last
-    300 000 periods are there.
+    A simulated run of more than 30000 periods is thinned to the extremes of bins; of one on real drives, the last
+    300000 periods are there.
     """
 
     axis: str

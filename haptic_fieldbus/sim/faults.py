@@ -80,8 +80,8 @@ class MissingRpdos(Concern):
     """The loss of the next `count` RPDOs inside the node, None all of them; the drive keeps its last set-point."""
 
     kind: Literal["missing_rpdos"]
-    at: NonNegativeFloat
-    count: Annotated[int, Ge(1)] | None = None
+    at: NonNegativeTime
+    count: Annotated[int, Ge(1), Le(1_000_000_000)] | None = None
 
 
 @dataclass(frozen=True)

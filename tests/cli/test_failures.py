@@ -37,6 +37,7 @@ STATUS = {
     "ImageTooLargeError": 4,
     "BusOverloadError": 4,
     "UnstableSceneError": 4,
+    "ForeignMasterError": 4,
 }
 
 
