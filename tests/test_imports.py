@@ -82,7 +82,6 @@ DOES_WITHOUT = {
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
         "assessing.axis_assessment": "assessing.ties",
-        "assessing.summary": "assessing.ties",
         "assessing.torque_error": "assessing.virtual_states",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
     },
