@@ -545,3 +545,37 @@ def test_the_target_stays_in_the_drives_type() -> None:
     for _ in range(20):
         target = sent(cycle(image(200)))[1]
     assert target == -1000
+
+
+def test_a_timed_estimator_divides_by_the_time_between_the_latch_instants() -> None:
+    """A wall of 0.5 N·s/m, 50 counts in 5 ms and nothing in a gap."""
+    scene = scene_of(Wall("handle", stiffness=1.0, position=0.0, damping=0.5))
+    plan = plan_of(scene, rig=rig_of(scene, limits=ANY_MOTION), estimator="tick-interval")
+    cycle, clock = Cycle(plan), Ticks()
+    for counts in (0, 10, 20):
+        cycle(image(counts, t_ns=clock.next()))
+    cycle(image(20, t_ns=clock.next(), flags=LinkFlag.STALE))
+    cycle(image(70, t_ns=clock.next(4)))
+    force = cycle.row[cycle.columns.index("handle.force")]
+    assert force == pytest.approx(-70 * COUNT - 0.5 * 50 * COUNT / 0.005)
+
+
+def test_the_first_reason_is_kept_when_another_axis_fails_in_the_same_period() -> None:
+    @dataclass(frozen=True)
+    class Raising(Constant):
+        def force(self, position: float) -> float:
+            raise ValueError("no")
+
+    cycle = Cycle(plan_of(scene_of(Constant("left", math.nan), Raising("right", 0.0))))
+    assert struct.unpack("<HhHh", cycle(two_axes((ENABLED, ENABLED)))) == (0, 0, 0, 0)
+    assert cycle.trip is not None
+    assert (cycle.trip.kind, cycle.trip.axis) == (TripKind.NOT_FINITE, "left")
+
+
+def test_a_loop_that_slept_says_for_how_long() -> None:
+    plan, clock = plan_of(scene_of(Constant("handle", 1.0))), Ticks()
+    cycle = enabled_cycle(plan)
+    cycle(image(t_ns=clock.next()))
+    cycle(image(t_ns=clock.next(40)))
+    assert cycle.trip is not None
+    assert "the loop slept for 40 ms" in str(trip_error(cycle.trip, plan, 0))

@@ -164,3 +164,13 @@ def test_a_drive_with_a_position_never_drifts() -> None:
     cycle = Cycle(plan_of(FREE))
     fed(cycle, [0, 1, 2])
     assert cycle.drift("handle") == 0.0
+
+
+def test_a_handle_that_stands_still_under_torque_has_less_of_it_after_a_while() -> None:
+    """A reading of 0 throughout, under a constant 10 N: after 2 s, here, 5 % of rated torque are left."""
+    scene = scene_of(Constant("handle", 10.0))
+    cycle = Cycle(plan_with(scene, limits=Limits(stall=2.0, drift=1.0)))
+    targets = [sent(cycle(image(0, number)))[1] for number in range(2700)]
+    assert targets[1900] == round(10.0 / UNIT)
+    assert targets[-1] == 50
+    assert cycle.trip is None

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 from haptic_fieldbus.buses.canopen.frames import FRAME_SUFFIXES
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.planning.request import RECORD_SUFFIXES, Choice, check_request, parse_changes, parse_settings
+from haptic_fieldbus.planning.request import (
+    RECORD_SUFFIXES,
+    Choice,
+    check_fade_in,
+    check_request,
+    parse_changes,
+    parse_settings,
+)
 from haptic_fieldbus.protocols.canopen.bus import (
     BITRATES,
     SIMULATION_INTERFACE,
@@ -200,7 +207,7 @@ def test_a_choice_that_is_left_open_or_known_is_no_fault() -> None:
 def test_what_cannot_be_written_is_known_before(tmp_path: Path) -> None:
     folder = tmp_path / "folder.png"
     folder.mkdir()
-    with pytest.raises(UsageError, match="Is a directory"):
+    with pytest.raises(UsageError, match="it is no regular file"):
         check_request(plot=folder)
 
 
@@ -220,3 +227,14 @@ def test_a_place_that_is_no_file_is_refused_without_waiting_for_it(
     make(path)
     with pytest.raises(UsageError, match="it is no regular file"):
         check_request(record=path)
+
+
+@pytest.mark.parametrize("fade_in", [0.0, 0.05, 61.0, -1.0, math.nan, math.inf])
+def test_a_fade_in_that_nobody_would_notice_is_refused(fade_in: float) -> None:
+    with pytest.raises(UsageError, match=r"expected 0\.1 to 60 s"):
+        check_fade_in(fade_in)
+
+
+@pytest.mark.parametrize("fade_in", [0.1, 0.5, 60.0])
+def test_a_fade_in_within_its_range_is_taken(fade_in: float) -> None:
+    check_fade_in(fade_in)

@@ -1,9 +1,11 @@
 """What files of each protocol may say, for editors."""
 
+from pathlib import Path
+
 import pytest
 
-from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.catalogue import bus_schema, profile_schema, rig_schema
+from haptic_fieldbus.errors import ProfileError, UsageError
+from haptic_fieldbus.protocols.catalogue import bus_schema, profile_schema, profile_summaries, rig_schema
 from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
 
 
@@ -22,3 +24,10 @@ def test_a_bus_of_a_rig_is_one_of_any_protocol_of_ours() -> None:
 def test_a_protocol_that_nobody_knows_is_refused_with_the_nearest() -> None:
     with pytest.raises(UsageError, match='no protocol "canopne"; nearest: canopen'):
         protocol_named("canopne")
+
+
+def test_the_summaries_hold_the_faults_of_a_broken_profile_beside_the_others(tmp_path: Path) -> None:
+    (tmp_path / "broken.toml").write_text("schema = 1\n", encoding="utf-8")
+    summaries = profile_summaries(tmp_path)
+    assert isinstance(summaries["broken"], ProfileError)
+    assert isinstance(summaries["maxon_epos4"], dict)
