@@ -165,8 +165,8 @@ def _dead(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of set-points that do not act; the value is what the drive says, the limit what it was sent."""
     unit, shown = axis.workspace.effort_unit, "echo" if axis.profile.echo is None else axis.profile.echo.value
     return (
-        f"set-points do not act: {rounded(trip.limit or 0.0)} {unit} was sent, but the {shown} of node {axis.node} says "
-        f"{rounded(trip.value)} {unit}, and has not followed for {trip.detail} ms. Another tool may have "
+        f"set-points do not act: {rounded(trip.limit or 0.0)} {unit} was sent, but the {shown} of node {axis.node} "
+        f"says {rounded(trip.value)} {unit}, and has not followed for {trip.detail} ms. Another tool may have "
         "switched off what receives its set-points, changed its mode of operation or lowered its torque limit"
     )
 
