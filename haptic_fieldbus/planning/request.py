@@ -162,8 +162,8 @@ def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list
         return [f'{option} "{path}": there is no folder {path.parent}']
     # Opening to append tries the permissions without changing a file that is there.
     existed = path.exists()
-    if existed and not path.is_file():  # opening a FIFO would wait for somebody who reads it
-        return [f'{option} "{path}": it is no regular file']
+    if path.is_fifo():  # opening it would wait for somebody who reads it
+        return [f'{option} "{path}": it is a FIFO; expected a regular file']
     try:
         path.open("ab").close()
     except OSError as error:

@@ -29,6 +29,7 @@ RIG = """\
 interface = "haptic_sim"
 channel = "sim"
 bitrate = 1000000
+listen = 0.0
 [axis.handle]
 bus = "can0"
 node = 1
