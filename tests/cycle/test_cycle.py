@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from haptic_fieldbus.cycle.axis import COMPUTED
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.trips import trip_error
@@ -93,6 +94,13 @@ def test_below_operation_enabled_torque_is_zero_and_the_next_transition_is_asked
     assert cycle.trip is None
 
 
+def test_below_operation_enabled_nothing_is_computed_yet() -> None:
+    cycle = Cycle(plan_of())
+    cycle(image(1000, status=SWITCHED_ON))
+    computed = dict(zip(cycle.columns, cycle.row, strict=True))
+    assert [computed[f"handle.{name}"] for name in COMPUTED] == [0.0, 0.0, 0.0, 1.0, 0.0]
+
+
 def test_a_wall_pushes_out_by_stiffness_times_penetration_in_the_drives_unit() -> None:
     """600 N/m, 1000 counts beyond the wall at 20 mm; one step of target torque is UNIT newtons."""
     cycle = enabled_cycle(jumping(WALL))
@@ -129,6 +137,13 @@ def test_the_encoder_may_wrap() -> None:
         cycle(image(counts))
     assert cycle.trip is None
     assert cycle.row[cycle.columns.index("handle.position")] == pytest.approx(3 * COUNT)
+
+
+@pytest.mark.parametrize("counts", [0x7FFF_FFFE, 0x7FFF_FFFF])
+def test_a_count_beyond_half_the_range_of_the_encoder_is_on_the_other_side(counts: int) -> None:
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 0.0))), counts=-2)
+    cycle(image(counts))
+    assert cycle.row[cycle.columns.index("handle.position")] == pytest.approx((counts + 2 - 2**32) * COUNT)
 
 
 def test_a_mirrored_mechanism_turns_both_position_and_torque() -> None:
@@ -445,6 +460,16 @@ def test_leaving_the_position_limits_trips(counts: int, limit: float) -> None:
     assert sent(cycle(image(counts))) == (0x00, 0)
     assert cycle.trip is not None
     assert (cycle.trip.kind, cycle.trip.limit) == (TripKind.POSITION, limit)
+
+
+@pytest.mark.parametrize("counts", [150, -150])
+def test_the_limit_itself_is_inside_also_after_a_held_period(counts: int) -> None:
+    limit = 150 * plan_of().axes[0].position_unit
+    limits = Limits(speed=1.0, position=(-limit, limit))
+    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 3.0)), limits=limits))
+    cycle(image(0, flags=LinkFlag.STALE))
+    cycle(image(counts))
+    assert cycle.trip is None
 
 
 def test_a_damped_wall_takes_the_backward_difference_of_position() -> None:

@@ -38,6 +38,11 @@ def test_a_wall_maps_five_objects_and_nothing_else() -> None:
     )
 
 
+def test_a_period_is_told_in_whole_nanoseconds() -> None:
+    plan = plan_of()
+    assert [replace(plan, rate=rate).period_ns for rate in (1.0, 3.0, 1000.0)] == [10**9, 333_333_333, 10**6]
+
+
 def test_the_fastest_transmission_types_are_chosen() -> None:
     plan = plan_of()
     assert [pdo.transmission_type for pdo in pdos_of(plan)] == [1, 255]

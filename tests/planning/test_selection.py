@@ -7,16 +7,23 @@ from can.interfaces.virtual import channels
 
 from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.drive.rig import LinearMechanism, Rig
-from haptic_fieldbus.errors import BusError, BusOverloadError, PlanError, UsageError
+from haptic_fieldbus.errors import BusError, BusOverloadError, PlanError, SceneError, UsageError
 from haptic_fieldbus.planning.selection import check_rendering, load, select
 from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import bit_rates, scene_of
 from tests.several_buses import rig_on
 
 SCENE = scene_of(Wall("left", stiffness=300.0, name="a"), Wall("right", stiffness=300.0, name="b"))
 BUSES = {"left": "can_left", "right": "can_right"}
+
+
+def test_a_mass_that_is_none_is_told_the_smallest_one_at_the_rate_that_is_asked_for() -> None:
+    scene = scene_of(SprungMass("left", stiffness=200.0, mass=0.0))
+    with pytest.raises(SceneError, match=r"semi-implicit renders it .* from 0\.0008 up, at 250 Hz"):
+        select(Task(scene=scene, rate=250.0, method="semi-implicit"))
 
 
 def rig(interface: str = "haptic_sim", right: int = 1_000_000) -> Rig:
