@@ -465,10 +465,11 @@ def test_leaving_the_position_limits_trips(counts: int, limit: float) -> None:
 @pytest.mark.parametrize("counts", [150, -150])
 def test_the_limit_itself_is_inside_also_after_a_held_period(counts: int) -> None:
     limit = 150 * plan_of().axes[0].position_unit
-    limits = Limits(speed=1.0, position=(-limit, limit))
-    cycle = enabled_cycle(plan_with(scene_of(Constant("handle", 3.0)), limits=limits))
-    cycle(image(0, flags=LinkFlag.STALE))
-    cycle(image(counts))
+    limits = replace(ANY_MOTION, speed=1.0, position=(-limit, limit))
+    cycle, clock = enabled_cycle(plan_with(scene_of(Constant("handle", 3.0)), limits=limits)), Ticks()
+    cycle(image(0, t_ns=clock.next()))
+    cycle(image(0, flags=LinkFlag.STALE, t_ns=clock.next()))
+    cycle(image(counts, t_ns=clock.next()))
     assert cycle.trip is None
 
 
@@ -604,3 +605,10 @@ def test_a_loop_that_slept_says_for_how_long() -> None:
     cycle(image(t_ns=clock.next(40)))
     assert cycle.trip is not None
     assert "the loop slept for 40 ms" in str(trip_error(cycle.trip, plan, 0))
+
+
+def test_in_a_gap_the_last_velocity_stays() -> None:
+    cycle, clock = enabled_cycle(jumping(scene_of(Damper("handle", damping=1.0)))), Ticks()
+    for counts, flags in ((0, 0), (10, 0), (10, LinkFlag.STALE)):
+        cycle(image(counts, t_ns=clock.next(), flags=flags))
+    assert cycle.row[cycle.columns.index("handle.velocity")] == pytest.approx(10 * COUNT / 0.001)

@@ -206,7 +206,7 @@ def test_a_choice_that_is_left_open_or_known_is_no_fault() -> None:
 def test_what_cannot_be_written_is_known_before(tmp_path: Path) -> None:
     folder = tmp_path / "folder.png"
     folder.mkdir()
-    with pytest.raises(UsageError, match="it is no regular file"):
+    with pytest.raises(UsageError, match="Is a directory"):
         check_request(plot=folder)
 
 

@@ -5,7 +5,14 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.errors import ProfileError, UsageError
-from haptic_fieldbus.protocols.catalogue import bus_schema, profile_schema, profile_summaries, rig_schema
+from haptic_fieldbus.protocols.catalogue import (
+    bus_schema,
+    load_profile,
+    profile_schema,
+    profile_summaries,
+    rig_schema,
+)
+from haptic_fieldbus.protocols.folders import known_names, profile_file, profile_folder
 from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
 
 
@@ -31,3 +38,26 @@ def test_the_summaries_hold_the_faults_of_a_broken_profile_beside_the_others(tmp
     summaries = profile_summaries(tmp_path)
     assert isinstance(summaries["broken"], ProfileError)
     assert isinstance(summaries["maxon_epos4"], dict)
+
+
+def test_a_proof_of_set_points_needs_the_object_that_it_names(tmp_path: Path) -> None:
+    text = (profile_folder() / "maxon_epos4.toml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace('echo = "actual"', 'echo = "demand"'), encoding="utf-8")
+    with pytest.raises(ProfileError, match=r'"demand" without torque\.demand'):
+        load_profile(path)
+
+
+def test_a_folder_of_profiles_must_be_there_and_have_a_name(tmp_path: Path) -> None:
+    for folder, reason in ((tmp_path / "missing", "No such file"), ("", "no name")):
+        with pytest.raises(UsageError, match=f"expected a folder of drive profiles: {reason}"):
+            known_names(folder)
+
+
+def test_an_own_profile_is_a_file_and_has_a_name_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    with pytest.raises(UsageError, match="is not a file"):
+        profile_file("folder", tmp_path)
+    (tmp_path / "maxon_epos4.toml").write_text("schema = 1\n", encoding="utf-8")
+    with pytest.raises(UsageError, match=r"is both .* and the shipped"):
+        profile_file("maxon_epos4", tmp_path)

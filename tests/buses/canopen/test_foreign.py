@@ -129,7 +129,7 @@ def test_frames_that_the_interface_marks_as_sent_by_us_are_ours(can_id: int) -> 
 class TestDuplicates:
     @staticmethod
     def second_node(bench: Bench, delay_ns: int) -> None:
-        bench.can.reply(TPDO, struct.pack("<Hi", 0x40, 5), delay_ns)
+        bench.can.reply(TPDO, struct.pack("<Hih", 0x40, 5, 0), delay_ns)
 
     @pytest.mark.parametrize("delay_ns", [50_000, 900_000], ids=["before ours", "after ours"])
     def test_feedback_that_comes_twice_for_one_sync_is_flagged(self, delay_ns: int) -> None:
