@@ -25,7 +25,7 @@ def test_every_shipped_profile_and_every_cause_is_measured() -> None:
     assert set(MEASURED) == set(EndCause) - NOT_MEASURED
 
 
-@pytest.mark.thorough("60 rows of a table", quick=4)
+@pytest.mark.thorough("60 rows of a table", quick=2)
 @pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("cause", MEASURED, ids=lambda cause: cause.name.lower())
