@@ -221,7 +221,7 @@ def test_the_result_knows_the_error_of_both_axes_and_the_fullest_bus() -> None:
     result = run(SCENE, rig((1_000_000, 500_000)), duration=1.5)
     assert (result.cycles, result.missed_cycles, result.trips) == (1500, 0, ())
     assert result.bus == "haptic_sim:can_left@1000000, haptic_sim:can_right@500000"
-    assert result.bus_load == pytest.approx(0.5443, abs=1e-4)
+    assert result.bus_load == pytest.approx(0.5843, abs=1e-4)
     assert all(trace.ideal is not None for trace in result.traces)
     assert result.torque_error is not None
     assert sum(result.torque_error.by_source.values()) == pytest.approx(1.0, abs=1e-9)
