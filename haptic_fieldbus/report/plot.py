@@ -184,7 +184,7 @@ def _mark_fade_in(panels: Array, trace: Trace, units: AxisUnits) -> None:
     for panel in panels:
         panel.axvspan(first, last, color="#f1f6fa", linewidth=0, zorder=0)
     place = {"transform": panels[1].get_xaxis_transform(), "ha": "center", "va": "center", "rotation": 90, "size": 9}
-    panels[1].text((first + last) / 2, 0.5, f"{units.effort_name} fades in", color="#555555", **place)
+    panels[1].text((first + last) / 2, 0.5, "limit fades in", color="#555555", **place)
 
 
 def _mark_changes(panels: Array, changes: Sequence[float]) -> None:

@@ -123,7 +123,7 @@ def test_the_time_before_the_full_force_is_marked() -> None:
     whole = push()
     late = cut(whole, 0.5, 2.0)
     faded = replace(late, sample_times=whole.sample_times, samples=whole.samples)
-    assert "force fades in" in [text.get_text() for text in panels_of(faded).axes[2].texts]
+    assert "limit fades in" in [text.get_text() for text in panels_of(faded).axes[2].texts]
     assert not panels_of(whole).axes[2].texts
 
 
