@@ -182,8 +182,14 @@ print(json.dumps({"kib": memory, "cycles": result.cycles, "points": len(result.t
 """
 
 
-@pytest.mark.thorough("renders minutes", quick=("a minute",))
-@pytest.mark.parametrize("seconds", [60, 1800], ids=["a minute", "half an hour"])
+@pytest.mark.parametrize(
+    "seconds",
+    [
+        pytest.param(60, id="a minute"),
+        pytest.param(300, id="five minutes", marks=pytest.mark.thorough("renders minutes")),
+        pytest.param(1800, id="half an hour", marks=pytest.mark.soak("renders half an hour")),
+    ],
+)
 def test_a_long_run_needs_less_than_300_mb(seconds: int) -> None:
     done = subprocess.run(
         [sys.executable, "-c", LONG, str(seconds)], capture_output=True, text=True, check=True,
