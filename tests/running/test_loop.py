@@ -100,7 +100,7 @@ class Sluggish(VirtualClock):
 @pytest.mark.thorough("a run for each delay", quick=1)
 @pytest.mark.parametrize(("late_ns", "missed"), [(999_999, 0), (1_000_000, 1), (3_400_000, 3)])
 def test_periods_that_were_slept_through_are_counted_and_never_made_up_for(late_ns: int, missed: int) -> None:
-    clock = Sluggish(200 * MILLISECOND_NS, late_ns)
+    clock = Sluggish(1200 * MILLISECOND_NS, late_ns)
     bench = Bench(clock=clock).open()
     cycle = Cycle(bench.plan)
     record = Record(cycle.columns, 300)
