@@ -115,10 +115,14 @@ class InSteps:
     """Mixin with `open`, `read` and `stop`, composed of the parts that a group calls one by one."""
 
     def open(self: Bus, plan: Plan) -> None:
-        """Inspect the drives, configure them and start them; raises BusError or DriveFaultError."""
-        self.inspect(plan, bytearray(plan.image.input_size))
-        self.configure(plan)
-        self.start()
+        """Inspect the drives, configure them and start them; raises BusError or DriveFaultError after `stop`."""
+        try:
+            self.inspect(plan, bytearray(plan.image.input_size))
+            self.configure(plan)
+            self.start()
+        except BaseException:
+            self.stop()
+            raise
 
     def read(self: Bus, deadline_ns: int) -> bytearray:
         """Exchange feedback once and return the input image; raises BusError only when the bus itself is dead."""

@@ -85,8 +85,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
             assessment = Assessment(run)
             try:
-                bus.open(plan)
-                _ask(request, plan, bus)
+                _open(request, plan, bus)
                 ending.hold()
                 run_loop(
                     plan,
@@ -122,6 +121,14 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
 def _one_of(buses: Mapping[str, Bus]) -> Bus:
     """Return a single bus as it is, several buses as a group."""
     return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
+
+
+def _open(request: Request, plan: Plan, bus: Bus) -> None:
+    """Inspect the drives, ask, and only then write to them; raises UsageError, BusError or DriveFaultError."""
+    bus.inspect(plan, bytearray(plan.image.input_size))
+    _ask(request, plan, bus)
+    bus.configure(plan)
+    bus.start()
 
 
 def _ask(request: Request, plan: Plan, bus: Bus) -> None:

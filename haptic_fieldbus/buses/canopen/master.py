@@ -72,18 +72,6 @@ class CanopenBus(InSteps):
         self.latch_ns = 0
         """Instant at which the drives latched the data of the last exchange [ns]: the nominal end of SYNC."""
 
-    def open(self, plan: Plan) -> None:
-        """Inspect all drives, then configure all, then start all.
-
-        Raises BusError or DriveFaultError; the drives that were written to are then left pre-operational.
-        """
-        try:
-            super().open(plan)
-        except BaseException:
-            self._started = False
-            self.leave()  # sends nothing before `configure`
-            raise
-
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
 
