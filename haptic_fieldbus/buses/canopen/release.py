@@ -6,10 +6,12 @@
 2. `look` asks for a statusword, by SYNC and TPDO or by an SDO upload of 6041h, and listens for one slice of time. A
    drive that is still silent after the first looks is told to go pre-operational, since a node that somebody stopped
    takes no SDO requests, and the download is repeated.
-3. A drive that says that its motor is off has its guard disarmed (1016h = 0), so that no fault remains when we leave.
+3. A drive that says that its motor is off has its guard disarmed (1016h or 100Dh = 0), so that no fault remains when we
+   leave.
 
-From `begin` on no heartbeat of ours is sent. The guard of a drive that confirms nothing therefore takes its torque away
-by itself, within the guard time counted from our last heartbeat, and the looks end only after that time.
+From `begin` on no proof of our life is sent, neither heartbeat nor request of node guarding. The guard of a drive that
+confirms nothing therefore takes its torque away by itself, within the guard time counted from the last one, and the
+looks end only after that time.
 
 A slice and all other times here are those of the bus, not of the loop: the way to zero does not grow with the period.
 
@@ -177,7 +179,7 @@ class Release:
             self._warn(f"{parting.node.label} did not confirm that its motor is off")
         elif parting.refused is not None or not parting.settled:
             why = "" if parting.refused is None else f" (it refused to disarm it: {parting.refused:08X}h)"
-            self._warn(f"{parting.node.label} was left with its heartbeat guard on, so it may report an error{why}")
+            self._warn(f"{parting.node.label} was left with its guard on, so it may report an error{why}")
 
     @property
     def _settled(self) -> bool:

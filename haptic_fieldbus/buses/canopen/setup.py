@@ -9,9 +9,8 @@ Reference: CiA 301 7.5.2 (communication objects); IEC 61800-7-201 (CiA 402-2), 6
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import canopen
-
 from haptic_fieldbus.buses.bus import DriveFacts
+from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.max_torque import MAX_TORQUE, check_max_torque
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.drive.cia402 import OptionCode
@@ -27,7 +26,6 @@ from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
 DEVICE_TYPE = ObjectEntry(0x1000, DataType.UINT32)
 SYNC_ID = ObjectEntry(0x1005, DataType.UINT32)
-PRODUCER_HEARTBEAT = ObjectEntry(0x1017, DataType.UINT16)
 VENDOR_ID, PRODUCT_CODE, REVISION, SERIAL = (ObjectEntry(0x1018, DataType.UINT32, sub) for sub in range(1, 5))
 ERROR_CODE = ObjectEntry(0x603F, DataType.UINT16)
 CONTROLWORD = ObjectEntry(0x6040, DataType.UINT16)
@@ -55,7 +53,6 @@ ENERGISED = (  # states in which the power stage may feed the motor
     PowerState.QUICK_STOP_ACTIVE,
     PowerState.FAULT_REACTION_ACTIVE,
 )
-ABSENT = (0x0602_0000, 0x0609_0011)  # SDO abort codes: object, or sub-index, does not exist
 
 
 @dataclass(frozen=True)
@@ -76,15 +73,15 @@ class Setup:
         vendor, product = self._check_identity()
         self._check_no_fault()
         self._check_sync()
-        check_max_torque(self.axis, self.node.label, self._optional(MAX_TORQUE))
+        check_max_torque(self.axis, self.node.label, self.node.optional(MAX_TORQUE))
         return DriveFacts(
             axis=self.axis.name,
             node=self.node.id,
             title=self.member.profile.title,
             vendor_id=vendor,
             product_code=product,
-            revision=self._optional(REVISION),
-            serial=self._optional(SERIAL),
+            revision=self.node.optional(REVISION),
+            serial=self.node.optional(SERIAL),
             rated_torque=self._check_rated_torque(),
             link_loss=self._link_loss_words(),
         )
@@ -93,7 +90,7 @@ class Setup:
         """Write all entries and read each back; the node is then pre-operational and torque-free. Raises BusError."""
         self.node.booted = False  # restarts from before do not count
         self.node.command(NmtState.PRE_OPERATIONAL)
-        self.node.write(PRODUCER_HEARTBEAT, self.bus.node_heartbeat_ms)
+        self.guard.hear()
         self.node.confirm(NmtState.PRE_OPERATIONAL, self._confirmation_time)
         self._disable()
         self._guard_link()
@@ -101,9 +98,13 @@ class Setup:
         self._map_pdos()
 
     def start(self) -> None:
-        """Set the node operational, confirmed by a heartbeat; raises BusError, also when it restarted meanwhile."""
+        """Set the node operational, confirmed by its sign of life, with its guard engaged.
+
+        Raises BusError, also when it restarted meanwhile.
+        """
         self.node.command(NmtState.OPERATIONAL)
         self.node.confirm(NmtState.OPERATIONAL, self._confirmation_time)
+        self.guard.engage()
         if self.node.booted:
             raise BusConfigurationError(f"{self.node.label} restarted while it was configured: is its supply stable?")
 
@@ -145,7 +146,7 @@ class Setup:
         statusword = self.node.read(STATUSWORD)
         if CIA402.state(statusword) not in (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE):
             return
-        code = self._optional(ERROR_CODE)
+        code = self.node.optional(ERROR_CODE)
         cause = "" if code is None else f", error code {code:04X}h (603Fh)"
         raise DriveFaultError(
             f"{self.node.label} is in the state {CIA402.state(statusword).value}{cause}. Remove the cause, then clear "
@@ -153,7 +154,7 @@ class Setup:
         )
 
     def _check_sync(self) -> None:
-        sync = self._optional(SYNC_ID)
+        sync = self.node.optional(SYNC_ID)
         if sync is None:
             return
         if sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER:
@@ -193,23 +194,23 @@ class Setup:
         return CIA402.state(self.node.read(STATUSWORD, timeout)) in ENERGISED
 
     def _guard_link(self) -> None:
-        """Set the deadline for our heartbeat and the reactions to its loss, which leave no torque."""
+        """Arm the drive's guard on us, and set the reactions to our loss, which leave no torque."""
         section = self.member.profile.link_loss
-        if section.heartbeat_consumer is None:
-            raise _unguarded(self.member.profile.title, "no heartbeat consumer (profile: link_loss.heartbeat_consumer)")
+        if section.heartbeat_consumer is None and not section.life_guarding:
+            keys = "link_loss.heartbeat_consumer or link_loss.life_guarding"
+            raise _unguarded(self.member.profile.title, f"no guard that watches its master (profile: {keys})")
         if section.abort_connection_option is None and section.fault_reaction_option is None:
             raise _unguarded(self.member.profile.title, "no reaction to the loss of its master (profile: link_loss)")
-        consumer = ObjectEntry(section.heartbeat_consumer, DataType.UINT32, 1)
-        self.node.write(consumer, self.bus.master_node << 16 | self._deadline_ms)
+        self.guard.arm()
         for option in (section.abort_connection_option, section.fault_reaction_option):
             if option is not None:
                 self.node.write(ObjectEntry(option.object, DataType.INT16), self._reaction(option))
 
     @property
-    def disarming(self) -> tuple[tuple[ObjectEntry, int], ...]:
-        """Entries and values that switch off the drive's watch on us, so that leaving is no error."""
-        index = self.member.profile.link_loss.heartbeat_consumer
-        return () if index is None else ((ObjectEntry(index, DataType.UINT32, 1), 0),)
+    def guard(self) -> Guard:
+        """The drive's watch on us."""
+        section, bus = self.member.profile.link_loss, self.bus
+        return Guard(self.node, section, self._deadline_ms, bus.master_node, bus.node_heartbeat_ms)
 
     @property
     def _deadline_ms(self) -> int:
@@ -268,16 +269,6 @@ class Setup:
             self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)  # no inhibit time
         valid = pdo.cob_id | (cob_id & COB_ID_NO_RTR)
         self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT32, 1), valid)
-
-    def _optional(self, entry: ObjectEntry) -> int | None:
-        """Read an entry; None when the drive lacks it."""
-        try:
-            return self.node.read(entry)
-        except BusConfigurationError as error:
-            cause = error.__cause__
-            if isinstance(cause, canopen.SdoAbortedError) and cause.code in ABSENT:
-                return None
-            raise
 
     def _poll(self, reached: Callable[[], bool], timeout: float, complaint: Callable[[], str]) -> None:
         deadline_ns = self.node.now_ns() + round(timeout * 1e9)

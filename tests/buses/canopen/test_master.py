@@ -322,7 +322,7 @@ def test_a_guard_that_cannot_be_released_is_a_warning() -> None:
     bench = Bench().open()
     bench.drive.aborts[0x1016, 1] = 0x0800_0022
     assert bench.bus.stop() is True
-    assert any("heartbeat guard" in sentence for sentence in bench.bus.warnings)
+    assert any("its guard on" in sentence for sentence in bench.bus.warnings)
 
 
 def test_a_bus_that_was_never_opened_may_be_stopped_and_closed() -> None:
