@@ -1,4 +1,4 @@
-"""The guard of a drive: how it notices that its master is gone, written, armed and disarmed by SDO.
+"""The guard of a drive, by which it notices that its master is gone: armed, kept up and disarmed.
 
 A drive has one of two guards, which `link_loss` of its profile names:
 
@@ -13,13 +13,20 @@ Reference: CiA 301 7.2.8.3.2 (error control protocols), 7.5.2.11 (100Ch), 7.5.2.
 (1017h).
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, cycle
 
-from haptic_fieldbus.buses.canopen.node import Node
+import can
+
+from haptic_fieldbus.buses.canopen.node import NmtState, Node
+from haptic_fieldbus.buses.canopen.wire import frame
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.beside import PROOFS_PER_GUARD
+from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.protocols.canopen.profile import LinkLossSection
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
 
 GUARD_TIME = ObjectEntry(0x100C, DataType.UINT16)
 LIFE_TIME_FACTOR = ObjectEntry(0x100D, DataType.UINT8)
@@ -76,6 +83,18 @@ class Guard:
                 f"{self.node.label} sends a heartbeat every {held} ms and cannot be told not to ({error}); such a node "
                 "answers no node guarding. Give its profile another guard than link_loss.life_guarding"
             ) from error
+
+
+def proofs_of_life(traffic: CanTraffic, nodes: Sequence[Node]) -> Iterator[tuple[can.Message, ...]]:
+    """Return the proofs of our life of each period for ever: at first all, so that every guard is on, then in turn.
+
+    Requests are spread over the periods; each comes as often as our heartbeat.
+    """
+    heartbeat = frame(HEARTBEAT_COB_ID + traffic.master_node, bytes((NmtState.OPERATIONAL,)))
+    proofs = [*([heartbeat] if traffic.beats else []), *(node.guarding_request for node in nodes if node.guarded)]
+    every = traffic.heartbeat_every
+    rounds = [tuple(proofs[place::every]) for place in range(every)]
+    return chain((tuple(proofs),), rounds[1:], cycle(rounds))
 
 
 def _consumer(index: int) -> ObjectEntry:

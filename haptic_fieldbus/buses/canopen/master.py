@@ -7,6 +7,7 @@ One period is `read` and `write`:
   of the image; the cycle decides about them.
 - `write` sends the RPDOs and, every few periods, the proofs of our life that the guards of the drives expect: our
   heartbeat, and a request of node guarding to each drive under life guarding. Who does not write proves nothing.
+  Last come the questions to drives that show their target torque only when they are asked, see `canopen.asking`.
 
 `stop` consists of `release`, `settle` and `leave`; `canopen.release` tells how. With several buses, `group` calls the
 parts of `open`, `read` and `stop` one by one, each on all buses.
@@ -14,18 +15,19 @@ parts of `open`, `read` and `stop` one by one, each on all buses.
 Reference: CiA 301 7.2.2 (PDO), 7.2.5 (SYNC), 7.2.8 (NMT).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from itertools import chain, cycle
 
 import can
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
+from haptic_fieldbus.buses.canopen.asking import Asking
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
+from haptic_fieldbus.buses.canopen.guard import proofs_of_life
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
-from haptic_fieldbus.buses.canopen.node import NmtState, Node
+from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.release import Parting, Release
 from haptic_fieldbus.buses.canopen.setup import Setup
 from haptic_fieldbus.buses.canopen.wire import Wire, frame
@@ -33,7 +35,7 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID, placed
+from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, placed
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
 
 SYNC_BITS = 48
@@ -73,6 +75,7 @@ class CanopenBus(InSteps):
         self._exchange = Exchange()
         self._image = bytearray()
         self._outputs: tuple[tuple[int, int, int], ...] = ()
+        self._askings: tuple[Asking, ...] = ()
         self._release: Release | None = None
         self._started = False
         self._synced = False
@@ -126,6 +129,8 @@ class CanopenBus(InSteps):
         self._started = True  # first, since a node may be operational already when a later one fails
         for setup in self._setups:
             setup.start()
+        for asking in self._askings:
+            asking.listen()
 
     def _bind(self, plan: Plan, image: bytearray) -> None:
         """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
@@ -154,7 +159,12 @@ class CanopenBus(InSteps):
             for pdo, offset in placed(setup.member.traffic.rpdos, places.outputs[0])
         )
         self._release = self._release_of(plan, traffic)
-        self._proofs = self._proofs_of(traffic)
+        self._proofs = proofs_of_life(traffic, [setup.node for setup in self._setups])
+        self._askings = tuple(
+            self._asking_of(setup, places.inputs[0], plan.period)
+            for setup, places in zip(self._setups, plan.image.axes, strict=True)
+            if setup.member.traffic.asked
+        )
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
         self._refused_writes = 0
         self._started = False
@@ -163,17 +173,12 @@ class CanopenBus(InSteps):
         label = f"node {axis.node} (axis {axis.name})"
         return Node(self._wire, axis.node, label, guarded=member.traffic.life_guarding)
 
-    def _proofs_of(self, traffic: CanTraffic) -> Iterator[tuple[can.Message, ...]]:
-        """Return the proofs of our life of each period for ever: at first all, so that every guard is on, then in turn.
-
-        Requests are spread over the periods; each comes as often as our heartbeat.
-        """
-        proofs = [frame(HEARTBEAT_COB_ID + traffic.master_node, bytes((NmtState.OPERATIONAL,)))] * traffic.beats
-        proofs += [setup.node.guarding_request for setup in self._setups if setup.node.guarded]
-        every = traffic.heartbeat_every
-        rounds = [tuple(proofs[place::every]) for place in range(every)]
-        # The round of the first proof comes every so many periods from the first period on.
-        return chain((tuple(proofs),), rounds[1:], cycle(rounds))
+    def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:
+        """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
+        offset = start + sum(pdo.size for pdo in setup.member.traffic.tpdos)
+        target = setup.member.profile.torque.target.entry
+        warn = self.warnings.append
+        return Asking(setup.node, self._wire, target, self._image, offset, period=period, warn=warn)
 
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
         """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
@@ -198,6 +203,8 @@ class CanopenBus(InSteps):
     def prepare(self, deadline_ns: int) -> None:
         """Process all frames since the last exchange, until the deadline [ns] at the latest, and begin a new one."""
         self._exchange.taking = False
+        for asking in self._askings:
+            asking.begin()
         self._wire.drain(deadline_ns)
         if not self._exchange.begun:
             self._begin_watch()
@@ -241,6 +248,8 @@ class CanopenBus(InSteps):
         self._refused_writes = 0 if accepted else self._refused_writes + 1
         for proof in next(self._proofs):
             self._wire.offer(proof)
+        for asking in self._askings:
+            asking.ask()
 
     def release(self) -> None:
         """Free the drives by every way that needs no answer, once the nodes may be operational; raises nothing."""

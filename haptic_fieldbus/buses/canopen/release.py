@@ -21,6 +21,7 @@ Reference: CiA 301 7.2.4.3 (SDO protocols), 7.2.8.3 (NMT); IEC 61800-7-201 (CiA 
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from haptic_fieldbus.buses.canopen.expedited import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, address, request
 from haptic_fieldbus.buses.canopen.link import Link
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ENERGISED, STATUSWORD
@@ -42,8 +43,6 @@ Command = tuple[ObjectEntry, int | None]
 """An entry and the value to download to it; None: upload it."""
 DISABLE: Command = (CONTROLWORD, DISABLE_VOLTAGE)
 ASK: Command = (STATUSWORD, None)
-DOWNLOAD_DONE, UPLOAD_DONE, ABORTED = 3, 2, 4
-"""Specifiers of an SDO response, in its highest three bits."""
 
 
 class Parting:
@@ -95,7 +94,7 @@ class Parting:
 
     def _answered(self, data: bytearray) -> None:
         """Take an SDO response; one to an earlier request, which names another entry, is passed over."""
-        if self._sent is None or len(data) != 8 or bytes(data[1:4]) != _address(self._sent[0]):
+        if self._sent is None or len(data) != 8 or bytes(data[1:4]) != address(self._sent[0]):
             return
         specifier, command = data[0] >> 5, self._sent
         self._waiting_until_ns = 0
@@ -215,16 +214,3 @@ class Release:
     def _warn(self, sentence: str) -> None:
         if sentence not in self.warnings:
             self.warnings.append(sentence)
-
-
-def request(entry: ObjectEntry, value: int | None) -> bytes:
-    """Return the SDO request that downloads `value`, expedited, or uploads the entry when it is None."""
-    if value is None:
-        return bytes((0x40,)) + _address(entry) + bytes(4)
-    data = entry.type.pack(value)
-    # Expedited, with its size: bits 2 and 3 count the octets that are not used.
-    return bytes((0x23 | (4 - len(data)) << 2,)) + _address(entry) + data.ljust(4, b"\0")
-
-
-def _address(entry: ObjectEntry) -> bytes:
-    return entry.object.to_bytes(2, "little") + bytes((entry.subindex,))

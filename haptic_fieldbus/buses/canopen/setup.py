@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from haptic_fieldbus.buses.bus import DriveFacts
+from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.max_torque import MAX_TORQUE, check_max_torque
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
@@ -74,6 +75,8 @@ class Setup:
         self._check_no_fault()
         self._check_sync()
         check_max_torque(self.axis, self.node.label, self.node.optional(MAX_TORQUE))
+        if self.member.traffic.asked:
+            check_asked(self.node, self.member.profile.torque.target.entry)
         return DriveFacts(
             axis=self.axis.name,
             node=self.node.id,
