@@ -25,6 +25,8 @@ from haptic_fieldbus.protocols.canopen.beside import ASK_EVERY
 from haptic_fieldbus.protocols.canopen.cob_ids import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.traffic import answer_time
 
+LATEST = 2
+"""Times the patience with an answer, after which it comes no more."""
 LARGEST_PERIODS = 0xFFFF
 
 
@@ -77,14 +79,19 @@ class Asking:
         """Ask, after the set-point of a period, unless an answer may still come; raises BusError."""
         self._writes += 1
         now_ns = self._now_ns()
-        unclear = self._asked is not None or self._repeated
-        if now_ns - self._asked_ns < (self._patience_ns if unclear else self._every_ns):
+        if now_ns - self._asked_ns < self._wait_ns():
             return
         self._repeated = self._asked is not None
         if self._asked is None:
             self._asked = self._writes
         self._asked_ns = now_ns
         self._wire.offer(self._question)
+
+    def _wait_ns(self) -> int:
+        """Return how long after the last question the next one may be sent [ns]."""
+        if self._asked is not None:
+            return self._patience_ns
+        return LATEST * self._patience_ns if self._repeated else self._every_ns
 
     def _answered(self, data: bytearray) -> None:
         if self._asked is None or len(data) != 8 or data[1:4] != self._address:
@@ -98,4 +105,4 @@ class Asking:
         elif not self._refused:
             self._refused = True
             code = int.from_bytes(data[4:8], "little") if data[0] >> 5 == ABORTED else 0
-            self._warn(f"{self._node.label} refused to tell {self._entry} (SDO abort code {code:08X}h)")
+            self._warn(f"{self._node.label} refused to tell {self._entry} (abort {code:08X}h)")
