@@ -81,6 +81,8 @@ def _bind_asked(
     """Compare an answer with the targets that were in force between question and answer."""
     sign, longest_ns = axis.rig.mechanism.sign, axis.limits.echo * 1e9
     asked = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(Signal.ASKED_PERIODS)
+    # Where set-points act at a SYNC, the one before the question may still have been in force.
+    waits = axis.delay.transport > (1.0 - 1e-9) * period
     remembered = math.ceil(axis.limits.echo / period) + 1
     sent = deque([0] * remembered, maxlen=remembered)
     heard_ns: int | None = None
@@ -90,13 +92,12 @@ def _bind_asked(
         sent.appendleft(state.target)
         now = feedback()
         periods, t_ns = now[asked], now[T_NS]
-        # The target before the question may act until the next SYNC, or the set-point beside the question was lost.
         if 0 < periods < remembered:
             heard_ns = t_ns
             shown = sign * now[place]
-            nearest = min(islice(sent, periods + 1), key=lambda target: abs(target - shown))
+            nearest = min(islice(sent, periods + waits), key=lambda target: abs(target - shown))
             if doubt.open or abs(nearest - shown) > doubt.tolerance:
-                doubt.look(t_ns, shown, nearest, (nearest,))
+                doubt.look(t_ns, shown, nearest, tuple(islice(sent, periods + FEWEST_TARGETS - 1)))
         elif heard_ns is None:
             heard_ns = t_ns
         elif t_ns - heard_ns > longest_ns:

@@ -151,11 +151,13 @@ def _nmt(command: int) -> Callable[[str, float, float], float]:
 
 
 def _killed(profile: str, rate: float, phase: float) -> float:
-    """Right after a heartbeat, so that the guard takes longest."""
+    """Right after a heartbeat, or a request of node guarding and its answer, so that the guard takes longest."""
     with Bench(profile, rate, phase) as bench:
+        guarded = can_traffic(bench.plan).members[0].traffic.life_guarding
+        proof = 0x700 + bench.axis.node if guarded else MASTER_HEARTBEAT
 
         def tapped(t_ns: int, can_id: int, _data: bytes) -> None:
-            if can_id == MASTER_HEARTBEAT and bench.event_ns and t_ns >= bench.event_ns and not bench.bus.dead:
+            if can_id == proof and bench.event_ns and t_ns >= bench.event_ns and not bench.bus.dead:
                 bench.bus.dead, bench.event_ns = True, t_ns
 
         bench.world.tap(tapped)
