@@ -48,21 +48,27 @@ ASK: Command = (STATUSWORD, None)
 class Parting:
     """One drive on its way to zero torque; a step sends at most one SDO request, and waits for nothing."""
 
-    def __init__(self, node: Node, wire: Wire, link: Link, word: Callable[[], int], guard: Sequence[Command]) -> None:
-        """`word` returns the statusword received last; `guard` are the downloads that disarm the guard."""
+    def __init__(
+        self, node: Node, wire: Wire, link: Link, word: Callable[[], int], guard: Sequence[ObjectEntry]
+    ) -> None:
+        """`word` returns the statusword received last; `guard` are the entries that disarm the guard by 0."""
         self.node, self.link = node, link
-        self._wire, self._word, self._guard = wire, word, tuple(guard)
+        self._wire, self._word = wire, word
+        # Each is written and read back.
+        self._guard: tuple[Command, ...] = tuple((entry, value) for entry in guard for value in (0, None))
         self.free = False
         """True when the drive has said that its motor is off."""
         self.refused: int | None = None
         """SDO abort code with which the drive kept its guard."""
+        self.kept = False
+        """True when the drive accepted that its guard be disarmed, and kept it all the same."""
         self._to_disarm: list[Command] = []
         self._sent: Command | None = None
         self._waiting_until_ns = 0
 
     def begin(self) -> None:
         """Forget an earlier release, and take the SDO answers of the node from now on."""
-        self.free, self.refused, self._to_disarm = False, None, list(self._guard)
+        self.free, self.refused, self.kept, self._to_disarm = False, None, False, list(self._guard)
         self._sent, self._waiting_until_ns = None, 0
         self._wire.listen(SDO_RESPONSE_COB_ID + self.node.id, self._answered)
 
@@ -100,10 +106,11 @@ class Parting:
         self._waiting_until_ns = 0
         if command == ASK and specifier == UPLOAD_DONE:
             self._judge(data[4] | data[5] << 8)
-        elif command in self._to_disarm and specifier in (DOWNLOAD_DONE, ABORTED):
+        elif command in self._to_disarm and specifier in (DOWNLOAD_DONE, UPLOAD_DONE, ABORTED):
             self._to_disarm.remove(command)
             if specifier == ABORTED:
                 self.refused = int.from_bytes(data[4:8], "little")
+            self.kept = specifier == UPLOAD_DONE and any(data[4 : 4 + command[0].type.size])
 
     def _judge(self, statusword: int) -> None:
         self.free = CIA402.state(statusword) not in ENERGISED
@@ -176,7 +183,7 @@ class Release:
         """Warn about a drive that is not free, or that keeps its guard."""
         if not parting.free:
             self._warn(f"{parting.node.label} did not confirm that its motor is off")
-        elif parting.refused is not None or not parting.settled:
+        elif parting.refused is not None or parting.kept or not parting.settled:
             why = "" if parting.refused is None else f" (it refused to disarm it: {parting.refused:08X}h)"
             self._warn(f"{parting.node.label} was left with its guard on, so it may report an error{why}")
 

@@ -166,6 +166,14 @@ class TestRequests:
         assert bench.drive.value(0x100D) == 0
         assert bench.bus.warnings == []
 
+    def test_a_guard_that_the_drive_keeps_is_told(self) -> None:
+        """What was written is read back."""
+        bench = guarded().open()
+        exchange(bench, 5)
+        bench.drive.forgets.add((0x100D, 0))
+        assert bench.bus.stop() is True
+        assert bench.bus.warnings == ["node 1 (axis handle) was left with its guard on, so it may report an error"]
+
     def test_a_drive_that_stays_enabled_keeps_its_guard(self) -> None:
         bench = guarded().open()
         exchange(bench, 5)

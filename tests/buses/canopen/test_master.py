@@ -288,7 +288,7 @@ def test_without_feedback_stopping_asks_by_sdo() -> None:
     _enable(bench)
     bench.drive.mute_tpdos = True
     assert bench.bus.stop() is True
-    assert b"\x40\x41\x60\x00" + bytes(4) in bench.can.of(0x600 + NODE)[-2:]
+    assert b"\x40\x41\x60\x00" + bytes(4) in bench.can.of(0x600 + NODE)[-3:]
 
 
 def test_stopping_a_vanished_drive_is_not_confirmed() -> None:
