@@ -92,7 +92,7 @@ def _bind_asked(
         sent.appendleft(state.target)
         now = feedback()
         periods, t_ns = now[asked], now[T_NS]
-        if 0 < periods < remembered:
+        if periods:
             heard_ns = t_ns
             shown = sign * now[place]
             nearest = min(islice(sent, periods + waits), key=lambda target: abs(target - shown))

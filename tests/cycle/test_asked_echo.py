@@ -174,14 +174,6 @@ def test_single_set_points_that_are_lost_all_the_time_are_no_reason_to_stop(ever
     assert trip_of(plan_with(wave(40.0), 1000.0, ASKED), drive, 4.0) is None
 
 
-def test_an_answer_older_than_all_that_is_remembered_proves_nothing() -> None:
-    """Counted as none: so the answers stay away."""
-    drive = Drive(1000.0, answers=lambda number: 300)
-    trip = trip_of(plan_with(constant, 1000.0, ASKED), drive, 2.0)
-    assert trip is not None
-    assert math.isnan(trip.value)
-
-
 def test_a_mechanism_that_turns_the_sign_around_is_followed() -> None:
     plan = plan_with(wave(50.0), 1000.0, ASKED, sign=-1)
     assert trip_of(plan, Drive(1000.0), 2.0) is None

@@ -6,8 +6,8 @@
 2. `look` asks for a statusword, by SYNC and TPDO or by an SDO upload of 6041h, and listens for one slice of time. A
    drive that is still silent after the first looks is told to go pre-operational, since a node that somebody stopped
    takes no SDO requests, and the download is repeated.
-3. A drive that says that its motor is off has its guard disarmed (1016h or 100Dh = 0), so that no fault remains when we
-   leave.
+3. A drive that says that its motor is off has its guard disarmed (1016h or 100Dh = 0, read back), so that no fault
+   remains when we leave.
 
 From `begin` on no proof of our life is sent, neither heartbeat nor request of node guarding. The guard of a drive that
 confirms nothing therefore takes its torque away by itself, within the guard time counted from the last one, and the

@@ -234,13 +234,13 @@ class TestAnswers:
         text = bench.plan.axes[0].traffic.fault_text(LinkFlag.NO_SIGN_OF_LIFE, 0)
         assert text == "node 1 answered no request of node guarding within its life time, or repeated its toggle bit"
 
-    def test_a_restarted_node_begins_with_toggle_bit_0_and_is_told_as_restarted(self) -> None:
+    @pytest.mark.parametrize("periods", [20, 30], ids=["after 1", "after 0"])
+    def test_a_restarted_node_begins_with_toggle_bit_0_and_is_told_as_restarted(self, periods: int) -> None:
         bench = guarded().open()
-        for more in (0, 10):  # with either toggle bit before
-            exchange(bench, 20 + more)
-            bench.drive.restart()
-            assert LinkFlag.BOOT_UP in exchange(bench, 2)
-        exchange(bench, 30)
+        exchange(bench, periods)
+        assert bench.drive._toggle == (0 if periods == 20 else 0x80), "the bit of its next answer"
+        bench.drive.restart()
+        assert LinkFlag.BOOT_UP in exchange(bench, 30)
         bench.bus.stop()
         assert not [warning for warning in bench.bus.warnings if "toggle bit" in warning]
 
