@@ -67,12 +67,12 @@ class Guard:
             self.node.write(LIFE_TIME_FACTOR, PROOFS_PER_GUARD)
 
     @property
-    def disarming(self) -> tuple[ObjectEntry, ...]:
-        """Entries that switch the guard off when they are 0, so that leaving is no error."""
+    def disarming(self) -> tuple[tuple[ObjectEntry, int], ...]:
+        """Entries and values that switch the guard off, so that leaving is no error."""
         if self.section.life_guarding:
-            return (LIFE_TIME_FACTOR,)
+            return ((LIFE_TIME_FACTOR, 0),)
         index = self.section.heartbeat_consumer
-        return () if index is None else (_consumer(index),)
+        return () if index is None else ((_consumer(index), 0),)
 
     def _silence_heartbeat(self, held: int) -> None:
         """Switch the heartbeat of the node off, which would keep it from answering."""

@@ -27,6 +27,7 @@ from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import proofs_of_life
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
+from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.release import Parting, Release
 from haptic_fieldbus.buses.canopen.setup import Setup
@@ -77,22 +78,9 @@ class CanopenBus(InSteps):
         self._outputs: tuple[tuple[int, int, int], ...] = ()
         self._askings: tuple[Asking, ...] = ()
         self._release: Release | None = None
-        self._started = False
         self._synced = False
         self.latch_ns = 0
         """Instant at which the drives latched the data of the last exchange [ns]: the nominal end of SYNC."""
-
-    def open(self, plan: Plan) -> None:
-        """Inspect all drives, then configure all, then start all.
-
-        Raises BusError or DriveFaultError; the drives that were written to are then left pre-operational.
-        """
-        try:
-            super().open(plan)
-        except BaseException:
-            self._started = False
-            self.leave()  # sends nothing before `configure`
-            raise
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
@@ -126,7 +114,6 @@ class CanopenBus(InSteps):
     def start(self) -> None:
         """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
         self._foreign.refuse(self._wire.name, "Nothing was enabled")
-        self._started = True  # first, since a node may be operational already when a later one fails
         for setup in self._setups:
             setup.start()
         for asking in self._askings:
@@ -136,8 +123,7 @@ class CanopenBus(InSteps):
         """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
         traffic = traffic_of(plan)
         self._setups = tuple(
-            Setup(self._node_of(axis, member), axis, traffic, member)
-            for axis, member in ((axis, traffic.member(axis.name)) for axis in plan.axes)
+            self._setup_of(axis, traffic, traffic.member(axis.name), real=not plan.simulated) for axis in plan.axes
         )
         self._image = image
         self._links = tuple(
@@ -167,11 +153,11 @@ class CanopenBus(InSteps):
         )
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
         self._refused_writes = 0
-        self._started = False
 
-    def _node_of(self, axis: AxisPlan, member: BusMember) -> Node:
+    def _setup_of(self, axis: AxisPlan, traffic: CanTraffic, member: BusMember, *, real: bool) -> Setup:
         label = f"node {axis.node} (axis {axis.name})"
-        return Node(self._wire, axis.node, label, guarded=member.traffic.life_guarding)
+        node = Node(self._wire, axis.node, label, guarded=member.traffic.life_guarding)
+        return Setup(node, axis, traffic, member, TorqueLimits(node, axis, self.warnings.append, real))
 
     def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:
         """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
@@ -183,7 +169,7 @@ class CanopenBus(InSteps):
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
         """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
         partings = [
-            Parting(setup.node, self._wire, link, self._word_at(place), setup.guard.disarming)
+            Parting(setup.node, self._wire, link, self._word_at(place), setup.parting)
             for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
         ]
         set_points = [(cob_id, end - start) for cob_id, start, end in self._outputs]
@@ -252,8 +238,8 @@ class CanopenBus(InSteps):
             asking.ask()
 
     def release(self) -> None:
-        """Free the drives by every way that needs no answer, once the nodes may be operational; raises nothing."""
-        if self._started and self._release is not None:
+        """Free the drives by every way that needs no answer, once something was written; raises nothing."""
+        if self._plan is not None and self._release is not None:
             self._release.begin()
 
     def settle(self) -> bool:
@@ -263,16 +249,19 @@ class CanopenBus(InSteps):
     def leave(self) -> bool:
         """Set the nodes pre-operational; True when every drive confirmed that its motor is off. Raises nothing.
 
-        True also when none had been started. A drive that did not confirm keeps its watch on our heartbeat.
+        True also when nothing had been written. A drive that did not confirm keeps its watch on our heartbeat.
         """
         if self._plan is None or self._release is None:
             return True
         confirmed = self._release.leave()
+        for setup in self._setups:
+            if self._release.undone(setup.node):
+                setup.torque_limits.restored()
         self.warnings += self._release.warnings
         self.warnings += [REPEATED.format(setup.node) for setup in self._setups if setup.node.repeated]
         if self._wire.refusal is not None:
             self.warnings.append(str(self._wire.refusal))
-        self._plan, self._started = None, False
+        self._plan = None
         return confirmed
 
     @property
