@@ -173,7 +173,7 @@ def _without_effect(profile: str, rate: float, phase: float) -> float:
         return (faults.MissingRpdos("missing_rpdos", at),)
 
     with Bench(profile, rate, phase, lost, after=SWINGING) as bench:
-        noticed = ECHO_STEPS if bench.axis.profile.echo is Signal.TORQUE_DEMAND else 1000 * ECHO_SHARE
+        noticed = 1000 * ECHO_SHARE if bench.axis.profile.echo is Signal.TORQUE_ACTUAL else ECHO_STEPS
         lost_ns = held = 0
 
         def tapped(t_ns: int, can_id: int, data: bytes) -> None:
