@@ -28,14 +28,14 @@ channel = "{GROUP}"
 [axis.handle]
 bus = "can"
 node = {NODE}
-profile = "{{profile}}"
+profile = "generic_cia402"
 encoder_counts_per_revolution = 4096
 rated_torque = 0.4
 inertia = 4.0e-5
 viscous_damping = 1.0e-4
 coulomb_friction = 2.0e-3
-mechanism = {{{{ kind = "linear", metres_per_revolution = 0.05 }}}}
-limits = {{{{ speed = 10.0 }}}}
+mechanism = {{ kind = "linear", metres_per_revolution = 0.05 }}
+limits = {{ speed = 10.0 }}
 """
 """The shipped bench, on a real bus."""
 PROFILES = ("generic_cia402", str(Path(__file__).parents[1] / "system" / "profiles" / "life_guarded.toml"))
@@ -98,7 +98,7 @@ def pushing_master(rig: Path, profile: str) -> Iterator[tuple["subprocess.Popen[
     port = free_port()
     require_multicast(port)
     hosted = ("simulate", "--drive", f"{profile}@{NODE}", "--bus", BUS, "--hand", "push")
-    rig.write_text(RIG.format(profile=profile), encoding="utf-8")
+    rig.write_text(RIG.replace(PROFILES[0], profile), encoding="utf-8")
     rendered = ("run", "wall", "--rig", str(rig), "--yes", "--json")
     options = ("--rate", f"{RATE:g}", "--duration", "60", "--set", "=".join(SETTING))
     for attempt in range(ATTEMPTS):
