@@ -425,7 +425,7 @@ def test_a_wall_is_felt_on_a_vendors_drive(name: str) -> None:
     [
         ("nanotec_c5_e_1_09.eds", "6072h:00 max torque is 0 ‰"),
         ("nanotec_pd4_c6018.eds", "6072h:00 max torque is 100 ‰"),
-        ("ingenia_everest_xcr.eds", "has no heartbeat consumer"),
+        ("ingenia_everest_xcr.eds", "has no reaction to the loss of its master"),
     ],
 )
 def test_a_vendors_drive_that_cannot_be_trusted_is_refused_with_a_sentence(name: str, sentence: str) -> None:
