@@ -19,6 +19,7 @@ from dataclasses import replace
 import can
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
+from haptic_fieldbus.buses.canopen.acknowledging import acknowledge, asked_statusword
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
@@ -97,6 +98,8 @@ class CanopenBus(InSteps):
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
         self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
+        # Until the first exchange a drive may send TPDOs as it becomes operational; our heartbeat is due at once.
+        self._exchange.begun, self._periods_to_heartbeat, self._refused_writes = False, 0, 0
         for setup in self._setups:
             setup.configure()
 
@@ -132,8 +135,6 @@ class CanopenBus(InSteps):
         self._heartbeat_limit_ns = round(traffic.silence * 1e9)
         self._heartbeat_every = traffic.heartbeat_every
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
-        self._periods_to_heartbeat = 0
-        self._refused_writes = 0
         self._started = False
 
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
@@ -197,6 +198,15 @@ class CanopenBus(InSteps):
             self._wire.offer(self._heartbeat)
         self._periods_to_heartbeat -= 1
 
+    def ask(self, axis: str) -> int | None:
+        """Upload the statusword of an axis; None without an answer in some milliseconds."""
+        return asked_statusword(next(setup.node for setup in self._setups if setup.axis.name == axis))
+
+    def acknowledge(self) -> None:
+        """Clear the faults by which the stopped drives say that they lost us; raises DriveFaultError or BusError."""
+        for setup in self._setups:
+            acknowledge(setup.node)
+
     def release(self) -> None:
         """Free the drives by every way that needs no answer, once the nodes may be operational; raises nothing."""
         if self._started and self._release is not None:
@@ -214,7 +224,7 @@ class CanopenBus(InSteps):
         if self._plan is None or self._release is None:
             return True
         confirmed = self._release.leave()
-        self.warnings += self._release.warnings
+        self.warnings += [sentence for sentence in self._release.warnings if sentence not in self.warnings]
         if self._wire.refusal is not None:
             self.warnings.append(str(self._wire.refusal))
         self._plan, self._started = None, False

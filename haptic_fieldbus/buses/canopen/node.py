@@ -108,10 +108,9 @@ class Node:
         request_id, response_id = SDO_REQUEST_COB_ID + node_id, SDO_RESPONSE_COB_ID + node_id
         client = PumpedSdoClient(request_id, response_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         client.network = WireNetwork(wire)
-        client.responses = responses = PumpedResponses(wire)
+        client.responses = self._responses = PumpedResponses(wire)
         self._client = client
-        # Every SDO response has 8 octets (CiA 301 7.2.4); SdoClient would fail on a shorter one.
-        wire.listen(response_id, lambda data: responses.put(bytes(data)) if len(data) == 8 else None)
+        self.take_answers()
         wire.listen(HEARTBEAT_COB_ID + node_id, self._on_heartbeat)
         wire.listen(EMCY_COB_ID + node_id, self._on_emergency)
 
@@ -167,6 +166,14 @@ class Node:
                     f"{self.label} was told to go {_state_name(state)}, but no heartbeat confirmed it in "
                     f"{exactly(timeout)} s: {said}. A raised error register (1001h) can keep a node from starting"
                 )
+
+    def take_answers(self) -> None:
+        """Receive the SDO responses of the node from now on; after a release, which takes them for itself."""
+        # Every SDO response has 8 octets (CiA 301 7.2.4); SdoClient would fail on a shorter one.
+        responses = self._responses
+        self._wire.listen(
+            SDO_RESPONSE_COB_ID + self.id, lambda data: responses.put(bytes(data)) if len(data) == 8 else None
+        )
 
     def now_ns(self) -> int:
         return self._wire.clock.now_ns()

@@ -195,6 +195,8 @@ class Setup:
     def _guard_link(self) -> None:
         """Set the deadline for our heartbeat and the reactions to its loss, which leave no torque."""
         section = self.member.profile.link_loss
+        if not self.member.profile.guarded and self.axis.rig.emergency_stop == "power":
+            return  # the plan permits little torque then
         if section.heartbeat_consumer is None:
             raise _unguarded(self.member.profile.title, "no heartbeat consumer (profile: link_loss.heartbeat_consumer)")
         if section.abort_connection_option is None and section.fault_reaction_option is None:
@@ -222,6 +224,8 @@ class Setup:
         return SHAFT_BRAKES if brakes else option.value
 
     def _link_loss_words(self) -> str:
+        if not self.member.profile.guarded:
+            return "on link loss the motor keeps its torque until its power is cut"
         option = self.member.profile.link_loss.abort_connection_option
         reaction = 0 if option is None else self._reaction(option)
         words = SHAFT_WORDS.get(reaction, f"the drive reacts as it was set up ({reaction})")
