@@ -19,6 +19,8 @@ class Proof:
     """Time from our last write at which the drive was still seen in *operation enabled*."""
     off: float | None
     """Time from our last write at which it was first seen in another state; None: it never was."""
+    between: float
+    """Longest time between two looks at it when this computer is not late."""
 
     @property
     def holds(self) -> bool:
@@ -27,8 +29,9 @@ class Proof:
 
     @property
     def doubtful(self) -> bool:
-        """True when nobody looked at the time that matters."""
-        return not self.holds and self.enabled <= self.allowed
+        """True when this computer was late, and nobody looked at the time that matters."""
+        off = self.off
+        return off is not None and self.enabled <= self.allowed < off and off - self.enabled > self.between
 
     def __str__(self) -> str:
         """Return a proof that holds in words."""

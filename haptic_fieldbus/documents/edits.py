@@ -1,17 +1,21 @@
 """Change of one table in the text of a TOML file; every other octet stays as somebody has written it.
 
 The text is changed by lines, and then proved: read again, it must hold the data from before with the new table and
-nothing else. A file that is written in a way that lines cannot change, such as an axis in an inline table, is refused.
-So no library is needed that keeps the style of a whole file, and none of its errors can reach a rig.
+nothing else. So a line that only looks like a header, in a text of several lines, does no harm, and a file that lines
+cannot change, such as one with the axis in an inline table, is refused. No library is needed that keeps the style of a
+whole file, and none of its errors can reach a rig.
 """
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 
 from haptic_fieldbus.documents.bounds import fault_of_text
 
 Value = str | int | float
+MOST_HEADERS = 8
+"""Most lines that are tried as the header of a table; all but one stand in texts of several lines."""
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _LINE = re.compile(r"[^\n]*\n|[^\n]+")
 _HEADER = re.compile(r"\s*\[")
@@ -30,11 +34,12 @@ def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> s
     # The parent must be there, else the new table would create what somebody has taken out.
     if not isinstance(_found(before, path[:-1]), dict):
         raise ValueError(f"there is no [{_name(path[:-1])}] any more")
-    ending = "\r\n" if "\r\n" in text else "\n"
-    changed = _changed(text, f"[{_name(path)}]", values, ending)
-    if tomllib.loads(changed) != _with(before, path, dict(values)):
-        raise ValueError(f"[{_name(path)}] cannot be written by lines into a file of this form")
-    return changed
+    expected = _with(before, path, dict(values))
+    for changed in _candidates(text, f"[{_name(path)}]", values):
+        with suppress(tomllib.TOMLDecodeError):
+            if tomllib.loads(changed) == expected:
+                return changed
+    raise ValueError(f"[{_name(path)}] cannot be written by lines into a file of this form")
 
 
 def table_text(path: Sequence[str], values: Mapping[str, Value]) -> str:
@@ -42,17 +47,23 @@ def table_text(path: Sequence[str], values: Mapping[str, Value]) -> str:
     return "\n".join([f"[{_name(path)}]", *(_line(key, value) for key, value in values.items())])
 
 
-def _changed(text: str, header: str, values: Mapping[str, Value], ending: str) -> str:
+def _candidates(text: str, header: str, values: Mapping[str, Value]) -> Iterator[str]:
+    """Yield the text with the table in the place of each line that looks like its header, then with one at its end."""
+    ending = "\r\n" if "\r\n" in text else "\n"
     lines = _LINE.findall(text)
     written = [f"{_line(key, value)}{ending}" for key, value in values.items()]
-    at = next((place for place, line in enumerate(lines) if line.partition("#")[0].strip() == header), None)
-    if at is None:
-        gap = "" if not text or text.endswith("\n") else ending
-        return f"{text}{gap}{ending}{header}{ending}{''.join(written)}"
-    end = next((place for place in range(at + 1, len(lines)) if _HEADER.match(lines[place])), len(lines))
-    kept = [line for line in lines[at + 1 : end] if not _KEY.match(line)]
-    first = lines[at] if lines[at].endswith("\n") else lines[at] + ending
-    return "".join([*lines[:at], first, *written, *kept, *lines[end:]])
+    for at in [place for place, line in enumerate(lines) if _is(line, header)][:MOST_HEADERS]:
+        end = next((place for place in range(at + 1, len(lines)) if _HEADER.match(lines[place])), len(lines))
+        kept = [line for line in lines[at + 1 : end] if not _KEY.match(line)]
+        first = lines[at] if lines[at].endswith("\n") else lines[at] + ending
+        yield "".join([*lines[:at], first, *written, *kept, *lines[end:]])
+    gap = "" if not text or text.endswith("\n") else ending
+    yield f"{text}{gap}{ending}{header}{ending}{''.join(written)}"
+
+
+def _is(line: str, header: str) -> bool:
+    rest = line.strip().removeprefix(header).lstrip()
+    return line.strip().startswith(header) and (not rest or rest.startswith("#"))
 
 
 def _found(data: object, path: Sequence[str]) -> object:

@@ -7,8 +7,8 @@
 4. All drives are stopped, and the fault is cleared into which they went because of this (`Bus.acknowledge`).
 
 A drive has passed when it is seen off in time: its guard, plus two periods and a control tick for what lies between the
-event and the look at it. It has failed when it is still seen enabled after that. When this computer was late, so that
-neither is seen, the drives are left alone once more. The measured time may be shorter than the guard by the time
+event and the look at it. Otherwise it has failed, unless this computer was late and did not look when it mattered; then
+the drives are left alone once more. The measured time may be shorter than the guard by the time
 between two proofs of life, because the guard runs from the last of them.
 """
 
@@ -81,7 +81,9 @@ class _Looked:
 
     def __init__(self, axis: AxisPlan, image: AxisImage, guard: float, period: float) -> None:
         self.axis, self.guard = axis, guard
-        self.allowed = guard + 2.0 * period + axis.profile.timing.control_period
+        # Two looks are a period apart, and one that waits for feedback in vain ends nearly a period later.
+        self.between = 2.0 * period
+        self.allowed = guard + self.between + axis.profile.timing.control_period
         self.state = PowerState.UNKNOWN
         self.enabled_ns = 0
         self.off_ns: int | None = None
@@ -133,7 +135,7 @@ class _Looked:
         asking = min(self._asking_ns * 1e-9, LONGEST_QUESTION)
         off = None if self.off_ns is None else (self.off_ns - alone_ns) * 1e-9
         seen = (self.enabled_ns - alone_ns) * 1e-9
-        return Proof(self.axis.name, self.guard, self.allowed + asking, seen, off)
+        return Proof(self.axis.name, self.guard, self.allowed + asking, seen, off, self.between + asking)
 
 
 class _Exchange:
@@ -171,11 +173,12 @@ class _Exchange:
     def leave_alone(self) -> Iterator[Proof]:
         """Write nothing until all drives are seen off, or patience is over; yield what came of it."""
         alone_ns = self._clock.now_ns()
-        patience = PATIENCE * max(looked.guard for looked in self._proved)
+        patience_ns = round(1e9 * PATIENCE * max(looked.guard for looked in self._proved))
         for looked in self._proved:
             looked.enabled_ns = alone_ns
         waiting = self._proved
-        while waiting and self._clock.now_ns() - alone_ns < round(1e9 * patience):
+        while waiting:
+            patient = self._clock.now_ns() - alone_ns < patience_ns
             image = self._read()
             for looked in waiting:
                 feedback = looked.take(image)
@@ -184,7 +187,8 @@ class _Exchange:
                     looked.ask(self._bus, self._clock)
                 else:
                     looked.note(feedback[0])
-            waiting = tuple(looked for looked in waiting if looked.off_ns is None)
+            # Asked before the look, so that one comes after the end of patience whatever else this computer did.
+            waiting = tuple(looked for looked in waiting if looked.off_ns is None) if patient else ()
         for looked in self._proved:
             yield looked.proof(alone_ns)
 
