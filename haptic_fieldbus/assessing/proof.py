@@ -34,11 +34,12 @@ class Proof:
         return off is not None and self.enabled <= self.allowed < off and off - self.enabled > self.between
 
     def __str__(self) -> str:
-        """Return a proof that holds in words."""
-        return (
-            f"axis {self.axis} let go {rounded(1e3 * (self.off or 0.0))} ms after it was left alone at zero torque; "
-            f"asked for were {exactly(1e3 * self.guard)} ms"
-        )
+        """Return the outcome in words."""
+        asked = f"asked for were {exactly(1e3 * self.guard)} ms"
+        if self.off is None:
+            seen = rounded(1e3 * self.enabled)
+            return f"axis {self.axis} did not let go in {seen} ms when it was left alone at zero torque; {asked}"
+        return f"axis {self.axis} let go {rounded(1e3 * self.off)} ms after it was left alone at zero torque; {asked}"
 
     def to_json(self) -> Json:
         """Return the object of `run --json`; None for the time of a drive that never let go."""

@@ -5,16 +5,13 @@ from datetime import datetime
 from functools import partial
 
 from haptic_fieldbus.assessing.proof import Proof
-from haptic_fieldbus.buses.bus import Bus, DriveFacts
-from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.documents.edits import Value, table_text, with_table
 from haptic_fieldbus.documents.replacing import edit_file
 from haptic_fieldbus.errors import UnprovedGuardError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.guards import CAPPED
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.running.ending import EndSignals
-from haptic_fieldbus.running.proving import prove
 
 
 def questions(plan: Plan, due: Mapping[str, str]) -> Iterator[str]:
@@ -28,26 +25,16 @@ def questions(plan: Plan, due: Mapping[str, str]) -> Iterator[str]:
         )
 
 
-def prove_and_keep(
-    plan: Plan, bus: Bus, clock: Clock, due: Mapping[str, str], ending: EndSignals, warnings: list[str]
-) -> tuple[Proof, ...]:
-    """Prove the guards that are due, keep the outcome in the rig file of a real bench, and return it.
-
-    The bus must be inspected; its drives are stopped afterwards. What could not be kept is added to `warnings`. Raises
-    UnprovedGuardError when a drive did not let go in time, and the errors of `prove`.
-    """
-    proofs = prove(plan, bus, clock, due, ending)
-    if plan.rig.source and not plan.simulated:
-        warnings += _keep(plan, bus.facts, proofs)
-    failed = [_failure(plan, bus.facts, proof) for proof in proofs if not proof.holds]
+def check(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof], unkept: Sequence[str]) -> None:
+    """Raise UnprovedGuardError when a drive did not let go in time; `unkept` is what `keep` said."""
+    failed = [_failure(plan, facts, proof) for proof in proofs if not proof.holds]
     if failed:
-        raise UnprovedGuardError("\n".join([*failed, *warnings]))
-    return proofs
+        raise UnprovedGuardError("\n".join([*failed, *unkept]))
 
 
-def _keep(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof]) -> Iterator[str]:
-    """Write each outcome into the rig file; yield a sentence for each that could not be written."""
-    for proof in proofs:
+def keep(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof]) -> Iterator[str]:
+    """Write each outcome into the rig file of a real bench; yield a sentence for each that could not be written."""
+    for proof in proofs if plan.rig.source and not plan.simulated else ():
         values = _values(plan, proof, facts[proof.axis].serial)
         if values is None:
             continue

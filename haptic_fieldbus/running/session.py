@@ -110,7 +110,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     except HapticFieldbusError as error:
         # A run that fails has a result too: the command line prints it beside the error.
         error.result = known_before(request.selection, report, cycle.trip, str(error))
-        error.result = replace(error.result, warnings=tuple(notices(plan, cycle, report)))
+        error.result = replace(error.result, warnings=tuple(notices(plan, cycle, report)), proofs=proving.proofs)
         raise
     finally:
         rows.close()
@@ -157,10 +157,13 @@ def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, proving: Proving
     due = proving.due(bus)
     _ask(request, plan, bus, due)
     if due:
-        from haptic_fieldbus.running.proofs import prove_and_keep
+        from haptic_fieldbus.running import proofs
+        from haptic_fieldbus.running.proving import prove
 
         ending.hold()
-        proving.proofs = prove_and_keep(plan, bus, clock, due, ending, proving.warnings)
+        proving.proofs = prove(plan, bus, clock, due, ending)
+        proving.warnings += proofs.keep(plan, bus.facts, proving.proofs)
+        proofs.check(plan, bus.facts, proving.proofs, proving.warnings)
     bus.configure(plan)
     bus.start()
 
