@@ -25,6 +25,8 @@ class DriveFacts:
     """[N·m]; from the drive's own object."""
     link_loss: str
     """Sentence for people: the reaction that is configured for the loss of the master, and its deadline."""
+    changes: tuple[str, ...] = ()
+    """Sentences for people: values of the drive that the run changes and puts back."""
     listened: str = ""
     """Sentence for people: what was heard on the bus before anything was sent; empty when nobody listened."""
 

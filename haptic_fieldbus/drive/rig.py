@@ -155,6 +155,8 @@ class RigAxis:
     """[N·m]"""
     on_link_loss: Literal["free", "brake"] = "free"
     """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""
+    raise_max_torque: bool = False
+    """Whether a run may raise the drive's own torque limits to that of the axis, and put them back at its end."""
     emergency_stop: Literal["power"] | None = None
     """"power": a person within reach can cut the power of the motor; needed where no guard of the drive does it."""
     proved: Proved | None = None

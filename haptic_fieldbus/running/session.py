@@ -192,7 +192,7 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
         f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
-        f"{facts.link_loss}, confirmed in the drive."
+        f"{'. '.join((f'{facts.link_loss}, confirmed in the drive', *facts.changes))}."
     )
 
 

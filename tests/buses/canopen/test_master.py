@@ -99,8 +99,9 @@ def test_a_late_tpdo_is_not_taken_for_the_next_period() -> None:
     bench = Bench().open()
     _read(bench)
     bench.drive.mute_tpdos = True
-    bench.can.reply(TPDO, struct.pack("<Hi", 0x27, 999), delay_ns=0)
+    bench.can.reply(TPDO, struct.pack("<Hih", 0x27, 999, 0), delay_ns=0)
     image = _read(bench)
+    assert LinkFlag.EXCEPTION not in _header(bench, image)[1], "of the length that it has in time"
     assert LinkFlag.STALE in _header(bench, image)[1]
     assert _payload(bench, image) == (0x40, 0)
 
