@@ -97,7 +97,10 @@ class GuardBench:
             return True
 
         request = Request(self.selection, seconds, confirm=confirm, prove=self.trial.prove)
-        return render(request, nullcontext(Site(self.clock, {"can": self.bus}, {})))
+        try:
+            return render(request, nullcontext(Site(self.clock, {"can": self.bus}, {})))
+        finally:
+            self.forger.shutdown()
 
     def when_left_alone(self, act: Callable[[], object]) -> None:
         """Do something 20 ms after the first set-point that asks for operation enabled."""

@@ -193,12 +193,13 @@ class Setup:
     def _guard_link(self) -> None:
         """Set the deadline for our heartbeat and the reactions to its loss, which leave no torque."""
         section = self.member.profile.link_loss
-        if not self.member.profile.guarded and self.axis.rig.emergency_stop == "power":
-            return  # the plan permits little torque then
-        if section.heartbeat_consumer is None:
-            raise _unguarded(self.member.profile.title, "no heartbeat consumer (profile: link_loss.heartbeat_consumer)")
-        if section.abort_connection_option is None and section.fault_reaction_option is None:
-            raise _unguarded(self.member.profile.title, "no reaction to the loss of its master (profile: link_loss)")
+        if section.heartbeat_consumer is None or not self.member.profile.guarded:
+            if self.axis.rig.emergency_stop == "power":
+                return  # the plan permits little torque then
+            raise BusConfigurationError(
+                f"{self.member.profile.title} has no watch on its master, or no reaction to its loss (profile: "
+                "link_loss): it could hold the last torque when the cable breaks; refused"
+            )
         consumer = ObjectEntry(section.heartbeat_consumer, DataType.UINT32, 1)
         self.node.write(consumer, self.bus.master_node << 16 | self._deadline_ms)
         for option in (section.abort_connection_option, section.fault_reaction_option):
@@ -296,7 +297,3 @@ class Setup:
 
 def _communication(direction: Direction, number: int, kind: DataType, subindex: int) -> ObjectEntry:
     return ObjectEntry((0x1800 if direction is Direction.TPDO else 0x1400) + number - 1, kind, subindex)
-
-
-def _unguarded(title: str, lacks: str) -> BusConfigurationError:
-    return BusConfigurationError(f"{title} has {lacks}: it could hold the last torque when the cable breaks; refused")
