@@ -28,6 +28,7 @@ def _bus(file: str, text: str, instead: str, of: str, *tests: str) -> Guard:
     return Guard(f"haptic_fieldbus/buses/canopen/{file}.py", text, instead, named)
 
 
+PROVING = "tests/running/test_proving.py"
 SAFETY, ECHO = "tests/cycle/test_safety.py", "tests/cycle/test_echo.py"
 
 GUARDS = {
@@ -383,5 +384,54 @@ GUARDS = {
         "if request.confirm is None or not request.confirm(question):",
         "if False:",
         ("tests/peers/test_question.py::test_a_question_that_is_not_confirmed_leaves_nothing_but_uploads_on_the_bus",),
+    ),
+    "a guard that does not act ends the run": Guard(
+        "haptic_fieldbus/assessing/proof.py",
+        "return self.off is not None and 0.0 < self.off <= self.allowed",
+        "return True",
+        (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
+    ),
+    "zero torque while a guard is proved": Guard(
+        "haptic_fieldbus/running/proving.py",
+        "self._image.outputs[0], controlword, 0)",
+        "self._image.outputs[0], controlword, 5)",
+        (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
+    ),
+    "somebody else while a guard is proved": Guard(
+        "haptic_fieldbus/running/proving.py",
+        "self._check(looked.axis, feedback, WHILE_ALONE)",
+        "pass",
+        (f"{PROVING}::TestWhileADriveIsLeftAlone::test_somebody_else_who_feeds_its_guard_ends_the_run",),
+    ),
+    "no fault but that of a lost master is cleared": _bus(
+        "acknowledging",
+        "if code not in (LOST_MASTER, NO_CODE):",
+        "if False:",
+        "test_acknowledging",
+        "test_another_fault_is_told_and_left_as_it_is",
+    ),
+    "the cap without a guard": Guard(
+        "haptic_fieldbus/planning/axis_plan.py",
+        "unproved = profile.echo is None or unguarded(profile, axis)",
+        "unproved = profile.echo is None",
+        (
+            "tests/planning/test_guards.py::"
+            "test_a_known_failure_is_refused_without_an_emergency_stop_and_capped_with_one",
+        ),
+    ),
+    "the emergency stop without a guard": Guard(
+        "haptic_fieldbus/planning/guards.py",
+        "if why and axis.emergency_stop is None:",
+        "if False:",
+        (
+            "tests/planning/test_guards.py::"
+            "test_a_known_failure_is_refused_without_an_emergency_stop_and_capped_with_one",
+        ),
+    ),
+    "the serial number of a proof": Guard(
+        "haptic_fieldbus/planning/guards.py",
+        "and recorded.serial != serial:",
+        "and False:",
+        ("tests/planning/test_guards.py::test_a_known_failure_is_not_tried_again_on_the_same_drive",),
     ),
 }

@@ -95,6 +95,14 @@ class BusGroup(InSteps):
         for bus in self._buses:
             bus.write(image)
 
+    def ask(self, axis: str) -> int | None:
+        """Ask the drive of an axis, which must be on one of the buses."""
+        return next(bus for bus in self._buses if axis in bus.facts).ask(axis)
+
+    def acknowledge(self) -> None:
+        for bus in self._buses:
+            bus.acknowledge()
+
     def release(self) -> None:
         """Take the torque away on all buses, before any of them is listened to."""
         self._unsettled = self._buses

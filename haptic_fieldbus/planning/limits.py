@@ -101,7 +101,8 @@ def limits_of(axis: RigAxis, rated: float, plant: Plant | None, workspace: Works
     """Return the limits of an axis: those of the rig, else those that follow from motor, hand and inertia.
 
     `rated` is the rated effort in the workspace [N or N·m]. `plant` is None when inertia or damping is unknown. Then,
-    and when set-points are not `proved` to act, the effort is what a hand may be left alone with.
+    and when set-points are not `proved` to act or the guard is known not to, the effort is what a hand may be left
+    alone with.
     """
     limits = axis.limits
     effort = min(limits.effort or math.inf, rated if plant and proved else HOLDING_SHARE * rated)

@@ -62,6 +62,8 @@ def _announcement(plan: Plan) -> Iterator[Line]:
 
 
 def _outcome(result: Result) -> Iterator[Line]:
+    for proof in result.proofs:
+        yield "guard", str(proof)
     if result.cycles:
         yield "result", f"{periods_text(result)}{_load_text(result)}{_speed_text(result)}"
     if result.torque_error is not None:

@@ -21,6 +21,7 @@ from dataclasses import replace
 import can
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
+from haptic_fieldbus.buses.canopen.acknowledging import acknowledge, asked_statusword
 from haptic_fieldbus.buses.canopen.asking import Asking
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
@@ -108,6 +109,9 @@ class CanopenBus(InSteps):
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
         self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
+        # Until the first exchange a drive may send TPDOs as it becomes operational; our proofs of life are due at once.
+        self._exchange.begun, self._refused_writes = False, 0
+        self._proofs = proofs_of_life(traffic_of(plan), [setup.node for setup in self._setups])
         for setup in self._setups:
             setup.configure()
 
@@ -145,14 +149,12 @@ class CanopenBus(InSteps):
             for pdo, offset in placed(setup.member.traffic.rpdos, places.outputs[0])
         )
         self._release = self._release_of(plan, traffic)
-        self._proofs = proofs_of_life(traffic, [setup.node for setup in self._setups])
         self._askings = tuple(
             self._asking_of(setup, places.inputs[0], plan.period)
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
             if setup.member.traffic.asked
         )
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
-        self._refused_writes = 0
 
     def _setup_of(self, axis: AxisPlan, traffic: CanTraffic, member: BusMember, *, real: bool) -> Setup:
         label = f"node {axis.node} (axis {axis.name})"
@@ -237,6 +239,15 @@ class CanopenBus(InSteps):
         for asking in self._askings:
             asking.ask()
 
+    def ask(self, axis: str) -> int | None:
+        """Upload the statusword of an axis; None without an answer in some milliseconds."""
+        return asked_statusword(next(setup.node for setup in self._setups if setup.axis.name == axis))
+
+    def acknowledge(self) -> None:
+        """Clear the faults by which the stopped drives say that they lost us; raises DriveFaultError or BusError."""
+        for setup in self._setups:
+            acknowledge(setup.node)
+
     def release(self) -> None:
         """Free the drives by every way that needs no answer, once something was written; raises nothing."""
         if self._plan is not None and self._release is not None:
@@ -257,10 +268,13 @@ class CanopenBus(InSteps):
         for setup in self._setups:
             if self._release.undone(setup.node):
                 setup.torque_limits.restored()
-        self.warnings += self._release.warnings
-        self.warnings += [REPEATED.format(setup.node) for setup in self._setups if setup.node.repeated]
+        told = [
+            *self._release.warnings,
+            *(REPEATED.format(setup.node) for setup in self._setups if setup.node.repeated),
+        ]
         if self._wire.refusal is not None:
-            self.warnings.append(str(self._wire.refusal))
+            told.append(str(self._wire.refusal))
+        self.warnings += [sentence for sentence in told if sentence not in self.warnings]
         self._plan = None
         return confirmed
 

@@ -123,10 +123,9 @@ class Node:
         request_id, response_id = SDO_REQUEST_COB_ID + node_id, SDO_RESPONSE_COB_ID + node_id
         client = PumpedSdoClient(request_id, response_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         client.network = WireNetwork(wire)
-        client.responses = responses = PumpedResponses(wire)
+        client.responses = self._responses = PumpedResponses(wire)
         self._client = client
-        self._responses = responses
-        wire.listen(response_id, self.on_response)
+        self.take_answers()
         wire.listen(HEARTBEAT_COB_ID + node_id, self._on_heartbeat)
         wire.listen(EMCY_COB_ID + node_id, self._on_emergency)
 
@@ -211,6 +210,10 @@ class Node:
         """Receive until the node says that it is in this state, or the deadline [ns] is reached."""
         while self.state != state and self._wire.pump(deadline_ns):
             pass
+
+    def take_answers(self) -> None:
+        """Receive the SDO responses of the node from now on; after a release, which takes them for itself."""
+        self._wire.listen(SDO_RESPONSE_COB_ID + self.id, self.on_response)
 
     def now_ns(self) -> int:
         return self._wire.clock.now_ns()

@@ -197,11 +197,13 @@ class Setup:
     def _guard_link(self) -> None:
         """Arm the drive's guard on us, and set the reactions to our loss, which leave no torque."""
         section = self.member.profile.link_loss
-        if section.heartbeat_consumer is None and not section.life_guarding:
-            keys = "link_loss.heartbeat_consumer or link_loss.life_guarding"
-            raise _unguarded(self.member.profile.title, f"no guard that watches its master (profile: {keys})")
-        if section.abort_connection_option is None and section.fault_reaction_option is None:
-            raise _unguarded(self.member.profile.title, "no reaction to the loss of its master (profile: link_loss)")
+        if not self.member.profile.guarded:
+            if self.axis.rig.emergency_stop == "power":
+                return  # the plan permits little torque then
+            raise BusConfigurationError(
+                f"{self.member.profile.title} has no watch on its master, or no reaction to its loss (profile: "
+                "link_loss): it could hold the last torque when the cable breaks; refused"
+            )
         self.guard.arm()
         for option in (section.abort_connection_option, section.fault_reaction_option):
             if option is not None:
@@ -233,6 +235,8 @@ class Setup:
         self.torque_limits.inspect(drive, self.node.optional)
 
     def _link_loss_words(self) -> str:
+        if not self.member.profile.guarded:
+            return "on link loss the motor keeps its torque until its power is cut"
         option = self.member.profile.link_loss.abort_connection_option
         reaction = 0 if option is None else self._reaction(option)
         words = SHAFT_WORDS.get(reaction, f"the drive reacts as it was set up ({reaction})")
@@ -290,7 +294,3 @@ class Setup:
 
 def _communication(direction: Direction, number: int, kind: DataType, subindex: int) -> ObjectEntry:
     return ObjectEntry((0x1800 if direction is Direction.TPDO else 0x1400) + number - 1, kind, subindex)
-
-
-def _unguarded(title: str, lacks: str) -> BusConfigurationError:
-    return BusConfigurationError(f"{title} has {lacks}: it could hold the last torque when the cable breaks; refused")

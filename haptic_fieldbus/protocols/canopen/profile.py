@@ -81,6 +81,13 @@ class CanopenProfile(Cia402Profile):
     simulation: SimulationSection = field(default_factory=SimulationSection)
     __pydantic_config__: ClassVar = STRICT
 
+    @property
+    def guarded(self) -> bool:
+        """True when the profile names a watch on the master, and a reaction of the drive to its loss."""
+        section = self.link_loss
+        reacts = section.abort_connection_option is not None or section.fault_reaction_option is not None
+        return reacts and (section.heartbeat_consumer is not None or section.life_guarding)
+
 
 def canopen_profile(profile: DriveProfile) -> CanopenProfile:
     """Return the profile as one of CANopen; raises UsageError when it is one of another protocol."""

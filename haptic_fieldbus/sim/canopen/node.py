@@ -129,6 +129,11 @@ class Node:
         self.process.lose_rpdos(count)
         self._route()
 
+    def slow_guards(self, factor: float | None) -> None:
+        """Let the watches on other nodes act `factor` times as late as they are set, None: never (a fault)."""
+        for watch in (*self._consumers.watches, self._guarding):
+            watch.factor = factor
+
     # States.
 
     def _reset_communication(self) -> None:
