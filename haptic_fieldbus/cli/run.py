@@ -23,6 +23,7 @@ from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Result
@@ -54,7 +55,9 @@ class RunOptions(BenchOptions):
         option("NAME", HANDS, SIMULATION, default=f"that of the scene, or {DEFAULT_HAND}"),
     ] = None
     seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
-    faults: Annotated[Path | None, option("FILE", "Faults of drive and link.", SIMULATION)] = None
+    faults: Annotated[
+        str | None, option("FILE", "Faults of drive, bus, host and hand; random@SEED draws some.", SIMULATION)
+    ] = None
     record: Annotated[Path | None, option("PATH", "Frames as .log (candump) or .blf, rows as .csv.", OUTPUT)] = None
     plot: PlotOption = None
     yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
@@ -70,6 +73,7 @@ def run(options: RunOptions) -> None:
     trial = options.given(api.Trial)
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
+    show(_drawn_faults(options), sys.stderr)
     changes = parse_changes(options.change or [])
     progress = bar(trial.rate)
     trial = replace(
@@ -86,6 +90,21 @@ def run(options: RunOptions) -> None:
             if progress is not None:
                 progress.close()
     _finish(result, options.plot, options.as_json)
+
+
+def _drawn_faults(options: RunOptions) -> list[tuple[None, str]]:
+    """Return the lines of the file of faults that a seed stands for; none when faults come from a file."""
+    if options.faults is None:
+        return []
+    from haptic_fieldbus.sim.faults.drawing import drawn, seed_of
+
+    seed = seed_of(options.faults)
+    if seed is None:
+        return []
+    from haptic_fieldbus.sim.faults import toml_of
+
+    head = f"# {options.faults}, {exactly(options.duration)} s"
+    return [(None, line) for line in (head, *toml_of(drawn(seed, options.duration)).splitlines())]
 
 
 def _ask(text: str) -> bool:

@@ -129,6 +129,11 @@ class Node:
         self.process.lose_rpdos(count)
         self._route()
 
+    def lose_syncs(self, count: int | None) -> None:
+        """Lose the next `count` SYNC messages inside the node (a fault), None: all of them."""
+        self.process.lose_syncs(count)
+        self._route()
+
     # States.
 
     def _reset_communication(self) -> None:
