@@ -13,7 +13,7 @@ from haptic_fieldbus.errors import (
     PlanError,
     SafetyTripError,
 )
-from haptic_fieldbus.numerals import percent, rounded, rounded_limit
+from haptic_fieldbus.numerals import in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import LinkFlag
@@ -34,6 +34,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.FOREIGN_MASTER: SafetyTripError,
     TripKind.DUPLICATE_NODE: SafetyTripError,
     TripKind.SET_POINTS_DEAD: DriveFaultError,
+    TripKind.SIGN: SafetyTripError,
     TripKind.NOT_FINITE: SafetyTripError,
     TripKind.ELEMENT_FAILED: SafetyTripError,
     TripKind.START_FORCE: PlanError,
@@ -171,6 +172,16 @@ def _dead(trip: Trip, axis: AxisPlan) -> str:
     )
 
 
+def _reversed(trip: Trip, axis: AxisPlan) -> str:
+    """Return the cause of a motion against the torque; the value is how far, the limit the torque."""
+    force, length = axis.workspace.effort_unit, axis.workspace.length_unit
+    return (
+        f"pulses of {in_unit(trip.limit or 0.0, force)} moved the handle {in_unit(abs(trip.value), length)} to the "
+        "other side. Either the encoder counts backwards, or the motor turns backwards: swap two lines of the one that "
+        "does, or reverse it in the drive. The sign of the mechanism in the rig turns both, and is no remedy"
+    )
+
+
 def _drift(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
@@ -200,4 +211,5 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.POSITION: _position,
     TripKind.DRIFT: _drift,
     TripKind.SET_POINTS_DEAD: _dead,
+    TripKind.SIGN: _reversed,
 }

@@ -115,6 +115,17 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """What was seen on this very bench, and need not be looked for again."""
+
+    sign: bool = False
+    """True: torque was seen to move a simulated drive the right way; on a real bus it is seen at every start."""
+    direction: bool = False
+    """True: a person confirmed to which side positions are positive."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
 class RigAxis:
     """One drive with its motor and mechanism; `None` means unknown."""
 
@@ -137,6 +148,7 @@ class RigAxis:
     on_link_loss: Literal["free", "brake"] = "free"
     """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""
     limits: Limits = field(default_factory=Limits)
+    seen: Seen = field(default_factory=Seen)
     simulation: Mechanics = field(default_factory=Mechanics)
     """Mechanics of a simulated bench beyond a rigid shaft; without effect on anything but the simulation."""
     __pydantic_config__: ClassVar = STRICT
@@ -178,4 +190,6 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         coulomb_friction=2.0e-3,
         # Above the speed that the simulated hand reaches in free space, where only damping holds back its 6 N.
         limits=Limits(speed=10.0 if workspace is Workspace.LINEAR else 1.0e4),
+        # A test per profile proves it.
+        seen=Seen(sign=True),
     )

@@ -1,0 +1,129 @@
+"""The proof of the sign from torque to motion, at the start of a run: pulses, pairs of pulses, and what they say.
+
+Theory and sizes stand in `planning.sign_probe`. The proof goes through the stages of the probe. A stage gives three
+pairs of pulses. It decides when the first pulse and all pairs show motion to the same side; then the sign is seen, or
+the run ends. As soon as a pair shows too little, or another side than the first pulse did, the next stage begins.
+
+The first pulse of a stage begins at rest, and so it cannot go to the wrong side, whatever holds the handle. Later ones
+might, while the handle still rings from those before, so they alone decide nothing.
+
+After the last stage the scene goes on within `holding` for a second, and the last stage is tried again. Missing
+feedback begins a stage anew. In a scene of several axes force rises when the sign of all has been seen.
+"""
+
+import math
+from collections.abc import Callable
+
+from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.cycle.state import AxisState
+from haptic_fieldbus.cycle.watch import TripOff
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.sign_probe import (
+    DECIDING_PAIRS,
+    PARTS,
+    PAUSE,
+    PULSES_OF_A_PAIR,
+    SignProbe,
+    Stage,
+    sign_probe,
+)
+
+PULSES = PULSES_OF_A_PAIR * DECIDING_PAIRS
+
+
+def thue_morse(number: int) -> float:
+    """Return the sign of a pulse, counted from 0: + − − + − + + − …"""
+    return -1.0 if number.bit_count() % 2 else 1.0
+
+
+def bind_proof(
+    axis: AxisPlan, period: float, state: AxisState, trip: TripOff, seen: Callable[[], None]
+) -> "SignProof | None":
+    """Return the proof of one axis, None where the sign is known; `seen` is called once."""
+    probe = sign_probe(axis, period)
+    return None if probe is None else SignProof(axis, probe, state, trip, seen)
+
+
+class SignProof:
+    """The proof of one axis: `give` takes the force of the scene, and returns the force of the period."""
+
+    def __init__(self, axis: AxisPlan, probe: SignProbe, state: AxisState, trip: TripOff, seen: Callable[[], None]):
+        self.failures = 0
+        """How often all stages were tried in vain."""
+        self.seen = False
+        self._axis, self._probe, self._state, self._trip, self._seen = axis, probe, state, trip, seen
+        # What a torque does is seen so many samples later.
+        self._late = round((axis.delay.transport + axis.delay.torque_loop) / probe.period)
+        self._pause = self._quiet = 0
+        """Periods that are left of a pause of the proof, and of one before a stage in which nothing is given."""
+        self._number = 0
+        self._positions: list[float] = []
+        self._shown: list[float] = []
+        """Second difference of each pulse of the stage, positive in the direction of its torque."""
+
+    def give(self, force: float) -> float:
+        """Return the force of the period: a pulse, or that of the scene within what a hand may hold."""
+        if self._pause and not self.seen:
+            self._pause -= 1
+        if self._pause or self.seen:
+            holding = self._probe.holding
+            return max(-holding, min(holding, force))
+        if self._state.steps != 1:
+            self._begin()
+        if self._quiet:
+            self._quiet -= 1
+            return 0.0
+        self._positions.append(self._state.position)
+        self._look(self._stage)
+        return self._torque(self._stage)
+
+    @property
+    def _stage(self) -> Stage:
+        return self._probe.stages[self._number]
+
+    def _begin(self) -> None:
+        """Begin the stage, after a while in which the handle comes to rest."""
+        self._positions, self._shown = [], []
+        self._quiet = PARTS * self._stage.periods
+
+    def _torque(self, stage: Stage) -> float:
+        """Return the torque of this period: none, that of the pulse, and the same against it."""
+        pulse, rest = divmod(len(self._positions) - 1, PARTS * stage.periods)
+        if self._pause or self.seen or not self._positions or pulse >= PULSES:
+            return 0.0
+        return (0.0, 1.0, -1.0)[rest // stage.periods] * thue_morse(pulse) * stage.effort
+
+    def _look(self, stage: Stage) -> None:
+        """After the second part of each pulse: how did the handle move, and what does the pair say?"""
+        pulse, length = len(self._shown), stage.periods
+        here = len(self._positions) - 1
+        if here < PARTS * length * pulse + 2 * length + self._late:
+            return
+        positions = self._positions
+        bend = positions[here] - 2.0 * positions[here - length] + positions[here - 2 * length]
+        self._shown.append(thue_morse(pulse) * bend)
+        if pulse % PULSES_OF_A_PAIR:
+            self._judge(stage)
+
+    def _judge(self, stage: Stage) -> None:
+        first, pair = self._shown[0], self._shown[-1] + self._shown[-2]
+        if abs(pair) < self._probe.least(stage) * (1.0 - 1e-9) or first * pair <= 0.0:
+            self._next()
+        elif len(self._shown) == PULSES:
+            self._decide(pair, stage)
+
+    def _decide(self, pair: float, stage: Stage) -> None:
+        if pair < 0.0:
+            self._trip(TripKind.SIGN, 0.5 * pair, stage.effort)
+            return
+        self.seen = True
+        self._seen()
+
+    def _next(self) -> None:
+        """Go on with the next stage; after the last one with the scene."""
+        if self._number + 1 < len(self._probe.stages):
+            self._number += 1
+        else:
+            self.failures += 1
+            self._pause = math.ceil(PAUSE / self._probe.period)
+        self._begin()
