@@ -25,6 +25,8 @@ class DriveFacts:
     """[N·m]; from the drive's own object."""
     link_loss: str
     """Sentence for people: the reaction that is configured for the loss of the master, and its deadline."""
+    changes: tuple[str, ...] = ()
+    """Sentences for people: values of the drive that the run changes and puts back."""
     listened: str = ""
     """Sentence for people: what was heard on the bus before anything was sent; empty when nobody listened."""
 
@@ -115,10 +117,14 @@ class InSteps:
     """Mixin with `open`, `read` and `stop`, composed of the parts that a group calls one by one."""
 
     def open(self: Bus, plan: Plan) -> None:
-        """Inspect the drives, configure them and start them; raises BusError or DriveFaultError."""
-        self.inspect(plan, bytearray(plan.image.input_size))
-        self.configure(plan)
-        self.start()
+        """Inspect the drives, configure them and start them; raises BusError or DriveFaultError after `stop`."""
+        try:
+            self.inspect(plan, bytearray(plan.image.input_size))
+            self.configure(plan)
+            self.start()
+        except BaseException:
+            self.stop()
+            raise
 
     def read(self: Bus, deadline_ns: int) -> bytearray:
         """Exchange feedback once and return the input image; raises BusError only when the bus itself is dead."""

@@ -59,17 +59,6 @@ class BusGroup(InSteps):
         """Instant at which the last bus latched [ns]."""
         return max([bus.latch_ns for bus in self._buses])
 
-    def open(self, plan: Plan) -> None:
-        """Inspect the drives of all buses, then configure all, then start all.
-
-        Raises BusError or DriveFaultError; all buses are then closed.
-        """
-        try:
-            super().open(plan)
-        except BaseException:
-            self.close()
-            raise
-
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Inspect the drives of each bus; all buses share `image`. Raises BusError or DriveFaultError."""
         self._image = image

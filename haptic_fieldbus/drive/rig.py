@@ -147,6 +147,8 @@ class RigAxis:
     """[N·m]"""
     on_link_loss: Literal["free", "brake"] = "free"
     """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""
+    raise_max_torque: bool = False
+    """Whether a run may raise the drive's own torque limits to that of the axis, and put them back at its end."""
     limits: Limits = field(default_factory=Limits)
     seen: Seen = field(default_factory=Seen)
     simulation: Mechanics = field(default_factory=Mechanics)

@@ -85,8 +85,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
             assessment = Assessment(run)
             try:
-                bus.open(plan)
-                _ask(request, plan, bus)
+                _open(request, plan, bus)
                 ending.hold()
                 run_loop(
                     plan,
@@ -124,6 +123,14 @@ def _one_of(buses: Mapping[str, Bus]) -> Bus:
     return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
 
 
+def _open(request: Request, plan: Plan, bus: Bus) -> None:
+    """Inspect the drives, ask, and only then write to them; raises UsageError, BusError or DriveFaultError."""
+    bus.inspect(plan, bytearray(plan.image.input_size))
+    _ask(request, plan, bus)
+    bus.configure(plan)
+    bus.start()
+
+
 def _ask(request: Request, plan: Plan, bus: Bus) -> None:
     """Ask for confirmation before torque is enabled on a real bus; raises UsageError without it."""
     if request.selection.bus.simulated:
@@ -143,7 +150,7 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
         f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
-        f"{facts.link_loss}, confirmed in the drive."
+        f"{'. '.join((f'{facts.link_loss}, confirmed in the drive', *facts.changes))}."
     )
 
 

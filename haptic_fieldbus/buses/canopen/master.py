@@ -23,6 +23,7 @@ from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
+from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.release import Parting, Release
 from haptic_fieldbus.buses.canopen.setup import Setup
@@ -67,22 +68,9 @@ class CanopenBus(InSteps):
         self._image = bytearray()
         self._outputs: tuple[tuple[int, int, int], ...] = ()
         self._release: Release | None = None
-        self._started = False
         self._synced = False
         self.latch_ns = 0
         """Instant at which the drives latched the data of the last exchange [ns]: the nominal end of SYNC."""
-
-    def open(self, plan: Plan) -> None:
-        """Inspect all drives, then configure all, then start all.
-
-        Raises BusError or DriveFaultError; the drives that were written to are then left pre-operational.
-        """
-        try:
-            super().open(plan)
-        except BaseException:
-            self._started = False
-            self.leave()  # sends nothing before `configure`
-            raise
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
@@ -115,16 +103,17 @@ class CanopenBus(InSteps):
     def start(self) -> None:
         """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
         self._foreign.refuse(self._wire.name, "Nothing was enabled")
-        self._started = True  # first, since a node may be operational already when a later one fails
         for setup in self._setups:
             setup.start()
 
     def _bind(self, plan: Plan, image: bytearray) -> None:
         """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
         traffic = traffic_of(plan)
+        real = not plan.simulated
         nodes = [Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})") for axis in plan.axes]
         self._setups = tuple(
-            Setup(node, axis, traffic, traffic.member(axis.name)) for node, axis in zip(nodes, plan.axes, strict=True)
+            Setup(node, axis, traffic, traffic.member(axis.name), TorqueLimits(node, axis, self.warnings.append, real))
+            for node, axis in zip(nodes, plan.axes, strict=True)
         )
         self._image = image
         self._links = tuple(
@@ -146,12 +135,11 @@ class CanopenBus(InSteps):
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
         self._periods_to_heartbeat = 0
         self._refused_writes = 0
-        self._started = False
 
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
         """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
         partings = [
-            Parting(setup.node, self._wire, link, self._word_at(place), setup.disarming)
+            Parting(setup.node, self._wire, link, self._word_at(place), setup.parting)
             for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
         ]
         set_points = [(cob_id, end - start) for cob_id, start, end in self._outputs]
@@ -210,8 +198,8 @@ class CanopenBus(InSteps):
         self._periods_to_heartbeat -= 1
 
     def release(self) -> None:
-        """Free the drives by every way that needs no answer, once the nodes may be operational; raises nothing."""
-        if self._started and self._release is not None:
+        """Free the drives by every way that needs no answer, once something was written; raises nothing."""
+        if self._plan is not None and self._release is not None:
             self._release.begin()
 
     def settle(self) -> bool:
@@ -221,15 +209,18 @@ class CanopenBus(InSteps):
     def leave(self) -> bool:
         """Set the nodes pre-operational; True when every drive confirmed that its motor is off. Raises nothing.
 
-        True also when none had been started. A drive that did not confirm keeps its watch on our heartbeat.
+        True also when nothing had been written. A drive that did not confirm keeps its watch on our heartbeat.
         """
         if self._plan is None or self._release is None:
             return True
         confirmed = self._release.leave()
+        for setup in self._setups:
+            if self._release.undone(setup.node):
+                setup.torque_limits.restored()
         self.warnings += self._release.warnings
         if self._wire.refusal is not None:
             self.warnings.append(str(self._wire.refusal))
-        self._plan, self._started = None, False
+        self._plan = None
         return confirmed
 
     @property

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import canopen
 
 from haptic_fieldbus.buses.bus import DriveFacts
-from haptic_fieldbus.buses.canopen.max_torque import MAX_TORQUE, check_max_torque
+from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.power import ENERGISED, PowerState
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.numerals import exactly
@@ -49,12 +49,6 @@ RATED_TORQUE_TOLERANCE = 0.02  # of the value in the rig
 HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
 POLL_NS = 5_000_000
 DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
-ENERGISED = (  # states in which the power stage may feed the motor
-    PowerState.SWITCHED_ON,
-    PowerState.OPERATION_ENABLED,
-    PowerState.QUICK_STOP_ACTIVE,
-    PowerState.FAULT_REACTION_ACTIVE,
-)
 ABSENT = (0x0602_0000, 0x0609_0011)  # SDO abort codes: object, or sub-index, does not exist
 
 
@@ -66,6 +60,7 @@ class Setup:
     axis: AxisPlan
     bus: CanTraffic
     member: BusMember
+    torque_limits: TorqueLimits
 
     def inspect(self) -> DriveFacts:
         """Check that the node is the drive of the profile, healthy and rated as in the rig; write nothing.
@@ -76,17 +71,19 @@ class Setup:
         vendor, product = self._check_identity()
         self._check_no_fault()
         self._check_sync()
-        check_max_torque(self.axis, self.node.label, self._optional(MAX_TORQUE))
+        revision, serial = self._optional(REVISION), self._optional(SERIAL)
+        self._check_torque_limits(f"{vendor:08x}-{product:08x}", serial)
         return DriveFacts(
             axis=self.axis.name,
             node=self.node.id,
             title=self.member.profile.title,
             vendor_id=vendor,
             product_code=product,
-            revision=self._optional(REVISION),
-            serial=self._optional(SERIAL),
+            revision=revision,
+            serial=serial,
             rated_torque=self._check_rated_torque(),
             link_loss=self._link_loss_words(),
+            changes=tuple(self.torque_limits.sentences),
         )
 
     def configure(self) -> None:
@@ -97,6 +94,7 @@ class Setup:
         self.node.confirm(NmtState.PRE_OPERATIONAL, self._confirmation_time)
         self._disable()
         self._guard_link()
+        self.torque_limits.configure()
         self._set_mode()
         self._map_pdos()
 
@@ -205,11 +203,11 @@ class Setup:
             if option is not None:
                 self.node.write(ObjectEntry(option.object, DataType.INT16), self._reaction(option))
 
-    @property
-    def disarming(self) -> tuple[tuple[ObjectEntry, int], ...]:
-        """Entries and values that switch off the drive's watch on us, so that leaving is no error."""
+    def parting(self) -> tuple[tuple[ObjectEntry, int], ...]:
+        """Return what is written at the end: no watch on us, so that leaving is no error, and the limits of before."""
         index = self.member.profile.link_loss.heartbeat_consumer
-        return () if index is None else ((ObjectEntry(index, DataType.UINT32, 1), 0),)
+        guard = () if index is None else ((ObjectEntry(index, DataType.UINT32, 1), 0),)
+        return (*guard, *self.torque_limits.restoring)
 
     @property
     def _deadline_ms(self) -> int:
@@ -220,6 +218,11 @@ class Setup:
             self.axis.rig.on_link_loss == "brake" and option is self.member.profile.link_loss.abort_connection_option
         )
         return SHAFT_BRAKES if brakes else option.value
+
+    def _check_torque_limits(self, model: str, serial: int | None) -> None:
+        # Without a serial number drives of one model are told apart by their node-ID.
+        drive = f"{model}-node-{self.node.id}" if serial is None else f"{model}-{serial:08x}"
+        self.torque_limits.inspect(drive, self._optional)
 
     def _link_loss_words(self) -> str:
         option = self.member.profile.link_loss.abort_connection_option
