@@ -50,6 +50,8 @@ class Trial(Task):
     """New settings for the running scene at seconds from *operation enabled*."""
     confirm: Callable[[str], bool] | None = None
     """Called with a question before a real drive is enabled; the run goes on when it returns True."""
+    instruct: Callable[[str], None] | None = None
+    """Called with what a person is to do at the handle before a real drive is enabled; None: nobody is there."""
     progress: Callable[[int, int], None] | None = None
     """Called with the number of periods done, and of all periods."""
     announce: Callable[[Plan], None] | None = None
@@ -109,7 +111,7 @@ def run(trial: Trial) -> Result:
     from haptic_fieldbus.running.session import Request, render
 
     return render(
-        Request(selection, trial.duration, recording, trial.confirm, trial.progress, changes),
+        Request(selection, trial.duration, recording, trial.confirm, trial.progress, changes, trial.instruct),
         site_of(selection.plan, recording, Conditions(hand, trial.seed, faults)),
     )
 

@@ -80,6 +80,7 @@ def run(options: RunOptions) -> None:
         trial,
         changes=changes,
         confirm=_tell_question if options.yes else _ask,
+        instruct=None if options.yes or not sys.stderr.isatty() else _instruct,
         progress=progress,
         announce=_announcer(options.as_json, progress, changes),
     )
@@ -117,6 +118,12 @@ def _ask(text: str) -> bool:
     if not sys.stdin.isatty():
         raise UsageError("nobody is there to confirm; a script says --yes")
     return typer.confirm(question, default=False, err=True)
+
+
+def _instruct(text: str) -> None:
+    """Show what a person is to do at the handle, in one line that is written over."""
+    sys.stderr.write(f"\r\x1b[K{text}")
+    sys.stderr.flush()
 
 
 def _tell_question(text: str) -> bool:

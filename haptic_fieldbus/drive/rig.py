@@ -118,10 +118,12 @@ class Limits:
 class Seen:
     """What was seen on this very bench, and need not be looked for again."""
 
-    sign: bool = False
-    """True: torque was seen to move a simulated drive the right way; on a real bus it is seen at every start."""
-    direction: bool = False
-    """True: a person confirmed to which side positions are positive."""
+    sign: Literal["seen"] | None = None
+    """That torque moves a simulated drive the right way; on a real bus it is looked for at every start."""
+    direction: Literal["confirmed"] | None = None
+    """That positions grow to the positive side, as a person has shown."""
+    date: Annotated[str, Len(1)] | None = None
+    """When that was."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -193,5 +195,5 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         # Above the speed that the simulated hand reaches in free space, where only damping holds back its 6 N.
         limits=Limits(speed=10.0 if workspace is Workspace.LINEAR else 1.0e4),
         # A test per profile proves it.
-        seen=Seen(sign=True),
+        seen=Seen(sign="seen"),
     )

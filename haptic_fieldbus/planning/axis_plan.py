@@ -167,7 +167,7 @@ def draft_axis(
         delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
         plant=plant,
         # On a real bench a cable may have been swapped since.
-        sign_known=axis.seen.sign and rig.bus[axis.bus].simulated,
+        sign_known=axis.seen.sign is not None and rig.bus[axis.bus].simulated,
     )
 
 

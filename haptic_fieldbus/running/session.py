@@ -48,6 +48,8 @@ class Request:
     progress: Callable[[int, int], None] | None = None
     """Function that gets the periods done and the periods of the whole run."""
     changes: "Changes | None" = None
+    instruct: Callable[[str], None] | None = None
+    """Function that shows a person what to do before a real drive is enabled; None: nobody is there to do it."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     except OSError as error:
         raise UsageError(f"cannot record to {request.record}: {error.strerror}") from error
     recordings: list[str] = []
+    warnings: list[str] = []
     started = perf_counter()
     try:
         with ended_by_signals() as ending, place as site:
@@ -85,7 +88,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
             assessment = Assessment(run)
             try:
-                _open(request, plan, bus)
+                _open(request, plan, bus, site.clock, warnings)
                 ending.hold()
                 run_loop(
                     plan,
@@ -115,7 +118,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     result = assessment.finish(elapsed)
     fault = next(iter(recordings), None)
     told = [] if fault is None else [f"the recording {request.record} ended before the run: {fault}"]
-    return replace(result, warnings=(*bus.warnings, *told, *result.warnings), recording_fault=fault)
+    return replace(result, warnings=(*bus.warnings, *warnings, *told, *result.warnings), recording_fault=fault)
 
 
 def _one_of(buses: Mapping[str, Bus]) -> Bus:
@@ -123,12 +126,19 @@ def _one_of(buses: Mapping[str, Bus]) -> Bus:
     return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
 
 
-def _open(request: Request, plan: Plan, bus: Bus) -> None:
-    """Inspect the drives, ask, and only then write to them; raises UsageError, BusError or DriveFaultError."""
+def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, warnings: list[str]) -> None:
+    """Inspect the drives, ask, and only then write to them.
+
+    Raises UsageError, RigError, BusError or DriveFaultError.
+    """
     bus.inspect(plan, bytearray(plan.image.input_size))
     _ask(request, plan, bus)
     bus.configure(plan)
     bus.start()
+    if not plan.simulated:
+        from haptic_fieldbus.running.direction import confirm_direction
+
+        warnings += confirm_direction(plan, bus, clock, request.instruct)
 
 
 def _ask(request: Request, plan: Plan, bus: Bus) -> None:
