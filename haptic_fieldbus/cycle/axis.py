@@ -14,6 +14,7 @@ from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
 from haptic_fieldbus.cycle.sign import bind_proof
+from haptic_fieldbus.cycle.sign_watch import bind_sign_watch
 from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.cycle.watch import FLAGS, STATUSWORD, T_NS, AxisWatch, Owner, in_time
 from haptic_fieldbus.drive.power import PowerState
@@ -276,7 +277,8 @@ class AxisCycle:
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        proved = bind_echo(axis, state, self._period, trip, lambda: self._feedback, render)
+        watched = bind_sign_watch(axis, state, self._period, trip, render)
+        proved = bind_echo(axis, state, self._period, trip, lambda: self._feedback, watched)
         return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
 
     def _check_power(self) -> None:
