@@ -19,7 +19,7 @@ import math
 from collections import deque
 
 from haptic_fieldbus.cycle.safety import TripKind
-from haptic_fieldbus.cycle.sensing import PeriodStep, in_order
+from haptic_fieldbus.cycle.sensing import PeriodStep
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.watch import TripOff
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -45,7 +45,7 @@ OWN_MOTION = "motion"
 def bind_sign_watch(axis: AxisPlan, state: AxisState, period: float, trip: TripOff, render: PeriodStep) -> PeriodStep:
     """Return a step that renders and then watches the sign; `render` alone where it cannot be seen."""
     periods = _block(axis, period)
-    return render if periods is None else in_order((render, SignWatch(axis, state, period, periods, trip).bind()))
+    return render if periods is None else SignWatch(axis, state, period, periods, trip).bind(render)
 
 
 def _block(axis: AxisPlan, period: float) -> int | None:
@@ -75,13 +75,14 @@ class SignWatch:
         self._torques: deque[float] = deque(maxlen=4)
         """Mean target torques of the last blocks."""
 
-    def bind(self) -> PeriodStep:
-        """Return the step of a period, which adds up the torque of a block."""
+    def bind(self, render: PeriodStep) -> PeriodStep:
+        """Return a step that renders, and adds up the torque of a block."""
         state, periods, block = self._state, self._periods, self._block
         total, left = 0, periods
 
         def look() -> None:
             nonlocal total, left
+            render()
             if state.steps != 1:
                 self._places.clear()
                 total, left = 0, periods
