@@ -97,6 +97,11 @@ class SignProof:
         """After the second part of each pulse: how did the handle move, and what does the pair say?"""
         pulse, length = len(self._shown), stage.periods
         here = len(self._positions) - 1
+        if pulse == PULSES:
+            if here >= PARTS * length * PULSES:  # the last pulse has stopped the handle again
+                self.seen = True
+                self._seen()
+            return
         if here < PARTS * length * pulse + 2 * length + self._late:
             return
         positions = self._positions
@@ -109,15 +114,8 @@ class SignProof:
         first, pair = self._shown[0], self._shown[-1] + self._shown[-2]
         if abs(pair) < self._probe.least(stage) * (1.0 - 1e-9) or first * pair <= 0.0:
             self._next()
-        elif len(self._shown) == PULSES:
-            self._decide(pair, stage)
-
-    def _decide(self, pair: float, stage: Stage) -> None:
-        if pair < 0.0:
+        elif len(self._shown) == PULSES and pair < 0.0:
             self._trip(TripKind.SIGN, 0.5 * pair, stage.effort)
-            return
-        self.seen = True
-        self._seen()
 
     def _next(self) -> None:
         """Go on with the next stage; after the last one with the scene."""
