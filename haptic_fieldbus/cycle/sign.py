@@ -1,11 +1,8 @@
 """The proof of the sign from torque to motion, at the start of a run: pulses, pairs of pulses, and what they say.
 
-Theory and sizes stand in `planning.sign_probe`. The proof goes through the stages of the probe. A stage gives three
-pairs of pulses. It decides when the first pulse and all pairs show motion to the same side; then the sign is seen, or
-the run ends. As soon as a pair shows too little, or another side than the first pulse did, the next stage begins.
-
-The first pulse of a stage begins at rest, and so it cannot go to the wrong side, whatever holds the handle. Later ones
-might, while the handle still rings from those before, so they alone decide nothing.
+Theory and sizes stand in `planning.sign_probe`. The proof goes through the stages of the probe. A stage decides when
+all its pulses and pairs agree; then the sign is seen, or the run ends. As soon as one does not agree, or shows too
+little, the next stage begins.
 
 After the last stage the scene goes on within `holding` for a second, and the last stage is tried again. Missing
 feedback begins a stage anew. In a scene of several axes force rises when the sign of all has been seen.
@@ -19,7 +16,6 @@ from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.watch import TripOff
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.sign_probe import (
-    DECIDING_PAIRS,
     PARTS,
     PAUSE,
     PULSES_OF_A_PAIR,
@@ -27,8 +23,6 @@ from haptic_fieldbus.planning.sign_probe import (
     Stage,
     sign_probe,
 )
-
-PULSES = PULSES_OF_A_PAIR * DECIDING_PAIRS
 
 
 def thue_morse(number: int) -> float:
@@ -81,6 +75,10 @@ class SignProof:
     def _stage(self) -> Stage:
         return self._probe.stages[self._number]
 
+    @property
+    def _pulses(self) -> int:
+        return PULSES_OF_A_PAIR * self._stage.pairs
+
     def _begin(self) -> None:
         """Begin the stage, after a while in which the handle comes to rest."""
         self._positions, self._shown = [], []
@@ -89,7 +87,7 @@ class SignProof:
     def _torque(self, stage: Stage) -> float:
         """Return the torque of this period: none, that of the pulse, and the same against it."""
         pulse, rest = divmod(len(self._positions) - 1, PARTS * stage.periods)
-        if self._pause or self.seen or not self._positions or pulse >= PULSES:
+        if self._pause or self.seen or not self._positions or pulse >= self._pulses:
             return 0.0
         return (0.0, 1.0, -1.0)[rest // stage.periods] * thue_morse(pulse) * stage.effort
 
@@ -97,8 +95,8 @@ class SignProof:
         """After the second part of each pulse: how did the handle move, and what does the pair say?"""
         pulse, length = len(self._shown), stage.periods
         here = len(self._positions) - 1
-        if pulse == PULSES:
-            if here >= PARTS * length * PULSES:  # the last pulse has stopped the handle again
+        if pulse == self._pulses:
+            if here >= PARTS * length * pulse:  # the last pulse has stopped the handle again
                 self.seen = True
                 self._seen()
             return
@@ -114,8 +112,24 @@ class SignProof:
         first, pair = self._shown[0], self._shown[-1] + self._shown[-2]
         if abs(pair) < self._probe.least(stage) * (1.0 - 1e-9) or first * pair <= 0.0:
             self._next()
-        elif len(self._shown) == PULSES and pair < 0.0:
+        elif len(self._shown) < self._pulses:
+            return
+        elif not self._agree(math.copysign(1.0, first)):
+            self._next()
+        elif first < 0.0:
             self._trip(TripKind.SIGN, 0.5 * pair, stage.effort)
+
+    def _agree(self, side: float) -> bool:
+        """Return whether all pulses go to this side, after a straight line is taken out of how the handle went."""
+        went = [thue_morse(pulse) * shown for pulse, shown in enumerate(self._shown)]
+        middle = 0.5 * (len(went) - 1)
+        mean = sum(went) / len(went)
+        slope = sum((pulse - middle) * each for pulse, each in enumerate(went)) / sum(
+            (pulse - middle) ** 2 for pulse in range(len(went))
+        )
+        return all(
+            side * thue_morse(pulse) * (each - mean - slope * (pulse - middle)) > 0.0 for pulse, each in enumerate(went)
+        )
 
     def _next(self) -> None:
         """Go on with the next stage; after the last one with the scene."""

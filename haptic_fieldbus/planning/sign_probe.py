@@ -11,15 +11,19 @@ positions at the ends of its first two thirds follows the second difference
     e = x(2n) − 2·x(n) + x(0)
 
 A motion with constant speed drops out of it. Two pulses of opposite sign are a *pair*, d = e₊ − e₋, from which constant
-acceleration drops out too: a push, a weight. The signs + − − + − + + − … (Thue and Morse) make forces that grow
-evenly cancel in the sum. For a mass alone d = A·T²/m with T = n periods; for any passive hand d has the same sign,
-because a shaft that is pushed out of rest goes the way of the push first, whatever mass, spring or damper hold it.
+acceleration drops out too: a push, a weight. For a mass alone d = A·T²/m with T = n periods.
 
-A pair counts when |d| is at least three counts. Each of the four readings of a pair is up to half a count off, two of
-them count twice: together at most four counts, with a standard deviation of one. Three pairs more on one side than on
-the other decide. A hand that does not move the handle to and fro with every pulse (about 30 times a second on the
-shipped bench, more than an order of magnitude faster than it can on purpose) and harder than the probe cannot decide
-for it, to either side.
+Three things must agree before anything is decided, so that it takes more than noise, a hand or a spring to decide
+falsely, and all three are the same for either decision:
+
+- *Every pair* shows |d| of at least three counts, all to the same side. Each of the readings of a pair is up to half a
+  count off, two of them count twice: together at most four counts, with a standard deviation of one.
+- *The first pulse* goes to that side. It begins at rest, and what is pushed out of rest goes the way of the push first,
+  whatever mass, spring or damper hold it. Later pulses may go wrong while the handle still rings.
+- *Every pulse* goes the way of its torque, after a straight line is taken out of their e. The signs are + − − + − + + −
+  … (Thue and Morse), which no even motion follows: a hand that leads the handle would have to turn it round with nearly
+  every pulse, some 30 times a second on the shipped bench. Where pulses are so long that a hand could, there are
+  twice as many, with turns that are so uneven that no swing follows them.
 
 A pulse is as long as it takes for d to be four counts, but at least 5 ms. When friction or a hand hides the motion, the
 torque is raised to its bound, then the pulses are made longer; after that the scene goes on within 5 % of rated torque,
@@ -41,8 +45,10 @@ SHORTEST_PULSE, LONGEST_PULSE = 0.005, 0.1
 """[s]; of the part with one torque."""
 ASKED_COUNTS, SEEN_COUNTS = 4.0, 3.0
 """Counts that a pair is designed to show, and those from which on it counts."""
-DECIDING_PAIRS, PAIRS = 3, 4
-"""Pairs that decide, and those that are tried with one torque and length."""
+FEWEST_PAIRS, MORE_PAIRS = 3, 6
+"""Pairs of a stage that is faster than a hand, and of one that is not."""
+HAND_TIME = 0.15
+"""[s]; in it a hand makes no more than one movement and back."""
 PAUSE = 1.0
 """[s] between two attempts."""
 PULSES_OF_A_PAIR, PARTS = 2, 3
@@ -50,10 +56,11 @@ PULSES_OF_A_PAIR, PARTS = 2, 3
 
 @dataclass(frozen=True)
 class Stage:
-    """Pulses of one torque [N or N·m in the workspace] and length, the part with one torque [periods]."""
+    """Pairs of pulses of one torque [N or N·m in the workspace] and length, of the part with one torque [periods]."""
 
     effort: float
     periods: int
+    pairs: int
 
 
 @dataclass(frozen=True)
@@ -83,7 +90,7 @@ class SignProbe:
     @property
     def time(self) -> float:
         """Least time until the sign is seen [s]."""
-        return DECIDING_PAIRS * PULSES_OF_A_PAIR * PARTS * self.stages[0].periods * self.period
+        return self.stages[0].pairs * PULSES_OF_A_PAIR * PARTS * self.stages[0].periods * self.period
 
     @property
     def travel(self) -> float | None:
@@ -114,11 +121,16 @@ def sign_probe(axis: AxisPlan, period: float) -> SignProbe | None:
     length = _length(step, efforts[0] - friction, mass, speed=axis.integrates)
     periods = max(1, math.ceil(length / period - 1e-9))
     longest = max(periods, round(LONGEST_PULSE / period))
-    stages = [Stage(effort, periods) for effort in efforts]
-    stages += [Stage(bound, min(longest, factor * periods)) for factor in (2, 4) if stages[-1].periods < longest]
-    return SignProbe(
-        tuple(dict.fromkeys(stages)), HOLDING_SHARE * axis.rated_effort, period, step, axis.integrates, mass, friction
-    )
+    sizes = [(effort, periods) for effort in efforts]
+    sizes += [(bound, min(longest, factor * periods)) for factor in (2, 4)]
+    stages = tuple(Stage(*size, _pairs(size[1] * period)) for size in dict.fromkeys(sizes))
+    return SignProbe(stages, HOLDING_SHARE * axis.rated_effort, period, step, axis.integrates, mass, friction)
+
+
+def _pairs(length: float) -> int:
+    """Return how many pairs decide with pulses of this length [s]."""
+    fast = FEWEST_PAIRS * PULSES_OF_A_PAIR * PARTS * length <= HAND_TIME
+    return FEWEST_PAIRS if fast else MORE_PAIRS
 
 
 def _length(step: float, effort: float, mass: float | None, *, speed: bool) -> float:

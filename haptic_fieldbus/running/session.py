@@ -19,8 +19,10 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
+from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
+from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
 from haptic_fieldbus.running.ending import ended_by_signals
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.running.rows import Rows
@@ -161,7 +163,13 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
         f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
         f"{'. '.join((f'{facts.link_loss}, confirmed in the drive', *facts.changes))}."
+        f"{_pulses(axis, plan.period)}"
     )
+
+
+def _pulses(axis: AxisPlan, period: float) -> str:
+    probe = sign_probe(axis, period)
+    return "" if probe is None else f" First, {sign_text(axis, probe)}."
 
 
 def _followed(
