@@ -18,7 +18,7 @@ from haptic_fieldbus.cycle.watch import EMERGENCY, FLAGS, STATUSWORD
 from haptic_fieldbus.documents.edits import Value, with_table
 from haptic_fieldbus.documents.replacing import edit_file
 from haptic_fieldbus.errors import Fault, RigError, UsageError
-from haptic_fieldbus.numerals import in_unit
+from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
@@ -68,8 +68,8 @@ def _show(axis: AxisPlan, plan: Plan, exchange: "_Exchange", instruct: Instruct)
     for number, way in enumerate(exchange.ways(axis)):
         if number % every == 0:
             instruct(
-                f"axis {axis.name} is off: move the handle {in_unit(enough, unit)} to the positive side; "
-                f"it is at {in_unit(way, unit)}"
+                f"axis {axis.name} is off: move the handle {rounded(1e3 * enough)} m{unit} to the positive "
+                f"side; it is at {round(1e3 * way)} m{unit}"
             )
         if abs(way) >= enough:
             instruct("\n")
