@@ -99,7 +99,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
                     site.clock,
                     cycles=cycles,
                     record=record,
-                    progress=_followed(rows, assessment, request.progress, cycles),
+                    progress=_followed(rows, assessment, request.progress, cycles, _hint(request, cycle)),
                     report=report,
                     changes=request.changes,
                     ending=ending,
@@ -172,14 +172,32 @@ def _pulses(axis: AxisPlan, period: float) -> str:
     return "" if probe is None else f" First, {sign_text(axis, probe)}."
 
 
+def _hint(request: Request, cycle: Cycle) -> Callable[[], None]:
+    """Return a function that asks a person once to let go of a handle whose sign was looked for in vain."""
+    hidden = {axis.name for axis in request.selection.plan.axes if not axis.sign_known}
+
+    def hint() -> None:
+        for name in [name for name in hidden if cycle.unseen(name)]:
+            hidden.discard(name)
+            if request.instruct is not None:
+                request.instruct(f"axis {name}: let go of the handle, so that torque is seen to move it\n")
+
+    return hint
+
+
 def _followed(
-    rows: Rows, assessment: Assessment, progress: Callable[[int, int], None] | None, cycles: int
+    rows: Rows,
+    assessment: Assessment,
+    progress: Callable[[int, int], None] | None,
+    cycles: int,
+    hint: Callable[[], None],
 ) -> Callable[[int], None]:
     """Return the function that the loop calls about ten times a second: it records, assesses, and tells progress."""
 
     def follow(done: int) -> None:
         rows.flush()
         assessment.advance()
+        hint()
         if progress is not None:
             progress(done, cycles)
 
