@@ -111,7 +111,7 @@ def run(trial: Trial) -> Result:
     from haptic_fieldbus.running.session import Request, render
 
     return render(
-        Request(selection, trial.duration, recording, trial.confirm, trial.progress, changes, trial.instruct),
+        Request(selection, trial.duration, recording, trial.confirm, trial.progress, changes, instruct=trial.instruct),
         site_of(selection.plan, recording, Conditions(hand, trial.seed, faults)),
     )
 

@@ -23,7 +23,7 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
 from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
-from haptic_fieldbus.running.ending import ended_by_signals
+from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.running.rows import Rows
 
@@ -90,7 +90,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
             assessment = Assessment(run)
             try:
-                _open(request, plan, bus, site.clock, warnings)
+                _open(request, plan, bus, site.clock, warnings, ending)
                 ending.hold()
                 run_loop(
                     plan,
@@ -128,7 +128,7 @@ def _one_of(buses: Mapping[str, Bus]) -> Bus:
     return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
 
 
-def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, warnings: list[str]) -> None:
+def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, warnings: list[str], ending: EndSignals) -> None:
     """Inspect the drives, ask, and only then write to them.
 
     Raises UsageError, RigError, BusError or DriveFaultError.
@@ -140,7 +140,7 @@ def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, warnings: list[s
     if not plan.simulated:
         from haptic_fieldbus.running.direction import confirm_direction
 
-        warnings += confirm_direction(plan, bus, clock, request.instruct)
+        warnings += confirm_direction(plan, bus, clock, request.instruct, ending)
 
 
 def _ask(request: Request, plan: Plan, bus: Bus) -> None:
