@@ -173,7 +173,7 @@ def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, prepared: Prepar
     if not plan.simulated:
         from haptic_fieldbus.running.direction import confirm_direction
 
-        prepared.warnings += confirm_direction(plan, bus, clock, request.instruct)
+        prepared.warnings += confirm_direction(plan, bus, clock, request.instruct, ending)
 
 
 def _ask(request: Request, plan: Plan, bus: Bus, due: Mapping[str, str]) -> None:

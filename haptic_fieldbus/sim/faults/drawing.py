@@ -4,6 +4,7 @@ Each kind has a recipe, which draws its values from ranges in which it may be fe
 text of a drawn fault is short and reads back as the same fault.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from random import Random
 
@@ -32,7 +33,7 @@ def _duration(random: Random) -> float | None:
 
 
 def _count(random: Random, most: int = 60) -> int:
-    return min(most, round(float(most) ** random.random()))
+    return min(most, round(math.pow(most, random.random())))
 
 
 def _foreign(random: Random, at: float) -> "faults.Fault":
