@@ -176,7 +176,7 @@ GUARDS = {
     ),
     "silence of the drive": _bus(
         "link",
-        "if now_ns - node.heartbeat_ns > heartbeat_limit_ns:",
+        "if now_ns - node.heartbeat_ns > self._silence_ns:",
         "if False:",
         "test_master",
         "test_a_heartbeat_that_stays_away_for_three_times_its_period_is_flagged",
@@ -253,6 +253,44 @@ GUARDS = {
         "pass",
         "test_foreign",
         "TestBeforeTheLoop::test_a_master_that_came_while_a_person_thought_is_refused_before_anything_is_written",
+    ),
+    "life guarding begins with our requests": _bus(
+        "guard",
+        "*(node.guarding_request for node in nodes if node.guarded)",
+        "*()",
+        "test_guard",
+        "TestAnswers::test_answers_are_the_sign_of_life_and_the_nmt_state",
+    ),
+    "a toggle bit that stands still": _bus(
+        "node",
+        "if self._toggle != before:",
+        "if True:",
+        "test_guard",
+        "TestAnswers::test_a_toggle_bit_that_stands_still_is_no_sign_of_life",
+    ),
+    "a request of somebody else feeds the guard": _bus(
+        "foreign",
+        "Severity.COMMAND for node in guarded",
+        "Severity.QUESTION for node in guarded",
+        "test_guard",
+        "TestSomebodyElse::test_a_request_in_the_loop_is_a_command",
+    ),
+    "a heartbeat beside life guarding": _bus(
+        "guard", "if held:", "if False:", "test_guard", "TestConfiguration::test_a_heartbeat_that_is_on_is_switched_off"
+    ),
+    "answers about the set-points that stay away": _cycle(
+        "echo",
+        "doubt.unanswered(t_ns - heard_ns, sent[0])",
+        "pass",
+        "test_answers_that_stay_away_are_a_trip_in_the_stated_time",
+        of="tests/cycle/test_asked_echo.py",
+    ),
+    "answers that belong to another question": _bus(
+        "asking",
+        "LATEST * self._patience_ns if self._repeated else self._every_ns",
+        "self._every_ns",
+        "test_asking",
+        "TestAnswers::test_after_a_repetition_nothing_is_asked_until_the_other_answer_can_come_no_more",
     ),
     "the drive's watch on us": _bus(
         "setup",

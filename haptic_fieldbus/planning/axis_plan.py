@@ -37,6 +37,7 @@ PROVIDERS = {
     Signal.VELOCITY: (Signal.POSITION, Signal.VELOCITY),
     Signal.TORQUE_ACTUAL: (Signal.TORQUE_ACTUAL,),
     Signal.TORQUE_DEMAND: (Signal.TORQUE_DEMAND,),
+    Signal.TARGET_ASKED: (Signal.TARGET_ASKED,),
 }
 """Signal → signals of the drive that can provide it, the best first.
 

@@ -173,7 +173,7 @@ def _without_effect(profile: str, rate: float, phase: float) -> float:
         return (faults.MissingRpdos("missing_rpdos", at),)
 
     with Bench(profile, rate, phase, lost, after=SWINGING) as bench:
-        noticed = ECHO_STEPS if bench.axis.profile.echo is Signal.TORQUE_DEMAND else 1000 * ECHO_SHARE
+        noticed = 1000 * ECHO_SHARE if bench.axis.profile.echo is Signal.TORQUE_ACTUAL else ECHO_STEPS
         lost_ns = held = 0
 
         def tapped(t_ns: int, can_id: int, data: bytes) -> None:
@@ -192,11 +192,13 @@ def _without_effect(profile: str, rate: float, phase: float) -> float:
 
 
 def _killed(profile: str, rate: float, phase: float) -> float:
-    """Right after a heartbeat, so that the guard takes longest."""
+    """Right after a heartbeat, or a request of node guarding and its answer, so that the guard takes longest."""
     with Bench(profile, rate, phase) as bench:
+        guarded = can_traffic(bench.plan).members[0].traffic.life_guarding
+        proof = 0x700 + bench.axis.node if guarded else MASTER_HEARTBEAT
 
         def tapped(t_ns: int, can_id: int, _data: bytes) -> None:
-            if can_id == MASTER_HEARTBEAT and bench.event_ns and t_ns >= bench.event_ns and not bench.bus.dead:
+            if can_id == proof and bench.event_ns and t_ns >= bench.event_ns and not bench.bus.dead:
                 bench.bus.dead, bench.event_ns = True, t_ns
 
         bench.world.tap(tapped)
