@@ -108,7 +108,7 @@ class Plan:
 
     @property
     def guards(self) -> tuple[AxisGuard, ...]:
-        """AxisGuard of the drive of each axis, and what is known of it."""
+        """Guard of the drive of each axis, and what is known of it."""
         traffic, source = self._traffic, self.rig.source
         return tuple(
             guard_of(axis.name, axis.profile, axis.rig, traffic[axis.name].guard(axis.name), source)
