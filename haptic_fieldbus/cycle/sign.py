@@ -19,8 +19,8 @@ from haptic_fieldbus.planning.sign_probe import (
     PARTS,
     PAUSE,
     PULSES_OF_A_PAIR,
-    SignProbe,
     PulseStage,
+    SignProbe,
     sign_probe,
 )
 
