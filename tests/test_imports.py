@@ -85,6 +85,7 @@ DOES_WITHOUT = {
         "api": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.torque_error": "assessing.virtual_states",
+        "running.session": "running.direction",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
     },
 }
