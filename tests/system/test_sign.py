@@ -208,3 +208,10 @@ def test_a_sign_that_turns_in_contact_ends_the_run(fault: faults.Fault) -> None:
     """Another tool reverses the drive two seconds later, when the motor holds the handle at its end stop."""
     with pytest.raises(SafetyTripError, match="the motion went against the torque"):
         run("constant", duration=4.0, faults=[fault])
+
+
+@pytest.mark.thorough("seconds of knocking", quick=1)
+@pytest.mark.parametrize("mass", [0.7, 1.2, 3.0])
+def test_a_virtual_mass_that_is_knocked_is_no_contradiction(mass: float) -> None:
+    """Its torque goes against each change of the hand's force, as that of a wrong sign does."""
+    assert run("inertia", hand="tap", duration=5.0, force=True, settings={"inertia.mass": mass}).trips == ()
