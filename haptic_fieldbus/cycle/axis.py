@@ -43,7 +43,9 @@ class Owner(Protocol):
 class AxisCycle:
     """One axis of a running plan; `output` is the output image, shared by all axes."""
 
-    def __init__(self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float) -> None:
+    def __init__(
+        self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float, *, controlled: bool
+    ) -> None:
         self.state, self.sensed, self.permission = AxisState(), Sensed(), Permission()
         self.stalls = 0
         """How often counts stood still under torque for so long that the limit fell."""
@@ -59,6 +61,8 @@ class AxisCycle:
         if axis.couplings:
             # The cycle adds up the couplings before any axis renders, so their field only reads the sum.
             self._fields.append(lambda position: self.sensed.coupled)
+        if controlled:
+            self._fields.append(lambda position: self.sensed.damped)
         self._field = summed(self._fields)
         self.render = self._bind_render()
 
@@ -135,7 +139,7 @@ class AxisCycle:
         # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
         jump, stall_ns = axis.limits.jump(self._period, abs(unit)), axis.limits.stall * 1e9
-        shortest, longest = _in_time(self._period)
+        shortest, longest = round(0.5e9 * self._period), round(1.5e9 * self._period)
         bits_before, fresh_ns = -1, 0
 
         def observe(image: bytes | bytearray) -> None:
@@ -187,7 +191,7 @@ class AxisCycle:
         unpack, power = self._image.input.unpack_from, self._power
         mask, stall_ns, place = self._axis.power.mask, self._axis.limits.stall * 1e9, self._place(Signal.VELOCITY)
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
-        shortest, longest = _in_time(self._period)
+        shortest, longest = round(0.5e9 * self._period), round(1.5e9 * self._period)
         bits_before, fresh_ns = -1, 0
 
         def observe(image: bytes | bytearray) -> None:
@@ -291,8 +295,3 @@ class AxisCycle:
         if abs(effort) > holding and self.permission.cap > holding:
             self.permission.cap_at(holding, math.copysign(1.0, effort))
             self.stalls += 1
-
-
-def _in_time(period: float) -> tuple[int, int]:
-    """Between which times [ns] after the last one a sample belongs to the next period."""
-    return round(0.5e9 * period), round(1.5e9 * period)
