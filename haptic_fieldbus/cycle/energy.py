@@ -168,9 +168,11 @@ class Ledger:
 
     def unsettled(self) -> str | None:
         """Return the reason for which the force follows no passive law in this period."""
-        if any(port.permission.fade < 1.0 for port in self.ports):
-            return FADE_IN
-        return None if all(port.permission.unchanged for port in self.ports) else GAP
+        for port in self.ports:
+            permission = port.permission
+            if not permission.unchanged:
+                return FADE_IN if permission.fade < 1.0 else GAP
+        return None
 
     def open(self, positions: Sequence[float]) -> None:
         """Open an account at these positions."""

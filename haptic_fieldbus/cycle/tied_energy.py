@@ -12,15 +12,22 @@ from haptic_fieldbus.planning.energy import AxisTerms
 
 @dataclass(slots=True)
 class _Side:
-    """One axis between two periods; `sent` holds the forces of the last periods, the newest first [N or N·m]."""
+    """One axis between two periods; forces in N or N·m."""
 
     port: Port
     sent: deque[float]
-    whole: int
+    """Forces of the last periods that do not act yet, the newest first."""
     share: float
     by_law: bool
     """Whether the force of the scene counts, before any limit: elements with virtual states do not know it."""
+    unit: float
+    most: float
+    """Largest force that is permitted."""
     last: float
+    acting: float = 0.0
+    """Force at the end of the period."""
+    changed: float = 0.0
+    """How much it differs from the one at its begin."""
     way: float = 0.0
     direction: float = 0.0
     """Sign of the force at which the account was opened."""
@@ -29,30 +36,13 @@ class _Side:
 
     def passed(self) -> float:
         """Take in the period that has passed, and return the work that was done on the handle in it [J]."""
-        state = self.port.state
-        self.sent.appendleft(state.force if self.by_law else state.target * self.port.axis.effort_unit)
-        self.way, self.last = state.position - self.last, state.position
-        return self.way * (self.share * self.sent[self.whole + 1] + (1.0 - self.share) * self.acting)
-
-    @property
-    def is_cut(self) -> bool:
-        """Whether a limit cuts the force of the scene."""
-        return abs(self.port.state.force) > self.port.axis.limits.effort
-
-    @property
-    def changed(self) -> float:
-        """Change of the acting force from one period to the next."""
-        return self.sent[self.whole] - self.sent[self.whole + 1]
-
-    @property
-    def acting(self) -> float:
-        """The force at the end of the period."""
-        return self.sent[self.whole]
-
-    @property
-    def left(self) -> bool:
-        """Whether this axis has no force any more in the direction in which the account was opened."""
-        return self.acting * self.direction <= 0.0
+        state, before = self.port.state, self.acting
+        self.sent.appendleft(state.force if self.by_law else state.target * self.unit)
+        self.acting = acting = self.sent.pop()
+        self.changed = changed = acting - before
+        here = state.position
+        self.way, self.last = here - self.last, here
+        return self.way * (acting - self.share * changed)
 
 
 def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
@@ -62,7 +52,9 @@ def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodSt
     control = _Controller(ledger, sides) if controls else None
 
     def step() -> None:
-        work = sum([side.passed() for side in sides])
+        work = 0.0
+        for side in sides:
+            work += side.passed()
         account.take(work)
         if control is not None:
             control.damp(work)
@@ -74,8 +66,8 @@ def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodSt
 
 def _side(port: Port, ledger: Ledger) -> _Side:
     whole, share = shares(port.axis, ledger.period)
-    sent = deque([0.0] * (whole + 2), maxlen=whole + 2)
-    return _Side(port, sent, whole, share, ledger.memory.silence > 0, port.state.position)
+    by_law, unit, most = ledger.memory.silence > 0, port.axis.effort_unit, port.axis.limits.effort
+    return _Side(port, deque([0.0] * whole), share, by_law, unit, most, port.state.position)
 
 
 class _Account:
@@ -99,7 +91,10 @@ class _Account:
         energy = self._given - self._granted
         if energy > self._ledger.tally.largest + self._ledger.memory.reserve:
             self._judge(energy)
-        if all(side.left for side in self._sides):
+        for side in self._sides:
+            if side.acting * side.direction > 0.0:
+                break
+        else:  # no axis has a force any more in the direction in which the account was opened
             self._begin()
         if self._ledger.changing:
             self._ledger.tick(self._positions)
@@ -158,28 +153,26 @@ class _Controller:
         self._ledger, self._sides = ledger, sides
         self._excess = 0.0
         self._stored = ledger.stored([side.last for side in sides])
-        self._share = 0.0
 
     def damp(self, work: float) -> None:
         """Set the damping forces of the coming period."""
-        ledger, tally = self._ledger, self._ledger.tally
-        stored = ledger.stored([side.last for side in self._sides])
-        free = not any(side.acting for side in self._sides)
-        memory = ledger.memory
-        floor = -math.inf if memory.silence else -memory.reserve
+        ledger, sides = self._ledger, self._sides
+        before, self._stored = self._stored, ledger.stored([side.last for side in sides])
         # A force that follows no law, or is cut, differs from it for reasons that no damping should answer.
-        off = free or ledger.unsettled() is not None or any(side.is_cut for side in self._sides)
-        granted = sum(terms.active * abs(side.way) for side, terms in zip(self._sides, ledger.terms, strict=True))
-        self._excess = 0.0 if off else max(floor, self._excess + work + stored - self._stored - granted)
-        self._stored = stored
-        dampings = [LEAKS * terms.damping for terms in ledger.terms]
-        most = (
-            sum(damping * side.way * side.way for damping, side in zip(dampings, self._sides, strict=True))
-            / ledger.period
-        )  # the energy that the whole damping takes in a period
+        off, free, granted, most = ledger.unsettled() is not None, True, 0.0, 0.0
+        for side, terms in zip(sides, ledger.terms, strict=True):
+            off = off or not -side.most <= side.port.state.force <= side.most
+            free = free and not side.acting
+            granted += terms.active * abs(side.way)
+            most += LEAKS * terms.damping * side.way * side.way
+        floor = -math.inf if ledger.memory.silence else -ledger.memory.reserve
+        self._excess = 0.0 if off or free else max(floor, self._excess + work + self._stored - before - granted)
+        most /= ledger.period  # the energy that the whole damping takes in a period
         share = min(1.0, self._excess / (RECOVERY * most)) if most and self._excess > 0.0 else 0.0
-        for side, damping in zip(self._sides, dampings, strict=True):
-            side.port.sensed.damped = -share * damping * side.way / ledger.period
-        tally.taken += share * most
-        tally.damped += share > 0.0
-        tally.strongest = max(tally.strongest, abs(self._sides[0].port.sensed.damped))
+        for side, terms in zip(sides, ledger.terms, strict=True):
+            side.port.sensed.damped = -share * LEAKS * terms.damping * side.way / ledger.period
+        if share:
+            tally = ledger.tally
+            tally.taken += share * most
+            tally.damped += 1
+            tally.strongest = max(tally.strongest, abs(sides[0].port.sensed.damped))
