@@ -10,10 +10,11 @@ import math
 from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
-from haptic_fieldbus.cycle.energy import Ledger, Port
+from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.laws import PairField, blended_pair
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.cycle.sensing import in_order
+from haptic_fieldbus.cycle.tied_energy import bind_ledger
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.energy import judged_groups, ledger_elements
@@ -189,7 +190,7 @@ class Cycle:
         for ledger in self._ledgers:
             # Before any axis of the ledger renders, while the states still have the targets that were sent last.
             first = ledger.axes[0].name
-            renders[first] = ledger.bind(renders[first], controls=self._controlled)
+            renders[first] = bind_ledger(ledger, renders[first], controls=self._controlled)
         steps = (*before, *self._couplings, *renders.values())
         self._render = steps[0] if len(steps) == 1 else in_order(steps)
         self._render()
@@ -216,7 +217,7 @@ class Cycle:
                 self.enabled = False
 
         cycles = [(axis, self._axes[axis.name]) for axis in axes]
-        ports = [Port(axis, each.state, each.sensed, each.permission) for axis, each in cycles]
+        ports = [LedgerAxis(axis, each.state, each.sensed, each.permission) for axis, each in cycles]
         return Ledger(ports, *ledger_elements(plan, axes), plan.period, trip)
 
     def _pair(self, element: CouplingElement, period: float) -> PairField:

@@ -92,7 +92,7 @@ class Tally:
 
 
 @dataclass(frozen=True, slots=True)
-class Port:
+class LedgerAxis:
     """One axis of a ledger: its plan, and what the cycle remembers of it."""
 
     axis: AxisPlan
@@ -106,7 +106,7 @@ class Ledger:
 
     def __init__(
         self,
-        ports: Sequence[Port],
+        ports: Sequence[LedgerAxis],
         elements: Sequence[Sequence[Element]],
         couplings: Sequence[CouplingElement],
         period: float,
@@ -123,13 +123,10 @@ class Ledger:
         self.terms, self.memory, self._after = self._of(elements, couplings)
         self._before = self._after
 
-    def bind(self, render: PeriodStep, *, controls: bool) -> PeriodStep:
-        """Return a step that looks at the period that has passed and then renders the coming one."""
-        if len(self.ports) > 1 or controls or self.memory.silence or waits(self.axes[0], self.period):
-            from haptic_fieldbus.cycle.tied_energy import bind_tied  # most scenes are one axis without virtual states
-
-            return bind_tied(self, render, controls=controls)
-        return _bind_alone(self, render)
+    @property
+    def is_plain(self) -> bool:
+        """Whether `bind_alone` will do: one axis, whose elements state what they hold and whose torque acts at once."""
+        return len(self.ports) == 1 and not self.memory.silence and not shares(self.axes[0], self.period)[0]
 
     def stored(self, positions: Sequence[float]) -> float:
         """Return the energy that the elements store at these positions of the axes [J]; on the way the mix of both."""
@@ -204,13 +201,8 @@ def shares(axis: AxisPlan, period: float) -> tuple[int, float]:
     return whole, fraction / period
 
 
-def waits(axis: AxisPlan, period: float) -> bool:
-    """Return whether a torque begins to act only after the next sample."""
-    return shares(axis, period)[0] > 0
-
-
-def _bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
-    """Return the step of a single axis whose elements all state what they hold, the shortest that there is."""
+def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
+    """Return the step of a plain ledger: it looks at the period that has passed, and then renders the coming one."""
     (port,) = ledger.ports
     state, unit = port.state, port.axis.effort_unit
     share = shares(port.axis, ledger.period)[1]

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from haptic_fieldbus.cycle.energy import LEAKS, RECOVERY, Ledger, Port, shares
+from haptic_fieldbus.cycle.energy import LEAKS, RECOVERY, Ledger, LedgerAxis, bind_alone, shares
 from haptic_fieldbus.cycle.sensing import PeriodStep
 from haptic_fieldbus.planning.energy import AxisTerms
 
@@ -14,7 +14,7 @@ from haptic_fieldbus.planning.energy import AxisTerms
 class _Side:
     """One axis between two periods; forces in N or N·m."""
 
-    port: Port
+    port: LedgerAxis
     sent: deque[float]
     """Forces of the last periods that do not act yet, the newest first."""
     share: float
@@ -45,6 +45,13 @@ class _Side:
         return self.way * (acting - self.share * changed)
 
 
+def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
+    """Return the shortest step that will do for `ledger`: it looks at the period that has passed, and then renders."""
+    return (
+        bind_alone(ledger, render) if ledger.is_plain and not controls else bind_tied(ledger, render, controls=controls)
+    )
+
+
 def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
     """Return the step of all axes of `ledger`, and then `render`; with the controller's damping if it `controls`."""
     sides = [_side(port, ledger) for port in ledger.ports]
@@ -64,7 +71,7 @@ def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodSt
     return step
 
 
-def _side(port: Port, ledger: Ledger) -> _Side:
+def _side(port: LedgerAxis, ledger: Ledger) -> _Side:
     whole, share = shares(port.axis, ledger.period)
     by_law, unit, most = ledger.memory.silence > 0, port.axis.effort_unit, port.axis.limits.effort
     return _Side(port, deque([0.0] * whole), share, by_law, unit, most, port.state.position)
@@ -85,6 +92,8 @@ class _Account:
             self._granted += terms.active * abs(side.way)
             if side.by_law:
                 self._given += side.changed * side.way * terms.age
+                if side.port.state.steps > 1:  # after a gap the law went through the way, which the held force did not
+                    self._given -= 2.0 * terms.damping / (terms.age * self._ledger.period) * side.way * side.way
                 self._given -= self._begun(side, terms)
             else:
                 self._granted += terms.damping / self._ledger.period * side.way * side.way

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from haptic_fieldbus.cycle.energy import Ledger, Port, Tally
+from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis, Tally
 from haptic_fieldbus.cycle.safety import Permission
 from haptic_fieldbus.cycle.state import AxisState, Sensed
+from haptic_fieldbus.cycle.tied_energy import bind_ledger
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
@@ -52,10 +53,10 @@ class Bench:
         self.unit = axis.effort_unit
         self.state, self.permission = AxisState(), Permission(fade=1.0, unchanged=True)
         self.trips: list[tuple[float, float]] = []
-        port = Port(axis, self.state, Sensed(), self.permission)
+        port = LedgerAxis(axis, self.state, Sensed(), self.permission)
         self.ledger = Ledger([port], [(element,)], (), PERIOD, lambda *trip: self.trips.append(trip))
         self.ledger.tally.limit = 1e3
-        self.step = self.ledger.bind(self._render, controls=False)
+        self.step = bind_ledger(self.ledger, self._render, controls=False)
         self.force = 0.0
 
     @property
@@ -188,5 +189,5 @@ def test_a_virtual_mass_keeps_its_credit_until_it_has_been_silent_for_a_turn() -
 
 def test_the_limit_holds_a_count_of_the_largest_force() -> None:
     (axis,) = plan_of(scene_of(WALL)).axes
-    bench = Ledger([Port(axis, AxisState(), Sensed(), Permission())], [(WALL,)], (), PERIOD, lambda *_: None)
+    bench = Ledger([LedgerAxis(axis, AxisState(), Sensed(), Permission())], [(WALL,)], (), PERIOD, lambda *_: None)
     assert bench.tally.limit == pytest.approx(0.005 + axis.limits.effort * axis.resolution)
