@@ -48,6 +48,8 @@ class Trial(Task):
     """Run even if the loop would be unstable, or its bench is unknown."""
     changes: "Changes | Sequence[Scheduled]" = ()
     """New settings for the running scene at seconds from *operation enabled*."""
+    prove: bool = False
+    """Prove the guards of the drives at zero torque before the run, whether they are proved already or simulated."""
     confirm: Callable[[str], bool] | None = None
     """Called with a question before a real drive is enabled; the run goes on when it returns True."""
     progress: Callable[[int, int], None] | None = None
@@ -109,14 +111,16 @@ def run(trial: Trial) -> Result:
     from haptic_fieldbus.running.session import Request, render
 
     return render(
-        Request(selection, trial.duration, recording, trial.confirm, trial.progress, changes),
-        site_of(selection.plan, recording, Conditions(hand, trial.seed, faults)),
+        Request(selection, trial.duration, recording, trial.confirm, trial.progress, changes, trial.prove),
+        site_of(selection.plan, recording, Conditions(hand, trial.seed, faults, trial.prove)),
     )
 
 
 def _selected(trial: Trial) -> Selection:
     """Return the compiled selection; with `force` the bench may be unknown, and real drives give their rated torque."""
     loaded = load(trial)
+    if trial.prove:  # then no earlier outcome counts, neither for a guard nor against it
+        loaded = replace(loaded, rig=loaded.rig.unproved())
     if not trial.force:
         check_known(loaded)
     elif not loaded.bus.simulated:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptic_fieldbus.assessing.passivity import Passivity
+from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
@@ -181,6 +182,8 @@ class Result:
     """Problems that did not stop the run; for people, not part of the JSON object."""
     recording_fault: str | None = None
     """Reason for which the recording ended before the run; None when it is complete, or none was asked for."""
+    proofs: tuple[Proof, ...] = ()
+    """Guards that were proved before the run."""
     elapsed: float | None = None
     """Wall-clock time of the loop [s]; for people, not part of the JSON object."""
 
@@ -213,6 +216,7 @@ class Result:
                 "changes": [change.to_json() for change in self.changes],
                 "passivity": [each.to_json() for each in self.passivity],
                 "verdict": self.verdict,
+                "guards": [proof.to_json() for proof in self.proofs],
                 "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,
             }
         )

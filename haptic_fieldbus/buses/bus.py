@@ -91,6 +91,18 @@ class Bus(Protocol):
     def write(self, image: bytes | bytearray) -> None:
         """Send the output image; set-points that cannot be sent are dropped, never queued."""
 
+    def ask(self, axis: str) -> int | None:
+        """Ask a drive for its statusword apart from the exchange, and give no proof of life by it.
+
+        None without an answer in some milliseconds. Raises BusError only when the bus itself is dead.
+        """
+
+    def acknowledge(self) -> None:
+        """Clear the faults into which the drives of a stopped bus went because they had lost us.
+
+        Raises DriveFaultError for a fault of another origin, which is left as it is, or BusError.
+        """
+
     def stop(self) -> bool:
         """Take the torque away from every drive, now; True when all confirmed that their motors are off.
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptic_fieldbus.cli.options import (
+    BENCH,
     HANDS,
     OUTPUT,
     RENDERING,
@@ -55,6 +56,10 @@ class RunOptions(BenchOptions):
     ] = None
     seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
     faults: Annotated[Path | None, option("FILE", "Faults of drive and link.", SIMULATION)] = None
+    prove: Annotated[
+        bool,
+        option(None, "Prove first, at zero torque, that drives left alone let go.", BENCH, "--prove"),
+    ] = False
     record: Annotated[Path | None, option("PATH", "Frames as .log (candump) or .blf, rows as .csv.", OUTPUT)] = None
     plot: PlotOption = None
     yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False

@@ -47,9 +47,9 @@ class _Side:
 
 def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
     """Return the shortest step that will do for `ledger`: it looks at the period that has passed, and then renders."""
-    return (
-        bind_alone(ledger, render) if ledger.is_plain and not controls else bind_tied(ledger, render, controls=controls)
-    )
+    if ledger.is_plain and not controls:
+        return bind_alone(ledger, render)
+    return bind_tied(ledger, render, controls=controls)
 
 
 def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:

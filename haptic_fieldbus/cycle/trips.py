@@ -1,5 +1,6 @@
 """Conversion of a trip to an exception, whose class names the origin and whose message gives cause, value and time."""
 
+import math
 from collections.abc import Callable, Collection
 from dataclasses import replace
 
@@ -173,6 +174,11 @@ def _position(trip: Trip, axis: AxisPlan) -> str:
 def _dead(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of set-points that do not act; the value is what the drive says, the limit what it was sent."""
     unit, shown = axis.workspace.effort_unit, "echo" if axis.profile.echo is None else axis.profile.echo.value
+    if math.isnan(trip.value):
+        return (
+            f"set-points are not proved to act: node {axis.node} has not answered for {trip.detail} ms what target "
+            "torque it has. Another tool may keep its SDO server busy"
+        )
     return (
         f"set-points do not act: {rounded(trip.limit or 0.0)} {unit} was sent, but the {shown} of node {axis.node} "
         f"says {rounded(trip.value)} {unit}, and has not followed for {trip.detail} ms. Another tool may have "

@@ -12,8 +12,8 @@ from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
 from haptic_fieldbus.planning.energy import has_ledger
+from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
-from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
 from haptic_fieldbus.planning.verdicts import on_bus, with_verdicts
 from haptic_fieldbus.protocols.registry import protocol_named
@@ -153,8 +153,10 @@ def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
     for axis in axes:
         if axis.profile.echo is None:
             why = "does not show what it was sent (torque.echo of its profile)"
-            cap = f"torque stays within {100 * HOLDING_SHARE:g} % of rated, what a hand may hold for ever"
-            yield LeftOut("echo of the set-points", f"{axis.profile.title} {why}; {cap}")
+            yield LeftOut("echo of the set-points", f"{axis.profile.title} {why}; {CAPPED}")
+        why = unguarded(axis.profile, axis.rig)
+        if why:
+            yield LeftOut("guard", f"{why}; {CAPPED}, and a person must cut the power (emergency_stop of the rig)")
     if not any(axis.method for axis in axes):
         remembers = any(isinstance(element, MemoryElement) for axis in axes for element in axis.elements)
         why = "what elements remember, they step by themselves" if remembers else "no element has virtual states"

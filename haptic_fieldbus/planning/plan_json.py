@@ -26,6 +26,7 @@ def plan_json(plan: Plan) -> dict[str, Json]:
             for each in plan.coupling_ages
         ],
         "limits": [row for axis in plan.axes for row in _limits_json(axis, plan.period)],
+        "guards": [guard.to_json() for guard in plan.guards],
         "modules": list(plan.modules),
         "deadlines": [each.to_json() for each in plan.deadlines],
     }

@@ -1,6 +1,6 @@
 """One run at a site: configure, ask for confirmation, render, record, and end torque-free whatever happens."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from haptic_fieldbus.assessing.axis_assessment import Run
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.passivity import passivities
+from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Result, known_before
@@ -20,9 +21,10 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
+from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
-from haptic_fieldbus.running.ending import ended_by_signals
+from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.running.rows import Rows
 
@@ -49,6 +51,8 @@ class Request:
     progress: Callable[[int, int], None] | None = None
     """Function that gets the periods done and the periods of the whole run."""
     changes: "Changes | None" = None
+    prove: bool = False
+    """Prove the guards of the drives, whether they are proved or simulated."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     except OSError as error:
         raise UsageError(f"cannot record to {request.record}: {error.strerror}") from error
     recordings: list[str] = []
+    proving = Proving(request)
     started = perf_counter()
     try:
         with ended_by_signals() as ending, place as site:
@@ -86,7 +91,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
             assessment = Assessment(run)
             try:
-                _open(request, plan, bus)
+                _open(request, plan, bus, site.clock, proving, ending)
                 ending.hold()
                 run_loop(
                     plan,
@@ -106,8 +111,8 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     except HapticFieldbusError as error:
         # A run that fails has a result too: the command line prints it beside the error.
         error.result = known_before(request.selection, report, cycle.trip, str(error))
-        seen = tuple(passivities(plan, cycle, report.cycles))
-        error.result = replace(error.result, warnings=tuple(notices(plan, cycle, report)), passivity=seen)
+        known, seen = tuple(notices(plan, cycle, report)), tuple(passivities(plan, cycle, report.cycles))
+        error.result = replace(error.result, warnings=known, passivity=seen, proofs=proving.proofs)
         raise
     finally:
         rows.close()
@@ -117,7 +122,8 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     result = assessment.finish(elapsed)
     fault = next(iter(recordings), None)
     told = [] if fault is None else [f"the recording {request.record} ended before the run: {fault}"]
-    return replace(result, warnings=(*bus.warnings, *told, *result.warnings), recording_fault=fault)
+    warnings = (*bus.warnings, *proving.warnings, *told, *result.warnings)
+    return replace(result, warnings=warnings, recording_fault=fault, proofs=proving.proofs)
 
 
 def _one_of(buses: Mapping[str, Bus]) -> Bus:
@@ -125,20 +131,56 @@ def _one_of(buses: Mapping[str, Bus]) -> Bus:
     return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
 
 
-def _open(request: Request, plan: Plan, bus: Bus) -> None:
-    """Inspect the drives, ask, and only then write to them; raises UsageError, BusError or DriveFaultError."""
+class Proving:
+    """The proofs of guards in a run, and what is to be told of them."""
+
+    def __init__(self, request: Request) -> None:
+        self.proofs: tuple[Proof, ...] = ()
+        self.warnings: list[str] = []
+        self._plan, self._asked = request.selection.plan, request.prove
+
+    def due(self, bus: Bus) -> dict[str, str]:
+        """Return the axes of an inspected bus whose guards are to be proved, with the reason of each."""
+        plan = self._plan
+        if plan.simulated and not self._asked:
+            return {}
+        serials = {name: facts.serial for name, facts in bus.facts.items()}
+        # With --prove the plan knows of no proof, so each guard has a reason.
+        recorded = {axis.name: axis.rig.proved for axis in plan.axes}
+        return to_prove(plan.guards, recorded, {name: serials.get(name) for name in recorded})
+
+
+def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, proving: Proving, ending: EndSignals) -> None:
+    """Inspect the drives, ask, and only then write to them; prove the guards that are due.
+
+    Raises UsageError, PlanError, BusError, DriveFaultError or SafetyTripError.
+    """
     bus.inspect(plan, bytearray(plan.image.input_size))
-    _ask(request, plan, bus)
+    due = proving.due(bus)
+    _ask(request, plan, bus, due)
+    if due:
+        from haptic_fieldbus.running import proofs
+        from haptic_fieldbus.running.proving import prove
+
+        ending.hold()
+        proving.proofs = prove(plan, bus, clock, due, ending)
+        proving.warnings += proofs.keep(plan, bus.facts, proving.proofs)
+        proofs.check(plan, bus.facts, proving.proofs, proving.warnings)
     bus.configure(plan)
     bus.start()
 
 
-def _ask(request: Request, plan: Plan, bus: Bus) -> None:
+def _ask(request: Request, plan: Plan, bus: Bus, due: Mapping[str, str]) -> None:
     """Ask for confirmation before torque is enabled on a real bus; raises UsageError without it."""
     if request.selection.bus.simulated:
         return
     heard = dict.fromkeys(facts.listened for facts in bus.facts.values() if facts.listened)
-    question = "\n".join([*heard, *(_warning(plan, name, bus) for name in bus.facts)])
+    proved: Iterable[str] = ()
+    if due:
+        from haptic_fieldbus.running.proofs import questions
+
+        proved = questions(plan, due)
+    question = "\n".join([*heard, *proved, *(_warning(plan, name, bus) for name in bus.facts)])
     if request.confirm is None or not request.confirm(question):
         raise UsageError("not enabled: on a real bus nothing moves until it is confirmed (--yes for scripts)")
 

@@ -153,6 +153,14 @@ class SdoRefusal(Concern):
     code: UInt32 = 0x0601_0002
 
 
+@dataclass(frozen=True)
+class DeadGuard(Concern):
+    """A watch on the master that acts `factor` times as late as it was set, None: never."""
+
+    kind: Literal["dead_guard"]
+    factor: Annotated[float, Ge(1), Le(1000)] | None = None
+
+
 TimedFault = (
     Emergency
     | DriveFault
@@ -166,7 +174,7 @@ TimedFault = (
     | BusOff
     | ErrorFrame
 )
-LastingFault = MissingNode | WrongIdentity | SdoRefusal
+LastingFault = MissingNode | WrongIdentity | SdoRefusal | DeadGuard
 Fault = TimedFault | LastingFault
 
 

@@ -9,7 +9,7 @@ import pytest
 from haptic_fieldbus.buses.canopen.master import SYNC_BITS, CanopenBus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.errors import BusConfigurationError, BusError
+from haptic_fieldbus.errors import BusConfigurationError, BusError, DriveFaultError
 from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.wall import Wall
@@ -127,7 +127,7 @@ def test_facts_warnings_and_restarts_are_those_of_all_buses() -> None:
     bench.read()
     assert bench.bus.restarted == {"left", "right"}
     bench.bus.stop()
-    assert len([sentence for sentence in bench.bus.warnings if "heartbeat guard" in sentence]) == 2
+    assert len([sentence for sentence in bench.bus.warnings if "its guard on" in sentence]) == 2
 
 
 def test_a_wrong_drive_on_the_second_bus_leaves_the_first_untouched() -> None:
@@ -262,3 +262,16 @@ def test_buses_that_were_never_opened_may_be_stopped_and_closed() -> None:
     assert bench.bus.stop() is True
     bench.bus.close()
     assert [bus.sent for bus in bench.cans] == [[], []]
+
+
+def test_each_drive_is_asked_on_its_own_bus_and_all_faults_are_acknowledged() -> None:
+    buses = TwoBuses().open()
+    for word, drive in zip((0x27, 0x08), buses.drives, strict=True):
+        drive.objects[0x6041, 0] = word.to_bytes(2, "little")
+    assert [buses.bus.ask(axis.name) for axis in buses.plan.axes] == [0x27, 0x08]
+    buses.bus.stop()
+    for drive in buses.drives:
+        drive.power_stays = 0x08
+        drive.objects[0x6041, 0], drive.objects[0x603F, 0] = b"\x08\x00", b"\x10\x23"
+    with pytest.raises(DriveFaultError, match="2310h"):
+        buses.bus.acknowledge()

@@ -6,11 +6,12 @@
 2. `look` asks for a statusword, by SYNC and TPDO or by an SDO upload of 6041h, and listens for one slice of time. A
    drive that is still silent after the first looks is told to go pre-operational, since a node that somebody stopped
    takes no SDO requests, and the download is repeated.
-3. A drive that says that its motor is off has its guard disarmed (1016h = 0), so that no fault remains when we leave,
-   and gets back its own torque limits.
+3. A drive that says that its motor is off has its guard disarmed (1016h or 100Dh = 0), so that no fault remains when we
+   leave, and gets back its own torque limits. All of these are read back.
 
-From `begin` on no heartbeat of ours is sent. The guard of a drive that confirms nothing therefore takes its torque away
-by itself, within the guard time counted from our last heartbeat, and the looks end only after that time.
+From `begin` on no proof of our life is sent, neither heartbeat nor request of node guarding. The guard of a drive that
+confirms nothing therefore takes its torque away by itself, within the guard time counted from the last one, and the
+looks end only after that time.
 
 A slice and all other times here are those of the bus, not of the loop: the way to zero does not grow with the period.
 
@@ -20,6 +21,7 @@ Reference: CiA 301 7.2.4.3 (SDO protocols), 7.2.8.3 (NMT); IEC 61800-7-201 (CiA 
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from haptic_fieldbus.buses.canopen.expedited import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, address, request
 from haptic_fieldbus.buses.canopen.link import Link
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD
@@ -42,8 +44,6 @@ Command = tuple[ObjectEntry, int | None]
 """An entry and the value to download to it; None: upload it."""
 DISABLE: Command = (CONTROLWORD, DISABLE_VOLTAGE)
 ASK: Command = (STATUSWORD, None)
-DOWNLOAD_DONE, UPLOAD_DONE, ABORTED = 3, 2, 4
-"""Specifiers of an SDO response, in its highest three bits."""
 
 
 class Parting:
@@ -60,6 +60,8 @@ class Parting:
         self.refused: list[str] = []
         """Entries that the drive kept as they were, with its SDO abort codes."""
         self._to_undo: list[Command] = []
+        self._written = b""
+        """Octets that the next entry must hold when it is read back."""
         self._sent: Command | None = None
         self._waiting_until_ns = 0
 
@@ -102,16 +104,21 @@ class Parting:
 
     def _answered(self, data: bytearray) -> None:
         """Take an SDO response; one to an earlier request, which names another entry, is passed over."""
-        if self._sent is None or len(data) != 8 or bytes(data[1:4]) != _address(self._sent[0]):
+        if self._sent is None or len(data) != 8 or bytes(data[1:4]) != address(self._sent[0]):
             return
         specifier, command = data[0] >> 5, self._sent
         self._waiting_until_ns = 0
         if command == ASK and specifier == UPLOAD_DONE:
             self._judge(data[4] | data[5] << 8)
-        elif command in self._to_undo and specifier in (DOWNLOAD_DONE, ABORTED):
+        elif command in self._to_undo and specifier == DOWNLOAD_DONE:
+            self._written = request(*command)[4:8]
+            self._to_undo[self._to_undo.index(command)] = (command[0], None)  # to be read back
+        elif command in self._to_undo and specifier in (UPLOAD_DONE, ABORTED):
             self._to_undo.remove(command)
             if specifier == ABORTED:
                 self.refused.append(f"{command[0]} (it refused: {int.from_bytes(data[4:8], 'little'):08X}h)")
+            elif data[4 : 4 + command[0].type.size] != self._written[: command[0].type.size]:
+                self.refused.append(str(command[0]))
 
     def _judge(self, statusword: int) -> None:
         self.free = CIA402.state(statusword) not in ENERGISED
@@ -187,7 +194,7 @@ class Release:
         elif parting.kept:
             self._warn(
                 f"{parting.node.label} was left with {', '.join(parting.kept)} as the run had written it; with its "
-                "heartbeat guard on it may report an error"
+                "guard on it may report an error"
             )
 
     def undone(self, node: Node) -> bool:
@@ -228,16 +235,3 @@ class Release:
     def _warn(self, sentence: str) -> None:
         if sentence not in self.warnings:
             self.warnings.append(sentence)
-
-
-def request(entry: ObjectEntry, value: int | None) -> bytes:
-    """Return the SDO request that downloads `value`, expedited, or uploads the entry when it is None."""
-    if value is None:
-        return bytes((0x40,)) + _address(entry) + bytes(4)
-    data = entry.type.pack(value)
-    # Expedited, with its size: bits 2 and 3 count the octets that are not used.
-    return bytes((0x23 | (4 - len(data)) << 2,)) + _address(entry) + data.ljust(4, b"\0")
-
-
-def _address(entry: ObjectEntry) -> bytes:
-    return entry.object.to_bytes(2, "little") + bytes((entry.subindex,))

@@ -305,11 +305,20 @@ class TestFaults:
         master.wait(10 * MS)
         assert master.heard(0x85) == []
 
+    @pytest.mark.parametrize(("factor", "lost"), [(1.0, True), (3.0, False), (None, False)])
+    def test_a_dead_or_slow_guard_does_not_miss_us_in_time(self, factor: float | None, lost: bool) -> None:
+        master = _master(these=(faults.DeadGuard("dead_guard", factor=factor),))
+        master.write(NODE, 0x1016, 1, 0x7F_0014, 4)
+        master.send(0x77F, b"\x05")
+        master.wait(50 * MS)
+        assert bool(master.heard(0x80 + NODE)) is lost
+
     def test_all_kinds_are_tried_here(self) -> None:
         """A new kind of fault needs its test above."""
         tried = {
             "emergency", "drive_fault", "node_reset", "silence", "missing_tpdos", "missing_rpdos", "heartbeat_lost",
             "encoder_jump", "position_stuck", "bus_off", "error_frame", "missing_node", "wrong_identity", "sdo_abort",
+            "dead_guard",
         }  # fmt: skip
         kinds = [kind.__annotations__["kind"].__args__[0] for kind in faults.Fault.__args__]
         assert set(kinds) == tried
