@@ -54,7 +54,7 @@ DOES_WITHOUT = {
         " protocols.folders sim.canopen.sheet",
         "cli.report": "api study.make_report study.measure.bench",
         "cli.response": "api api.open_loop report.plot_response report.responses",
-        "cli.run": "api planning.request report.plot report.words",
+        "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
         " scenes.scene",
         "cli.simulate": "sim.canopen.hosting sim.faults",
@@ -82,8 +82,10 @@ DOES_WITHOUT = {
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
         "running.session": "running.proofs running.proving",
+        "api": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.torque_error": "assessing.virtual_states",
+        "running.session": "running.direction",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
     },
 }

@@ -41,7 +41,7 @@ class Trial(Task):
     seed: int = DEFAULT_SEED
     """Seed of all random numbers of the simulation."""
     faults: str | Path | Sequence[Fault] = ()
-    """Faults of the simulated drives and links (`haptic_fieldbus.sim.faults`), or the file that lists them."""
+    """Faults of the simulated bench (`haptic_fieldbus.sim.faults`), the file that lists them, or `random@SEED`."""
     record: str | Path | None = None
     """File to record to: frames (.log, .blf) or the rows of all periods (.csv), by its suffix."""
     force: bool = False
@@ -52,6 +52,8 @@ class Trial(Task):
     """Prove the guards of the drives at zero torque before the run, whether they are proved already or simulated."""
     confirm: Callable[[str], bool] | None = None
     """Called with a question before a real drive is enabled; the run goes on when it returns True."""
+    instruct: Callable[[str], None] | None = None
+    """Called with what a person is to do at the handle before a real drive is enabled; None: nobody is there."""
     progress: Callable[[int, int], None] | None = None
     """Called with the number of periods done, and of all periods."""
     announce: Callable[[Plan], None] | None = None
@@ -92,7 +94,7 @@ def run(trial: Trial) -> Result:
     """
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
-    faults = load_faults(trial.faults) if isinstance(trial.faults, str | Path) else tuple(trial.faults)
+    faults = _faults(trial)
     bus = trial.bus or DEFAULT_BUS
     check_request(bus=bus, node=trial.node, rate=trial.rate, duration=trial.duration, seed=trial.seed, record=recording)
     check_fade_in(trial.fade_in)
@@ -111,9 +113,28 @@ def run(trial: Trial) -> Result:
     from haptic_fieldbus.running.session import Request, render
 
     return render(
-        Request(selection, trial.duration, recording, trial.confirm, trial.progress, changes, trial.prove),
+        Request(
+            selection,
+            trial.duration,
+            recording,
+            trial.confirm,
+            trial.progress,
+            changes,
+            prove=trial.prove,
+            instruct=trial.instruct,
+        ),
         site_of(selection.plan, recording, Conditions(hand, trial.seed, faults, trial.prove)),
     )
+
+
+def _faults(trial: Trial) -> tuple[Fault, ...]:
+    """Return the faults of the run; those of a seed fall between enabling and the end."""
+    if not isinstance(trial.faults, str | Path):
+        return tuple(trial.faults)
+    from haptic_fieldbus.sim.faults.drawing import drawn, seed_of
+
+    seed = seed_of(str(trial.faults))
+    return load_faults(trial.faults) if seed is None else drawn(seed, trial.duration)
 
 
 def _selected(trial: Trial) -> Selection:

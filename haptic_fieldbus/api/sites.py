@@ -17,8 +17,9 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.protocols.registry import added
 from haptic_fieldbus.running.session import Site
-from haptic_fieldbus.sim.faults import Fault, faults_on
+from haptic_fieldbus.sim.faults import Fault, HostFault, faults_on
 from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.host import HostClock
 from haptic_fieldbus.sim.simulation import Simulation
 from haptic_fieldbus.sim.slot import Slot
 
@@ -51,7 +52,7 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
     """
     if plan.simulated:
         _check_faults(conditions.faults, plan)
-    clock: Clock = VirtualClock() if plan.simulated else MonotonicClock()
+    clock = _clock(conditions.faults) if plan.simulated else MonotonicClock()
     buses: dict[str, Bus] = {}
     worlds: dict[str, Truth] = {}
     faults: list[str] = []
@@ -69,6 +70,11 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
                 failing.callback(buses[part.name].close)
             failing.pop_all()
         yield Site(clock, buses, worlds, faults)
+
+
+def _clock(faults: Sequence[Fault]) -> Clock:
+    """Return the clock of a simulated run; only a host that is faulty has one of its own."""
+    return HostClock(VirtualClock()) if any(isinstance(fault, HostFault) for fault in faults) else VirtualClock()
 
 
 def ask_rated_torques(rig: Rig) -> Rig:

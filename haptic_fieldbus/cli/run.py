@@ -24,6 +24,7 @@ from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Result
@@ -55,7 +56,9 @@ class RunOptions(BenchOptions):
         option("NAME", HANDS, SIMULATION, default=f"that of the scene, or {DEFAULT_HAND}"),
     ] = None
     seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED
-    faults: Annotated[Path | None, option("FILE", "Faults of drive and link.", SIMULATION)] = None
+    faults: Annotated[
+        str | None, option("FILE", "Faults of drive, bus, host and hand; random@SEED draws some.", SIMULATION)
+    ] = None
     prove: Annotated[
         bool,
         option(None, "Prove first, at zero torque, that drives left alone let go.", BENCH, "--prove"),
@@ -75,12 +78,14 @@ def run(options: RunOptions) -> None:
     trial = options.given(api.Trial)
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
+    show(_drawn_faults(options), sys.stderr)
     changes = parse_changes(options.change or [])
     progress = bar(trial.rate)
     trial = replace(
         trial,
         changes=changes,
         confirm=_tell_question if options.yes else _ask,
+        instruct=None if options.yes or not sys.stderr.isatty() else _instruct,
         progress=progress,
         announce=_announcer(options.as_json, progress, changes),
     )
@@ -93,6 +98,21 @@ def run(options: RunOptions) -> None:
     _finish(result, options.plot, options.as_json)
 
 
+def _drawn_faults(options: RunOptions) -> list[tuple[None, str]]:
+    """Return the lines of the file of faults that a seed stands for; none when faults come from a file."""
+    if options.faults is None:
+        return []
+    from haptic_fieldbus.sim.faults.drawing import drawn, seed_of
+
+    seed = seed_of(options.faults)
+    if seed is None:
+        return []
+    from haptic_fieldbus.sim.faults import toml_of
+
+    head = f"# {options.faults}, {exactly(options.duration)} s"
+    return [(None, line) for line in (head, *toml_of(drawn(seed, options.duration)).splitlines())]
+
+
 def _ask(text: str) -> bool:
     """Print a warning and return the answer of a person to its last line, the question before a real drive is enabled.
 
@@ -103,6 +123,12 @@ def _ask(text: str) -> bool:
     if not sys.stdin.isatty():
         raise UsageError("nobody is there to confirm; a script says --yes")
     return typer.confirm(question, default=False, err=True)
+
+
+def _instruct(text: str) -> None:
+    """Show what a person is to do at the handle, in one line that is written over."""
+    sys.stderr.write(f"\r\x1b[K{text}")
+    sys.stderr.flush()
 
 
 def _tell_question(text: str) -> bool:

@@ -134,6 +134,19 @@ class Proved:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """What was seen on this very bench, and need not be looked for again."""
+
+    sign: Literal["seen"] | None = None
+    """That torque moves a simulated drive the right way; on a real bus it is looked for at every start."""
+    direction: Literal["confirmed"] | None = None
+    """That positions grow to the positive side, as a person has shown."""
+    date: Annotated[str, Len(1)] | None = None
+    """When that was."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
 class RigAxis:
     """One drive with its motor and mechanism; `None` means unknown."""
 
@@ -162,6 +175,7 @@ class RigAxis:
     proved: Proved | None = None
     """Proof that the drive lets go by itself; written by a run, None before the first proof."""
     limits: Limits = field(default_factory=Limits)
+    seen: Seen = field(default_factory=Seen)
     simulation: Mechanics = field(default_factory=Mechanics)
     """Mechanics of a simulated bench beyond a rigid shaft; without effect on anything but the simulation."""
     __pydantic_config__: ClassVar = STRICT
@@ -207,4 +221,6 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         coulomb_friction=2.0e-3,
         # Above the speed that the simulated hand reaches in free space, where only damping holds back its 6 N.
         limits=Limits(speed=10.0 if workspace is Workspace.LINEAR else 1.0e4),
+        # A test per profile proves it.
+        seen=Seen(sign="seen"),
     )

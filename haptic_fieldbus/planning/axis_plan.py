@@ -77,6 +77,8 @@ class AxisPlan:
     delay: Delay
     plant: Plant | None
     """Motor and mechanism in the workspace; None when inertia or damping is unknown."""
+    sign_known: bool
+    """Whether torque is known to move the handle the right way, so that it need not be seen first (`sign_probe`)."""
     stability: Stability | None = None
     """Verdict on `group`, in the units of this axis; None when a bench of the group is unknown."""
     group: Group | None = None
@@ -169,6 +171,8 @@ def draft_axis(
         steps_per_revolution=steps,
         delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
         plant=plant,
+        # On a real bench a cable may have been swapped since.
+        sign_known=axis.seen.sign is not None and rig.bus[axis.bus].simulated,
     )
 
 

@@ -15,6 +15,7 @@ from haptic_fieldbus.planning.energy import has_ledger
 from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
+from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
 from haptic_fieldbus.planning.verdicts import on_bus, with_verdicts
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import BusTraffic
@@ -56,7 +57,7 @@ def compile_plan(
         steps=tuple(
             step
             for axis in axes
-            for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", controlled=scene.controlled)
+            for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", period, controlled=scene.controlled)
         ),
         modules=_modules(axes),
     )
@@ -87,7 +88,7 @@ def _traffic(name: str, drafts: list[AxisPlan], rig: Rig, rate: float, waiting: 
     return protocol_named(rig.bus[name].protocol).bus_traffic(rig.bus[name], members, rate, waiting)
 
 
-def _steps(axis: AxisPlan, prefix: str, *, controlled: bool) -> Iterator[str]:
+def _steps(axis: AxisPlan, prefix: str, period: float, *, controlled: bool) -> Iterator[str]:
     """Yield the steps of an axis from decoding to encoding in words, in the order in which `cycle` binds them."""
     yield f"{prefix}link: trip on lost feedback, emergency or restart"
     yield f"{prefix}power state: statusword → controlword"
@@ -97,6 +98,9 @@ def _steps(axis: AxisPlan, prefix: str, *, controlled: bool) -> Iterator[str]:
             f"{prefix}echo: {axis.profile.echo.value} against what was sent, needed by safety; trip when they differ "
             f"for {rounded(1e3 * axis.limits.echo)} ms"
         )
+    probe = sign_probe(axis, period)
+    if probe is not None:
+        yield f"{prefix}sign: {sign_text(axis, probe)}"
     if has_ledger((axis,)):
         yield f"{prefix}energy: what is given against what was stored and what the hold leaks"
     for element in (*axis.elements, *axis.couplings):

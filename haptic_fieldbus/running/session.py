@@ -21,9 +21,11 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
+from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
+from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
 from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.running.rows import Rows
@@ -53,6 +55,8 @@ class Request:
     changes: "Changes | None" = None
     prove: bool = False
     """Prove the guards of the drives, whether they are proved or simulated."""
+    instruct: Callable[[str], None] | None = None
+    """Function that shows a person what to do before a real drive is enabled; None: nobody is there to do it."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     except OSError as error:
         raise UsageError(f"cannot record to {request.record}: {error.strerror}") from error
     recordings: list[str] = []
-    proving = Proving(request)
+    prepared = Preparation(request)
     started = perf_counter()
     try:
         with ended_by_signals() as ending, place as site:
@@ -91,7 +95,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
             assessment = Assessment(run)
             try:
-                _open(request, plan, bus, site.clock, proving, ending)
+                _open(request, plan, bus, site.clock, prepared, ending)
                 ending.hold()
                 run_loop(
                     plan,
@@ -100,7 +104,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
                     site.clock,
                     cycles=cycles,
                     record=record,
-                    progress=_followed(rows, assessment, request.progress, cycles),
+                    progress=_followed(rows, assessment, request.progress, cycles, _hint(request, cycle)),
                     report=report,
                     changes=request.changes,
                     ending=ending,
@@ -112,7 +116,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
         # A run that fails has a result too: the command line prints it beside the error.
         error.result = known_before(request.selection, report, cycle.trip, str(error))
         known, seen = tuple(notices(plan, cycle, report)), tuple(passivities(plan, cycle, report.cycles))
-        error.result = replace(error.result, warnings=known, passivity=seen, proofs=proving.proofs)
+        error.result = replace(error.result, warnings=known, passivity=seen, proofs=prepared.proofs)
         raise
     finally:
         rows.close()
@@ -122,8 +126,8 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     result = assessment.finish(elapsed)
     fault = next(iter(recordings), None)
     told = [] if fault is None else [f"the recording {request.record} ended before the run: {fault}"]
-    warnings = (*bus.warnings, *proving.warnings, *told, *result.warnings)
-    return replace(result, warnings=warnings, recording_fault=fault, proofs=proving.proofs)
+    warnings = (*bus.warnings, *prepared.warnings, *told, *result.warnings)
+    return replace(result, warnings=warnings, recording_fault=fault, proofs=prepared.proofs)
 
 
 def _one_of(buses: Mapping[str, Bus]) -> Bus:
@@ -131,8 +135,8 @@ def _one_of(buses: Mapping[str, Bus]) -> Bus:
     return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
 
 
-class Proving:
-    """The proofs of guards in a run, and what is to be told of them."""
+class Preparation:
+    """The proofs of guards before a run renders, and what is to be told of them and of the bench."""
 
     def __init__(self, request: Request) -> None:
         self.proofs: tuple[Proof, ...] = ()
@@ -150,24 +154,28 @@ class Proving:
         return to_prove(plan.guards, recorded, {name: serials.get(name) for name in recorded})
 
 
-def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, proving: Proving, ending: EndSignals) -> None:
-    """Inspect the drives, ask, and only then write to them; prove the guards that are due.
+def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, prepared: Preparation, ending: EndSignals) -> None:
+    """Inspect the drives, ask, and only then write to them; prove the guards that are due, and see the direction.
 
-    Raises UsageError, PlanError, BusError, DriveFaultError or SafetyTripError.
+    Raises UsageError, PlanError, RigError, BusError, DriveFaultError or SafetyTripError.
     """
     bus.inspect(plan, bytearray(plan.image.input_size))
-    due = proving.due(bus)
+    due = prepared.due(bus)
     _ask(request, plan, bus, due)
     if due:
         from haptic_fieldbus.running import proofs
         from haptic_fieldbus.running.proving import prove
 
         ending.hold()
-        proving.proofs = prove(plan, bus, clock, due, ending)
-        proving.warnings += proofs.keep(plan, bus.facts, proving.proofs)
-        proofs.check(plan, bus.facts, proving.proofs, proving.warnings)
+        prepared.proofs = prove(plan, bus, clock, due, ending)
+        prepared.warnings += proofs.keep(plan, bus.facts, prepared.proofs)
+        proofs.check(plan, bus.facts, prepared.proofs, prepared.warnings)
     bus.configure(plan)
     bus.start()
+    if not plan.simulated:
+        from haptic_fieldbus.running.direction import confirm_direction
+
+        prepared.warnings += confirm_direction(plan, bus, clock, request.instruct, ending)
 
 
 def _ask(request: Request, plan: Plan, bus: Bus, due: Mapping[str, str]) -> None:
@@ -195,17 +203,41 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
         f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
         f"{'. '.join((f'{facts.link_loss}, confirmed in the drive', *facts.changes))}."
+        f"{_pulses(axis, plan.period)}"
     )
 
 
+def _pulses(axis: AxisPlan, period: float) -> str:
+    probe = sign_probe(axis, period)
+    return "" if probe is None else f" First, {sign_text(axis, probe)}."
+
+
+def _hint(request: Request, cycle: Cycle) -> Callable[[], None]:
+    """Return a function that asks a person once to let go of a handle whose sign was looked for in vain."""
+    hidden = {axis.name for axis in request.selection.plan.axes if not axis.sign_known}
+
+    def hint() -> None:
+        for name in [name for name in hidden if cycle.unseen(name)]:
+            hidden.discard(name)
+            if request.instruct is not None:
+                request.instruct(f"axis {name}: let go of the handle, so that torque is seen to move it\n")
+
+    return hint
+
+
 def _followed(
-    rows: Rows, assessment: Assessment, progress: Callable[[int, int], None] | None, cycles: int
+    rows: Rows,
+    assessment: Assessment,
+    progress: Callable[[int, int], None] | None,
+    cycles: int,
+    hint: Callable[[], None],
 ) -> Callable[[int], None]:
     """Return the function that the loop calls about ten times a second: it records, assesses, and tells progress."""
 
     def follow(done: int) -> None:
         rows.flush()
         assessment.advance()
+        hint()
         if progress is not None:
             progress(done, cycles)
 

@@ -42,6 +42,29 @@ class Hand:
     damping: float = 4.0
     stiffness: float = 300.0
 
+    def letting_go(self, at: float) -> "Hand":
+        """Return the same hand that lets go at `at` [s] at the latest."""
+        return replace(self, release=at if self.release is None else min(self.release, at))
+
+    def hitting(self, at: float, force: float, duration: float) -> "Hand":
+        """Return the same hand with a blow of `force` [N] more for `duration` [s]; a sine carries it on its way."""
+        end = at + duration
+        before = tuple(piece for piece in self.pieces if piece.start < at)
+        during = tuple(replace(piece, force=piece.force + force) for piece in self.pieces if at < piece.start < end)
+        after = tuple(piece for piece in self.pieces if piece.start > end)
+        begun, ended = self._at(at), self._at(end)
+        return replace(self, pieces=(*before, replace(begun, force=begun.force + force), *during, ended, *after))
+
+    def _at(self, time: float) -> Piece:
+        """Return the force and its slope at a time [s], as a piece that begins then."""
+        piece = next((each for each in reversed(self.pieces) if each.start <= time), Piece(time, 0.0))
+        passed, omega = time - piece.start, self.angular_frequency
+        if not omega:
+            return Piece(time, piece.force + piece.slope * passed, piece.slope)
+        cosine, sine = math.cos(omega * passed), math.sin(omega * passed)
+        force = piece.force * cosine + piece.slope / omega * sine
+        return Piece(time, force, piece.slope * cosine - piece.force * omega * sine)
+
     def after(self, delay: float) -> "Hand":
         """Return the same hand with all its times later by `delay` [s]."""
         pieces = tuple(replace(piece, start=piece.start + delay) for piece in self.pieces)

@@ -38,7 +38,7 @@ def test_faults_of_the_master_s_controller_are_not_hosted(command: Command, tmp_
     path.write_text('[[fault]]\nkind = "bus_off"\nat = 1.0\n')
     finished = command("simulate", "--bus", "virtual:a", "--faults", str(path))
     assert finished.status == 2
-    assert 'fault "bus_off" is one of the master\'s controller' in finished.err
+    assert 'fault "bus_off" is one of the bus or of the master\'s computer' in finished.err
 
 
 def test_a_bus_that_does_not_open_is_a_failure(command: Command) -> None:

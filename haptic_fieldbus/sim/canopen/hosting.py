@@ -27,7 +27,7 @@ from haptic_fieldbus.sim.canopen.channel import NamedDrive, drive_of, slot_of
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.link.wire import Port
 from haptic_fieldbus.sim.canopen.rack import Rack
-from haptic_fieldbus.sim.faults import BusOff, ErrorFrame, Fault
+from haptic_fieldbus.sim.faults import Disturbance, Fault, HostFault, LineFault
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.slot import Slot
 
@@ -90,9 +90,9 @@ def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
     Raises one UsageError that lists all faults of the request, or ProfileError or EdsError for a bad profile file.
     """
     faults = [
-        f'fault "{fault.kind}" is one of the master\'s controller, which is not simulated here'
+        f'fault "{fault.kind}" is one of the bus or of the master\'s computer, which are not simulated here'
         for fault in request.faults
-        if isinstance(fault, BusOff | ErrorFrame)
+        if isinstance(fault, LineFault | HostFault)
     ] + [
         f'fault "{fault.kind}" names the bus "{fault.bus}" of a rig; here is one bus, leave it out'
         for fault in request.faults
@@ -258,10 +258,22 @@ class Host:
 
 
 class _Elsewhere:
-    """Stand-in for the master's controller, which is in another program; `check` refuses the faults that concern it."""
+    """Stand-in for the bus and the master's controller; `resolve` refuses the faults that concern them."""
 
     def bus_off(self, t_ns: int, until_ns: int) -> None:
-        """Never called: `check` refuses this fault."""
+        """Never called: `resolve` refuses this fault."""
+
+    def interface_down(self, t_ns: int, until_ns: int) -> None:
+        """Never called: `resolve` refuses this fault."""
 
     def error_frame(self, t_ns: int) -> None:
-        """Never called: `check` refuses this fault."""
+        """Never called: `resolve` refuses this fault."""
+
+    def disturb(self, fault: Disturbance) -> None:
+        """Never called: `resolve` refuses this fault."""
+
+    def foreign_frame(self, can_id: int, data: bytes) -> None:
+        """Never called: `resolve` refuses this fault."""
+
+    def host_fault(self, fault: HostFault) -> None:
+        """Never called: `resolve` refuses this fault."""

@@ -134,6 +134,11 @@ class Node:
         for watch in (*self._consumers.watches, self._guarding):
             watch.factor = factor
 
+    def lose_syncs(self, count: int | None) -> None:
+        """Lose the next `count` SYNC messages inside the node (a fault), None: all of them."""
+        self.process.lose_syncs(count)
+        self._route()
+
     # States.
 
     def _reset_communication(self) -> None:

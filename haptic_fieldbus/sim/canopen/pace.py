@@ -96,9 +96,11 @@ class Stepped:
 
     def send(self, controller: Controller, frame: Frame, timeout: float | None) -> None:
         if not self._world.send(controller, frame):
-            raise _bus_off()
+            raise _refused(controller)
 
     def receive(self, controller: Controller, timeout: float | None, accept: Accept | None) -> Received | None:
+        if controller.down:
+            raise _refused(controller)
         world = self._world
         wait_ns = LONGEST_WAIT_NS if timeout is None else max(0, round(timeout * 1e9))
         if timeout is not None and accept is None:  # fast path: the loop receives like this in every period
@@ -147,7 +149,7 @@ class PacedByClock:
                 self._make_room(controller, timeout)
             _check_open(controller)
             if not self._world.send(controller, frame):
-                raise _bus_off()
+                raise _refused(controller)
             # The frame may cause an event earlier than the one that the waiting threads sleep until.
             self._turn.notify_all()
 
@@ -200,5 +202,8 @@ def _check_open(controller: Controller) -> None:
         raise can.CanOperationError("the bus has been shut down")
 
 
-def _bus_off() -> can.CanOperationError:
+def _refused(controller: Controller) -> can.CanOperationError:
+    """Return the error of a controller that takes no frame."""
+    if controller.down:
+        return can.CanOperationError("Network is down", errno.ENETDOWN)
     return can.CanOperationError("the simulated controller is bus-off")

@@ -12,12 +12,12 @@ from random import Random
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.canopen.injection import Line, inject, install_fault
+from haptic_fieldbus.sim.canopen.injection import Line, faulty_hand, inject, inject_line, install_fault
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.link.wire import Port
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive.settings import DriveSettings
-from haptic_fieldbus.sim.faults import LastingFault, TimedFault, faults_of
+from haptic_fieldbus.sim.faults import DriveFaultKind, HandFault, HostFault, LastingFault, LineFault, faults_of
 from haptic_fieldbus.sim.slot import Slot
 
 _START_JITTER_NS = 40_000
@@ -39,6 +39,8 @@ class Rack:
         self._line = line
         self._longest = longest
         self._agenda: list[tuple[int, int, Callable[[int], None]]] = []
+        self._of_line: list[LineFault | HostFault] = []
+        """Faults of the bus and of the host that are planned."""
         # Orders actions of the same instant by age; callables cannot be compared.
         self._planned = 0
 
@@ -46,13 +48,18 @@ class Rack:
         """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
         self.check_free(slot.node)
         settings = replace(_drawn(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
-        slave = Slave(slot.node, slot.profile, slot.axis, port.send, slot.hand, settings, t_ns=t_ns)
+        hand = faulty_hand(slot.hand, faults_of(slot.faults, slot.node))
+        slave = Slave(slot.node, slot.profile, slot.axis, port.send, hand, settings, t_ns=t_ns)
         slave.drive.plant.recorder.longest = self._longest
-        timed: list[TimedFault] = []
-        for fault in faults_of(slot.faults, slot.node):
-            if isinstance(fault, LastingFault):
+        timed: list[DriveFaultKind | LineFault | HostFault] = []
+        for fault in slot.faults:
+            if isinstance(fault, LineFault | HostFault):
+                timed.append(fault)
+            elif fault.node not in (None, slot.node):
+                continue
+            elif isinstance(fault, LastingFault):
                 install_fault(fault, slave)
-            else:
+            elif not isinstance(fault, HandFault):
                 timed.append(fault)
         # The time of a fault counts from the drive's first *operation enabled*, which is not known yet.
         slave.drive.on_enabled = partial(self._plan_faults, timed, slave)
@@ -96,10 +103,18 @@ class Rack:
         self._planned += 1
         heapq.heappush(self._agenda, (t_ns, self._planned, action))
 
-    def _plan_faults(self, faults: Iterable[TimedFault], slave: Slave, t_ns: int) -> None:
-        """Plan the faults of a drive that has entered *operation enabled* for the first time: `at` counts from here."""
+    def _plan_faults(self, faults: Iterable[DriveFaultKind | LineFault | HostFault], slave: Slave, t_ns: int) -> None:
+        """Plan the faults of a drive that has entered *operation enabled* for the first time: `at` counts from here.
+
+        Those of the bus and of the host count from the first drive of the bus.
+        """
         for fault in faults:
-            self.plan(t_ns + round(fault.at * 1e9), partial(inject, fault, slave, self._line))
+            at_ns = t_ns + round(fault.at * 1e9)
+            if not isinstance(fault, LineFault | HostFault):
+                self.plan(at_ns, partial(inject, fault, slave, self.plan))
+            elif not any(fault is each for each in self._of_line):
+                self._of_line.append(fault)
+                self.plan(at_ns, partial(inject_line, fault, self._line, self.plan))
 
 
 def _drawn(seed: int | str, node: int) -> DriveSettings:

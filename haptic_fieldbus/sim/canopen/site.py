@@ -9,6 +9,8 @@ from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.faults import ClockStep
+from haptic_fieldbus.sim.host import HostClock, truth_of
 from haptic_fieldbus.sim.simulation import Simulation
 from haptic_fieldbus.sim.slot import Slot
 
@@ -24,11 +26,14 @@ class CanSimulation(Simulation):
         clock: Clock,
         seed: int | str,
         log: FrameLog | None,
-    ) -> tuple[CanopenBus, World]:
-        world = World(clock, can_section(section).bitrate, seed)
+    ) -> tuple[CanopenBus, World | None]:
+        world = World(truth_of(clock), can_section(section).bitrate, seed)
+        world.host = clock if isinstance(clock, HostClock) else None
+        # A clock that steps is no clock of the true motion: what the shaft did at its instants is not known.
+        apart = any(isinstance(fault, ClockStep) for slot in slots for fault in slot.faults)
         for slot in slots:
             world.add(slot)
-        return CanopenBus(SimulatedBus(channel, world=world), clock, log, owned=True), world
+        return CanopenBus(SimulatedBus(channel, world=world), clock, log, owned=True), (None if apart else world)
 
 
 SIMULATION = CanSimulation()

@@ -41,6 +41,16 @@ class Slave:
         self.not_taken_over = install_quirks(dictionary, model, number)
         """Notes on the parts of a vendor's file that this drive cannot take over."""
 
+    def duplicate(self) -> None:
+        """Let a second node with the same node-ID join: whatever is sent from now on is sent twice."""
+        send = self._frames
+
+        def twice(frame: Frame) -> None:
+            send(frame)
+            send(frame)
+
+        self._frames = twice
+
     # Called by the rack.
 
     @property

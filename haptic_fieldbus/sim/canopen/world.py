@@ -13,6 +13,7 @@ when it is called, and the program sees the same whatever the order.
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from functools import partial
 
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
@@ -20,18 +21,23 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.link.controller import Controller, Received
+from haptic_fieldbus.sim.canopen.link.disturbance import Disturbances
 from haptic_fieldbus.sim.canopen.link.frame import Frame
-from haptic_fieldbus.sim.canopen.link.wire import Wire, WireStatistics
+from haptic_fieldbus.sim.canopen.link.wire import Port, Wire, WireStatistics
 from haptic_fieldbus.sim.canopen.pace import Pace, pace_of
 from haptic_fieldbus.sim.canopen.rack import Rack
 from haptic_fieldbus.sim.canopen.slave import Slave
-from haptic_fieldbus.sim.faults import Fault
+from haptic_fieldbus.sim.faults import Disturbance, Fault, HostFault
 from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.host import HostClock
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from haptic_fieldbus.sim.slot import Slot
 
 Tap = Callable[[int, int, bytes], None]
 """Callback for a data frame: end of frame [ns], identifier, octets."""
+
+Watch = Callable[[int, Frame, Port | None], None]
+"""Callback for a frame of any kind: end of frame [ns], the frame as it was sent, and the port that sent it."""
 
 
 class World:
@@ -54,6 +60,12 @@ class World:
         self._now_ns = clock.now_ns()
         self._controllers: list[Controller] = []
         self._taps: list[Tap] = []
+        self._watches: list[Watch] = []
+        self._disturbances = Disturbances()
+        self._stranger: Port | None = None
+        """Port of another program whose frames are a fault."""
+        self.host: HostClock | None = None
+        """Clock of the computer of the master, where its faults take effect; None: it has none."""
         self.pace: Pace = pace_of(self)
         """The way in which programs use this world."""
 
@@ -102,6 +114,10 @@ class World:
     def tap(self, callback: Tap) -> None:
         """Call `callback` with (end of frame [ns], identifier, octets) of every data frame on the wire."""
         self._taps.append(callback)
+
+    def watch(self, callback: Watch) -> None:
+        """Call `callback` with (end of frame [ns], frame, port of the sender) of every frame on the wire."""
+        self._watches.append(callback)
 
     # Looking at it.
 
@@ -195,12 +211,29 @@ class World:
     def _deliver(self, t_ns: int) -> None:
         sender = self._wire.sender
         frame = self._wire.finish()
-        self._rack.receive(frame, sender, t_ns)
-        for controller in self._controllers:
-            controller.frame_ended(frame, sender, t_ns)
+        if self._disturbances:
+            self._pass_on_disturbed(frame, sender, t_ns)
+        else:
+            self._pass_on(frame, sender, t_ns)
+        # Taps see what was sent, whatever arrives of it.
+        for watch in self._watches:
+            watch(t_ns, frame, sender)
         if not frame.remote:
             for tap in self._taps:
                 tap(t_ns, frame.can_id, frame.data)
+
+    def _pass_on(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
+        self._rack.receive(frame, sender, t_ns)
+        for controller in self._controllers:
+            controller.frame_ended(frame, sender, t_ns)
+
+    def _pass_on_disturbed(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
+        for later_ns, arriving in self._disturbances.arriving(frame):
+            if later_ns:
+                self._rack.plan(t_ns + later_ns, partial(self._pass_on, arriving, sender))
+            else:
+                self._pass_on(arriving, sender, t_ns)
+        self._rack.find_due()
 
     # Faults.
 
@@ -210,6 +243,29 @@ class World:
             controller.bus_off(t_ns)
             if until_ns != NEVER_NS:
                 self._rack.plan(until_ns, controller.restarted)
+
+    def interface_down(self, t_ns: int, until_ns: int) -> None:
+        """Take the interfaces of all programs down."""
+        for controller in self._controllers:
+            controller.interface_down()
+            if until_ns != NEVER_NS:
+                self._rack.plan(until_ns, controller.interface_up)
+
+    def disturb(self, fault: Disturbance) -> None:
+        """Disturb the next frames of a service."""
+        self._disturbances.add(fault)
+
+    def foreign_frame(self, can_id: int, data: bytes) -> None:
+        """Let another program send a frame."""
+        if self._stranger is None:
+            self._stranger = self._wire.attach(in_order=False)
+        self._stranger.send(Frame(can_id, data))
+
+    def host_fault(self, fault: HostFault) -> None:
+        """Let a fault of the master's computer happen; raises ValueError when its clock is not simulated."""
+        if self.host is None:
+            raise ValueError(f'fault "{fault.kind}" needs a simulated clock of the host')
+        self.host.happen(fault)
 
     def error_frame(self, t_ns: int) -> None:
         """Report a disturbed frame on the controllers of all programs."""

@@ -29,13 +29,21 @@ class Servo:
         self._grid_ns = plant.t_ns
         self._pending_ns = NEVER_NS
         self._pending = 0.0
+        self.encoder_factor = 1.0
+        """Counts for a motion, as a share of what they should be; negative: backwards."""
+        self.torque_sign = 1.0
+        """−1.0: the motor turns the other way for the same current."""
+        self._sound = True
+        self._largest = math.inf
+        self._target = 0.0
 
     def advance(self, t_ns: int) -> None:
         """Move the plant to `t_ns`; on the way a waiting target takes effect at its tick."""
         if self._pending_ns <= t_ns:
             self.plant.advance(self._pending_ns)
             self._pending_ns = NEVER_NS
-            self.plant.set_target(self._pending)
+            self._target = self._pending
+            self.plant.set_target(self._pending if self._sound else self._made(self._pending))
         self.plant.advance(t_ns)
 
     def sync(self, t_ns: int) -> None:
@@ -67,11 +75,27 @@ class Servo:
         """Switch the power stage off: the target is zero at once."""
         self.advance(t_ns)
         self._pending_ns = NEVER_NS
+        self._target = 0.0
         self.plant.set_target(0.0)
 
     def jump(self, counts: int) -> None:
         """Let the encoder lose or gain counts from now on."""
         self._offset += counts
+
+    def rescale(self, factor: float) -> None:
+        """Let the encoder count `factor` times as much for the same motion, from the present count on."""
+        self._round += self.plant.state[0] * self._counts_per_radian * (1.0 - factor)
+        self._counts_per_radian *= factor
+        self.encoder_factor *= factor
+
+    def impair(self, largest: float, sign: float = 1.0) -> None:
+        """Let the current loop reach no more than `largest` [N·m], and the motor turn by `sign` of what it should."""
+        self._largest, self.torque_sign, self._sound = largest, sign, False
+        self.plant.set_target(self._made(self._target))
+
+    def _made(self, torque: float) -> float:
+        """Return the torque target that the motor really gets."""
+        return self.torque_sign * max(-self._largest, min(self._largest, torque))
 
     def counts(self) -> int:
         """Return the encoder's counts at the plant's present time, wrapped to 32 bits."""

@@ -114,8 +114,9 @@ class Stage:
         servo, units = self.servo, self.units
         counts = servo.counts()
         self._position.value = counts if units.plain else units.position(counts)
-        self._velocity.value = units.velocity(servo.plant.velocity)
-        torque, actual = self.servo.plant.torque, self._actual
+        self._velocity.value = units.velocity(servo.plant.velocity * servo.encoder_factor)
+        # The drive measures its current: a motor that turns the other way does not show there.
+        torque, actual = servo.plant.torque * servo.torque_sign, self._actual
         value = round(torque * self._per_step)
         actual.value = value if actual.low <= value <= actual.high else actual.low if value < 0 else actual.high
         permille = round(torque * self._per_permille)

@@ -30,6 +30,8 @@ class Controller:
         self.received: deque[Received] = deque()
         self.off = False
         """True while bus-off: no frame is sent or received."""
+        self.down = False
+        """True while the interface is down: to send and to receive fails."""
         self.closed = False
         """True once the program has left."""
         self.lost = 0
@@ -62,6 +64,16 @@ class Controller:
         """Return to the bus."""
         self.off = False
         self._report(_RESTARTED, t_ns)
+
+    def interface_down(self) -> None:
+        """Take the interface down; what was received and what waits to be sent is lost."""
+        self.off = self.down = True
+        self.port.waiting.clear()
+        self.received.clear()
+
+    def interface_up(self, _t_ns: int) -> None:
+        """Bring the interface up again."""
+        self.off = self.down = False
 
     def error_frame(self, t_ns: int) -> None:
         """Report that a frame was disturbed."""

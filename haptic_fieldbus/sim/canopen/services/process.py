@@ -59,7 +59,7 @@ class ProcessData:
         """Create the PDOs; with `acts_at_sync` even event-driven RPDOs wait for the next SYNC."""
         self.skip_tpdos = 0
         """Number of following TPDOs that are lost inside the node (a fault)."""
-        self._lost_rpdos = 0.0
+        self._lost_rpdos = self._lost_syncs = 0.0
         self.objects = SyncObjects(dictionary, changed)
         self._application = application
         self._emergencies = emergencies
@@ -79,6 +79,10 @@ class ProcessData:
     def lose_rpdos(self, count: int | None) -> None:
         """Lose the next `count` RPDOs (a fault), None: all of them; `route` makes it act."""
         self._lost_rpdos = math.inf if count is None else count
+
+    def lose_syncs(self, count: int | None) -> None:
+        """Lose the next `count` SYNC messages (a fault), None: all of them; `route` makes it act."""
+        self._lost_syncs = math.inf if count is None else count
 
     def compile(self) -> None:
         """Take over the parameters of all PDOs, as after a reset."""
@@ -109,7 +113,7 @@ class ProcessData:
         self._poll.at(min(self._poll.due_ns, t_ns) if self._at_event else NEVER_NS)
         self._deadlines.watch([rpdo for rpdo in self._rpdos if rpdo.valid])
         handlers: dict[int, Handler] = {rpdo.can_id: self._receiver(rpdo) for rpdo in self._rpdos if rpdo.valid}
-        handlers[self.objects.can_id] = self.sync
+        handlers[self.objects.can_id] = self._deaf if self._lost_syncs else self.sync
         return handlers
 
     def requests(self) -> dict[int, Callable[[int], None]]:
@@ -181,6 +185,13 @@ class ProcessData:
                 receive(data, t_ns)
 
         return lose
+
+    def _deaf(self, data: bytes, t_ns: int) -> None:
+        """Drop the SYNC messages that are to be lost."""
+        if self._lost_syncs:
+            self._lost_syncs -= 1
+        else:
+            self.sync(data, t_ns)
 
     def _holder(self, rpdo: Rpdo) -> Handler:
         def hold(data: bytes, t_ns: int) -> None:

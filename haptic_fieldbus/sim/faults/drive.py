@@ -1,32 +1,12 @@
-"""Faults of a simulated drive or bus, as data: the kinds of `[[fault]]` in a TOML file.
+"""Faults of a drive and its node, from an instant on, or from power-on."""
 
-`at` [s] counts from the drive's first *operation enabled*; faults without it exist from power-on. `node` is the node-ID
-of the drive, None every drive of the bus; `bus` is a bus of the rig, None every bus. `duration` [s] None is for ever.
-"""
-
-from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
-from haptic_fieldbus.documents import read_document
-from haptic_fieldbus.drive.fields import STRICT, Counts, NonNegativeTime, Time, UInt32
-from haptic_fieldbus.drive.rig import ByKind
-from haptic_fieldbus.errors import FaultFileError
-
-Node = Annotated[int, Ge(1), Le(127)]
-ErrorCode = Annotated[int, Ge(0x0001), Le(0xFFFF)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Concern:
-    """The drives and buses that a fault concerns."""
-
-    node: Node | None = None
-    bus: str | None = None
-    __pydantic_config__: ClassVar = STRICT
+from haptic_fieldbus.drive.fields import Counts, NonNegativeTime, Time, UInt32
+from haptic_fieldbus.sim.faults.concern import Concern, Count, ErrorCode, Share
 
 
 @dataclass(frozen=True)
@@ -46,6 +26,15 @@ class DriveFault(Concern):
     at: NonNegativeTime
     # 2310h: continuous over current.
     code: ErrorCode = 0x2310
+
+
+@dataclass(frozen=True)
+class SafeTorqueOff(Concern):
+    """Safe torque off opens, and closes after `duration` [s]; torque ends at once."""
+
+    kind: Literal["safe_torque_off"]
+    at: NonNegativeTime
+    duration: Time | None = None
 
 
 @dataclass(frozen=True)
@@ -72,7 +61,7 @@ class MissingTpdos(Concern):
 
     kind: Literal["missing_tpdos"]
     at: NonNegativeTime
-    count: Annotated[int, Ge(1), Le(1_000_000_000)] = 1
+    count: Count = 1
 
 
 @dataclass(frozen=True)
@@ -81,7 +70,16 @@ class MissingRpdos(Concern):
 
     kind: Literal["missing_rpdos"]
     at: NonNegativeTime
-    count: Annotated[int, Ge(1), Le(1_000_000_000)] | None = None
+    count: Count | None = None
+
+
+@dataclass(frozen=True)
+class SyncIgnored(Concern):
+    """The loss of the next `count` SYNC messages inside the node, None all of them."""
+
+    kind: Literal["sync_ignored"]
+    at: NonNegativeTime
+    count: Count | None = None
 
 
 @dataclass(frozen=True)
@@ -89,6 +87,14 @@ class HeartbeatLost(Concern):
     """The end of the node's own heartbeat; everything else continues."""
 
     kind: Literal["heartbeat_lost"]
+    at: NonNegativeTime
+
+
+@dataclass(frozen=True)
+class DuplicateNode(Concern):
+    """A second node with the same node-ID joins: whatever this one sends is sent twice."""
+
+    kind: Literal["duplicate_node"]
     at: NonNegativeTime
 
 
@@ -111,19 +117,44 @@ class PositionStuck(Concern):
 
 
 @dataclass(frozen=True)
-class BusOff(Concern):
-    """Bus-off of the master's controller: an error frame, then it neither sends nor receives."""
+class EncoderScaling(Concern):
+    """An encoder that counts `factor` times as much for the same motion from here on; negative: backwards."""
 
-    kind: Literal["bus_off"]
+    kind: Literal["encoder_scaling"]
     at: NonNegativeTime
-    duration: Time | None = None
+    factor: Annotated[float, Ge(-1000.0), Le(1000.0)]
 
 
 @dataclass(frozen=True)
-class ErrorFrame(Concern):
-    """A disturbed frame that the master's controller reports; no frame is lost."""
+class EncoderReversed(Concern):
+    """An encoder that counts backwards from here on."""
 
-    kind: Literal["error_frame"]
+    kind: Literal["encoder_reversed"]
+    at: NonNegativeTime
+
+
+@dataclass(frozen=True)
+class TorqueDead(Concern):
+    """A current loop that makes no torque any more; the drive reports nothing but the torque actual value 0."""
+
+    kind: Literal["torque_dead"]
+    at: NonNegativeTime
+
+
+@dataclass(frozen=True)
+class TorqueSaturated(Concern):
+    """A current loop that reaches no more than `share` of rated torque."""
+
+    kind: Literal["torque_saturated"]
+    at: NonNegativeTime
+    share: Share = 0.1
+
+
+@dataclass(frozen=True)
+class TorqueReversed(Concern):
+    """A motor that turns the other way: the current, and the torque actual value, are as commanded."""
+
+    kind: Literal["torque_reversed"]
     at: NonNegativeTime
 
 
@@ -161,42 +192,25 @@ class DeadGuard(Concern):
     factor: Annotated[float, Ge(1), Le(1000)] | None = None
 
 
-TimedFault = (
+DriveFaultKind = (
     Emergency
     | DriveFault
+    | SafeTorqueOff
     | NodeReset
     | Silence
     | MissingTpdos
     | MissingRpdos
+    | SyncIgnored
     | HeartbeatLost
+    | DuplicateNode
     | EncoderJump
     | PositionStuck
-    | BusOff
-    | ErrorFrame
+    | EncoderScaling
+    | EncoderReversed
+    | TorqueDead
+    | TorqueSaturated
+    | TorqueReversed
 )
+"""Kinds of one drive that happen at an instant."""
 LastingFault = MissingNode | WrongIdentity | SdoRefusal | DeadGuard
-Fault = TimedFault | LastingFault
-
-
-@dataclass(frozen=True)
-class FaultFile:
-    """A file of faults: `[[fault]] kind = "silence", at = 1.0`."""
-
-    fault: tuple[Annotated[Fault, ByKind()], ...] = ()
-    __pydantic_config__: ClassVar = STRICT
-
-
-def load_faults(path: str | Path) -> tuple[Fault, ...]:
-    """Return the faults of a file; raises FaultFileError that lists everything wrong in it."""
-    document = read_document(Path(path), FaultFileError)
-    return document.checked(document.validate(FaultFile)).fault
-
-
-def faults_of(faults: Iterable[Fault], node: int) -> tuple[Fault, ...]:
-    """Return the faults that concern one drive of a bus."""
-    return tuple(fault for fault in faults if fault.node in (None, node))
-
-
-def faults_on(faults: Iterable[Fault], bus: str) -> tuple[Fault, ...]:
-    """Return the faults that concern one bus of a rig."""
-    return tuple(fault for fault in faults if fault.bus in (None, bus))
+"""Kinds that exist from power-on."""

@@ -1,0 +1,128 @@
+"""Faults drawn from a seed: `random@7` gives the same kinds at the same times whenever it is asked for.
+
+Each kind has a recipe, which draws its values from ranges in which it may be felt. The values are rounded, so that the
+text of a drawn fault is short and reads back as the same fault.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from random import Random
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.sim import faults
+
+RANDOM = "random@"
+"""Prefix of a seed where a file of faults may stand."""
+MOST = 4
+"""Most faults that are drawn at once; one is the most frequent."""
+_WEIGHTS = (6, 3, 2, 1)
+_LARGEST_SEED = 2**64 - 1
+_TELLING = (0, 1, 5, 0x0F, 0x7F, 0x80, 0xFF)
+"""Octets that mean something to many services."""
+
+Recipe = Callable[[Random, float], "faults.Fault"]
+"""Draws one fault that happens at a time [s]."""
+
+
+def _frames(random: Random) -> "faults.FrameGroup":
+    return random.choice(("tpdo", "tpdo", "rpdo", "rpdo", "sync", "heartbeat", "emergency", "sdo", "nmt"))
+
+
+def _duration(random: Random) -> float | None:
+    return random.choice((None, *(round(10 ** random.uniform(-3.0, -0.5), 4) for _ in range(3))))
+
+
+def _count(random: Random, most: int = 60) -> int:
+    return min(most, round(math.pow(most, random.random())))
+
+
+def _foreign(random: Random, at: float) -> "faults.Fault":
+    # What a master, a drive or a bystander may say, and anything at all.
+    can_id = random.choice((0x000, 0x080, 0x081, 0x100, 0x181, 0x201, 0x581, 0x601, 0x701, 0x77F, 0x7E5, None))
+    data = bytes(
+        random.choice((0, 1, 5, 0x0F, 0x7F, 0x80, 0xFF, random.randrange(256))) for _ in range(random.randrange(9))
+    )
+    count = _count(random, 30)
+    known = random.randrange(0x800) if can_id is None else can_id
+    return faults.ForeignFrame("foreign_frame", at, known, tuple(data), count, random.choice((0.0005, 0.001, 0.01)))
+
+
+def _signed(random: Random, least: float, most: float) -> float:
+    return random.choice((-1.0, 1.0)) * random.uniform(least, most)
+
+
+RECIPES: Mapping[str, Recipe] = {
+    "frame_dropped": lambda random, at: faults.FrameDropped("frame_dropped", at, _frames(random), _count(random)),
+    "frame_delayed": lambda random, at: faults.FrameDelayed(
+        "frame_delayed", at, round(10 ** random.uniform(-4.0, -1.3), 5), _frames(random), _count(random)
+    ),
+    "frame_duplicated": lambda random, at: faults.FrameDuplicated(
+        "frame_duplicated", at, _frames(random), _count(random)
+    ),
+    "frame_wrong_length": lambda random, at: faults.FrameWrongLength(
+        "frame_wrong_length", at, random.randrange(9), _frames(random), _count(random)
+    ),
+    "frame_wrong_node": lambda random, at: faults.FrameWrongNode(
+        "frame_wrong_node", at, random.randint(1, 127), _frames(random), _count(random)
+    ),
+    "foreign_frame": _foreign,
+    "bus_off": lambda random, at: faults.BusOff("bus_off", at, _duration(random)),
+    "interface_down": lambda random, at: faults.InterfaceDown("interface_down", at, _duration(random)),
+    "error_frame": lambda random, at: faults.ErrorFrame("error_frame", at),
+    "emergency": lambda random, at: faults.Emergency("emergency", at, random.choice((0x1000, 0x3210, 0x4310, 0x8611))),
+    "drive_fault": lambda random, at: faults.DriveFault("drive_fault", at, random.choice((0x2310, 0x4310, 0x7305))),
+    "safe_torque_off": lambda random, at: faults.SafeTorqueOff("safe_torque_off", at, _duration(random)),
+    "node_reset": lambda random, at: faults.NodeReset("node_reset", at, round(random.uniform(0.001, 0.2), 4)),
+    "silence": lambda random, at: faults.Silence("silence", at, _duration(random)),
+    "missing_tpdos": lambda random, at: faults.MissingTpdos("missing_tpdos", at, _count(random)),
+    "missing_rpdos": lambda random, at: faults.MissingRpdos("missing_rpdos", at, random.choice((None, _count(random)))),
+    "sync_ignored": lambda random, at: faults.SyncIgnored("sync_ignored", at, random.choice((None, _count(random)))),
+    "heartbeat_lost": lambda random, at: faults.HeartbeatLost("heartbeat_lost", at),
+    "duplicate_node": lambda random, at: faults.DuplicateNode("duplicate_node", at),
+    "encoder_jump": lambda random, at: faults.EncoderJump(
+        "encoder_jump", at, round(_signed(random, 1.0, 10 ** random.uniform(0.0, 6.0)))
+    ),
+    "position_stuck": lambda random, at: faults.PositionStuck("position_stuck", at, _duration(random)),
+    "encoder_scaling": lambda random, at: faults.EncoderScaling(
+        "encoder_scaling", at, round(_signed(random, 0.1, 10.0), 2)
+    ),
+    "encoder_reversed": lambda random, at: faults.EncoderReversed("encoder_reversed", at),
+    "torque_dead": lambda random, at: faults.TorqueDead("torque_dead", at),
+    "torque_saturated": lambda random, at: faults.TorqueSaturated(
+        "torque_saturated", at, round(random.uniform(0.0, 0.3), 2)
+    ),
+    "torque_reversed": lambda random, at: faults.TorqueReversed("torque_reversed", at),
+    "host_late": lambda random, at: faults.HostLate(
+        "host_late", at, round(10 ** random.uniform(-4.0, -1.3), 5), _count(random)
+    ),
+    "host_paused": lambda random, at: faults.HostPaused("host_paused", at, round(10 ** random.uniform(-2.0, 0.0), 4)),
+    "clock_step": lambda random, at: faults.ClockStep(
+        "clock_step", at, round(_signed(random, 0.0, 10 ** random.uniform(-4.0, 0.0)), 5)
+    ),
+    "slow_compute": lambda random, at: faults.SlowCompute(
+        "slow_compute", at, round(10 ** random.uniform(-4.0, -2.0), 5), _count(random)
+    ),
+    "hand_release": lambda random, at: faults.HandRelease("hand_release", at),
+    "hand_hit": lambda random, at: faults.HandHit(
+        "hand_hit", at, round(_signed(random, 10.0, 200.0)), round(random.uniform(0.002, 0.05), 4)
+    ),
+}
+"""All kinds that happen at an instant."""
+
+
+def drawn(seed: int, duration: float, kinds: Sequence[str] = tuple(RECIPES)) -> tuple["faults.Fault", ...]:
+    """Return the faults of a seed: one to `MOST`, at times within a run of `duration` [s], in their order."""
+    random = Random(f"faults/{seed}")
+    (count,) = random.choices(range(1, MOST + 1), _WEIGHTS)
+    times = sorted(round(random.uniform(0.0, duration), 4) for _ in range(count))
+    return tuple(RECIPES[random.choice(kinds)](random, at) for at in times)
+
+
+def seed_of(text: str) -> int | None:
+    """Return the seed of `random@SEED`; None for a text that names a file. Raises UsageError for no such seed."""
+    if not text.startswith(RANDOM):
+        return None
+    digits = text.removeprefix(RANDOM)
+    if not digits.isdecimal() or int(digits) > _LARGEST_SEED:
+        raise UsageError(f'faults "{text}": expected a whole number from 0 to {_LARGEST_SEED} behind {RANDOM}')
+    return int(digits)

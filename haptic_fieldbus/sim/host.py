@@ -1,0 +1,52 @@
+"""The clock of a computer that is late, stands still, or whose clock steps, over a virtual time that goes on.
+
+The simulated worlds live in the true time, `truth`; the loop and the master see this clock. Without a fault both are
+the same.
+"""
+
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.sim.faults import ClockStep, HostFault, HostLate, HostPaused, SlowCompute
+
+
+class HostClock:
+    """The clock of the host; faults act on what it does next."""
+
+    def __init__(self, truth: Clock) -> None:
+        self.truth = truth
+        self.name = truth.name
+        self._offset_ns = 0
+        self._late: list[int] = []
+        """Lateness [ns] of the next waits."""
+        self._slow: list[int] = []
+        """Further computing time [ns] of the next periods."""
+        self._happened: list[HostFault] = []
+
+    def now_ns(self) -> int:
+        return self.truth.now_ns() + self._offset_ns
+
+    def sleep_until(self, deadline_ns: int) -> int:
+        late_ns = self._late.pop(0) if self._late else 0
+        return late_ns + self.truth.sleep_until(deadline_ns + late_ns - self._offset_ns)
+
+    def compute(self, duration_ns: int) -> None:
+        self.truth.compute(duration_ns + (self._slow.pop(0) if self._slow else 0))
+
+    def happen(self, fault: HostFault) -> None:
+        """Let a fault happen now, once: several buses may each tell of it."""
+        if any(fault is each for each in self._happened):
+            return
+        self._happened.append(fault)
+        match fault:
+            case HostLate(delay=delay, count=count):
+                self._late += [round(delay * 1e9)] * min(count, 1_000_000)
+            case HostPaused(duration=duration):
+                self._late.append(round(duration * 1e9))
+            case SlowCompute(extra=extra, count=count):
+                self._slow += [round(extra * 1e9)] * min(count, 1_000_000)
+            case ClockStep(step=step):
+                self._offset_ns += round(step * 1e9)
+
+
+def truth_of(clock: Clock) -> Clock:
+    """Return the clock of the simulated worlds for the clock of a host."""
+    return clock.truth if isinstance(clock, HostClock) else clock
