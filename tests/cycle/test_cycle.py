@@ -42,6 +42,10 @@ class Constant:
     def force(self, position: float) -> float:
         return self.value
 
+    @property
+    def strongest(self) -> float:
+        return abs(self.value)
+
     def linearised(self) -> StateSpace:
         return gain([[0.0, 0.0]])
 
