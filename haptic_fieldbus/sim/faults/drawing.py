@@ -4,6 +4,7 @@ Each kind has a recipe, which draws its values from ranges in which it may be fe
 text of a drawn fault is short and reads back as the same fault.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from random import Random
 
@@ -32,15 +33,13 @@ def _duration(random: Random) -> float | None:
 
 
 def _count(random: Random, most: int = 60) -> int:
-    return min(most, round(most ** random.random()))
+    return round(math.exp(random.uniform(0.0, math.log(most))))
 
 
 def _foreign(random: Random, at: float) -> "faults.Fault":
     # What a master, a drive or a bystander may say, and anything at all.
     can_id = random.choice((0x000, 0x080, 0x081, 0x100, 0x181, 0x201, 0x581, 0x601, 0x701, 0x77F, 0x7E5, None))
-    data = bytes(
-        random.choice((0, 1, 5, 0x0F, 0x7F, 0x80, 0xFF, random.randrange(256))) for _ in range(random.randrange(9))
-    )
+    data = [random.choice((*_TELLING, random.randrange(256))) for _ in range(random.randrange(9))]
     count = _count(random, 30)
     known = random.randrange(0x800) if can_id is None else can_id
     return faults.ForeignFrame("foreign_frame", at, known, tuple(data), count, random.choice((0.0005, 0.001, 0.01)))
