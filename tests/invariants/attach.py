@@ -10,6 +10,9 @@ from tests.invariants.stated import Stated, stated
 from tests.invariants.witness import MASTER, STRANGER, Shaft, Witness
 from tests.invariants.words import State
 
+MOST_FRAMES, KEPT_FRAMES = 200_000, 2_000
+"""Frames after which a run is judged so far, and those that are kept of it: memory is bounded."""
+
 
 @dataclass
 class Findings:
@@ -49,9 +52,19 @@ class Watch:
 
         def seen(t_ns: int, frame: Any, sender: Any) -> None:
             frames.append((t_ns, frame.can_id, frame.data, senders.get(sender, STRANGER)))
+            if len(frames) >= MOST_FRAMES:
+                self._shorten(witness, t_ns)
 
         world.watch(seen)
         self._open[id(bus)] = witness, world
+
+    def _shorten(self, witness: Witness, t_ns: int) -> None:
+        """Judge a long run so far, and forget all but the last part of it."""
+        witness.seen_ns, witness.whole = t_ns, False
+        self.findings.broken += laws.broken(witness)
+        del witness.frames[:-KEPT_FRAMES]
+        for shaft in witness.shafts.values():
+            del shaft.targets[:-KEPT_FRAMES]
 
     def released(self, bus: Any) -> None:
         """A master was told to let go."""

@@ -65,6 +65,9 @@ ENDS: Mapping[str, Callable[[Any, Stated], str | None]] = {
 }
 """Causes of the end, by the kind of fault; None where it is not sure that the run ends."""
 
+CUTS = frozenset({"silence", "bus_off", "interface_down"})
+"""Kinds that take a drive or the master off the wire."""
+
 HARMLESS: Mapping[str, Callable[[Any, Stated], bool]] = {
     "error_frame": lambda fault, stated: True,
     "missing_tpdos": lambda fault, stated: fault.count == 1,

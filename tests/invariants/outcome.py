@@ -3,12 +3,15 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tests.invariants import causes
 from tests.invariants.laws import ending
 from tests.invariants.witness import MASTER, Witness
 from tests.invariants.words import MAKES_TORQUE
 
+MARGIN_NS = 1_000_000
+"""What was sent that long before the end may still have been answered."""
 STATUS = {
     "BusError": 1, "BusTimeoutError": 1, "BusConfigurationError": 1, "DriveFaultError": 1, "SafetyTripError": 3,
     "UsageError": 2, "PlanError": 4, "ForeignMasterError": 4, "UnstableSceneError": 4,
@@ -62,16 +65,31 @@ def _in_order(witness: Witness) -> Iterator[str]:
         # What happens at the very end may be noticed too late to end anything.
         if (over_ns - event_ns) * 1e-9 > min(longest, causes.allowed(cause, witness.faults, witness.stated)):
             yield f"{getattr(fault, 'kind', fault)} did not end the run"
+    for fault in witness.faults:
+        if _is_cut_off(fault, witness):
+            yield f"nobody can have confirmed that the motors are off: {fault.kind} at {fault.at:.4f} s"
     for axis in witness.stated.axes:
         shaft = witness.shafts[axis.node]
         if shaft.now in MAKES_TORQUE:
             yield f"{axis.name}: a run without an error left the drive in {shaft.now.value}"
 
 
+def _is_cut_off(fault: Any, witness: Witness) -> bool:
+    """Whether a drive or the master has been off the wire from before the order to let go on, for good."""
+    if fault.kind not in causes.CUTS or fault.duration is not None:
+        return False
+    enabled_ns, released_ns = witness.enabled_ns, witness.released_ns
+    if enabled_ns is None or released_ns is None:
+        return False
+    return bool(enabled_ns + round(fault.at * 1e9) < released_ns - MARGIN_NS)
+
+
 def _recording(witnesses: Sequence[Witness], ended: Ended) -> Iterator[str]:
     if ended.record is None or not ended.record.exists() or len(witnesses) != 1:
         return
     (witness,) = witnesses
+    if not witness.whole:
+        return
     if ended.record.suffix == ".csv":
         rows = ended.record.read_text(encoding="utf-8").splitlines()
         whole = [row for row in rows[1:] if row.count(",") == rows[0].count(",")]

@@ -49,6 +49,8 @@ class Witness:
     """When the master was told to let go."""
     closed_ns: int | None = None
     """When the master had left."""
+    whole: bool = True
+    """False when the beginning of a long run was judged and forgotten."""
     seen_ns: int = 0
     """Up to where the truth is known."""
 

@@ -32,8 +32,7 @@ def _fewer(faults: Faults) -> Iterator[Faults]:
     if half > 1:
         yield from (faults[:half], faults[half:])
     for place in range(len(faults)):
-        if len(faults) > 1:
-            yield faults[:place] + faults[place + 1 :]
+        yield faults[:place] + faults[place + 1 :]
 
 
 def _plainer(faults: Faults) -> Iterator[Faults]:
