@@ -199,7 +199,8 @@ def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int
     A torque loop of first order with the lag T falls from τ to a hundredth of τ₀ within T·ln(100·τ/τ₀).
     """
     times, torques = _motor(shaft)
-    at = int(np.searchsorted(times, event_ns, side="right")) - 1
+    # A drive that lets go by itself does so at the very instant of the event.
+    at = int(np.searchsorted(times, event_ns, side="left")) - 1
     held = torques[max(at, 0) :]
     first = abs(float(torques[at])) if at >= 0 else 0.0
     zero = REMAINDER * max(first, shaft.permille)
@@ -207,8 +208,6 @@ def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int
     if not pushing.size:
         return None
     last = max(at, 0) + int(pushing[-1])
-    if last == at and last + 1 < len(times) and times[last + 1] <= event_ns:
-        return None
     end_ns = float(times[last + 1]) if last + 1 < len(times) else float(witness.seen_ns)
     return max(0.0, (end_ns - event_ns) * 1e-9) + axis.lag * math.log(abs(float(torques[last])) / zero)
 

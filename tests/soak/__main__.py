@@ -30,7 +30,7 @@ CHUNKS_A_PROCESS = 40
 
 def commit() -> str:
     """What is checked out; empty where nobody knows."""
-    command = ["git", "rev-parse", "--short", "HEAD"]
+    command = ["git", "describe", "--always", "--dirty", "--exclude", "*"]
     return subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False).stdout.strip()
 
 
@@ -53,11 +53,8 @@ def soak(runs: int, file: Path) -> list[Found]:
     columns = (TextColumn("{task.description:28}"), BarColumn(), MofNCompleteColumn())
     bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=Console(stderr=True))
     context = multiprocessing.get_context("spawn")
-    with (
-        bar,
-        ProcessPoolExecutor(PROCESSES, context, max_tasks_per_child=CHUNKS_A_PROCESS) as pool,
-        file.open("a") as log,
-    ):
+    workers = ProcessPoolExecutor(PROCESSES, context, max_tasks_per_child=CHUNKS_A_PROCESS)
+    with bar, workers as pool, file.open("a") as log:
         task = bar.add_task("soak", total=len(todo) + len(done), completed=len(done))
         pending = {pool.submit(worked, chunk) for chunk in todo}
         while pending:

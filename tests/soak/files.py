@@ -1,4 +1,4 @@
-"""Files that were damaged on their way, for every reader: each gives a value or a list of faults, soon, in little memory."""
+"""Damaged files for every reader: each gives a value or a list of faults, soon and in little memory."""
 
 import resource
 from collections.abc import Callable, Mapping
@@ -27,8 +27,9 @@ VENDOR_SIZE = 200_000
 """[octets]; files of vendors have 50 to 500 KB."""
 MOST_CHANGES = 8
 TOKENS = (
-    "0", "-1", "1e308", "-1e-308", "nan", "inf", "0xFFFFFFFF", "99999999999999999999", '""', "[]", "{}", "true", "=", "[[",
-    "]]", "[", "]", '"', "'''", "#", "\\", "\0", "\ufeff", "é", "$NODEID+0x600", "../../etc/passwd", "/dev/zero", "\r",
+    "0", "-1", "1e308", "-1e-308", "nan", "inf", "0xFFFFFFFF", "99999999999999999999", '""', "[]", "{}", "true", "=",
+    "[[", "]]", "[", "]", '"', "'''", "#", "\\", "\0", "\ufeff", "é", "$NODEID+0x600", "../../etc/passwd", "/dev/zero",
+    "\r",
 )  # fmt: skip
 RIG = """[bus.bench]
 interface = "socketcan"

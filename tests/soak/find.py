@@ -1,7 +1,8 @@
 """Search for a seed that breaks an invariant, or replay one: `python -m tests.soak.find search 2000`.
 
 It prints one JSON object: the seed, the law, and the shrunk faults as the text of a file; null when nothing broke.
-`replay SEED FILE` prints the names of the laws that the run of a seed breaks with the faults of a file.
+`judge FIRST COUNT SECONDS` prints what is broken in some runs, `replay SEED FILE` the names of the laws that the run of
+a seed breaks with the faults of a file.
 """
 
 import gc
@@ -37,6 +38,15 @@ def search(count: int) -> dict[str, object] | None:
     return None
 
 
+def judged(first: int, count: int, duration: float) -> list[str]:
+    """What is broken in the runs of these seeds; each failing seed with its faults as the text of a file."""
+    told = []
+    for case in (case_of(seed, duration) for seed in range(first, first + count)):
+        for law, sentence in run_case(case).broken:
+            told.append(f"seed {case.seed}, {case.scene} on {case.drive}: {law}: {sentence}\n{toml_of(case.faults)}")
+    return told
+
+
 def replayed(seed: int, faults: Path) -> list[str]:
     """Names of the laws that the run of a seed breaks with the faults of a file."""
     return sorted(laws_broken(replace(case_of(seed), faults=load_faults(faults))))
@@ -47,6 +57,8 @@ def main(arguments: list[str]) -> int:
     gc.freeze()  # what is loaded now stays: each run would look through it again
     if arguments[0] == "search":
         print(json.dumps(search(int(arguments[1]))))
+    elif arguments[0] == "judge":
+        print(json.dumps(judged(int(arguments[1]), int(arguments[2]), float(arguments[3]))))
     else:
         print(json.dumps(replayed(int(arguments[1]), Path(arguments[2]))))
     return 0

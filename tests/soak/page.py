@@ -9,10 +9,10 @@ from tests.soak.parts import Found
 
 HEAD = """# What ten thousand bad days have shown
 
-`make soak` runs seeded faults over all library scenes and shipped profiles, gives damaged frames to the master and to the
-simulated drive and damaged files to every reader, and lets one loop run for an hour of virtual time. Every run is judged
-by the invariants of [How to let things go wrong](../how-to/simulate_faults.md). `SOAK_RUNS` scales all parts. This page is
-written by the command.
+`make soak` runs seeded faults over all library scenes and shipped profiles, gives damaged frames to the master and to
+the simulated drive and damaged files to every reader, and lets one loop run for an hour of virtual time. Every run is
+judged by [its invariants](../how-to/simulate_faults.md#what-every-simulated-run-must-hold). `SOAK_RUNS` scales all
+parts. This page is written by the command.
 """
 
 
@@ -23,8 +23,9 @@ def page(found: Sequence[Found], runs: int, commit: str, seconds: float) -> str:
     virtual = sum(each.get("virtual_s", 0.0) for each in found)
     lines = [
         HEAD,
-        f"{runs} seeded runs, commit {commit or 'unknown'}: **{len(broken)} invariants broken**. {cpu / 60.0:.0f} min of "
-        f"processor time, {seconds / 60.0:.0f} min since the last start, {virtual / 3600.0:.1f} h of virtual time.",
+        f"{runs} seeded runs, commit {commit or 'unknown'}: **{len(broken)} invariants broken**.",
+        f"{cpu / 60.0:.0f} min of processor time, {seconds / 60.0:.0f} min since the last start, "
+        f"{virtual / 3600.0:.1f} h of virtual time.",
         "",
         f"Machine: {machine()}.",
         "",
@@ -65,8 +66,8 @@ def _times(found: Sequence[Found]) -> Iterable[str]:
     rates = sorted({int(key.rpartition("|")[2]) for key in times}, reverse=True)
     yield "## Longest time to zero torque"
     yield ""
-    yield "Of runs with one fault that must end them: longest time at the motor, and in how many runs. 0 ms: there was no"
-    yield "torque at the event."
+    yield "Of runs with one fault that must end them: longest time at the motor, and in how many runs. 0 ms: there was"
+    yield "no torque at the event."
     yield ""
     yield f"| fault | cause | {' | '.join(f'{rate} Hz' for rate in rates)} |"
     yield "|" + "---|" * (2 + len(rates))

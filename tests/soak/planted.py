@@ -9,13 +9,16 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 PROJECT = Path(__file__).resolve().parents[2]
 FOUND = Path(__file__).with_name("planted.json")
 MOST_RUNS = 2000
 MOST_FAULTS = 2
+PROCESSES = 2
 COPIED = ("haptic_fieldbus", "profiles", "tests")
 
 
@@ -117,24 +120,37 @@ def called(tree: Path, *arguments: str) -> str:
     ).stdout
 
 
-def main() -> int:
-    folder = PROJECT / "build" / "soak" / "planted"
-    found, missed = [], 0
-    for bug in PLANTED:
-        tree = folder / bug.name.replace(" ", "-")
-        shutil.rmtree(tree, ignore_errors=True)
-        bug.apply(copy_of(PROJECT, tree))
-        case = json.loads(called(tree, "search", str(MOST_RUNS)))
-        good = case is not None and case["faults"].count("[[fault]]") <= MOST_FAULTS
-        missed += not good
-        said = "not found" if case is None else f"run {case['runs']}, {case['law']}: {case['faults'].split()[1:4]}"
-        print(f"{'' if good else 'MISSED '}{bug.name}: {said}", flush=True)
-        if case is not None:
-            found.append({"bug": bug.name, **case})
-        shutil.rmtree(tree)
-    FOUND.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    return missed
+def kept() -> list[dict[str, Any]]:
+    """What was found of each bug: seed, law, sentence, and the text of the shrunk faults."""
+    found: list[dict[str, Any]] = json.loads(FOUND.read_text(encoding="utf-8")) if FOUND.exists() else []
+    return found
+
+
+def search(bug: Planted) -> dict[str, Any] | None:
+    """Plant a bug in a copy and look for it; None when it is not found."""
+    tree = PROJECT / "build" / "soak" / "planted" / bug.name.replace(" ", "-")
+    shutil.rmtree(tree, ignore_errors=True)
+    bug.apply(copy_of(PROJECT, tree))
+    case: dict[str, Any] | None = json.loads(called(tree, "search", str(MOST_RUNS)))
+    shutil.rmtree(tree)
+    good = case is not None and case["faults"].count("[[fault]]") <= MOST_FAULTS
+    said = "not found" if case is None else f"run {case['runs']}, {case['law']}: {case['sentence']}"
+    print(f"{'' if good else 'MISSED '}{bug.name}: {said}", flush=True)
+    return case if good else None
+
+
+def main(names: list[str]) -> int:
+    """Look for the bugs of these names, for all without one; the others stay as they were found."""
+    wanted = [bug for bug in PLANTED if not names or bug.name in names]
+    with ThreadPoolExecutor(PROCESSES) as pool:
+        cases = dict(zip([bug.name for bug in wanted], pool.map(search, wanted), strict=True))
+    known = {each["bug"]: each for each in kept()} | {
+        name: {"bug": name, **case} for name, case in cases.items() if case is not None
+    }
+    found = [known[bug.name] for bug in PLANTED if bug.name in known]
+    FOUND.write_text(json.dumps(found, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return sum(case is None for case in cases.values())
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -32,6 +32,11 @@ def _duration(random: Random) -> float | None:
     return random.choice((None, *(round(10 ** random.uniform(-3.0, -0.5), 4) for _ in range(3))))
 
 
+def _flicker(random: Random) -> float | None:
+    """A contact that opens for good, or bounces."""
+    return random.choice((None, round(10 ** random.uniform(-4.0, -0.5), 4)))
+
+
 def _count(random: Random, most: int = 60) -> int:
     return round(math.exp(random.uniform(0.0, math.log(most))))
 
@@ -69,7 +74,7 @@ RECIPES: Mapping[str, Recipe] = {
     "error_frame": lambda random, at: faults.ErrorFrame("error_frame", at),
     "emergency": lambda random, at: faults.Emergency("emergency", at, random.choice((0x1000, 0x3210, 0x4310, 0x8611))),
     "drive_fault": lambda random, at: faults.DriveFault("drive_fault", at, random.choice((0x2310, 0x4310, 0x7305))),
-    "safe_torque_off": lambda random, at: faults.SafeTorqueOff("safe_torque_off", at, _duration(random)),
+    "safe_torque_off": lambda random, at: faults.SafeTorqueOff("safe_torque_off", at, _flicker(random)),
     "node_reset": lambda random, at: faults.NodeReset("node_reset", at, round(random.uniform(0.001, 0.2), 4)),
     "silence": lambda random, at: faults.Silence("silence", at, _duration(random)),
     "missing_tpdos": lambda random, at: faults.MissingTpdos("missing_tpdos", at, _count(random)),
