@@ -137,8 +137,8 @@ def test_torque_that_lasts_too_long_after_a_fault_is_found(fault: faults.Fault) 
     assert 0.0 < lasted(witness, 1, event_ns) <= stated
     late_ns = event_ns + round(1.1e9 * stated)
     shaft = witness.shafts[1]
-    before = max(torque for torque in shaft.targets if torque[0] <= event_ns)[1]
-    shaft.targets = [each for each in shaft.targets if each[0] <= event_ns] + [(late_ns, before), (late_ns + 9, 0.0)]
+    before = max(torque for torque in shaft.targets if torque[0] < event_ns)[1]
+    shaft.targets = [each for each in shaft.targets if each[0] < event_ns] + [(late_ns, before), (late_ns + 9, 0.0)]
     assert "zero in time" in laws_broken(witness)
 
 
