@@ -1,4 +1,4 @@
-"""Write the JSON Schemas of profiles, buses, rigs, scenes and files of faults into a folder.
+"""Write the JSON Schemas of all files that people write into a folder.
 
 `python -m haptic_fieldbus.schemas FOLDER`; with `--shipped` a scene has no elements of other packages.
 """

@@ -21,6 +21,8 @@ class Findings:
     broken: list[tuple[str, str]] = field(default_factory=list)
     """(name of the law, sentence)."""
     runs: int = 0
+    watching: bool = True
+    """Whether runs that begin now get a witness."""
     keep: bool = False
     """Whether witnesses are kept after they were judged."""
     witnesses: list[Witness] = field(default_factory=list)
@@ -41,7 +43,7 @@ class Watch:
         """A master is about to configure its drives."""
         from haptic_fieldbus.planning.plan_json import plan_json
 
-        wire = _simulated(bus)
+        wire = _simulated(bus) if self.findings.watching else None
         if wire is None or id(bus) in self._open:
             return
         world, port = wire.world, wire._controller.port
@@ -103,6 +105,8 @@ class Watch:
 
     def render(self, inner: Callable[..., Any], request: Any, place: Any) -> Any:
         """A run of the API: its outcome is judged too."""
+        if not self.findings.watching:
+            return inner(request, place)
         self.judged = []
         error: BaseException | None = None
         result: Any = None

@@ -1,6 +1,6 @@
 """Every simulated run of every test is judged: a test that breaks an invariant fails, whatever else it looks at.
 
-A test whose run is wrong on purpose is marked `@pytest.mark.lawless("what is wrong")`.
+A test whose run is wrong on purpose, or that looks at who calls whom, is marked `@pytest.mark.unwatched("why")`.
 """
 
 from collections.abc import Iterator
@@ -26,6 +26,7 @@ class Invariants:
         # Not before the first test: what is imported until then would not be counted as covered.
         if self._findings is None:
             self._findings = self._opened.enter_context(watched())
+        self._findings.watching = item.get_closest_marker("unwatched") is None
         return (yield)  # runs of fixtures are told by the first test that uses them
 
     @pytest.hookimpl(wrapper=True)
@@ -50,7 +51,6 @@ class Invariants:
             return
         self._findings.settle()
         broken, self._findings.broken = self._findings.broken, []
-        marker = item.get_closest_marker("lawless")
-        if broken and marker is None:
+        if broken:
             lines = [f"{name}: {sentence}" for name, sentence in broken[:MOST_TOLD]]
             pytest.fail("\n".join(["an invariant of every run is broken:", *lines]), pytrace=False)
