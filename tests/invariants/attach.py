@@ -41,14 +41,12 @@ class Watch:
 
     def begin(self, bus: Any, plan: Any) -> None:
         """A master is about to configure its drives."""
-        from haptic_fieldbus.planning.plan_json import plan_json
-
         wire = _simulated(bus) if self.findings.watching else None
         if wire is None or id(bus) in self._open:
             return
         world, port = wire.world, wire._controller.port
         shafts = {axis.node: _shaft(world, axis.node) for axis in plan.axes if axis.node in world._rack.slaves}
-        witness = Witness(_stated(plan, plan_json(plan)), world.clock, shafts, world._now_ns)
+        witness = Witness(_stated(plan), world.clock, shafts, world._now_ns)
         senders = {port: MASTER} | {own: slave.node.number for own, slave in world._rack.attached}
         frames = witness.frames
 
@@ -202,8 +200,19 @@ def _faults(slave: Any) -> tuple[Any, ...] | None:
     return tuple(planned[0]) if planned else None
 
 
-def _stated(plan: Any, told: Any) -> Stated:
-    """The plain numbers of a plan, of its rig and of its drives."""
+def _stated(plan: Any) -> Stated:
+    """The plain numbers of a part of a plan, as the whole has them in its JSON, of its rig and of its drives."""
+    from haptic_fieldbus.planning.limit_table import limit_rows
+
+    told = {
+        "pdos": [pdo for axis in plan.axes for pdo in axis.traffic.to_json(axis.rig.bus).get("pdos", ())],
+        "limits": [
+            {"axis": axis.name, "limit": row.name, "value": row.value}
+            for axis in plan.axes
+            for row in limit_rows(axis, plan.period)
+        ],
+        "deadlines": [each.to_json() for each in plan.deadlines],
+    }
     return stated(
         told,
         plan.period_ns * 1e-9,
