@@ -30,8 +30,7 @@ def _table(profile: str, rows: list[Row]) -> str:
 
 
 def _cell(row: Row) -> str:
-    measured = "not measured" if row.measured is None else milliseconds(row.measured)
-    return f"{milliseconds(row.stated)} / {measured}"
+    return f"{milliseconds(row.stated)} / {milliseconds(row.measured)}"
 
 
 if __name__ == "__main__":

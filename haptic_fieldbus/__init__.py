@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         SafetyTripError,
         SceneError,
         SignalUnavailableError,
+        UnprovedGuardError,
         UnstableSceneError,
         UsageError,
     )
@@ -67,8 +68,8 @@ __all__ = [
     "DocumentError", "DriveFaultError", "EdsError", "FaultFileError", "ForeignMasterError", "HapticFieldbusError",
     "ImageTooLargeError", "Limits", "LinearMechanism", "Plan", "PlanError", "ProfileError", "Response", "Result",
     "Rig", "RigAxis", "RigError", "RotaryMechanism", "SafetyTripError", "Scene", "SceneAxis", "SceneError", "Signal",
-    "SignalUnavailableError", "Stability", "UnstableSceneError", "UsageError", "Verdict", "Workspace", "load_profile",
-    "load_rig", "load_scene", "plan", "response", "run", "stability",
+    "SignalUnavailableError", "Stability", "UnprovedGuardError", "UnstableSceneError", "UsageError", "Verdict",
+    "Workspace", "load_profile", "load_rig", "load_scene", "plan", "response", "run", "stability",
 ]  # fmt: skip
 
 

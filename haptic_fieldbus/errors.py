@@ -12,7 +12,8 @@ HapticFieldbusError
 │   ├── ImageTooLargeError
 │   ├── BusOverloadError
 │   ├── UnstableSceneError
-│   └── ForeignMasterError
+│   ├── ForeignMasterError
+│   └── UnprovedGuardError
 ├── BusError                     the bus or a device on it
 │   ├── BusTimeoutError (TimeoutError)
 │   └── BusConfigurationError
@@ -104,6 +105,10 @@ class UnstableSceneError(PlanError):
 
 class ForeignMasterError(PlanError):
     """A bus on which somebody else commands already, so that nothing was enabled."""
+
+
+class UnprovedGuardError(PlanError):
+    """A drive that did not let go in time when it was left alone at zero torque, so that no torque was given."""
 
 
 class BusError(HapticFieldbusError):

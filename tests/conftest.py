@@ -1,6 +1,7 @@
 """Lanes, and how hard hypothesis tries: `pytest --lane quick`, `pytest --lane thorough --part 2/4`."""
 
 import os
+import tempfile
 
 import pytest
 from hypothesis import settings
@@ -13,6 +14,8 @@ from tests.lanes import Lane, Part, slow_markers
 # The folder of whoever runs the tests is no part of them. Nothing of the package is imported here: what is imported
 # before `tests.tracing` begins would not be counted as covered.
 os.environ.pop("HAPTIC_FIELDBUS_PROFILES", None)
+STATE = tempfile.TemporaryDirectory(prefix="haptic-fieldbus-state-")
+os.environ["XDG_STATE_HOME"] = STATE.name
 
 settings.register_profile("thorough", settings.get_profile("default"))
 # The same examples each time: which lines are covered must not be a matter of luck.

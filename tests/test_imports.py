@@ -81,6 +81,7 @@ DOES_WITHOUT = {
         "scenes.registry": "scenes.own",
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
+        "running.session": "running.proofs running.proving",
         "api": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.torque_error": "assessing.virtual_states",

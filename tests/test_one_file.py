@@ -4,67 +4,22 @@ After each step the tests must say what is missing; after the last one, and the 
 must hold, and no other file may have changed.
 """
 
-import os
-import shutil
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from tests.new_things import MAKE_DOCS, THINGS, NewThing, Step
+from tests.checkouts import Checkout, copied
+from tests.new_things import THINGS, NewThing
 
-PROJECT = Path(__file__).resolve().parents[1]
-INHERITED = ("COV_", "COVERAGE_", "PYTEST_", "GIT_")
-"""Variables that belong to the tests around this one."""
 BY_HAND = {"profile": 1, "scene": 1, "element": 3, "integrator": 3, "estimator": 2}
 """Files that a person touches; of an element and an integrator, one is the sheet that they are held to."""
 CHANGED = {"profile": 2}
 """The most files that may differ at the end, where few are promised."""
 
 
-@dataclass(frozen=True)
-class Checkout:
-    """A copy that programs run in, by its own code."""
-
-    folder: Path
-
-    def call(self, *command: str) -> subprocess.CompletedProcess[str]:
-        own = {name: value for name, value in os.environ.items() if not name.startswith(INHERITED)}
-        own["PYTHONPATH"] = str(self.folder)
-        return subprocess.run(command, cwd=self.folder, env=own, capture_output=True, text=True)
-
-    def take(self, step: Step) -> None:
-        path = self.folder / step.path
-        path.write_text(step.edit(path.read_text(encoding="utf-8") if path.exists() else ""), encoding="utf-8")
-
-    def test(self, *words: str) -> subprocess.CompletedProcess[str]:
-        return self.call(sys.executable, "-m", "pytest", "-q", "--lane", "quick", "-p", "no:cacheprovider", *words)
-
-    def generate(self, generator: str) -> None:
-        """With the programs of the environment around this test: nothing is installed."""
-        if generator == MAKE_DOCS:
-            done = self.call("make", "--old-file=setup", "docs", f"BIN={Path(sys.executable).parent}")
-        else:
-            done = self.call(sys.executable, *generator.split()[1:])
-        assert done.returncode == 0, done.stdout + done.stderr
-
-    def changed(self) -> set[str]:
-        status = self.call("git", "status", "--porcelain", "--untracked-files=all").stdout
-        return {line[3:] for line in status.splitlines()}
-
-
 @pytest.fixture
 def checkout(tmp_path: Path) -> Checkout:
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=PROJECT, capture_output=True, text=True)
-    if listed.returncode != 0:
-        pytest.skip("this is no checkout of git, which says what belongs to it")
-    copy = Checkout(tmp_path / "copy")
-    for name in filter(None, listed.stdout.split("\0")):
-        if (PROJECT / name).is_file():
-            (copy.folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(PROJECT / name, copy.folder / name)
+    copy = copied(tmp_path / "copy")
     for words in (("init", "-q"), ("add", "-A"), ("-c", "user.name=t", "-c", "user.email=t@t", "commit", "-qm", "t")):
         done = copy.call("git", *words)
         assert done.returncode == 0, done.stderr

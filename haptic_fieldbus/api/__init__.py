@@ -48,8 +48,12 @@ class Trial(Task):
     """Run even if the loop would be unstable, or its bench is unknown."""
     changes: "Changes | Sequence[Scheduled]" = ()
     """New settings for the running scene at seconds from *operation enabled*."""
+    prove: bool = False
+    """Prove the guards of the drives at zero torque before the run, whether they are proved already or simulated."""
     confirm: Callable[[str], bool] | None = None
     """Called with a question before a real drive is enabled; the run goes on when it returns True."""
+    instruct: Callable[[str], None] | None = None
+    """Called with what a person is to do at the handle before a real drive is enabled; None: nobody is there."""
     progress: Callable[[int, int], None] | None = None
     """Called with the number of periods done, and of all periods."""
     announce: Callable[[Plan], None] | None = None
@@ -109,8 +113,17 @@ def run(trial: Trial) -> Result:
     from haptic_fieldbus.running.session import Request, render
 
     return render(
-        Request(selection, trial.duration, recording, trial.confirm, trial.progress, changes),
-        site_of(selection.plan, recording, Conditions(hand, trial.seed, faults)),
+        Request(
+            selection,
+            trial.duration,
+            recording,
+            trial.confirm,
+            trial.progress,
+            changes,
+            prove=trial.prove,
+            instruct=trial.instruct,
+        ),
+        site_of(selection.plan, recording, Conditions(hand, trial.seed, faults, trial.prove)),
     )
 
 
@@ -127,6 +140,8 @@ def _faults(trial: Trial) -> tuple[Fault, ...]:
 def _selected(trial: Trial) -> Selection:
     """Return the compiled selection; with `force` the bench may be unknown, and real drives give their rated torque."""
     loaded = load(trial)
+    if trial.prove:  # then no earlier outcome counts, neither for a guard nor against it
+        loaded = replace(loaded, rig=loaded.rig.unproved())
     if not trial.force:
         check_known(loaded)
     elif not loaded.bus.simulated:

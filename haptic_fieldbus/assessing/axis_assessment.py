@@ -84,7 +84,11 @@ class AxisAssessment:
         """Assess a part; a run that ends before the fade-in has no error."""
         axis, times_ns = self.axis, part.times_ns
         # Before the end of the fade-in the torque is reduced on purpose, which is no error of the rendering.
-        begin_ns = int(part.began_ns + axis.limits.fade_in * 1e9)
+        permitted_ns = self._run.cycle.permitted_ns(axis.name)
+        # A sign that was not seen in the first part is too rare to go through virtual states for.
+        if permitted_ns is None or (self._splitter is None and part.skipped):
+            return
+        begin_ns = int(permitted_ns + axis.limits.fade_in * 1e9)
         if times_ns[-1] <= begin_ns and part.skipped == 0 and part.last:
             return
         if self._splitter is None:

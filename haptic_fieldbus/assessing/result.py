@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
@@ -178,6 +179,8 @@ class Result:
     """Problems that did not stop the run; for people, not part of the JSON object."""
     recording_fault: str | None = None
     """Reason for which the recording ended before the run; None when it is complete, or none was asked for."""
+    proofs: tuple[Proof, ...] = ()
+    """Guards that were proved before the run."""
     elapsed: float | None = None
     """Wall-clock time of the loop [s]; for people, not part of the JSON object."""
 
@@ -209,6 +212,7 @@ class Result:
                 "trips": [trip.to_json() for trip in self.trips],
                 "changes": [change.to_json() for change in self.changes],
                 "verdict": self.verdict,
+                "guards": [proof.to_json() for proof in self.proofs],
                 "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,
             }
         )

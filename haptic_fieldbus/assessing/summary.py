@@ -16,6 +16,7 @@ from haptic_fieldbus.assessing.run_verdict import ripple, run_verdict
 from haptic_fieldbus.assessing.spans import first_periods
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.margins import Verdict
+from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import Signal
@@ -128,12 +129,22 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
                 f"{axis.workspace.effort_name} than permitted; the limit is {axis.limits.effort:.3g} "
                 f"{axis.workspace.effort_unit}"
             )
+        if (unseen := cycle.unseen(axis.name)) is not None:
+            yield _unseen(axis, tried=unseen > 0)
         if stalls := cycle.stalls(axis.name):
             yield (
                 f"axis {axis.name}: the position stood still under {axis.workspace.effort_name} for "
                 f"{axis.limits.stall:g} s, {stalls} times; each time no more than {axis.limits.holding:.3g} "
                 f"{axis.workspace.effort_unit} was permitted until contact was left"
             )
+
+
+def _unseen(axis: AxisPlan, *, tried: bool) -> str:
+    told = "nothing moved the way of the torque or against it: let go of the handle, or friction is larger than told"
+    return (
+        f"axis {axis.name}: the sign from torque to motion was not seen, so that the scene was given at most "
+        f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)}; {told if tried else 'the run was too short'}"
+    )
 
 
 def _is_stable(plan: Plan) -> bool:

@@ -25,6 +25,8 @@ class DriveFacts:
     """[N·m]; from the drive's own object."""
     link_loss: str
     """Sentence for people: the reaction that is configured for the loss of the master, and its deadline."""
+    changes: tuple[str, ...] = ()
+    """Sentences for people: values of the drive that the run changes and puts back."""
     listened: str = ""
     """Sentence for people: what was heard on the bus before anything was sent; empty when nobody listened."""
 
@@ -89,6 +91,18 @@ class Bus(Protocol):
     def write(self, image: bytes | bytearray) -> None:
         """Send the output image; set-points that cannot be sent are dropped, never queued."""
 
+    def ask(self, axis: str) -> int | None:
+        """Ask a drive for its statusword apart from the exchange, and give no proof of life by it.
+
+        None without an answer in some milliseconds. Raises BusError only when the bus itself is dead.
+        """
+
+    def acknowledge(self) -> None:
+        """Clear the faults into which the drives of a stopped bus went because they had lost us.
+
+        Raises DriveFaultError for a fault of another origin, which is left as it is, or BusError.
+        """
+
     def stop(self) -> bool:
         """Take the torque away from every drive, now; True when all confirmed that their motors are off.
 
@@ -115,10 +129,14 @@ class InSteps:
     """Mixin with `open`, `read` and `stop`, composed of the parts that a group calls one by one."""
 
     def open(self: Bus, plan: Plan) -> None:
-        """Inspect the drives, configure them and start them; raises BusError or DriveFaultError."""
-        self.inspect(plan, bytearray(plan.image.input_size))
-        self.configure(plan)
-        self.start()
+        """Inspect the drives, configure them and start them; raises BusError or DriveFaultError after `stop`."""
+        try:
+            self.inspect(plan, bytearray(plan.image.input_size))
+            self.configure(plan)
+            self.start()
+        except BaseException:
+            self.stop()
+            raise
 
     def read(self: Bus, deadline_ns: int) -> bytearray:
         """Exchange feedback once and return the input image; raises BusError only when the bus itself is dead."""

@@ -8,7 +8,8 @@ The image has one instant, `t_ns`: the nominal end of the last SYNC, when every 
 counts from the SYNC of its own bus. The skew, the time from the first latch to the last, has three causes:
 
 - The SYNC of a slower bus is longer (48 µs more at 500 kbit/s than at 1 Mbit/s).
-- A frame that is on the wire must end before SYNC. When a period begins this can only be a heartbeat, at most 65 bits.
+- A frame that is on the wire must end before SYNC. When a period begins this can only be a heartbeat or an answer to
+  node guarding, at most 65 bits, and where an echo is asked by SDO its answer, at most 135 bits.
 - On real controllers each call to send takes time.
 
 The skew is small against the period. In the simulation, where a call to send takes no time, two buses of the same bit
@@ -59,17 +60,6 @@ class BusGroup(InSteps):
         """Instant at which the last bus latched [ns]."""
         return max([bus.latch_ns for bus in self._buses])
 
-    def open(self, plan: Plan) -> None:
-        """Inspect the drives of all buses, then configure all, then start all.
-
-        Raises BusError or DriveFaultError; all buses are then closed.
-        """
-        try:
-            super().open(plan)
-        except BaseException:
-            self.close()
-            raise
-
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Inspect the drives of each bus; all buses share `image`. Raises BusError or DriveFaultError."""
         self._image = image
@@ -104,6 +94,14 @@ class BusGroup(InSteps):
         """Let each bus send the set-points of its axes; raises BusError when a bus is dead."""
         for bus in self._buses:
             bus.write(image)
+
+    def ask(self, axis: str) -> int | None:
+        """Ask the drive of an axis, which must be on one of the buses."""
+        return next(bus for bus in self._buses if axis in bus.facts).ask(axis)
+
+    def acknowledge(self) -> None:
+        for bus in self._buses:
+            bus.acknowledge()
 
     def release(self) -> None:
         """Take the torque away on all buses, before any of them is listened to."""

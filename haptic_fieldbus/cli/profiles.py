@@ -163,7 +163,7 @@ def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
     for section in SECTIONS:
         values = getattr(profile, section)
         for key, value in (vars(values) if values is not None else {}).items():
-            if value not in (None, ()) and (section != "simulation" or value != usual[key]):
+            if value not in (None, ()) and value is not False and (section != "simulation" or value != usual[key]):
                 name = f"{section}.{key}"
                 yield name, _text(key, value), _source(name, profile.sources)
 

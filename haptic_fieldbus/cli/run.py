@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from haptic_fieldbus.cli.options import (
+    BENCH,
     HANDS,
     OUTPUT,
     RENDERING,
@@ -58,6 +59,10 @@ class RunOptions(BenchOptions):
     faults: Annotated[
         str | None, option("FILE", "Faults of drive, bus, host and hand; random@SEED draws some.", SIMULATION)
     ] = None
+    prove: Annotated[
+        bool,
+        option(None, "Prove first, at zero torque, that drives left alone let go.", BENCH, "--prove"),
+    ] = False
     record: Annotated[Path | None, option("PATH", "Frames as .log (candump) or .blf, rows as .csv.", OUTPUT)] = None
     plot: PlotOption = None
     yes: Annotated[bool, option(None, "Enable a real drive without asking.", None, "--yes")] = False
@@ -80,6 +85,7 @@ def run(options: RunOptions) -> None:
         trial,
         changes=changes,
         confirm=_tell_question if options.yes else _ask,
+        instruct=None if options.yes or not sys.stderr.isatty() else _instruct,
         progress=progress,
         announce=_announcer(options.as_json, progress, changes),
     )
@@ -117,6 +123,12 @@ def _ask(text: str) -> bool:
     if not sys.stdin.isatty():
         raise UsageError("nobody is there to confirm; a script says --yes")
     return typer.confirm(question, default=False, err=True)
+
+
+def _instruct(text: str) -> None:
+    """Show what a person is to do at the handle, in one line that is written over."""
+    sys.stderr.write(f"\r\x1b[K{text}")
+    sys.stderr.flush()
 
 
 def _tell_question(text: str) -> bool:

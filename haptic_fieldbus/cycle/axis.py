@@ -8,14 +8,15 @@ wrong. A link flag, a changed statusword or a motion beyond the limits is handle
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
 
 from haptic_fieldbus.cycle.echo import bind_echo
 from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
+from haptic_fieldbus.cycle.sign import bind_proof
+from haptic_fieldbus.cycle.sign_watch import bind_sign_watch
 from haptic_fieldbus.cycle.state import AxisState, Sensed
-from haptic_fieldbus.cycle.watch import FLAGS, STATUSWORD, T_NS, AxisWatch
+from haptic_fieldbus.cycle.watch import FLAGS, STATUSWORD, T_NS, AxisWatch, Owner, in_time
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS, AxisImage
@@ -31,15 +32,6 @@ COMPUTED = ("position", "velocity", "force", "gain", "command")
 """Columns of a row that the axis computes; they follow the decoded ones."""
 
 
-class Owner(Protocol):
-    """The part of a cycle that its axes use."""
-
-    trip: Trip | None
-    enabled: bool
-
-    def update_enabled(self) -> None: ...
-
-
 class AxisCycle:
     """One axis of a running plan; `output` is the output image, shared by all axes."""
 
@@ -49,6 +41,9 @@ class AxisCycle:
         """How often counts stood still under torque for so long that the limit fell."""
         self._owner, self._axis, self._period = owner, axis, period
         self._watch = AxisWatch(axis, self.state, period, self._trip)
+        self.proof = bind_proof(axis, period, self.state, self._trip, owner.sign_seen)
+        """The proof of the sign; None where it is known."""
+        self.permission.proof = None if self.proof is None else self.proof.give
         self._image, self._output = image, output
         self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
@@ -77,12 +72,18 @@ class AxisCycle:
         """Set the zero and the position of the handle, in the first rendered period."""
         state, t_ns = self.state, self._feedback[T_NS]
         state.began_ns, state.moved_ns, state.begun = t_ns, t_ns, True
+        state.permitted_ns = None if self.proof else t_ns
         if self._axis.integrates:
             self._follow(self._feedback[T_NS], self._feedback[self._place(Signal.VELOCITY)])
             return
         counts, zero = self._feedback[self._place(Signal.POSITION)], self._axis.rig.mechanism.zero
         self.state.zero_counts = counts if zero == "start" else zero
         self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
+
+    def permit(self) -> None:
+        """Let the force rise to its limit, from what a hand may hold on: the sign of all axes is seen."""
+        self.permission.proof, self.state.permitted_ns = None, self._feedback[T_NS]
+        self.permission.fade = min(1.0, self._axis.limits.holding / self._axis.limits.effort)
 
     def check_start(self) -> None:
         """After the first force: one that is large already would throw the handle as soon as it is permitted."""
@@ -135,7 +136,7 @@ class AxisCycle:
         # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
         jump, stall_ns = axis.limits.jump(self._period, abs(unit)), axis.limits.stall * 1e9
-        shortest, longest = _in_time(self._period)
+        shortest, longest = in_time(self._period)
         bits_before, fresh_ns = -1, 0
 
         def observe(image: bytes | bytearray) -> None:
@@ -187,7 +188,7 @@ class AxisCycle:
         unpack, power = self._image.input.unpack_from, self._power
         mask, stall_ns, place = self._axis.power.mask, self._axis.limits.stall * 1e9, self._place(Signal.VELOCITY)
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
-        shortest, longest = _in_time(self._period)
+        shortest, longest = in_time(self._period)
         bits_before, fresh_ns = -1, 0
 
         def observe(image: bytes | bytearray) -> None:
@@ -276,7 +277,8 @@ class AxisCycle:
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        proved = bind_echo(axis, state, self._period, trip, lambda: self._feedback, render)
+        watched = bind_sign_watch(axis, state, self._period, trip, render)
+        proved = bind_echo(axis, state, self._period, trip, lambda: self._feedback, watched)
         return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
 
     def _check_power(self) -> None:
@@ -291,8 +293,3 @@ class AxisCycle:
         if abs(effort) > holding and self.permission.cap > holding:
             self.permission.cap_at(holding, math.copysign(1.0, effort))
             self.stalls += 1
-
-
-def _in_time(period: float) -> tuple[int, int]:
-    """Between which times [ns] after the last one a sample belongs to the next period."""
-    return round(0.5e9 * period), round(1.5e9 * period)

@@ -158,6 +158,21 @@ class Cycle:
         """Return how often counts stood still under torque for so long that the limit fell."""
         return self._axes[axis].stalls
 
+    def unseen(self, axis: str) -> int | None:
+        """Return how often the sign of the axis was looked for in vain, None once it was seen."""
+        proof = self._axes[axis].proof
+        return None if proof is None or proof.seen else proof.failures
+
+    def permitted_ns(self, axis: str) -> int | None:
+        """Return when force began to rise to its limit; None while the sign has not been seen."""
+        return self._axes[axis].state.permitted_ns
+
+    def sign_seen(self) -> None:
+        """Let forces rise once the sign of every axis is seen: a coupling acts on two."""
+        if all(each.proof is None or each.proof.seen for each in self._axes.values()):
+            for each in self._axes.values():
+                each.permit()
+
     def update_enabled(self) -> None:
         """Set `enabled` after a power state has changed."""
         states = [axis.state.power for axis in self._axes.values()]

@@ -4,25 +4,28 @@ A drive whose set-points are lost (its RPDO disabled by another tool, or frames 
 torque, while feedback and signs of life go on. The sign is that its echo does not follow:
 
 - A torque demand equals the target that was sent, to within a step, one period later (two where it acts at a SYNC).
+- A target torque that is asked for is one of those that were in force between question and answer.
 - A torque actual value follows through the lag of the torque loop, a first order whose output is worked out here. Its
   tolerance is for noise and ripple of the current. Friction does not enter: the value is that of the motor's current.
 
 A difference raises a doubt. The doubt ends when the echo has moved and agrees with one of the last targets, or when it
 has agreed for a whole deadline; it becomes a trip when the echo still differs after the deadline. That the echo must
 have moved is for torques that swing: a frozen torque agrees with a swinging one now and then. While the torque is
-constant nothing can be proved: the deadline runs from the first change that does not come back.
+constant nothing can be proved: the deadline runs from the first change that does not come back. An echo that is asked
+for may also stay away altogether; after its own deadline that is a trip too, because nothing is proved any more.
 """
 
 import math
 from collections import deque
 from collections.abc import Sequence
+from itertools import islice
 
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.sensing import Feedback, PeriodStep
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.watch import STATUSWORD, T_NS, TripOff
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.limits import ECHO_SHARE, ECHO_STEPS
+from haptic_fieldbus.planning.limits import ECHO_SHARE, ECHO_STEPS, doubt_time
 from haptic_fieldbus.signals import Signal
 
 LAGS = 3.0
@@ -46,7 +49,7 @@ def bind_echo(
     if lags:
         tolerance = max(tolerance, ECHO_SHARE * axis.rated_effort / axis.effort_unit)
     doubt = Doubt(axis, period, tolerance, trip)
-    bind = _bind_actual if lags else _bind_demand
+    bind = _bind_asked if echo is Signal.TARGET_ASKED else _bind_actual if lags else _bind_demand
     return bind(axis, state, period, place, doubt, feedback, render)
 
 
@@ -67,6 +70,38 @@ def _bind_demand(
             if doubt.open or not -tolerance <= shown - expected <= tolerance:
                 doubt.look(now[T_NS], shown, expected, (sent, *before))
         before.appendleft(sent)
+        render()
+
+    return check
+
+
+def _bind_asked(
+    axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
+) -> PeriodStep:
+    """Compare an answer with the targets that were in force between question and answer."""
+    sign, longest_ns = axis.rig.mechanism.sign, axis.limits.echo * 1e9
+    asked = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(Signal.ASKED_PERIODS)
+    # Where set-points act at a SYNC, the one before the question may still have been in force.
+    waits = axis.delay.transport > (1.0 - 1e-9) * period
+    remembered = math.ceil(axis.limits.echo / period) + 1
+    sent = deque([0] * remembered, maxlen=remembered)
+    heard_ns: int | None = None
+
+    def check() -> None:
+        nonlocal heard_ns
+        sent.appendleft(state.target)
+        now = feedback()
+        periods, t_ns = now[asked], now[T_NS]
+        if periods:
+            heard_ns = t_ns
+            shown = sign * now[place]
+            nearest = min(islice(sent, periods + waits), key=lambda target: abs(target - shown))
+            if doubt.open or abs(nearest - shown) > doubt.tolerance:
+                doubt.look(t_ns, shown, nearest, tuple(islice(sent, periods + FEWEST_TARGETS - 1)))
+        elif heard_ns is None:
+            heard_ns = t_ns
+        elif t_ns - heard_ns > longest_ns:
+            doubt.unanswered(t_ns - heard_ns, sent[0])
         render()
 
     return check
@@ -110,9 +145,13 @@ class Doubt:
         self._unit = axis.effort_unit
         self._period_ns = round(period * 1e9)
         # A sample that comes a little early still ends the deadline.
-        self._deadline_ns = axis.limits.echo * 1e9 - self._period_ns // 2
+        self._deadline_ns = doubt_time(period) * 1e9 - self._period_ns // 2
         self._since_ns = self._differed_ns = 0
         self._stuck = 0
+
+    def unanswered(self, waited_ns: int, sent: int) -> None:
+        """Trip when the drive does not answer any more what torque it was sent."""
+        self._trip(TripKind.SET_POINTS_DEAD, math.nan, sent * self._unit, f"{waited_ns * 1e-6:.0f}")
 
     def look(self, now_ns: int, shown: int, expected: float, targets: Sequence[int]) -> None:
         """Raise, keep or end the doubt; trip when the drive still shows another torque after the deadline."""

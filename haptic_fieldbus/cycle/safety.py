@@ -1,6 +1,7 @@
 """The limits between a scene and a hand, and the reasons to take torque away.
 
-The force of the scene passes three gates, in this order:
+Until the sign from torque to motion has been seen (`cycle.sign`), pulses of a small torque take turns with a force of
+the scene that stays within what a hand may hold for ever. From then on the force passes three gates, in this order:
 
 1. The limit. It rises from 0 to the effort limit of the axis within the fade-in time, and bounds the force from both
    sides. The limit fades in, not the force, so that a large force at the start grows no faster than a small one could.
@@ -48,6 +49,7 @@ class TripKind(Enum):
     POSITION = "position limit"
     DRIFT = "position drift"
     SET_POINTS_DEAD = "set-points do not act"
+    SIGN = "motion against the torque"
     CLOCK = "clock went back"
     FOREIGN_MASTER = "foreign master"
     DUPLICATE_NODE = "duplicate node"
@@ -93,6 +95,8 @@ class Permission:
     """The permitted force of the period before."""
     held: float = 0.0
     """The permitted force before the present gap."""
+    proof: Callable[[float], float] | None = None
+    """Takes the force of the scene and returns what is given until the sign has been seen; None from then on."""
     unchanged: bool = False
     """Whether neither fade-in nor a cap is at work, so that only effort and slew limit the force."""
     clipped: int = 0
@@ -132,12 +136,15 @@ def bind_limiter(
     def beyond(force: float) -> float:
         if not math.isfinite(force):
             return math.nan
-        if permission.fade < 1.0:
-            permission.fade = min(1.0, permission.fade + growth)
+        fade = 1.0
+        if permission.proof is not None:
+            force = permission.proof(force)
+        elif permission.fade < 1.0:
+            fade = permission.fade = min(1.0, permission.fade + growth)
         if permission.cap < math.inf and permission.contact_left(force, least):
             permission.cap = math.inf
-        permission.unchanged = permission.fade >= 1.0 and permission.cap == math.inf
-        bound = min(effort * permission.fade, permission.cap)
+        permission.unchanged = fade >= 1.0 and permission.proof is None and permission.cap == math.inf
+        bound = min(effort * fade, permission.cap)
         if not -bound <= force <= bound:
             permission.clipped += 1
             force = math.copysign(bound, force)

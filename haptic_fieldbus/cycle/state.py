@@ -24,6 +24,8 @@ class AxisState:
     begun: bool = False
     """Whether the first rendered period has passed."""
     began_ns: int = 0
+    permitted_ns: int | None = None
+    """When force began to rise to its limit; None while the sign from torque to motion has not been seen."""
     moved_ns: int = 0
     """When the position changed last."""
     position: float = 0.0

@@ -1,9 +1,11 @@
 """Conversion of a trip to an exception, whose class names the origin and whose message gives cause, value and time."""
 
+import math
 from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
+from haptic_fieldbus.cycle.sign_watch import OWN_MOTION
 from haptic_fieldbus.cycle.start import start_position
 from haptic_fieldbus.errors import (
     BusError,
@@ -13,7 +15,7 @@ from haptic_fieldbus.errors import (
     PlanError,
     SafetyTripError,
 )
-from haptic_fieldbus.numerals import percent, rounded, rounded_limit
+from haptic_fieldbus.numerals import in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import LinkFlag
@@ -34,6 +36,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.FOREIGN_MASTER: SafetyTripError,
     TripKind.DUPLICATE_NODE: SafetyTripError,
     TripKind.SET_POINTS_DEAD: DriveFaultError,
+    TripKind.SIGN: SafetyTripError,
     TripKind.NOT_FINITE: SafetyTripError,
     TripKind.ELEMENT_FAILED: SafetyTripError,
     TripKind.START_FORCE: PlanError,
@@ -164,10 +167,31 @@ def _position(trip: Trip, axis: AxisPlan) -> str:
 def _dead(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of set-points that do not act; the value is what the drive says, the limit what it was sent."""
     unit, shown = axis.workspace.effort_unit, "echo" if axis.profile.echo is None else axis.profile.echo.value
+    if math.isnan(trip.value):
+        return (
+            f"set-points are not proved to act: node {axis.node} has not answered for {trip.detail} ms what target "
+            "torque it has. Another tool may keep its SDO server busy"
+        )
     return (
         f"set-points do not act: {rounded(trip.limit or 0.0)} {unit} was sent, but the {shown} of node {axis.node} "
         f"says {rounded(trip.value)} {unit}, and has not followed for {trip.detail} ms. Another tool may have "
         "switched off what receives its set-points, changed its mode of operation or lowered its torque limit"
+    )
+
+
+def _reversed(trip: Trip, axis: AxisPlan) -> str:
+    """Return the cause of a motion against the torque; the value is how far, the limit the torque."""
+    force, length = axis.workspace.effort_unit, axis.workspace.length_unit
+    if trip.detail == OWN_MOTION:
+        return (
+            f"the motion went against the torque, by {percent(-trip.value)} of what it should do. Either the encoder "
+            "counts backwards now, or the motor turns backwards: another tool may have reversed one of them in the "
+            "drive. Or somebody moved the handle against every change of torque"
+        )
+    return (
+        f"pulses of {in_unit(trip.limit or 0.0, force)} moved the handle {in_unit(abs(trip.value), length)} to the "
+        "other side. Either the encoder counts backwards, or the motor turns backwards: swap two lines of the one that "
+        "does, or reverse it in the drive. The sign of the mechanism in the rig turns both, and is no remedy"
     )
 
 
@@ -200,4 +224,5 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.POSITION: _position,
     TripKind.DRIFT: _drift,
     TripKind.SET_POINTS_DEAD: _dead,
+    TripKind.SIGN: _reversed,
 }

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from haptic_fieldbus.cycle.gaps import LARGEST_SHARE, Gaps
-from haptic_fieldbus.cycle.safety import LINK_TRIPS, TripKind
+from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.signals import LinkFlag
@@ -20,6 +20,17 @@ T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(5)
 # Plain integers: an operation with a member of an IntFlag takes as long as the rest of the method.
 _STALE = int(LinkFlag.STALE)
 _FAULTS = tuple((int(flag), kind) for flag, kind in LINK_TRIPS.items())
+
+
+class Owner(Protocol):
+    """The part of a cycle that its axes use."""
+
+    trip: Trip | None
+    enabled: bool
+
+    def update_enabled(self) -> None: ...
+
+    def sign_seen(self) -> None: ...
 
 
 class TripOff(Protocol):
@@ -86,3 +97,8 @@ class AxisWatch:
         change = abs(way - state.way * periods)
         if change > self._jump * periods**2 + 2.0 * self._resolution * periods:
             self._trip(TripKind.ACCELERATION, change / passed**2, limits.acceleration)
+
+
+def in_time(period: float) -> tuple[int, int]:
+    """Return between which times [ns] after the last one a sample belongs to the next period."""
+    return round(0.5e9 * period), round(1.5e9 * period)

@@ -29,6 +29,10 @@ _KINDS = (
 )
 
 
+IMPOSSIBLE_NAME = "no file can have this name"
+"""For a NUL or a character that cannot be encoded; the words of Python differ between its versions."""
+
+
 def read_octets(path: str | Path, most: int) -> bytes:
     """Return the content of a regular file of at most `most` octets.
 
@@ -37,8 +41,8 @@ def read_octets(path: str | Path, most: int) -> bytes:
     try:
         _check_regular(os.stat(path))
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY)
-    except ValueError as cause:  # a path with a NUL
-        raise OSError(errno.EINVAL, str(cause)) from cause
+    except ValueError as cause:
+        raise OSError(errno.EINVAL, IMPOSSIBLE_NAME) from cause
     try:
         found = os.fstat(descriptor)
         _check_regular(found)

@@ -17,7 +17,7 @@ Index = Annotated[int, Ge(0x1000), Le(0xFFFF)]
 """Index of an object; the indices below 1000h are those of data types."""
 
 
-ECHOES = {"demand": Signal.TORQUE_DEMAND, "actual": Signal.TORQUE_ACTUAL}
+ECHOES = {"demand": Signal.TORQUE_DEMAND, "actual": Signal.TORQUE_ACTUAL, "asked": Signal.TARGET_ASKED}
 """Way of `torque.echo` → signal that comes back."""
 
 
@@ -65,8 +65,9 @@ class TorqueSection:
     rated: MappedObject | None = None
     demand: MappedObject | None = None
     """Target torque as the drive has taken it over, in the unit of `target`: 6074h, or an object of the vendor."""
-    echo: Literal["demand", "actual", "none"] = "none"
-    """Object in which a set-point comes back, so that the loop sees whether its set-points act."""
+    echo: Literal["demand", "actual", "asked", "none"] = "none"
+    """Object in which a set-point comes back, so that the loop sees whether its set-points act; asked: `target` itself,
+    which is read between the periods."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -128,6 +129,8 @@ class Cia402Profile(DriveProfile):
             entries[Signal.TORQUE_ACTUAL] = self.torque.actual.entry
         if self.torque.demand is not None:
             entries[Signal.TORQUE_DEMAND] = self.torque.demand.entry
+        if self.echo is Signal.TARGET_ASKED:
+            entries[Signal.TARGET_ASKED] = self.torque.target.entry
         return entries
 
     def offers(self) -> dict[Signal, MappedSignal]:

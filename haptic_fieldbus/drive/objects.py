@@ -66,6 +66,8 @@ NAMES = {
     0x1000: "device type",
     0x1001: "error register",
     0x1005: "COB-ID SYNC message",
+    0x100C: "guard time",
+    0x100D: "life time factor",
     0x1016: "consumer heartbeat time",
     0x1017: "producer heartbeat time",
     0x1018: "identity object",

@@ -32,6 +32,15 @@ class PowerState(Enum):
     UNKNOWN = "unknown"
 
 
+ENERGISED = (
+    PowerState.SWITCHED_ON,
+    PowerState.OPERATION_ENABLED,
+    PowerState.QUICK_STOP_ACTIVE,
+    PowerState.FAULT_REACTION_ACTIVE,
+)
+"""States in which the power stage may feed the motor."""
+
+
 @dataclass(frozen=True)
 class PowerRow:
     """A state, the statusword `bits` under `mask` that stand for it, and the controlword to be sent in it."""

@@ -82,6 +82,11 @@ class DriveProfile(ABC):
         """Signal in which a target torque comes back, the proof that set-points act; None: the drive has no such."""
         return None
 
+    @property
+    def guarded(self) -> bool:
+        """True when the drive can take the torque away by itself as soon as nothing comes from its master any more."""
+        return True
+
     @abstractmethod
     def offers(self) -> Mapping[Signal, MappedSignal]:
         """Return the signals that the drive offers, each as it is carried."""

@@ -4,7 +4,7 @@ All values are at the motor shaft and SI, except `limits`, which are in the work
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Len
@@ -21,6 +21,7 @@ from haptic_fieldbus.drive.fields import (
     PositiveFloat,
     Time,
     Torque,
+    UInt32,
 )
 from haptic_fieldbus.drive.mechanics import Mechanics
 from haptic_fieldbus.signals import Workspace
@@ -115,6 +116,37 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Proved:
+    """Outcome of the last proof of a drive's guard, as a run has written it into the rig file."""
+
+    guard: Literal["proved", "none"]
+    """"none": the drive did not let go in time when it was left alone."""
+    profile: Annotated[str, Len(1)]
+    """Profile of the drive then; a proof with another one does not count."""
+    asked_ms: PositiveFloat
+    """Time for which the guard was set [ms]; a proof of another time does not count."""
+    date: Annotated[str, Len(1)]
+    guard_ms: PositiveFloat | None = None
+    """Measured time from the last thing that we sent until the motor was off [ms]; None: it stayed on."""
+    serial: UInt32 | None = None
+    """Serial number of the drive; a proof of another drive does not count. None: the drive tells none."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What was seen on this very bench, and need not be looked for again."""
+
+    sign: Literal["seen"] | None = None
+    """That torque moves a simulated drive the right way; on a real bus it is looked for at every start."""
+    direction: Literal["confirmed"] | None = None
+    """That positions grow to the positive side, as a person has shown."""
+    date: Annotated[str, Len(1)] | None = None
+    """When that was."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
 class RigAxis:
     """One drive with its motor and mechanism; `None` means unknown."""
 
@@ -136,7 +168,14 @@ class RigAxis:
     """[N·m]"""
     on_link_loss: Literal["free", "brake"] = "free"
     """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""
+    raise_max_torque: bool = False
+    """Whether a run may raise the drive's own torque limits to that of the axis, and put them back at its end."""
+    emergency_stop: Literal["power"] | None = None
+    """"power": a person within reach can cut the power of the motor; needed where no guard of the drive does it."""
+    proved: Proved | None = None
+    """Proof that the drive lets go by itself; written by a run, None before the first proof."""
     limits: Limits = field(default_factory=Limits)
+    seen: Seen = field(default_factory=Seen)
     simulation: Mechanics = field(default_factory=Mechanics)
     """Mechanics of a simulated bench beyond a rigid shaft; without effect on anything but the simulation."""
     __pydantic_config__: ClassVar = STRICT
@@ -150,6 +189,10 @@ class Rig:
     axis: Annotated[dict[str, RigAxis], Len(1)]
     source: str = ""
     __pydantic_config__: ClassVar = STRICT
+
+    def unproved(self) -> "Rig":
+        """Return the same bench, of which nothing was proved."""
+        return replace(self, axis={name: replace(axis, proved=None) for name, axis in self.axis.items()})
 
 
 COUNTS_PER_REVOLUTION = 4096
@@ -178,4 +221,6 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         coulomb_friction=2.0e-3,
         # Above the speed that the simulated hand reaches in free space, where only damping holds back its 6 N.
         limits=Limits(speed=10.0 if workspace is Workspace.LINEAR else 1.0e4),
+        # A test per profile proves it.
+        seen=Seen(sign="seen"),
     )

@@ -20,6 +20,7 @@ from haptic_fieldbus.errors import Fault, PlanError, RigError, SceneError, Signa
 from haptic_fieldbus.margins import Plant, Stability
 from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.numerics.sampled import TACHOMETER
+from haptic_fieldbus.planning.guards import check_guarded, unguarded
 from haptic_fieldbus.planning.image import canonical
 from haptic_fieldbus.planning.limits import EffortLimits, limits_of
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
@@ -36,6 +37,7 @@ PROVIDERS = {
     Signal.VELOCITY: (Signal.POSITION, Signal.VELOCITY),
     Signal.TORQUE_ACTUAL: (Signal.TORQUE_ACTUAL,),
     Signal.TORQUE_DEMAND: (Signal.TORQUE_DEMAND,),
+    Signal.TARGET_ASKED: (Signal.TARGET_ASKED,),
 }
 """Signal → signals of the drive that can provide it, the best first.
 
@@ -75,6 +77,8 @@ class AxisPlan:
     delay: Delay
     plant: Plant | None
     """Motor and mechanism in the workspace; None when inertia or damping is unknown."""
+    sign_known: bool
+    """Whether torque is known to move the handle the right way, so that it need not be seen first (`sign_probe`)."""
     stability: Stability | None = None
     """Verdict on `group`, in the units of this axis; None when a bench of the group is unknown."""
     group: Group | None = None
@@ -127,9 +131,10 @@ def draft_axis(
 ) -> AxisPlan:
     """Return the plan of one axis without delay and verdict, which need the traffic of all axes: see `verdicts`.
 
-    Raises PlanError when the rig lacks the axis or a value that torque is scaled by, or when the drive cannot render
-    the scene (SignalUnavailableError, ImageTooLargeError); SceneError when rig and scene differ in the workspace;
-    RigError for a fixed zero of a drive without a position; UsageError for an unknown protocol.
+    Raises PlanError when the rig lacks the axis or a value that torque is scaled by, when nothing would take the torque
+    of the drive away, or when it cannot render the scene (SignalUnavailableError, ImageTooLargeError); SceneError when
+    rig and scene differ in the workspace; RigError for a fixed zero of a drive without a position; UsageError for an
+    unknown protocol.
     """
     axis = rig.axis.get(scene_axis.name)
     if axis is None:
@@ -140,11 +145,13 @@ def draft_axis(
     _check_usable(profile)
     _check_workspace(scene, scene_axis, axis)
     _check_zero(scene_axis.name, rig, profile)
+    check_guarded(scene_axis.name, profile, axis)
     elements = scene.of_axis(scene_axis.name)
     couplings = tuple(coupling for coupling in scene.couplings if scene_axis.name in coupling.axes)
     _check_coupled(scene_axis.name, couplings, profile)
     incoming = _incoming((*elements, *couplings), scene_axis.name, profile)
     effort_unit, rated, steps = _effort_unit(profile, axis), _rated_effort(axis), _steps(profile, axis)
+    unproved = profile.echo is None or unguarded(profile, axis)
     protocol, plant = _protocol(profile, rig, axis), _plant(axis, profile, steps)
     return AxisPlan(
         name=scene_axis.name,
@@ -158,12 +165,14 @@ def draft_axis(
         couplings=couplings,
         estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
-        limits=limits_of(axis, rated, plant, scene_axis.workspace, proved=profile.echo is not None),
+        limits=limits_of(axis, rated, plant, scene_axis.workspace, proved=not unproved),
         effort_unit=effort_unit,
         rated_effort=rated,
         steps_per_revolution=steps,
         delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
         plant=plant,
+        # On a real bench a cable may have been swapped since.
+        sign_known=axis.seen.sign is not None and rig.bus[axis.bus].simulated,
     )
 
 

@@ -11,9 +11,10 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
+from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
-from haptic_fieldbus.planning.limits import HOLDING_SHARE
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
+from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
 from haptic_fieldbus.planning.verdicts import on_bus, with_verdicts
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import BusTraffic
@@ -52,7 +53,7 @@ def compile_plan(
         axes=axes,
         image=lay_out_image([axis.traffic for axis in axes]),
         left_out=tuple(_left_out(axes)),
-        steps=tuple(step for axis in axes for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "")),
+        steps=tuple(step for axis in axes for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", period)),
         modules=_modules(axes),
     )
 
@@ -82,7 +83,7 @@ def _traffic(name: str, drafts: list[AxisPlan], rig: Rig, rate: float, waiting: 
     return protocol_named(rig.bus[name].protocol).bus_traffic(rig.bus[name], members, rate, waiting)
 
 
-def _steps(axis: AxisPlan, prefix: str) -> Iterator[str]:
+def _steps(axis: AxisPlan, prefix: str, period: float) -> Iterator[str]:
     """Yield the steps of an axis from decoding to encoding in words, in the order in which `cycle` binds them."""
     yield f"{prefix}link: trip on lost feedback, emergency or restart"
     yield f"{prefix}power state: statusword → controlword"
@@ -92,6 +93,9 @@ def _steps(axis: AxisPlan, prefix: str) -> Iterator[str]:
             f"{prefix}echo: {axis.profile.echo.value} against what was sent, needed by safety; trip when they differ "
             f"for {rounded(1e3 * axis.limits.echo)} ms"
         )
+    probe = sign_probe(axis, period)
+    if probe is not None:
+        yield f"{prefix}sign: {sign_text(axis, probe)}"
     for element in (*axis.elements, *axis.couplings):
         how = f", {axis.method}" if isinstance(element, DynamicElement) else ""
         yield f"{prefix}element: {element.name}{how}"
@@ -144,8 +148,10 @@ def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
     for axis in axes:
         if axis.profile.echo is None:
             why = "does not show what it was sent (torque.echo of its profile)"
-            cap = f"torque stays within {100 * HOLDING_SHARE:g} % of rated, what a hand may hold for ever"
-            yield LeftOut("echo of the set-points", f"{axis.profile.title} {why}; {cap}")
+            yield LeftOut("echo of the set-points", f"{axis.profile.title} {why}; {CAPPED}")
+        why = unguarded(axis.profile, axis.rig)
+        if why:
+            yield LeftOut("guard", f"{why}; {CAPPED}, and a person must cut the power (emergency_stop of the rig)")
     if not any(axis.method for axis in axes):
         remembers = any(isinstance(element, MemoryElement) for axis in axes for element in axis.elements)
         why = "what elements remember, they step by themselves" if remembers else "no element has virtual states"

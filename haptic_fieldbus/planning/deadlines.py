@@ -18,6 +18,7 @@ from enum import Enum
 
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.guards import unguarded
 from haptic_fieldbus.planning.limits import fade_periods
 from haptic_fieldbus.protocols.traffic import BusTraffic, Json
 
@@ -67,12 +68,13 @@ def torque_deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float)
 
 def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[TorqueDeadline]:
     """Yield the deadlines of one axis, in the order of `EndCause`."""
-    guard, end = traffic.guard(axis.name), _end(axis, traffic)
+    alone, end = bool(unguarded(axis.profile, axis.rig)), _end(axis, traffic)
+    guard = math.inf if alone else traffic.guard(axis.name)
     # The event may happen just after a latch, so the next one shows it.
     seen = period + traffic.latch + axis.delay.transport + end
     faded, old = _missing(axis, period)
     by_loop = "seen in the next period, whose set-points are torque-free"
-    by_guard = f"the guard of the drive, {rounded(1e3 * guard)} ms"
+    by_guard = "a person who cuts the power" if alone else f"the guard of the drive, {rounded(1e3 * guard)} ms"
     yield TorqueDeadline(EndCause.TRIP, seen, by_loop)
     lost = min(faded, old) + end
     yield TorqueDeadline(EndCause.FEEDBACK, lost, "held for one period, then faded out")

@@ -12,6 +12,7 @@ from enum import Enum
 from haptic_fieldbus.numerals import exactly, in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import START_SHARE
+from haptic_fieldbus.planning.sign_probe import sign_probe
 
 
 class Reaction(Enum):
@@ -39,6 +40,7 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
     limits, force, length = axis.limits, axis.workspace.effort_unit, axis.workspace.length_unit
     rows = (
         LimitRow("force at the start", START_SHARE * limits.effort, force, Reaction.REFUSE),
+        *_unproved(axis, period),
         LimitRow("fade-in of the limit", limits.fade_in, "s", Reaction.CLAMP),
         LimitRow("force", limits.effort, force, Reaction.CLAMP),
         LimitRow("slew", limits.slew, f"{force}/s", Reaction.CLAMP),
@@ -53,6 +55,14 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         LimitRow("drift", limits.drift if axis.integrates else math.inf, length, Reaction.DISABLE),
     )
     return (row for row in rows if math.isfinite(row.value) and math.isfinite(row.time))
+
+
+def _unproved(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
+    probe = sign_probe(axis, period)
+    if probe is not None:
+        force = axis.workspace.effort_unit
+        yield LimitRow("pulses that show the sign", probe.largest, force, Reaction.CLAMP)
+        yield LimitRow("force until the sign is seen", probe.holding, force, Reaction.CLAMP)
 
 
 def _range(axis: AxisPlan) -> Iterator[LimitRow]:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.margins import Plant
-from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.protocols.traffic import answer_time
+from haptic_fieldbus.signals import Signal, Workspace
 
 SHORTEST_FADE_IN, LONGEST_FADE_IN = 0.1, 60.0
 """[s]; what may be asked for: a force that is there sooner is a kick."""
@@ -42,6 +43,21 @@ HOLD_FADE = 0.01
 def fade_periods(period: float) -> int:
     """Return in how many periods held torque fades to zero, at least 1."""
     return max(1, round(HOLD_FADE / period))
+
+
+def doubt_time(period: float) -> float:
+    """Return how long the drive may show another torque than it was sent, from the first sign of it on [s]."""
+    return max(ECHO_TIME, ECHO_PERIODS * period)
+
+
+def echo_time(echo: Signal | None, period: float) -> float:
+    """Return the longest time until set-points without effect are noticed [s]; infinity without an echo.
+
+    An echo that is asked for shows it by the second answer at the latest, and confirms it by another one in time.
+    """
+    if echo is None:
+        return math.inf
+    return doubt_time(period) + (2.0 * answer_time(period) if echo is Signal.TARGET_ASKED else 0.0)
 
 
 @dataclass(frozen=True)
@@ -85,7 +101,8 @@ def limits_of(axis: RigAxis, rated: float, plant: Plant | None, workspace: Works
     """Return the limits of an axis: those of the rig, else those that follow from motor, hand and inertia.
 
     `rated` is the rated effort in the workspace [N or N·m]. `plant` is None when inertia or damping is unknown. Then,
-    and when set-points are not `proved` to act, the effort is what a hand may be left alone with.
+    and when set-points are not `proved` to act or the guard is known not to, the effort is what a hand may be left
+    alone with.
     """
     limits = axis.limits
     effort = min(limits.effort or math.inf, rated if plant and proved else HOLDING_SHARE * rated)

@@ -8,6 +8,7 @@ from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import TorqueDeadline, torque_deadlines
+from haptic_fieldbus.planning.guards import Guard, guard_of
 from haptic_fieldbus.planning.image import ImageLayout
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, BusTraffic, Delay
 from haptic_fieldbus.scenes.scene import Scene
@@ -102,8 +103,22 @@ class Plan:
     @property
     def deadlines(self) -> tuple[TorqueDeadline, ...]:
         """Longest time to zero torque for each cause for which torque is taken away."""
-        traffic = {name: bus.traffic for bus in self.buses for name in bus.axes}
+        traffic = self._traffic
         return torque_deadlines([(axis, traffic[axis.name]) for axis in self.axes], self.period)
+
+    @property
+    def guards(self) -> tuple[Guard, ...]:
+        """Guard of the drive of each axis, and what is known of it."""
+        traffic, source = self._traffic, self.rig.source
+        return tuple(
+            guard_of(axis.name, axis.profile, axis.rig, traffic[axis.name].guard(axis.name), source)
+            for axis in self.axes
+        )
+
+    @property
+    def _traffic(self) -> dict[str, BusTraffic]:
+        """Traffic of the bus of each axis, by its name."""
+        return {name: bus.traffic for bus in self.buses for name in bus.axes}
 
     @property
     def stability(self) -> Stability | None:

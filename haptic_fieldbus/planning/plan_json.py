@@ -3,6 +3,7 @@
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limit_table import limit_rows
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.sign_probe import sign_probe
 from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
 from haptic_fieldbus.protocols.traffic import Json
 
@@ -26,6 +27,8 @@ def plan_json(plan: Plan) -> dict[str, Json]:
             for each in plan.coupling_ages
         ],
         "limits": [row for axis in plan.axes for row in _limits_json(axis, plan.period)],
+        "guards": [guard.to_json() for guard in plan.guards],
+        "sign": [_sign_json(axis, plan.period) for axis in plan.axes],
         "modules": list(plan.modules),
         "deadlines": [each.to_json() for each in plan.deadlines],
     }
@@ -47,6 +50,18 @@ def _traffic_json(plan: Plan) -> dict[str, Json]:
             before = found.get(key)
             found[key] = [*(before if isinstance(before, list) else ()), *rows]
     return found
+
+
+def _sign_json(axis: AxisPlan, period: float) -> dict[str, Json]:
+    """Return how the sign of an axis is seen; None for what is not known, or not needed."""
+    probe = sign_probe(axis, period)
+    return {
+        "axis": axis.name,
+        "pulses": [] if probe is None else [[stage.effort, stage.periods * period] for stage in probe.stages],
+        "travel": None if probe is None else probe.travel,
+        "least_s": None if probe is None else probe.time,
+        "permitted_until_then": None if probe is None else probe.holding,
+    }
 
 
 def _limits_json(axis: AxisPlan, period: float) -> list[Json]:

@@ -1,6 +1,5 @@
 """Delays and verdicts of the axes of a plan; axes that are coupled are judged together."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -9,13 +8,13 @@ from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.limits import AGE_SHARE, ECHO_PERIODS, ECHO_TIME
+from haptic_fieldbus.planning.limits import AGE_SHARE, echo_time
 from haptic_fieldbus.protocols.traffic import BusTraffic
 
 
 def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
     """Return the axis with what its bus says of it: delay, limits of age and echo, the bench as the loop sees it."""
-    echo = math.inf if draft.profile.echo is None else max(ECHO_TIME, ECHO_PERIODS * period)
+    echo = echo_time(draft.profile.echo, period)
     limits = replace(draft.limits, age=AGE_SHARE * traffic.guard(draft.name), echo=echo)
     return replace(draft, delay=traffic.delay(draft.name), limits=limits, plant=_seen(draft, period))
 

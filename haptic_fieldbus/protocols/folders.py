@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 
 from haptic_fieldbus.documents import file_names, file_of, is_path
+from haptic_fieldbus.documents.octets import IMPOSSIBLE_NAME
 from haptic_fieldbus.errors import UsageError
 
 VARIABLE = "HAPTIC_FIELDBUS_PROFILES"
@@ -41,7 +42,7 @@ def own_files(profiles: str | Path | None = None) -> dict[str, Path]:
             raise FileNotFoundError(2, "no name")
         names = sorted(os.listdir(folder))
     except (OSError, ValueError) as error:
-        reason = (isinstance(error, OSError) and error.strerror) or str(error)
+        reason = str(error.strerror) if isinstance(error, OSError) else IMPOSSIBLE_NAME
         raise UsageError(f'{said} "{named}": expected a folder of drive profiles: {reason}') from error
     stems = {name.removesuffix(".toml"): folder / name for name in names if name.endswith(".toml")}
     return {stem: path for stem, path in stems.items() if stem and stem[0] != "." and not is_path(stem)}

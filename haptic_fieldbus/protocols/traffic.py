@@ -13,8 +13,16 @@ from haptic_fieldbus.signals import LinkFlag
 
 COMPUTE_NS = 50_000
 """Time that the plan grants the host from the last feedback to the first set-point [ns]."""
+ANSWER_TIME, ANSWER_PERIODS = 0.015, 2
+"""[s] and periods, the longer of them: so long a drive may take to answer what it is asked beside the exchange, before
+it is asked again."""
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
+
+
+def answer_time(period: float) -> float:
+    """Return the time after which an answer beside the exchange counts as lost [s]."""
+    return max(ANSWER_TIME, ANSWER_PERIODS * period)
 
 
 @dataclass(frozen=True)

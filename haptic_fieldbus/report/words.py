@@ -62,6 +62,8 @@ def _announcement(plan: Plan) -> Iterator[Line]:
 
 
 def _outcome(result: Result) -> Iterator[Line]:
+    for proof in result.proofs:
+        yield "guard", str(proof)
     if result.cycles:
         yield "result", f"{periods_text(result)}{_load_text(result)}{_speed_text(result)}"
     if result.torque_error is not None:
@@ -175,9 +177,14 @@ def _margin_text(stability: Stability) -> str:
 
 
 def periods_text(result: Result) -> str:
-    """Return the number of periods, and how many were missed."""
-    missed = result.missed_cycles or 0
-    return f"{result.cycles or 0} periods, {missed or 'none'} missed"
+    """Return the number of periods, and how many were missed or began late."""
+    missed, timing = result.missed_cycles or 0, result.timing
+    words = f"{result.cycles or 0} periods, {missed or 'none'} missed"
+    if timing is None or timing.lateness_us is None or not timing.late:
+        return words
+    lateness = timing.lateness_us
+    most, longest = milliseconds(1e-6 * lateness.p999), milliseconds(1e-6 * lateness.max)
+    return f"{words}, {timing.late} late (99.9 % by at most {most}, the latest by {longest})"
 
 
 def _load_text(result: Result) -> str:

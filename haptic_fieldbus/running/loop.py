@@ -5,7 +5,7 @@ loop ends, `bus.stop` has put torque-free set-points on the wire before an excep
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.trips import explained, moment, trip_error
+from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.plan import Plan
@@ -108,8 +109,8 @@ def _run(
 ) -> None:
     period_ns, compute_ns = plan.period_ns, plan.compute_ns
     largest_lateness_ns = round(LATE_SHARE * period_ns)
-    feedback_ns = _feedback_time_ns(plan)
-    enabling_periods = round(_enabling_time(plan) * plan.rate)
+    feedback_ns = feedback_time_ns(plan)
+    enabling_periods = round(enabling_time(plan) * plan.rate)
     progress_every = max(1, round(PROGRESS_EVERY * plan.rate))
     step = cycle.step
     deadline_ns = clock.now_ns()  # t0: the first period begins at once
@@ -154,7 +155,7 @@ def _run(
         else:
             enabling_periods -= 1
             if enabling_periods < 0:
-                raise _not_enabled(plan, cycle)
+                raise not_enabled(plan, {axis.name: cycle.power_state(axis.name) for axis in plan.axes})
         before_ns = latch_ns
         deadline_ns += period_ns
 
@@ -163,21 +164,21 @@ def _silent(done: int) -> None:
     """Report no progress."""
 
 
-def _feedback_time_ns(plan: Plan) -> int:
+def feedback_time_ns(plan: Plan) -> int:
     """Return how long to wait for feedback [ns]: the period less computing and sending, but at least half a period."""
     sending_ns = max(bus.traffic.sending_ns for bus in plan.buses)
     return max(plan.period_ns // 2, plan.period_ns - plan.compute_ns - round(sending_ns))
 
 
-def _enabling_time(plan: Plan) -> float:
+def enabling_time(plan: Plan) -> float:
     """Return the time allowed to reach operation enabled [s]."""
     return ENABLING_TIME + max(axis.profile.timing.mode_change_timeout for axis in plan.axes)
 
 
-def _not_enabled(plan: Plan, cycle: Cycle) -> BusTimeoutError:
-    """Return the error for drives that did not reach operation enabled, with the power state of each axis."""
-    states = ", ".join(f"axis {axis.name} is in the state {cycle.power_state(axis.name).value}" for axis in plan.axes)
+def not_enabled(plan: Plan, states: Mapping[str, PowerState]) -> BusTimeoutError:
+    """Return the error for drives that did not reach operation enabled; `states` is the power state of each axis."""
+    listed = ", ".join(f"axis {name} is in the state {state.value}" for name, state in states.items())
     return BusTimeoutError(
-        f"operation enabled was not reached within {exactly(_enabling_time(plan))} s: {states}. Check safe torque off "
+        f"operation enabled was not reached within {exactly(enabling_time(plan))} s: {listed}. Check safe torque off "
         "(STO), the motor supply, and that no brake or enable input holds the drive back"
     )

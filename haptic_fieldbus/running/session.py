@@ -1,6 +1,6 @@
 """One run at a site: configure, ask for confirmation, render, record, and end torque-free whatever happens."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from haptic_fieldbus.assessing.axis_assessment import Run
 from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Result, known_before
@@ -19,9 +20,12 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
-from haptic_fieldbus.running.ending import ended_by_signals
+from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
+from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.running.rows import Rows
 
@@ -48,6 +52,10 @@ class Request:
     progress: Callable[[int, int], None] | None = None
     """Function that gets the periods done and the periods of the whole run."""
     changes: "Changes | None" = None
+    prove: bool = False
+    """Prove the guards of the drives, whether they are proved or simulated."""
+    instruct: Callable[[str], None] | None = None
+    """Function that shows a person what to do before a real drive is enabled; None: nobody is there to do it."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +85,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     except OSError as error:
         raise UsageError(f"cannot record to {request.record}: {error.strerror}") from error
     recordings: list[str] = []
+    prepared = Preparation(request)
     started = perf_counter()
     try:
         with ended_by_signals() as ending, place as site:
@@ -85,8 +94,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
             assessment = Assessment(run)
             try:
-                bus.open(plan)
-                _ask(request, plan, bus)
+                _open(request, plan, bus, site.clock, prepared, ending)
                 ending.hold()
                 run_loop(
                     plan,
@@ -95,7 +103,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
                     site.clock,
                     cycles=cycles,
                     record=record,
-                    progress=_followed(rows, assessment, request.progress, cycles),
+                    progress=_followed(rows, assessment, request.progress, cycles, _hint(request, cycle)),
                     report=report,
                     changes=request.changes,
                     ending=ending,
@@ -106,7 +114,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     except HapticFieldbusError as error:
         # A run that fails has a result too: the command line prints it beside the error.
         error.result = known_before(request.selection, report, cycle.trip, str(error))
-        error.result = replace(error.result, warnings=tuple(notices(plan, cycle, report)))
+        error.result = replace(error.result, warnings=tuple(notices(plan, cycle, report)), proofs=prepared.proofs)
         raise
     finally:
         rows.close()
@@ -116,7 +124,8 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     result = assessment.finish(elapsed)
     fault = next(iter(recordings), None)
     told = [] if fault is None else [f"the recording {request.record} ended before the run: {fault}"]
-    return replace(result, warnings=(*bus.warnings, *told, *result.warnings), recording_fault=fault)
+    warnings = (*bus.warnings, *prepared.warnings, *told, *result.warnings)
+    return replace(result, warnings=warnings, recording_fault=fault, proofs=prepared.proofs)
 
 
 def _one_of(buses: Mapping[str, Bus]) -> Bus:
@@ -124,12 +133,60 @@ def _one_of(buses: Mapping[str, Bus]) -> Bus:
     return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
 
 
-def _ask(request: Request, plan: Plan, bus: Bus) -> None:
+class Preparation:
+    """The proofs of guards before a run renders, and what is to be told of them and of the bench."""
+
+    def __init__(self, request: Request) -> None:
+        self.proofs: tuple[Proof, ...] = ()
+        self.warnings: list[str] = []
+        self._plan, self._asked = request.selection.plan, request.prove
+
+    def due(self, bus: Bus) -> dict[str, str]:
+        """Return the axes of an inspected bus whose guards are to be proved, with the reason of each."""
+        plan = self._plan
+        if plan.simulated and not self._asked:
+            return {}
+        serials = {name: facts.serial for name, facts in bus.facts.items()}
+        # With --prove the plan knows of no proof, so each guard has a reason.
+        recorded = {axis.name: axis.rig.proved for axis in plan.axes}
+        return to_prove(plan.guards, recorded, {name: serials.get(name) for name in recorded})
+
+
+def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, prepared: Preparation, ending: EndSignals) -> None:
+    """Inspect the drives, ask, and only then write to them; prove the guards that are due, and see the direction.
+
+    Raises UsageError, PlanError, RigError, BusError, DriveFaultError or SafetyTripError.
+    """
+    bus.inspect(plan, bytearray(plan.image.input_size))
+    due = prepared.due(bus)
+    _ask(request, plan, bus, due)
+    if due:
+        from haptic_fieldbus.running import proofs
+        from haptic_fieldbus.running.proving import prove
+
+        ending.hold()
+        prepared.proofs = prove(plan, bus, clock, due, ending)
+        prepared.warnings += proofs.keep(plan, bus.facts, prepared.proofs)
+        proofs.check(plan, bus.facts, prepared.proofs, prepared.warnings)
+    bus.configure(plan)
+    bus.start()
+    if not plan.simulated:
+        from haptic_fieldbus.running.direction import confirm_direction
+
+        prepared.warnings += confirm_direction(plan, bus, clock, request.instruct)
+
+
+def _ask(request: Request, plan: Plan, bus: Bus, due: Mapping[str, str]) -> None:
     """Ask for confirmation before torque is enabled on a real bus; raises UsageError without it."""
     if request.selection.bus.simulated:
         return
     heard = dict.fromkeys(facts.listened for facts in bus.facts.values() if facts.listened)
-    question = "\n".join([*heard, *(_warning(plan, name, bus) for name in bus.facts)])
+    proved: Iterable[str] = ()
+    if due:
+        from haptic_fieldbus.running.proofs import questions
+
+        proved = questions(plan, due)
+    question = "\n".join([*heard, *proved, *(_warning(plan, name, bus) for name in bus.facts)])
     if request.confirm is None or not request.confirm(question):
         raise UsageError("not enabled: on a real bus nothing moves until it is confirmed (--yes for scripts)")
 
@@ -143,18 +200,42 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
         f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
-        f"{facts.link_loss}, confirmed in the drive."
+        f"{'. '.join((f'{facts.link_loss}, confirmed in the drive', *facts.changes))}."
+        f"{_pulses(axis, plan.period)}"
     )
 
 
+def _pulses(axis: AxisPlan, period: float) -> str:
+    probe = sign_probe(axis, period)
+    return "" if probe is None else f" First, {sign_text(axis, probe)}."
+
+
+def _hint(request: Request, cycle: Cycle) -> Callable[[], None]:
+    """Return a function that asks a person once to let go of a handle whose sign was looked for in vain."""
+    hidden = {axis.name for axis in request.selection.plan.axes if not axis.sign_known}
+
+    def hint() -> None:
+        for name in [name for name in hidden if cycle.unseen(name)]:
+            hidden.discard(name)
+            if request.instruct is not None:
+                request.instruct(f"axis {name}: let go of the handle, so that torque is seen to move it\n")
+
+    return hint
+
+
 def _followed(
-    rows: Rows, assessment: Assessment, progress: Callable[[int, int], None] | None, cycles: int
+    rows: Rows,
+    assessment: Assessment,
+    progress: Callable[[int, int], None] | None,
+    cycles: int,
+    hint: Callable[[], None],
 ) -> Callable[[int], None]:
     """Return the function that the loop calls about ten times a second: it records, assesses, and tells progress."""
 
     def follow(done: int) -> None:
         rows.flush()
         assessment.advance()
+        hint()
         if progress is not None:
             progress(done, cycles)
 

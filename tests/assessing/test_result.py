@@ -31,7 +31,8 @@ def test_of_nothing_there_are_no_percentiles() -> None:
 
 
 def test_what_is_not_known_is_null() -> None:
-    known = {"scene": "wall", "drive": "maxon_epos4", "bus": "sim", "rate_hz": 1000.0, "trips": [], "changes": []}
+    known: dict[str, object] = {"scene": "wall", "drive": "maxon_epos4", "bus": "sim", "rate_hz": 1000.0}
+    known |= {"trips": [], "changes": [], "guards": []}
     shown = Result("wall", "maxon_epos4", "sim", 1000.0).to_json()
     assert {key: value for key, value in shown.items() if value is not None} == known
 

@@ -9,7 +9,7 @@ import pytest
 from haptic_fieldbus.buses.canopen.master import SYNC_BITS, CanopenBus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.errors import BusConfigurationError, BusError
+from haptic_fieldbus.errors import BusConfigurationError, BusError, DriveFaultError
 from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.wall import Wall
@@ -127,7 +127,7 @@ def test_facts_warnings_and_restarts_are_those_of_all_buses() -> None:
     bench.read()
     assert bench.bus.restarted == {"left", "right"}
     bench.bus.stop()
-    assert len([sentence for sentence in bench.bus.warnings if "heartbeat guard" in sentence]) == 2
+    assert len([sentence for sentence in bench.bus.warnings if "its guard on" in sentence]) == 2
 
 
 def test_a_wrong_drive_on_the_second_bus_leaves_the_first_untouched() -> None:
@@ -135,26 +135,29 @@ def test_a_wrong_drive_on_the_second_bus_leaves_the_first_untouched() -> None:
     bench.drives[1].objects[0x1018, 1] = (0x9A).to_bytes(4, "little")
     with pytest.raises(BusConfigurationError, match=r"axis right.*0000009Ah"):
         bench.open()
+    bench.bus.close()
     assert all(data[0] == 0x40 for _, _, data in bench.left.sent), "only uploads"
     assert all(bus.is_shut_down for bus in bench.cans)
 
 
-def test_a_second_bus_that_cannot_be_configured_closes_the_first() -> None:
+def test_a_second_bus_that_cannot_be_configured_leaves_the_first_untouched_by_torque() -> None:
     bench = TwoBuses()
     bench.drives[1].aborts[0x6060, 0] = 0x0601_0002
     with pytest.raises(BusConfigurationError, match="axis right"):
         bench.open()
+    bench.bus.close()
     for bus, drive in zip(bench.cans, bench.drives, strict=True):
         assert bus.of(0x000)[-1] == bytes((0x80, NODE))
-        assert bus.of(RPDO) == []
+        assert set(bus.of(RPDO)) <= {TORQUE_FREE}
         assert (drive.state, bus.is_shut_down) == (0x7F, True)
 
 
-def test_a_second_bus_that_does_not_start_stops_the_first_torque_free_and_closes_it() -> None:
+def test_a_second_bus_that_does_not_start_stops_the_first_torque_free() -> None:
     bench = TwoBuses()
     bench.drives[1].stays_in = 0x7F
     with pytest.raises(BusError, match=r"axis right.*operational"):
         bench.open()
+    bench.bus.close()
     assert bench.left.of(RPDO)[0] == TORQUE_FREE
     assert bench.left.of(0x000)[-1] == bytes((0x80, NODE))
     assert bench.drives[0].value(0x1016, 1) == 0, "it no longer waits for us"
@@ -259,3 +262,16 @@ def test_buses_that_were_never_opened_may_be_stopped_and_closed() -> None:
     assert bench.bus.stop() is True
     bench.bus.close()
     assert [bus.sent for bus in bench.cans] == [[], []]
+
+
+def test_each_drive_is_asked_on_its_own_bus_and_all_faults_are_acknowledged() -> None:
+    buses = TwoBuses().open()
+    for word, drive in zip((0x27, 0x08), buses.drives, strict=True):
+        drive.objects[0x6041, 0] = word.to_bytes(2, "little")
+    assert [buses.bus.ask(axis.name) for axis in buses.plan.axes] == [0x27, 0x08]
+    buses.bus.stop()
+    for drive in buses.drives:
+        drive.power_stays = 0x08
+        drive.objects[0x6041, 0], drive.objects[0x603F, 0] = b"\x08\x00", b"\x10\x23"
+    with pytest.raises(DriveFaultError, match="2310h"):
+        buses.bus.acknowledge()

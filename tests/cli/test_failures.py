@@ -38,6 +38,7 @@ STATUS = {
     "BusOverloadError": 4,
     "UnstableSceneError": 4,
     "ForeignMasterError": 4,
+    "UnprovedGuardError": 4,
 }
 
 

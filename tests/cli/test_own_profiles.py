@@ -172,7 +172,7 @@ class TestRefused:
             ("drives/push1.toml", "Not a directory"),
             ("x" * 300, "File name too long"),
             ("loop", "Too many levels of symbolic links"),
-            ("a\0b", "embedded null byte"),
+            ("a\0b", "no file can have this name"),
         ],
         ids=["missing", "a file", "too long", "a circle", "no name at all"],
     )

@@ -29,6 +29,7 @@ def test_only_our_own_limits_are_safety_trips() -> None:
         TripKind.FOREIGN_MASTER,
         TripKind.DUPLICATE_NODE,
         TripKind.PERIODS_MISSED,
+        TripKind.SIGN,
         TripKind.NOT_FINITE,
         TripKind.ELEMENT_FAILED,
         TripKind.SPEED,

@@ -184,7 +184,7 @@ def test_a_file_that_is_missing_is_a_fault(tmp_path: Path) -> None:
 def test_a_folder_and_an_impossible_name_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="cannot be read: it is a folder; expected a regular file"):
         read_document(tmp_path, SceneError)
-    with pytest.raises(SceneError, match="cannot be read: embedded null byte"):
+    with pytest.raises(SceneError, match="cannot be read: no file can have this name"):
         read_document(Path("a\0b"), SceneError)
 
 

@@ -167,6 +167,28 @@ class TestNmt:
         toggles = [octet >> 7 for octet in octets[:6]]
         assert toggles == [0, 1] * 3
 
+    @pytest.mark.thorough("waits for a life time of a second")
+    def test_life_guarding_begins_with_the_first_request_and_ends_after_the_life_time(
+        self, node: canopen.RemoteNode
+    ) -> None:
+        """100Ch × 100Dh = 1 s, in CiA 301 7.5.2.11 and 7.5.2.12; the error is 8130h."""
+        said: list[tuple[float, EmcyError]] = []
+        node.emcy.add_callback(lambda error: said.append((time.monotonic(), error)))
+        node.sdo[0x100C].raw, node.sdo[0x100D].raw = 200, 5
+        began = time.monotonic()
+        until(lambda: time.monotonic() - began > 1.5)
+        assert not said, "nobody has asked yet"
+        node.nmt.start_node_guarding(0.1)
+        began = time.monotonic()
+        until(lambda: time.monotonic() - began > 1.5)
+        assert not said
+        node.nmt.stop_node_guarding()
+        stopped = time.monotonic()
+        until(lambda: bool(said))
+        assert said[0][1].code == 0x8130
+        assert 0.8 < said[0][0] - stopped < 1.5
+        node.sdo[0x100D].raw = 0
+
 
 class TestEmergency:
     """Emergencies reach canopen's consumer."""

@@ -38,6 +38,8 @@ mechanism = {{ kind = "linear", metres_per_revolution = 0.05 }}
 limits = {{ speed = 10.0 }}
 """
 """The shipped bench, on a real bus."""
+PROFILES = ("generic_cia402", str(Path(__file__).parents[1] / "system" / "profiles" / "life_guarded.toml"))
+"""Of a drive that watches our heartbeat, and of one under life guarding."""
 SETTING = ("wall.stiffness", "max/2")
 BUS = f"udp_multicast:{GROUP}@1000000"
 PUSHING = 30
@@ -91,12 +93,12 @@ class Drive:
 
 
 @contextmanager
-def pushing_master(rig: Path) -> Iterator[tuple["subprocess.Popen[str]", Drive]]:
+def pushing_master(rig: Path, profile: str) -> Iterator[tuple["subprocess.Popen[str]", Drive]]:
     """A drive in `simulate`, pushed into a wall by `run`, both in processes of their own."""
     port = free_port()
     require_multicast(port)
-    hosted = ("simulate", "--drive", f"generic_cia402@{NODE}", "--bus", BUS, "--hand", "push")
-    rig.write_text(RIG, encoding="utf-8")
+    hosted = ("simulate", "--drive", f"{profile}@{NODE}", "--bus", BUS, "--hand", "push")
+    rig.write_text(RIG.replace(PROFILES[0], profile), encoding="utf-8")
     rendered = ("run", "wall", "--rig", str(rig), "--yes", "--json")
     options = ("--rate", f"{RATE:g}", "--duration", "60", "--set", "=".join(SETTING))
     for attempt in range(ATTEMPTS):
@@ -126,11 +128,12 @@ def stated(rig: Path, cause: EndCause) -> float:
 
 @pytest.mark.thorough("two processes, and waits in real time")
 @pytest.mark.parametrize(("number", "cause"), [(signal.SIGKILL, EndCause.KILLED), (signal.SIGSTOP, EndCause.STOPPED)])
+@pytest.mark.parametrize("profile", PROFILES, ids=["heartbeat", "life guarding"])
 def test_a_master_that_dies_leaves_no_torque_beyond_the_stated_time(
-    number: signal.Signals, cause: EndCause, tmp_path: Path
+    number: signal.Signals, cause: EndCause, profile: str, tmp_path: Path
 ) -> None:
     rig = tmp_path / "rig.toml"
-    with pushing_master(rig) as (master, drive):
+    with pushing_master(rig, profile) as (master, drive):
         died = time.monotonic()
         os.kill(master.pid, number)
         drive.read(0x6077)

@@ -14,6 +14,7 @@ from haptic_fieldbus.protocols.catalogue import (
 )
 from haptic_fieldbus.protocols.folders import known_names, profile_file, profile_folder
 from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
+from haptic_fieldbus.signals import Signal
 
 
 @pytest.mark.parametrize("protocol", BUILT_IN)
@@ -46,6 +47,23 @@ def test_a_proof_of_set_points_needs_the_object_that_it_names(tmp_path: Path) ->
     path.write_text(text.replace('echo = "actual"', 'echo = "demand"'), encoding="utf-8")
     with pytest.raises(ProfileError, match=r'"demand" without torque\.demand'):
         load_profile(path)
+
+
+def test_a_drive_has_one_guard_at_most(tmp_path: Path) -> None:
+    text = (profile_folder() / "maxon_epos4.toml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace("[link_loss]\n", "[link_loss]\nlife_guarding = true\n"), encoding="utf-8")
+    line = text[: text.index("[link_loss]")].count("\n") + 2
+    words = rf"mine.toml: line {line}: link_loss\.life_guarding: true beside link_loss\.heartbeat_consumer; expected"
+    with pytest.raises(ProfileError, match=words):
+        load_profile(path)
+
+
+def test_an_echo_that_is_asked_needs_no_object_of_its_own(tmp_path: Path) -> None:
+    text = (profile_folder() / "maxon_epos4.toml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace('echo = "actual"', 'echo = "asked"'), encoding="utf-8")
+    assert load_profile(path).echo is Signal.TARGET_ASKED
 
 
 def test_a_folder_of_profiles_must_be_there_and_have_a_name(tmp_path: Path) -> None:

@@ -206,3 +206,21 @@ def test_a_protocol_without_a_real_bus_says_so() -> None:
 
 def test_what_it_maps_is_found_in_its_json_alone() -> None:
     assert "messages" not in plan_json(haptic_fieldbus.plan("wall"))
+
+
+def test_its_guard_is_proved_as_any_other(capsys: pytest.CaptureFixture[str]) -> None:
+    """A toy lets go 50 ms after its last set-point."""
+    (proof,) = answer(capsys, "run", "wall", "--duration", "0.2", "--prove")["guards"]
+    assert proof["guard_ms"] == 50.0
+    assert proof["measured_ms"] == pytest.approx(50.0, abs=1.1)
+
+
+def test_a_toy_that_never_lets_go_is_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import toy_fieldbus  # type: ignore[import-not-found]
+
+    real = toy_fieldbus.DEADLINE_NS
+    monkeypatch.setattr(toy_fieldbus.ToyDrive, "_advance", lambda toy, t_ns: toy.plant.advance(t_ns))
+    assert status("run", "wall", "--duration", "0.2", "--prove", "--drive", DRIVE, "--bus", "toy") == 4
+    assert f"asked for were {real // 1_000_000} ms" in capsys.readouterr().err

@@ -224,4 +224,5 @@ def test_the_largest_stable_step_is_measured_where_it_is_claimed() -> None:
 
 def test_a_device_without_friction_has_a_hand_too() -> None:
     a, _, _ = device_in_hand(Plant(mass=0.5, damping=0.0))
-    assert np.linalg.eigvals(a).real.max() <= 1e-12
+    # Without friction 0 is a double pole, of which rounding by an eps makes a pair at a distance of sqrt(eps).
+    assert np.linalg.eigvals(a).real.max() <= 100.0 * np.sqrt(np.finfo(float).eps)

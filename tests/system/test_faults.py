@@ -86,7 +86,7 @@ def test_a_drive_that_cannot_be_configured_gets_no_torque(
     code, err, result = run_with(fault, tmp_path, capsys)
     assert code == 1, err
     assert cause in err
-    assert set_points(tmp_path / "frames.log") == []
+    assert set(set_points(tmp_path / "frames.log")) <= {0}
     assert result["cycles"] == 0
 
 

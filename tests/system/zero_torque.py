@@ -1,5 +1,6 @@
 """How long the torque of a simulated drive lasts after each cause for which it is taken away."""
 
+import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -13,8 +14,10 @@ from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.deadlines import REMAINDER, EndCause
+from haptic_fieldbus.planning.limits import ECHO_SHARE, ECHO_STEPS
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.loop import run_loop
+from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
@@ -27,6 +30,8 @@ PHASES = (0.05, 0.35, 0.65, 0.95)
 """Of an event, in periods after a whole number of them from operation enabled."""
 CONTACT = 1.2
 """[s] after operation enabled; the pushing hand is in the wall by then."""
+SWINGING = 0.5
+"""[s] after operation enabled; the hand has met the wall, and is not at rest yet."""
 WATCHED_NS = 700_000_000
 """How long the motor is looked at after an event; longer than any deadline."""
 GRID_NS = 20_000
@@ -80,10 +85,18 @@ def planned(profile: str, rate: float) -> Plan:
 class Bench:
     """A drive in contact with a wall, its master, and one event; all in virtual time."""
 
-    def __init__(self, profile: str, rate: float, phase: float = 0.0, faults_at: FaultsAt = lambda at: ()) -> None:
+    def __init__(
+        self,
+        profile: str,
+        rate: float,
+        phase: float = 0.0,
+        faults_at: FaultsAt = lambda at: (),
+        *,
+        after: float = CONTACT,
+    ) -> None:
         self.plan = planned(profile, rate)
         (self.axis,) = self.plan.axes
-        self.at = round(CONTACT * rate) / rate + phase / rate
+        self.at = round(after * rate) / rate + phase / rate
         """Time of the event [s from operation enabled]."""
         self.event_ns = 0
         self.clock = Eventful()
@@ -150,12 +163,42 @@ def _nmt(command: int) -> Callable[[str, float, float], float]:
     return measure
 
 
+def _without_effect(profile: str, rate: float, phase: float) -> float:
+    """The event is the first set-point that the drive should have shown to be another one than that which it holds.
+
+    While the hand still swings in the wall: where it leans, torque is constant, and a constant one needs no proof.
+    """
+
+    def lost(at: float) -> tuple[faults.Fault, ...]:
+        return (faults.MissingRpdos("missing_rpdos", at),)
+
+    with Bench(profile, rate, phase, lost, after=SWINGING) as bench:
+        noticed = 1000 * ECHO_SHARE if bench.axis.profile.echo is Signal.TORQUE_ACTUAL else ECHO_STEPS
+        lost_ns = held = 0
+
+        def tapped(t_ns: int, can_id: int, data: bytes) -> None:
+            nonlocal lost_ns, held
+            if can_id != 0x200 + bench.axis.node or not bench.event_ns:
+                return
+            target = struct.unpack("<Hh", data)[1]
+            lost_ns = lost_ns or bench.event_ns
+            if t_ns < lost_ns:
+                held = target
+            elif bench.event_ns == lost_ns and abs(target - held) > noticed:
+                bench.event_ns = t_ns
+
+        bench.world.tap(tapped)
+        return bench.run()
+
+
 def _killed(profile: str, rate: float, phase: float) -> float:
-    """Right after a heartbeat, so that the guard takes longest."""
+    """Right after a heartbeat, or a request of node guarding and its answer, so that the guard takes longest."""
     with Bench(profile, rate, phase) as bench:
+        guarded = can_traffic(bench.plan).members[0].traffic.life_guarding
+        proof = 0x700 + bench.axis.node if guarded else MASTER_HEARTBEAT
 
         def tapped(t_ns: int, can_id: int, _data: bytes) -> None:
-            if can_id == MASTER_HEARTBEAT and bench.event_ns and t_ns >= bench.event_ns and not bench.bus.dead:
+            if can_id == proof and bench.event_ns and t_ns >= bench.event_ns and not bench.bus.dead:
                 bench.bus.dead, bench.event_ns = True, t_ns
 
         bench.world.tap(tapped)
@@ -200,6 +243,7 @@ MEASURED: dict[EndCause, tuple[Callable[[str, float, float], float], ...]] = {
     ),
     EndCause.KILLED: (_killed,),
     EndCause.STOPPED: (_stopped,),
+    EndCause.NO_EFFECT: (_without_effect,),
     EndCause.END: (_interrupted, _ended),
 }
 """What is done for each cause, more than one thing where there are several."""
@@ -207,13 +251,13 @@ MEASURED: dict[EndCause, tuple[Callable[[str, float, float], float], ...]] = {
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table [s]; `measured` is the longest of all phases, None where nothing is measured."""
+    """One line of the table [s]; `measured` is the longest of all phases."""
 
     profile: str
     rate: float
     cause: EndCause
     stated: float
-    measured: float | None
+    measured: float
 
 
 def measured(profile: str, rate: float, cause: EndCause, phases: tuple[float, ...] = PHASES) -> float:
@@ -226,5 +270,4 @@ def table(profiles: tuple[str, ...] = PROFILES) -> Iterator[Row]:
     for profile in profiles:
         for rate in RATES:
             for each in planned(profile, rate).deadlines:
-                longest = measured(profile, rate, each.cause) if each.cause in MEASURED else None
-                yield Row(profile, rate, each.cause, each.seconds, longest)
+                yield Row(profile, rate, each.cause, each.seconds, measured(profile, rate, each.cause))

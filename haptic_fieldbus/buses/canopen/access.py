@@ -34,14 +34,15 @@ class CanopenAccess(BusAccess):
 
     def rated_torque(self, section: BusSection, name: str, axis: RigAxis) -> float | None:
         profile = load_profile(axis.profile)
-        mapped = profile.torque.rated if isinstance(profile, CanopenProfile) else None
-        if mapped is None:
+        if not isinstance(profile, CanopenProfile) or profile.torque.rated is None:
             return None
+        mapped = profile.torque.rated
         own = can_section(section)
         can_bus = open_can(own)
         try:
             wire = Wire(can_bus, MonotonicClock(), can_bus.channel_info, echoes=own.interface in ECHOING)
-            one = OneMaster([axis.node], own.master_node or MASTER_NODES[0])
+            guarded = [axis.node] if profile.link_loss.life_guarding else []
+            one = OneMaster([axis.node], own.master_node or MASTER_NODES[0], guarded)
             listen(wire, own.listen, one, wire.name).refuse(one.master_node)
             raw = Node(wire, axis.node, f"node {axis.node} (axis {name})").read(mapped.entry)
         except BusTimeoutError as error:

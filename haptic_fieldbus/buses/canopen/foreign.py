@@ -7,7 +7,8 @@ that only the one master of these drives may send:
 - A command: SYNC, our own heartbeat, a set-point, an NMT command, an SDO download. Before we begin it is a reason to
   refuse, in the loop a reason to trip.
 - A question: an SDO upload, a request of node guarding. Before we begin it is a reason to refuse as well, for who asks
-  now may command next; in the loop it is told once, because it changes nothing.
+  now may command next; in the loop it is told once, because it changes nothing. To a drive under life guarding the
+  request is a command: it feeds the guard.
 
 Our own frames never come here: the wire drops those that an interface gives back.
 
@@ -21,7 +22,13 @@ from functools import partial
 from haptic_fieldbus.buses.canopen.frames import REMOTE_FLAG
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.errors import ForeignMasterError
-from haptic_fieldbus.protocols.canopen.cob_ids import NMT_COB_ID, RPDO_COB_IDS, SDO_REQUEST_COB_ID, cob_id_words
+from haptic_fieldbus.protocols.canopen.cob_ids import (
+    NMT_COB_ID,
+    REMOTE,
+    RPDO_COB_IDS,
+    SDO_REQUEST_COB_ID,
+    cob_id_words,
+)
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID
 
 DOWNLOADS = (0, 1, 6)
@@ -42,13 +49,15 @@ class Severity(Enum):
 class OneMaster:
     """The frames that only one master may send, for the drives with these node-IDs."""
 
-    def __init__(self, nodes: Collection[int], master_node: int) -> None:
+    def __init__(self, nodes: Collection[int], master_node: int, guarded: Collection[int] = ()) -> None:
+        """Take the node-IDs of the drives, that of the master, and of the drives those under life guarding."""
         self.master_node = master_node
         self._nodes = frozenset(nodes)
         commands = {SYNC_COB_ID, HEARTBEAT_COB_ID + master_node}
         commands |= {base + node for base in RPDO_COB_IDS for node in nodes}
         self._plain = dict.fromkeys(commands, Severity.COMMAND)
         self._plain |= {REMOTE_FLAG | HEARTBEAT_COB_ID + node: Severity.QUESTION for node in nodes}
+        self._plain |= {REMOTE_FLAG | HEARTBEAT_COB_ID + node: Severity.COMMAND for node in guarded}
         self._requests = frozenset(SDO_REQUEST_COB_ID + node for node in nodes)
 
     @property
@@ -79,11 +88,16 @@ class ForeignMaster:
         for can_id in one.watched:
             wire.listen(can_id, partial(self._heard, can_id))
 
+    @property
+    def code(self) -> int | None:
+        """Code of that frame for the header of an axis; None while there was none."""
+        return None if self.cob_id is None else code_of(self.cob_id)
+
     def refuse(self, bus: str, done: str) -> None:
         """Raise ForeignMasterError when a command came since we listened; `done` tells how far we got."""
         if self.cob_id is not None:
             raise ForeignMasterError(
-                f"somebody else commands on {bus}: {cob_id_words(self.cob_id)} came while we prepared. "
+                f"somebody else commands on {bus}: {frame_words(self.cob_id)} came while we prepared. "
                 f"{advice((self.cob_id,), self._one.master_node)}. {done}"
             )
 
@@ -98,10 +112,12 @@ class ForeignMaster:
 
 def frame_words(can_id: int) -> str:
     """Return the meaning of a frame: its COB-ID in words, or the request of node guarding that a remote frame is."""
-    if can_id & REMOTE_FLAG:
-        node = can_id & CAN_ID & 0x7F
-        return f"node guarding request to node {node} ({can_id & CAN_ID:03X}h)"
-    return cob_id_words(can_id)
+    return cob_id_words(code_of(can_id))
+
+
+def code_of(can_id: int) -> int:
+    """Return the code of a frame for the header of an axis, which has 16 bits."""
+    return can_id & CAN_ID | (REMOTE if can_id & REMOTE_FLAG else 0)
 
 
 def advice(masters: Collection[int], master_node: int) -> str:

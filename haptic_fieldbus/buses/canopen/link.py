@@ -37,13 +37,19 @@ class Exchange:
 class Link:
     """Link to one axis: it copies TPDOs into the image and writes the header of the axis there."""
 
-    def __init__(self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray) -> None:
-        """Take the TPDOs with their offsets in the image, and the offset of the header of the axis."""
+    def __init__(
+        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float
+    ) -> None:
+        """Take the TPDOs with their offsets in the image, and the offset of the header of the axis.
+
+        `silence` is the time without a sign of life after which the node counts as gone [s].
+        """
         self._node = node
         self._image = image
         self._header = header
         self._slots = tuple(_Slot(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
         self._latched_ns: int | None = None
+        self._silence_ns = round(silence * 1e9)
 
     def listen(self, wire: Wire, exchange: Exchange) -> None:
         for slot in self._slots:
@@ -63,7 +69,7 @@ class Link:
         """True when all TPDOs of this period arrived."""
         return all(slot.fresh for slot in self._slots)
 
-    def finish(self, latch_ns: int, now_ns: int, heartbeat_limit_ns: int, common_flags: int) -> None:
+    def finish(self, latch_ns: int, now_ns: int, common_flags: int) -> None:
         """Write the header of the axis: age of the data [ns], flags of the link, emergency code."""
         flags = common_flags
         for slot in self._slots:
@@ -81,7 +87,7 @@ class Link:
             flags |= BOOT_UP
         if node.state != NmtState.OPERATIONAL:
             flags |= NOT_OPERATIONAL
-        if now_ns - node.heartbeat_ns > heartbeat_limit_ns:
+        if now_ns - node.heartbeat_ns > self._silence_ns:
             flags |= NO_SIGN_OF_LIFE
         age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
         # A latch is the nominal end of SYNC, which may lie a little ahead of the clock: the age is never negative.

@@ -1,11 +1,13 @@
-"""The CANopen master: SYNC out, TPDOs in, RPDOs out, a heartbeat when it is due, all in the thread of the loop.
+"""The CANopen master: SYNC out, TPDOs in, RPDOs out, a proof of life when it is due, all in the thread of the loop.
 
 One period is `read` and `write`:
 
 - `read` first processes the frames since the last exchange: heartbeats, emergencies, and late TPDOs, which are dropped.
   Then it sends SYNC and receives until every TPDO is in or the deadline is reached. Faults become flags in the header
   of the image; the cycle decides about them.
-- `write` sends the RPDOs and, every few periods, the heartbeat of the master.
+- `write` sends the RPDOs and, every few periods, the proofs of our life that the guards of the drives expect: our
+  heartbeat, and a request of node guarding to each drive under life guarding. Who does not write proves nothing.
+  Last come the questions to drives that show their target torque only when they are asked, see `canopen.asking`.
 
 `stop` consists of `release`, `settle` and `leave`; `canopen.release` tells how. With several buses, `group` calls the
 parts of `open`, `read` and `stop` one by one, each on all buses.
@@ -19,24 +21,33 @@ from dataclasses import replace
 import can
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
+from haptic_fieldbus.buses.canopen.acknowledging import acknowledge, asked_statusword
+from haptic_fieldbus.buses.canopen.asking import Asking
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
+from haptic_fieldbus.buses.canopen.guard import proofs_of_life
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
-from haptic_fieldbus.buses.canopen.node import NmtState, Node
+from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
+from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.release import Parting, Release
 from haptic_fieldbus.buses.canopen.setup import Setup
 from haptic_fieldbus.buses.canopen.wire import Wire, frame
 from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID, placed
-from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
+from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, placed
+from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
 
 SYNC_BITS = 48
 """Bits of the SYNC frame 080h without data, from start of frame to end of frame, with its four stuff bits."""
 REFUSED_WRITES = 3
 """Periods in a row with refused set-points that make an exception; a single one only holds the torque longer."""
+REPEATED = (
+    "{0.label} answered node guarding {0.repeated} times with the toggle bit of the answer before, and such an answer "
+    "does not count: answers were lost, or the node repeats itself"
+)
 
 
 class CanopenBus(InSteps):
@@ -66,23 +77,11 @@ class CanopenBus(InSteps):
         self._exchange = Exchange()
         self._image = bytearray()
         self._outputs: tuple[tuple[int, int, int], ...] = ()
+        self._askings: tuple[Asking, ...] = ()
         self._release: Release | None = None
-        self._started = False
         self._synced = False
         self.latch_ns = 0
         """Instant at which the drives latched the data of the last exchange [ns]: the nominal end of SYNC."""
-
-    def open(self, plan: Plan) -> None:
-        """Inspect all drives, then configure all, then start all.
-
-        Raises BusError or DriveFaultError; the drives that were written to are then left pre-operational.
-        """
-        try:
-            super().open(plan)
-        except BaseException:
-            self._started = False
-            self.leave()  # sends nothing before `configure`
-            raise
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
@@ -95,7 +94,8 @@ class CanopenBus(InSteps):
         self._wire.mute()
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
         traffic = traffic_of(plan)
-        one = OneMaster([axis.node for axis in plan.axes], traffic.master_node)
+        guarded = [member.traffic.node for member in traffic.members if member.traffic.life_guarding]
+        one = OneMaster([axis.node for axis in plan.axes], traffic.master_node, guarded)
         heard = listen(self._wire, traffic.listening, one, self._wire.name)
         heard.refuse(traffic.master_node)
         self._bind(plan, image)
@@ -109,26 +109,35 @@ class CanopenBus(InSteps):
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
         self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
+        # Until the first exchange a drive may send TPDOs as it becomes operational; our proofs of life are due at once.
+        self._exchange.begun, self._refused_writes = False, 0
+        self._proofs = proofs_of_life(traffic_of(plan), [setup.node for setup in self._setups])
         for setup in self._setups:
             setup.configure()
 
     def start(self) -> None:
         """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
         self._foreign.refuse(self._wire.name, "Nothing was enabled")
-        self._started = True  # first, since a node may be operational already when a later one fails
         for setup in self._setups:
             setup.start()
+        for asking in self._askings:
+            asking.listen()
 
     def _bind(self, plan: Plan, image: bytearray) -> None:
         """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
         traffic = traffic_of(plan)
-        nodes = [Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})") for axis in plan.axes]
         self._setups = tuple(
-            Setup(node, axis, traffic, traffic.member(axis.name)) for node, axis in zip(nodes, plan.axes, strict=True)
+            self._setup_of(axis, traffic, traffic.member(axis.name), real=not plan.simulated) for axis in plan.axes
         )
         self._image = image
         self._links = tuple(
-            Link(setup.node, placed(setup.member.traffic.tpdos, places.inputs[0]), places.header, self._image)
+            Link(
+                setup.node,
+                placed(setup.member.traffic.tpdos, places.inputs[0]),
+                places.header,
+                self._image,
+                traffic.silence_of(setup.axis.name),
+            )
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
         )
         self._exchange = Exchange()
@@ -140,18 +149,29 @@ class CanopenBus(InSteps):
             for pdo, offset in placed(setup.member.traffic.rpdos, places.outputs[0])
         )
         self._release = self._release_of(plan, traffic)
-        self._heartbeat = frame(HEARTBEAT_COB_ID + traffic.master_node, bytes((NmtState.OPERATIONAL,)))
-        self._heartbeat_limit_ns = round(traffic.silence * 1e9)
-        self._heartbeat_every = traffic.heartbeat_every
+        self._askings = tuple(
+            self._asking_of(setup, places.inputs[0], plan.period)
+            for setup, places in zip(self._setups, plan.image.axes, strict=True)
+            if setup.member.traffic.asked
+        )
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
-        self._periods_to_heartbeat = 0
-        self._refused_writes = 0
-        self._started = False
+
+    def _setup_of(self, axis: AxisPlan, traffic: CanTraffic, member: BusMember, *, real: bool) -> Setup:
+        label = f"node {axis.node} (axis {axis.name})"
+        node = Node(self._wire, axis.node, label, guarded=member.traffic.life_guarding)
+        return Setup(node, axis, traffic, member, TorqueLimits(node, axis, self.warnings.append, real))
+
+    def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:
+        """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
+        offset = start + sum(pdo.size for pdo in setup.member.traffic.tpdos)
+        target = setup.member.profile.torque.target.entry
+        warn = self.warnings.append
+        return Asking(setup.node, self._wire, target, self._image, offset, period=period, warn=warn)
 
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
         """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
         partings = [
-            Parting(setup.node, self._wire, link, self._word_at(place), setup.disarming)
+            Parting(setup.node, self._wire, link, self._word_at(place), setup.parting)
             for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
         ]
         set_points = [(cob_id, end - start) for cob_id, start, end in self._outputs]
@@ -171,9 +191,19 @@ class CanopenBus(InSteps):
     def prepare(self, deadline_ns: int) -> None:
         """Process all frames since the last exchange, until the deadline [ns] at the latest, and begin a new one."""
         self._exchange.taking = False
+        for asking in self._askings:
+            asking.begin()
         self._wire.drain(deadline_ns)
-        self._exchange.begun = True
+        if not self._exchange.begun:
+            self._begin_watch()
         self._exchange.missing = sum([link.begin() for link in self._links])
+
+    def _begin_watch(self) -> None:
+        """Begin to miss nodes that answer only when they are asked, which the loop does from now on."""
+        self._exchange.begun = True
+        for setup in self._setups:
+            if setup.node.guarded:
+                setup.node.heartbeat_ns = self._clock.now_ns()
 
     def begin(self) -> None:
         """Send SYNC; without room in the transmit queue there will be no feedback."""
@@ -192,26 +222,35 @@ class CanopenBus(InSteps):
         now_ns = self._clock.now_ns()
         HEADER.pack_into(self._image, 0, latch_ns)
         for link in self._links:
-            link.finish(latch_ns, now_ns, self._heartbeat_limit_ns, flags)
+            link.finish(latch_ns, now_ns, flags)
         if self._foreign.cob_id is not None or exchange.doubled is not None:
             for link in self._links:
-                link.accuse(self._foreign.cob_id, exchange.doubled)
+                link.accuse(self._foreign.code, exchange.doubled)
         return self._image
 
     def write(self, image: bytes | bytearray) -> None:
-        """Send the RPDOs, then the heartbeat when it is due; raises BusError only when the bus itself is dead."""
+        """Send the RPDOs, then the proofs of our life that are due; raises BusError only when the bus is dead."""
         accepted = True
         for cob_id, start, end in self._outputs:
             accepted &= self._wire.offer(frame(cob_id, image[start:end]))
         self._refused_writes = 0 if accepted else self._refused_writes + 1
-        if self._periods_to_heartbeat == 0:
-            self._periods_to_heartbeat = self._heartbeat_every
-            self._wire.offer(self._heartbeat)
-        self._periods_to_heartbeat -= 1
+        for proof in next(self._proofs):
+            self._wire.offer(proof)
+        for asking in self._askings:
+            asking.ask()
+
+    def ask(self, axis: str) -> int | None:
+        """Upload the statusword of an axis; None without an answer in some milliseconds."""
+        return asked_statusword(next(setup.node for setup in self._setups if setup.axis.name == axis))
+
+    def acknowledge(self) -> None:
+        """Clear the faults by which the stopped drives say that they lost us; raises DriveFaultError or BusError."""
+        for setup in self._setups:
+            acknowledge(setup.node)
 
     def release(self) -> None:
-        """Free the drives by every way that needs no answer, once the nodes may be operational; raises nothing."""
-        if self._started and self._release is not None:
+        """Free the drives by every way that needs no answer, once something was written; raises nothing."""
+        if self._plan is not None and self._release is not None:
             self._release.begin()
 
     def settle(self) -> bool:
@@ -221,15 +260,22 @@ class CanopenBus(InSteps):
     def leave(self) -> bool:
         """Set the nodes pre-operational; True when every drive confirmed that its motor is off. Raises nothing.
 
-        True also when none had been started. A drive that did not confirm keeps its watch on our heartbeat.
+        True also when nothing had been written. A drive that did not confirm keeps its watch on our heartbeat.
         """
         if self._plan is None or self._release is None:
             return True
         confirmed = self._release.leave()
-        self.warnings += self._release.warnings
+        for setup in self._setups:
+            if self._release.undone(setup.node):
+                setup.torque_limits.restored()
+        told = [
+            *self._release.warnings,
+            *(REPEATED.format(setup.node) for setup in self._setups if setup.node.repeated),
+        ]
         if self._wire.refusal is not None:
-            self.warnings.append(str(self._wire.refusal))
-        self._plan, self._started = None, False
+            told.append(str(self._wire.refusal))
+        self.warnings += [sentence for sentence in told if sentence not in self.warnings]
+        self._plan = None
         return confirmed
 
     @property

@@ -1,31 +1,159 @@
-"""Limits stored in the drive that would cut the torque of a plan.
+"""Torque limits that are stored in the drive: raised or lowered to the limit of the axis, and put back at the end.
 
-Reference: CiA 402-2, 6072h max torque, in ‰ of rated torque. Some drives are delivered with 0 or 10 % (Nanotec C5-E,
-PD4-C). With such a drive everything would seem to work, but no force could be felt.
+Some drives are delivered with a limit of 0 or 10 % of rated torque (Nanotec C5-E, PD4-C), with which everything would
+seem to work, but no force could be felt. Such a limit is raised only when the rig says so. A higher one is lowered, so
+that the drive itself holds the limit of the axis whatever the loop asks for.
+
+The values of before are put back when a run ends in order. A run that was killed leaves its own behind. So that the
+next one can tell them from the drive's, each change is noted in a file of the user until it is undone.
+
+Reference: CiA 402-2, 6072h max torque, 60E0h and 60E1h positive and negative torque limit value, all in ‰ of rated
+torque.
 """
 
+import json
 import math
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
 
+from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.numerals import in_unit
+from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 
-MAX_TORQUE = ObjectEntry(0x6072, DataType.UINT16)
+TORQUE_LIMITS = tuple(ObjectEntry(index, DataType.UINT16) for index in (0x6072, 0x60E0, 0x60E1))
 
 
-def check_max_torque(axis: AxisPlan, label: str, max_torque: int | None) -> None:
-    """Check the drive's max torque [‰ of rated torque] against the limit of the axis; None passes: no such object.
+@dataclass
+class TorqueLimits:
+    """The torque limits of one drive [‰ of rated torque]: as they were, and as the axis needs them."""
 
-    Raises BusConfigurationError when the drive allows less than the axis may ask for.
-    """
-    # The small addend keeps a ratio that is a whole number from being rounded down by its last digit.
-    asked = math.floor(axis.limits.effort / axis.effort_unit + 1e-6)
-    if max_torque is None or max_torque >= asked:
-        return
-    unit, allowed = axis.workspace.effort_unit, max_torque * axis.effort_unit
-    raise BusConfigurationError(
-        f"{label}: {MAX_TORQUE} is {max_torque} ‰ of rated torque ({in_unit(allowed, unit)}), the axis may ask for "
-        f"{asked} ‰ ({in_unit(axis.limits.effort, unit)}): force would be cut without a word. Raise it with the "
-        f"drive's own tool, or set axis.{axis.name}.limits.effort in the rig"
-    )
+    node: Node
+    axis: AxisPlan
+    warn: Callable[[str], None]
+    noted: bool
+    """Whether changes are noted in a file; those to simulated drives are not, since nobody finds such a drive again."""
+    notes: "Notes | None" = None
+    before: dict[ObjectEntry, int] = field(default_factory=dict)
+    """The value of each limit that is to be changed, before any run of ours changed it."""
+    sentences: list[str] = field(default_factory=list)
+    """Sentences for people about each change."""
+
+    @property
+    def wanted(self) -> int:
+        """The limit of the axis [‰ of rated torque]."""
+        # The small addend keeps a ratio that is a whole number from being rounded down by its last digit.
+        return math.floor(1e3 * self.axis.limits.effort / self.axis.rated_effort + 1e-6)
+
+    def inspect(self, drive: str, read: Callable[[ObjectEntry], int | None]) -> None:
+        """Compare the limits with that of the axis and write nothing.
+
+        `drive` is a name that is unique to the drive; `read` returns None for an entry that is not there.
+
+        Raises BusConfigurationError when the drive allows less than the axis may ask for, and the rig does not say
+        that this is to be changed.
+        """
+        self.notes = Notes(drive) if self.noted else None
+        noted = {} if self.notes is None else self.notes.read()
+        for entry in TORQUE_LIMITS:
+            held = read(entry)
+            if held is None:
+                continue
+            ours, original = noted.get(str(entry), (None, held))
+            left = held == ours
+            if not left:
+                original = held
+            if held == original == self.wanted:
+                continue
+            if original < self.wanted and not self.axis.rig.raise_max_torque:
+                raise self._too_low(entry, original)
+            self.before[entry] = original
+            self.sentences.append(self._words(entry, original, held if left else None))
+
+    def configure(self) -> None:
+        """Write the limits and read them back; warn where the drive does not let one be lowered.
+
+        Raises BusError, BusConfigurationError when a limit cannot be raised.
+        """
+        if self.before and self.notes is not None:
+            self._note(self.notes)
+        for entry, original in list(self.before.items()):
+            try:
+                self.node.write(entry, self.wanted)
+            except BusConfigurationError as error:
+                if original < self.wanted:
+                    raise
+                del self.before[entry]
+                self.warn(f"{error}: the drive keeps its own limit, and only the loop holds that of the axis")
+
+    def _note(self, notes: "Notes") -> None:
+        try:
+            notes.write({str(entry): (self.wanted, was) for entry, was in self.before.items()})
+        except OSError as error:
+            self.warn(
+                f"{notes.path} cannot be written ({error.strerror}): a run that is killed leaves its torque limit"
+            )
+
+    @property
+    def restoring(self) -> tuple[tuple[ObjectEntry, int], ...]:
+        """Entries and values that put the limits back."""
+        return tuple(self.before.items())
+
+    def restored(self) -> None:
+        """Forget the changes, since the drive has confirmed that they are undone."""
+        if self.before and self.notes is not None:
+            self.notes.remove()
+
+    def _words(self, entry: ObjectEntry, original: int, left: int | None) -> str:
+        """Return the sentence about a change; `left` is the value that a run which was killed left behind."""
+        change = "lowered" if original >= self.wanted else "raised, as the rig says,"
+        words = f"{entry} is {change} from {_share(original)} to {_share(self.wanted)} of rated torque until the end"
+        return words if left is None else f"{words}; a run that did not end in order left it at {_share(left)}"
+
+    def _too_low(self, entry: ObjectEntry, held: int) -> BusConfigurationError:
+        unit, limit = self.axis.workspace.effort_unit, self.axis.limits.effort
+        allowed = held * 1e-3 * self.axis.rated_effort
+        return BusConfigurationError(
+            f"{self.node.label}: {entry} is {held} ‰ of rated torque ({in_unit(allowed, unit)}), the axis may ask for "
+            f"{self.wanted} ‰ ({in_unit(limit, unit)}): force would be cut without a word. Say "
+            f"axis.{self.axis.name}.raise_max_torque = true in the rig, which raises it for each run, or set "
+            f"axis.{self.axis.name}.limits.effort"
+        )
+
+
+def _share(permille: int) -> str:
+    return percent(permille * 1e-3)
+
+
+class Notes:
+    """The file that says what was changed in one drive: for each entry the value that was set, and the one before."""
+
+    def __init__(self, drive: str) -> None:
+        """`drive` is unique to a drive, and a file name."""
+        state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
+        self.path = Path(state) / "haptic-fieldbus" / "torque-limits" / f"{drive}.json"
+
+    def read(self) -> dict[str, tuple[int, int]]:
+        """Return the changes that were not undone; nothing when there is no file, or one that is not ours."""
+        try:
+            with self.path.open("rb") as file:
+                told = json.loads(file.read(10_000))
+            return {str(entry): (int(ours), int(before)) for entry, (ours, before) in told.items()}
+        except (OSError, ValueError, TypeError, AttributeError):
+            return {}
+
+    def write(self, changes: dict[str, tuple[int, int]]) -> None:
+        """Write the changes, before they are made; raises OSError."""
+        aside = self.path.with_suffix(f".{os.getpid()}")
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        aside.write_text(json.dumps(changes))
+        aside.replace(self.path)
+
+    def remove(self) -> None:
+        """Remove the file, when all is undone."""
+        with suppress(OSError):
+            self.path.unlink(missing_ok=True)

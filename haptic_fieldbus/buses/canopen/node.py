@@ -1,9 +1,12 @@
-"""One remote node: its object dictionary by SDO, its NMT state by heartbeat, its emergencies.
+"""One remote node: its object dictionary by SDO, its NMT state by heartbeat or node guarding, its emergencies.
 
 canopen's SdoClient implements the SDO protocol. Its queue of responses is replaced by a queue that receives from the
 wire itself, so that no thread is needed and all waiting is measured on our clock.
 
-Reference: CiA 301 7.2.4 (SDO), 7.2.7 (EMCY), 7.2.8 (NMT, heartbeat).
+Answers to node guarding alternate in their toggle bit. One that repeats the bit of the answer before is handled as if
+it had not been received, so that a node which repeats itself shows no sign of life.
+
+Reference: CiA 301 7.2.4 (SDO), 7.2.7 (EMCY), 7.2.8 (NMT, 7.2.8.3.2.1 node guarding, 7.2.8.3.2.2 heartbeat).
 """
 
 import queue
@@ -15,7 +18,7 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.constants import ABORT_GENERAL_ERROR, REQUEST_ABORTED
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
-from haptic_fieldbus.buses.canopen.wire import Wire, frame
+from haptic_fieldbus.buses.canopen.wire import Wire, frame, remote_frame
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
@@ -42,8 +45,12 @@ class NmtState(IntEnum):
 
 
 NMT_COMMANDS = {NmtState.OPERATIONAL: 0x01, NmtState.STOPPED: 0x02, NmtState.PRE_OPERATIONAL: 0x80}
-HEARTBEAT_STATE = 0x7F
-"""Mask of the state in a heartbeat; the remaining bit is the toggle bit of node guarding."""
+HEARTBEAT_STATE, TOGGLE = 0x7F, 0x80
+"""Masks of the state in a heartbeat, and of the toggle bit in an answer to node guarding."""
+GUARDING_NS = 10_000_000
+"""Time between two requests of node guarding, while an NMT state is waited for."""
+ABSENT = (0x0602_0000, 0x0609_0011)
+"""SDO abort codes: object, or sub-index, does not exist."""
 
 
 class PumpedResponses(queue.Queue[bytes]):
@@ -92,11 +99,18 @@ class WireNetwork(canopen.Network):
 
 
 class Node:
-    """A node that the master configures and watches; `label` is its name in messages."""
+    """A node that the master configures and watches; `label` is its name in messages.
 
-    def __init__(self, wire: Wire, node_id: int, label: str) -> None:
+    A `guarded` node is asked for its NMT state by node guarding; its answers count as heartbeats.
+    """
+
+    def __init__(self, wire: Wire, node_id: int, label: str, *, guarded: bool = False) -> None:
         self.id = node_id
         self.label = label
+        self.guarded = guarded
+        self.guarding_request = remote_frame(HEARTBEAT_COB_ID + node_id, 1)
+        self.repeated = 0
+        """Number of answers to node guarding that repeated the toggle bit of the answer before."""
         self.state: int | None = None
         """NMT state of the last heartbeat; None before the first, and after each NMT command."""
         self.heartbeat_ns = wire.clock.now_ns()
@@ -105,15 +119,30 @@ class Node:
         self.emergency = 0
         """Error code of the last emergency message; 0 when there was none, or an error reset followed."""
         self._wire = wire
+        self._toggle: int | None = None
         request_id, response_id = SDO_REQUEST_COB_ID + node_id, SDO_RESPONSE_COB_ID + node_id
         client = PumpedSdoClient(request_id, response_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         client.network = WireNetwork(wire)
-        client.responses = responses = PumpedResponses(wire)
+        client.responses = self._responses = PumpedResponses(wire)
         self._client = client
-        # Every SDO response has 8 octets (CiA 301 7.2.4); SdoClient would fail on a shorter one.
-        wire.listen(response_id, lambda data: responses.put(bytes(data)) if len(data) == 8 else None)
+        self.take_answers()
         wire.listen(HEARTBEAT_COB_ID + node_id, self._on_heartbeat)
         wire.listen(EMCY_COB_ID + node_id, self._on_emergency)
+
+    def on_response(self, data: bytearray) -> None:
+        """Take an SDO response for the request that waits for one."""
+        if len(data) == 8:  # as every SDO response has (CiA 301 7.2.4); SdoClient would fail on a shorter one
+            self._responses.put(bytes(data))
+
+    def optional(self, entry: ObjectEntry) -> int | None:
+        """Upload one entry; None when the node lacks it. Raises the errors of `read`."""
+        try:
+            return self.read(entry)
+        except BusConfigurationError as error:
+            cause = error.__cause__
+            if isinstance(cause, canopen.SdoAbortedError) and cause.code in ABSENT:
+                return None
+            raise
 
     def read(self, entry: ObjectEntry, timeout: float = SDO_TIMEOUT) -> int:
         """Upload one entry within `timeout` [s].
@@ -158,15 +187,33 @@ class Node:
         self.state = None  # so that `confirm` takes no heartbeat from before the command
 
     def confirm(self, state: NmtState, timeout: float) -> None:
-        """Wait for a heartbeat that names the state; raises BusTimeoutError after `timeout` [s]."""
-        deadline_ns = self._wire.clock.now_ns() + round(timeout * 1e9)
-        while self.state != state:
-            if not self._wire.pump(deadline_ns):
-                said = "none came" if self.state is None else f"the last says {_state_name(self.state)}"
-                raise BusTimeoutError(
-                    f"{self.label} was told to go {_state_name(state)}, but no heartbeat confirmed it in "
-                    f"{exactly(timeout)} s: {said}. A raised error register (1001h) can keep a node from starting"
-                )
+        """Wait for a heartbeat, or an answer to node guarding, that names the state.
+
+        Raises BusTimeoutError after `timeout` [s].
+        """
+        deadline_ns = self.now_ns() + round(timeout * 1e9)
+        while self.state != state and self.now_ns() < deadline_ns:
+            if self.guarded:
+                self._wire.send(self.guarding_request)
+                self._await(state, min(self.now_ns() + GUARDING_NS, deadline_ns))
+            else:
+                self._await(state, deadline_ns)
+        if self.state != state:
+            said = "none came" if self.state is None else f"the last says {_state_name(self.state)}"
+            sign = "answer to node guarding" if self.guarded else "heartbeat"
+            raise BusTimeoutError(
+                f"{self.label} was told to go {_state_name(state)}, but no {sign} confirmed it in "
+                f"{exactly(timeout)} s: {said}. A raised error register (1001h) can keep a node from starting"
+            )
+
+    def _await(self, state: NmtState, deadline_ns: int) -> None:
+        """Receive until the node says that it is in this state, or the deadline [ns] is reached."""
+        while self.state != state and self._wire.pump(deadline_ns):
+            pass
+
+    def take_answers(self) -> None:
+        """Receive the SDO responses of the node from now on; after a release, which takes them for itself."""
+        self._wire.listen(SDO_RESPONSE_COB_ID + self.id, self.on_response)
 
     def now_ns(self) -> int:
         return self._wire.clock.now_ns()
@@ -178,10 +225,22 @@ class Node:
             pass
 
     def _on_heartbeat(self, data: bytearray) -> None:
-        if data:
-            self.heartbeat_ns = self._wire.clock.now_ns()
-            self.state = data[0] & HEARTBEAT_STATE
-            self.booted = self.booted or self.state == NmtState.BOOT_UP
+        if not data or (self.guarded and self._repeats(data[0])):
+            return
+        self.heartbeat_ns = self._wire.clock.now_ns()
+        self.state = data[0] & HEARTBEAT_STATE
+        self.booted = self.booted or self.state == NmtState.BOOT_UP
+
+    def _repeats(self, answer: int) -> bool:
+        """Return True for an answer to node guarding with the toggle bit of the one before; note its toggle bit."""
+        if answer & HEARTBEAT_STATE == NmtState.BOOT_UP:
+            self._toggle = TOGGLE  # the first answer after a boot-up has 0
+            return False
+        before, self._toggle = self._toggle, answer & TOGGLE
+        if self._toggle != before:
+            return False
+        self.repeated += 1
+        return True
 
     def _on_emergency(self, data: bytearray) -> None:
         if len(data) >= 2:

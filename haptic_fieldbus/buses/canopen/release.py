@@ -6,10 +6,12 @@
 2. `look` asks for a statusword, by SYNC and TPDO or by an SDO upload of 6041h, and listens for one slice of time. A
    drive that is still silent after the first looks is told to go pre-operational, since a node that somebody stopped
    takes no SDO requests, and the download is repeated.
-3. A drive that says that its motor is off has its guard disarmed (1016h = 0), so that no fault remains when we leave.
+3. A drive that says that its motor is off has its guard disarmed (1016h or 100Dh = 0), so that no fault remains when we
+   leave, and gets back its own torque limits. All of these are read back.
 
-From `begin` on no heartbeat of ours is sent. The guard of a drive that confirms nothing therefore takes its torque away
-by itself, within the guard time counted from our last heartbeat, and the looks end only after that time.
+From `begin` on no proof of our life is sent, neither heartbeat nor request of node guarding. The guard of a drive that
+confirms nothing therefore takes its torque away by itself, within the guard time counted from the last one, and the
+looks end only after that time.
 
 A slice and all other times here are those of the bus, not of the loop: the way to zero does not grow with the period.
 
@@ -19,11 +21,13 @@ Reference: CiA 301 7.2.4.3 (SDO protocols), 7.2.8.3 (NMT); IEC 61800-7-201 (CiA 
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from haptic_fieldbus.buses.canopen.expedited import ABORTED, DOWNLOAD_DONE, UPLOAD_DONE, address, request
 from haptic_fieldbus.buses.canopen.link import Link
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
-from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ENERGISED, STATUSWORD
+from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD
 from haptic_fieldbus.buses.canopen.wire import Wire, frame
 from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.power import ENERGISED
 from haptic_fieldbus.protocols.canopen.cob_ids import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
@@ -40,35 +44,42 @@ Command = tuple[ObjectEntry, int | None]
 """An entry and the value to download to it; None: upload it."""
 DISABLE: Command = (CONTROLWORD, DISABLE_VOLTAGE)
 ASK: Command = (STATUSWORD, None)
-DOWNLOAD_DONE, UPLOAD_DONE, ABORTED = 3, 2, 4
-"""Specifiers of an SDO response, in its highest three bits."""
 
 
 class Parting:
     """One drive on its way to zero torque; a step sends at most one SDO request, and waits for nothing."""
 
-    def __init__(self, node: Node, wire: Wire, link: Link, word: Callable[[], int], guard: Sequence[Command]) -> None:
-        """`word` returns the statusword received last; `guard` are the downloads that disarm the guard."""
+    def __init__(
+        self, node: Node, wire: Wire, link: Link, word: Callable[[], int], last: Callable[[], Sequence[Command]]
+    ) -> None:
+        """Take a function for the statusword received last, and one for the downloads to a drive that is free."""
         self.node, self.link = node, link
-        self._wire, self._word, self._guard = wire, word, tuple(guard)
+        self._wire, self._word, self._last = wire, word, last
         self.free = False
         """True when the drive has said that its motor is off."""
-        self.refused: int | None = None
-        """SDO abort code with which the drive kept its guard."""
-        self._to_disarm: list[Command] = []
+        self.refused: list[str] = []
+        """Entries that the drive kept as they were, with its SDO abort codes."""
+        self._to_undo: list[Command] = []
+        self._written = b""
+        """Octets that the next entry must hold when it is read back."""
         self._sent: Command | None = None
         self._waiting_until_ns = 0
 
     def begin(self) -> None:
         """Forget an earlier release, and take the SDO answers of the node from now on."""
-        self.free, self.refused, self._to_disarm = False, None, list(self._guard)
+        self.free, self.refused, self._to_undo = False, [], list(self._last())
         self._sent, self._waiting_until_ns = None, 0
         self._wire.listen(SDO_RESPONSE_COB_ID + self.node.id, self._answered)
 
     @property
     def settled(self) -> bool:
-        """True when the motor is off and the guard disarmed, or refused to be."""
-        return self.free and not self._to_disarm
+        """True when the motor is off, and all was undone or refused to be."""
+        return self.free and not self._to_undo
+
+    @property
+    def kept(self) -> list[str]:
+        """Entries that are still as the run had written them."""
+        return [*self.refused, *(str(entry) for entry, _ in self._to_undo)]
 
     def step(self, now_ns: int) -> None:
         """Take over a fresh statusword; send the next request when none is waited for. Raises BusError."""
@@ -84,7 +95,7 @@ class Parting:
 
     def _next(self) -> Command:
         if self.free:
-            return self._to_disarm[0]
+            return self._to_undo[0]
         return ASK if self._sent == DISABLE else DISABLE
 
     def _send(self, command: Command, now_ns: int) -> None:
@@ -93,16 +104,21 @@ class Parting:
 
     def _answered(self, data: bytearray) -> None:
         """Take an SDO response; one to an earlier request, which names another entry, is passed over."""
-        if self._sent is None or len(data) != 8 or bytes(data[1:4]) != _address(self._sent[0]):
+        if self._sent is None or len(data) != 8 or bytes(data[1:4]) != address(self._sent[0]):
             return
         specifier, command = data[0] >> 5, self._sent
         self._waiting_until_ns = 0
         if command == ASK and specifier == UPLOAD_DONE:
             self._judge(data[4] | data[5] << 8)
-        elif command in self._to_disarm and specifier in (DOWNLOAD_DONE, ABORTED):
-            self._to_disarm.remove(command)
+        elif command in self._to_undo and specifier == DOWNLOAD_DONE:
+            self._written = request(*command)[4:8]
+            self._to_undo[self._to_undo.index(command)] = (command[0], None)  # to be read back
+        elif command in self._to_undo and specifier in (UPLOAD_DONE, ABORTED):
+            self._to_undo.remove(command)
             if specifier == ABORTED:
-                self.refused = int.from_bytes(data[4:8], "little")
+                self.refused.append(f"{command[0]} (it refused: {int.from_bytes(data[4:8], 'little'):08X}h)")
+            elif data[4 : 4 + command[0].type.size] != self._written[: command[0].type.size]:
+                self.refused.append(str(command[0]))
 
     def _judge(self, statusword: int) -> None:
         self.free = CIA402.state(statusword) not in ENERGISED
@@ -175,9 +191,15 @@ class Release:
         """Warn about a drive that is not free, or that keeps its guard."""
         if not parting.free:
             self._warn(f"{parting.node.label} did not confirm that its motor is off")
-        elif parting.refused is not None or not parting.settled:
-            why = "" if parting.refused is None else f" (it refused to disarm it: {parting.refused:08X}h)"
-            self._warn(f"{parting.node.label} was left with its heartbeat guard on, so it may report an error{why}")
+        elif parting.kept:
+            self._warn(
+                f"{parting.node.label} was left with {', '.join(parting.kept)} as the run had written it; with its "
+                "guard on it may report an error"
+            )
+
+    def undone(self, node: Node) -> bool:
+        """Whether all that was written to a node for the time of the run was undone."""
+        return any(parting.node is node and parting.settled and not parting.refused for parting in self._partings)
 
     @property
     def _settled(self) -> bool:
@@ -213,16 +235,3 @@ class Release:
     def _warn(self, sentence: str) -> None:
         if sentence not in self.warnings:
             self.warnings.append(sentence)
-
-
-def request(entry: ObjectEntry, value: int | None) -> bytes:
-    """Return the SDO request that downloads `value`, expedited, or uploads the entry when it is None."""
-    if value is None:
-        return bytes((0x40,)) + _address(entry) + bytes(4)
-    data = entry.type.pack(value)
-    # Expedited, with its size: bits 2 and 3 count the octets that are not used.
-    return bytes((0x23 | (4 - len(data)) << 2,)) + _address(entry) + data.ljust(4, b"\0")
-
-
-def _address(entry: ObjectEntry) -> bytes:
-    return entry.object.to_bytes(2, "little") + bytes((entry.subindex,))

@@ -9,14 +9,14 @@ Reference: CiA 301 7.5.2 (communication objects); IEC 61800-7-201 (CiA 402-2), 6
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import canopen
-
 from haptic_fieldbus.buses.bus import DriveFacts
-from haptic_fieldbus.buses.canopen.max_torque import MAX_TORQUE, check_max_torque
+from haptic_fieldbus.buses.canopen.asking import check_asked
+from haptic_fieldbus.buses.canopen.guard import Guard
+from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.power import ENERGISED, PowerState
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.numerals import exactly
@@ -27,7 +27,6 @@ from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
 DEVICE_TYPE = ObjectEntry(0x1000, DataType.UINT32)
 SYNC_ID = ObjectEntry(0x1005, DataType.UINT32)
-PRODUCER_HEARTBEAT = ObjectEntry(0x1017, DataType.UINT16)
 VENDOR_ID, PRODUCT_CODE, REVISION, SERIAL = (ObjectEntry(0x1018, DataType.UINT32, sub) for sub in range(1, 5))
 ERROR_CODE = ObjectEntry(0x603F, DataType.UINT16)
 CONTROLWORD = ObjectEntry(0x6040, DataType.UINT16)
@@ -49,13 +48,6 @@ RATED_TORQUE_TOLERANCE = 0.02  # of the value in the rig
 HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
 POLL_NS = 5_000_000
 DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
-ENERGISED = (  # states in which the power stage may feed the motor
-    PowerState.SWITCHED_ON,
-    PowerState.OPERATION_ENABLED,
-    PowerState.QUICK_STOP_ACTIVE,
-    PowerState.FAULT_REACTION_ACTIVE,
-)
-ABSENT = (0x0602_0000, 0x0609_0011)  # SDO abort codes: object, or sub-index, does not exist
 
 
 @dataclass(frozen=True)
@@ -66,6 +58,7 @@ class Setup:
     axis: AxisPlan
     bus: CanTraffic
     member: BusMember
+    torque_limits: TorqueLimits
 
     def inspect(self) -> DriveFacts:
         """Check that the node is the drive of the profile, healthy and rated as in the rig; write nothing.
@@ -76,34 +69,43 @@ class Setup:
         vendor, product = self._check_identity()
         self._check_no_fault()
         self._check_sync()
-        check_max_torque(self.axis, self.node.label, self._optional(MAX_TORQUE))
+        revision, serial = self.node.optional(REVISION), self.node.optional(SERIAL)
+        self._check_torque_limits(f"{vendor:08x}-{product:08x}", serial)
+        if self.member.traffic.asked:
+            check_asked(self.node, self.member.profile.torque.target.entry)
         return DriveFacts(
             axis=self.axis.name,
             node=self.node.id,
             title=self.member.profile.title,
             vendor_id=vendor,
             product_code=product,
-            revision=self._optional(REVISION),
-            serial=self._optional(SERIAL),
+            revision=revision,
+            serial=serial,
             rated_torque=self._check_rated_torque(),
             link_loss=self._link_loss_words(),
+            changes=tuple(self.torque_limits.sentences),
         )
 
     def configure(self) -> None:
         """Write all entries and read each back; the node is then pre-operational and torque-free. Raises BusError."""
         self.node.booted = False  # restarts from before do not count
         self.node.command(NmtState.PRE_OPERATIONAL)
-        self.node.write(PRODUCER_HEARTBEAT, self.bus.node_heartbeat_ms)
+        self.guard.hear()
         self.node.confirm(NmtState.PRE_OPERATIONAL, self._confirmation_time)
         self._disable()
         self._guard_link()
+        self.torque_limits.configure()
         self._set_mode()
         self._map_pdos()
 
     def start(self) -> None:
-        """Set the node operational, confirmed by a heartbeat; raises BusError, also when it restarted meanwhile."""
+        """Set the node operational, confirmed by its sign of life, with its guard engaged.
+
+        Raises BusError, also when it restarted meanwhile.
+        """
         self.node.command(NmtState.OPERATIONAL)
         self.node.confirm(NmtState.OPERATIONAL, self._confirmation_time)
+        self.guard.engage()
         if self.node.booted:
             raise BusConfigurationError(f"{self.node.label} restarted while it was configured: is its supply stable?")
 
@@ -145,7 +147,7 @@ class Setup:
         statusword = self.node.read(STATUSWORD)
         if CIA402.state(statusword) not in (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE):
             return
-        code = self._optional(ERROR_CODE)
+        code = self.node.optional(ERROR_CODE)
         cause = "" if code is None else f", error code {code:04X}h (603Fh)"
         raise DriveFaultError(
             f"{self.node.label} is in the state {CIA402.state(statusword).value}{cause}. Remove the cause, then clear "
@@ -153,7 +155,7 @@ class Setup:
         )
 
     def _check_sync(self) -> None:
-        sync = self._optional(SYNC_ID)
+        sync = self.node.optional(SYNC_ID)
         if sync is None:
             return
         if sync & COB_ID_MASK != SYNC_COB_ID or sync & SYNC_PRODUCER:
@@ -193,23 +195,29 @@ class Setup:
         return CIA402.state(self.node.read(STATUSWORD, timeout)) in ENERGISED
 
     def _guard_link(self) -> None:
-        """Set the deadline for our heartbeat and the reactions to its loss, which leave no torque."""
+        """Arm the drive's guard on us, and set the reactions to our loss, which leave no torque."""
         section = self.member.profile.link_loss
-        if section.heartbeat_consumer is None:
-            raise _unguarded(self.member.profile.title, "no heartbeat consumer (profile: link_loss.heartbeat_consumer)")
-        if section.abort_connection_option is None and section.fault_reaction_option is None:
-            raise _unguarded(self.member.profile.title, "no reaction to the loss of its master (profile: link_loss)")
-        consumer = ObjectEntry(section.heartbeat_consumer, DataType.UINT32, 1)
-        self.node.write(consumer, self.bus.master_node << 16 | self._deadline_ms)
+        if not self.member.profile.guarded:
+            if self.axis.rig.emergency_stop == "power":
+                return  # the plan permits little torque then
+            raise BusConfigurationError(
+                f"{self.member.profile.title} has no watch on its master, or no reaction to its loss (profile: "
+                "link_loss): it could hold the last torque when the cable breaks; refused"
+            )
+        self.guard.arm()
         for option in (section.abort_connection_option, section.fault_reaction_option):
             if option is not None:
                 self.node.write(ObjectEntry(option.object, DataType.INT16), self._reaction(option))
 
     @property
-    def disarming(self) -> tuple[tuple[ObjectEntry, int], ...]:
-        """Entries and values that switch off the drive's watch on us, so that leaving is no error."""
-        index = self.member.profile.link_loss.heartbeat_consumer
-        return () if index is None else ((ObjectEntry(index, DataType.UINT32, 1), 0),)
+    def guard(self) -> Guard:
+        """The drive's watch on us."""
+        section, bus = self.member.profile.link_loss, self.bus
+        return Guard(self.node, section, self._deadline_ms, bus.master_node, bus.node_heartbeat_ms)
+
+    def parting(self) -> tuple[tuple[ObjectEntry, int], ...]:
+        """Return what is written at the end: no watch on us, so that leaving is no error, and the limits of before."""
+        return (*self.guard.disarming, *self.torque_limits.restoring)
 
     @property
     def _deadline_ms(self) -> int:
@@ -221,7 +229,14 @@ class Setup:
         )
         return SHAFT_BRAKES if brakes else option.value
 
+    def _check_torque_limits(self, model: str, serial: int | None) -> None:
+        # Without a serial number drives of one model are told apart by their node-ID.
+        drive = f"{model}-node-{self.node.id}" if serial is None else f"{model}-{serial:08x}"
+        self.torque_limits.inspect(drive, self.node.optional)
+
     def _link_loss_words(self) -> str:
+        if not self.member.profile.guarded:
+            return "on link loss the motor keeps its torque until its power is cut"
         option = self.member.profile.link_loss.abort_connection_option
         reaction = 0 if option is None else self._reaction(option)
         words = SHAFT_WORDS.get(reaction, f"the drive reacts as it was set up ({reaction})")
@@ -269,16 +284,6 @@ class Setup:
         valid = pdo.cob_id | (cob_id & COB_ID_NO_RTR)
         self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT32, 1), valid)
 
-    def _optional(self, entry: ObjectEntry) -> int | None:
-        """Read an entry; None when the drive lacks it."""
-        try:
-            return self.node.read(entry)
-        except BusConfigurationError as error:
-            cause = error.__cause__
-            if isinstance(cause, canopen.SdoAbortedError) and cause.code in ABSENT:
-                return None
-            raise
-
     def _poll(self, reached: Callable[[], bool], timeout: float, complaint: Callable[[], str]) -> None:
         deadline_ns = self.node.now_ns() + round(timeout * 1e9)
         while not reached():
@@ -289,7 +294,3 @@ class Setup:
 
 def _communication(direction: Direction, number: int, kind: DataType, subindex: int) -> ObjectEntry:
     return ObjectEntry((0x1800 if direction is Direction.TPDO else 0x1400) + number - 1, kind, subindex)
-
-
-def _unguarded(title: str, lacks: str) -> BusConfigurationError:
-    return BusConfigurationError(f"{title} has {lacks}: it could hold the last torque when the cable breaks; refused")

@@ -89,7 +89,8 @@ class Wire:
             self.refusal = ours
             return False
         if self._log is not None:
-            self._write_log(self._log, message.arbitration_id, message.data)
+            can_id = message.arbitration_id | (REMOTE_FLAG if message.is_remote_frame else 0)
+            self._write_log(self._log, can_id, message.data)
         return True
 
     def pump(self, deadline_ns: int) -> bool:
@@ -163,3 +164,8 @@ class _Marked:
 def frame(can_id: int, data: bytes | bytearray = b"") -> can.Message:
     """Return a data frame with an 11-bit identifier; a bytearray is not copied."""
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+
+
+def remote_frame(can_id: int, octets: int) -> can.Message:
+    """Return a remote frame with an 11-bit identifier, which requests so many octets."""
+    return can.Message(arbitration_id=can_id, dlc=octets, is_remote_frame=True, is_extended_id=False)

@@ -30,6 +30,7 @@ def check_profile(document: Document) -> None:
     _check_signals(document)
     _check_objects(document)
     _check_echo(document)
+    _check_guard(document)
 
 
 def _check_motion(document: Document) -> None:
@@ -76,5 +77,14 @@ def _check_objects(document: Document) -> None:
 def _check_echo(document: Document) -> None:
     """Note a way of proving set-points for which the profile names no object."""
     way = document.value("torque", "echo")
-    if way in ECHOES and not document.table("torque", str(way)):
+    # What is asked is the target itself, which every profile has.
+    if way in ECHOES and way != "asked" and not document.table("torque", str(way)):
         document.fault(("torque", "echo"), f'"{way}" without torque.{way}; expected that object too, or "none"')
+
+
+def _check_guard(document: Document) -> None:
+    """Note two guards: a node has either heartbeats or node guarding (CiA 301 7.2.8.3.2)."""
+    if document.value("link_loss", "life_guarding") is True and "heartbeat_consumer" in document.table("link_loss"):
+        document.fault(
+            ("link_loss", "life_guarding"), "true beside link_loss.heartbeat_consumer; expected exactly one of both"
+        )

@@ -8,6 +8,8 @@ SDO_RESPONSE_COB_ID = 0x580
 SDO_REQUEST_COB_ID = 0x600
 RPDO_COB_IDS = (0x200, 0x300, 0x400, 0x500)
 """Of RPDO 1 to 4 of node 0; those of a node have its node-ID added."""
+REMOTE = 0x8000
+"""Bit that marks a remote frame, where a COB-ID is kept in 16 bits."""
 
 BROADCASTS = {NMT_COB_ID: "NMT command", 0x080: "SYNC", 0x100: "time stamp", 0x7E4: "LSS answer", 0x7E5: "LSS request"}
 SERVICES = {
@@ -27,7 +29,9 @@ SERVICES = {
 
 
 def cob_id_words(cob_id: int) -> str:
-    """Return a COB-ID with its meaning: `SYNC (080h)`, `heartbeat of node 127 (77Fh)`."""
+    """Return a COB-ID with its meaning: `SYNC (080h)`, `heartbeat of node 127 (77Fh)`; with `REMOTE`, of a request."""
+    if cob_id & REMOTE:
+        return f"node guarding request to node {cob_id & 0x7F} ({cob_id & ~REMOTE:03X}h)"
     name = BROADCASTS.get(cob_id)
     base, node = cob_id & 0x780, cob_id & 0x7F
     if name is None:

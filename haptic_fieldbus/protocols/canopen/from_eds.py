@@ -8,6 +8,7 @@ object which force needs is refused, with a list of all that is missing.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from haptic_fieldbus.drive.cia402 import (
     IdentitySection,
@@ -192,8 +193,19 @@ def _torque(eds: Eds, mode: int) -> TorqueSection:
         actual=actual,
         rated=_mapped(eds.find(0x6076), "mN·m"),
         demand=demand,
-        echo="demand" if demand is not None else "actual" if actual is not None else "none",
+        echo=_echo(eds, demand, actual),
     )
+
+
+def _echo(
+    eds: Eds, demand: MappedObject | None, actual: MappedObject | None
+) -> Literal["demand", "actual", "asked", "none"]:
+    """Return the way in which a set-point comes back: in a TPDO, else by asking for the target, else none."""
+    if demand is not None:
+        return "demand"
+    if actual is not None:
+        return "actual"
+    return "none" if eds.objects[0x6071].entries[0].access == "wo" else "asked"
 
 
 def _sent_torque(eds: Eds, index: int) -> MappedObject | None:
@@ -240,9 +252,14 @@ def _pdos(eds: Eds) -> PdoSection:
 
 
 def _link_loss(eds: Eds) -> LinkLossSection:
-    """Return those of 1016h, 6007h and 605Eh that the file has, with values that free the shaft (CiA 402-2)."""
+    """Return the guard of the file, 1016h or else 100Ch with 100Dh, and those of 6007h and 605Eh that it has.
+
+    The values of the last two free the shaft (CiA 402-2).
+    """
+    has_consumer = eds.find(0x1016, 1) is not None
     return LinkLossSection(
-        heartbeat_consumer=0x1016 if eds.find(0x1016, 1) is not None else None,
+        heartbeat_consumer=0x1016 if has_consumer else None,
+        life_guarding=not has_consumer and 0x100C in eds and 0x100D in eds,
         abort_connection_option=OptionCode(0x6007, 2) if 0x6007 in eds else None,
         fault_reaction_option=OptionCode(0x605E, 0) if 0x605E in eds else None,
     )
@@ -264,7 +281,7 @@ def _sources(eds: Eds, link_loss: LinkLossSection, velocity: VelocitySection | N
         "torque.actual": f"{file}, 6077h; unit {assumed}",
         "torque.rated": f"{file}, 6076h; unit {assumed}",
         "torque.demand": f"{file}, 6074h; unit {assumed}",
-        "torque.echo": f"{file}: the first of 6074h and 6077h that can be mapped into a TPDO",
+        "torque.echo": f"{file}: the first of 6074h and 6077h that a TPDO can carry, else 6071h where it is readable",
         **motion,
         "pdo": f"{file}, 1400h to 1BFFh; transmission types as in CiA 301 4.2.0, 7.5.2.35 and 7.5.2.37",
         "link_loss": f"{file}; values as in CiA 402-2, deadline chosen here",

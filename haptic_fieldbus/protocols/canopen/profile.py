@@ -38,8 +38,11 @@ class LinkLossSection(LinkLoss):
     """Detection of a master that is gone, and the reaction of the drive."""
 
     heartbeat_consumer: Index | None = None
+    life_guarding: bool = False
+    """True: the drive watches the master's requests of node guarding, by 100Ch and 100Dh; for one without 1016h."""
     deadline: Annotated[float, Gt(0), Ge(0.001), Le(65.535)] = 0.05
-    """Longest time without a heartbeat of the master [s]; written to the heartbeat consumer, in ms of 16 bits."""
+    """Longest time without a proof of the master's life [s]; written to the heartbeat consumer, in ms of 16 bits, or
+    as the life time."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -77,6 +80,13 @@ class CanopenProfile(Cia402Profile):
     link_loss: LinkLossSection = field(default_factory=LinkLossSection)
     simulation: SimulationSection = field(default_factory=SimulationSection)
     __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def guarded(self) -> bool:
+        """True when the profile names a watch on the master, and a reaction of the drive to its loss."""
+        section = self.link_loss
+        reacts = section.abort_connection_option is not None or section.fault_reaction_option is not None
+        return reacts and (section.heartbeat_consumer is not None or section.life_guarding)
 
 
 def canopen_profile(profile: DriveProfile) -> CanopenProfile:

@@ -11,8 +11,9 @@ from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen import bus, checks
 from haptic_fieldbus.protocols.canopen.pdo import SYNCHRONOUS_TYPES, Direction, lay_out
+from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic, asked_signals
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
-from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic, PdoTraffic
+from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
 from haptic_fieldbus.protocols.traffic import AxisTraffic
@@ -63,6 +64,7 @@ class Canopen(FieldbusProtocol):
         """
         own = canopen_profile(profile)
         pdo, entries = own.pdo, own.entries()
+        mapped = [signal for signal in incoming if signal is not Signal.TARGET_ASKED]
         if 1 not in pdo.tpdo_types:
             raise PlanError(f"no TPDO transmission type of {pdo.tpdo_types} answers every SYNC; 1 is needed")
         # An event-driven RPDO may act on reception; a synchronous one waits for the next SYNC, a whole period.
@@ -70,10 +72,12 @@ class Canopen(FieldbusProtocol):
         rpdo_type = max(event_driven) if event_driven else min(pdo.rpdo_types)
         return PdoTraffic(
             axis.node,
-            lay_out(Direction.TPDO, entries, incoming, node=axis.node, transmission_type=1, pdos=pdo.tpdos,
+            lay_out(Direction.TPDO, entries, mapped, node=axis.node, transmission_type=1, pdos=pdo.tpdos,
                     entries=pdo.entries),
             lay_out(Direction.RPDO, entries, outgoing, node=axis.node, transmission_type=rpdo_type, pdos=pdo.rpdos,
                     entries=pdo.entries),
+            asked=asked_signals(own) if len(mapped) < len(incoming) else (),
+            life_guarding=own.link_loss.life_guarding,
         )  # fmt: skip
 
     def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> CanTraffic:

@@ -5,114 +5,24 @@ for slower buses, computing, RPDOs. Worst-case stuffing is assumed, and a bus wi
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.protocols.canopen import beside
 from haptic_fieldbus.protocols.canopen.bus import LISTENING
-from haptic_fieldbus.protocols.canopen.cob_ids import cob_id_words
-from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
-from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, Direction, Pdo, worst_case_bits
+from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, worst_case_bits
+from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay, Json
-from haptic_fieldbus.signals import LinkFlag
+from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay
 
 LARGEST_BUS_LOAD = 0.9
 """Largest permitted share of the bus."""
 LOWEST_RATE = 0.1
 """Lowest rate that is proposed for an overloaded bus [Hz]."""
-HEARTBEATS_PER_DEADLINE = 5
-PERIODS_PER_DEADLINE = 5
-NODE_HEARTBEAT_MS = 100
-"""Producer heartbeat time that the master writes to each drive."""
-LOST_HEARTBEATS = 3
-"""Heartbeat periods of silence after which a node shows no sign of life."""
 MASTER_NODES = range(127, 0, -1)
 """Candidates for the node-ID of the master, which its heartbeat needs; the first that no drive has is taken."""
-
-
-@dataclass(frozen=True)
-class PdoTraffic:
-    """The PDOs of one node; incoming and outgoing are meant from the side of the master."""
-
-    node: int
-    tpdos: tuple[Pdo, ...]
-    rpdos: tuple[Pdo, ...]
-
-    @property
-    def incoming(self) -> tuple[MappedSignal, ...]:
-        return _mapped(self.tpdos)
-
-    @property
-    def outgoing(self) -> tuple[MappedSignal, ...]:
-        return _mapped(self.rpdos)
-
-    @property
-    def pdos(self) -> tuple[Pdo, ...]:
-        """All PDOs, TPDOs first."""
-        return self.tpdos + self.rpdos
-
-    def lines(self) -> Iterator[tuple[str, str]]:
-        """Yield each PDO with COB-ID, transmission type and size, followed by its objects."""
-        for pdo in self.pdos:
-            when = "every SYNC" if pdo.transmission_type == 1 else "synchronous" if pdo.synchronous else "event-driven"
-            text = f"{pdo.name} {pdo.cob_id:03X}h, type {pdo.transmission_type} ({when}), {pdo.size} octets"
-            yield "in" if pdo.direction is Direction.TPDO else "out", text
-            for entry in pdo.entries:
-                yield "", f"  {entry}"
-
-    def summary(self) -> Iterator[str]:
-        """Yield a line for each PDO with its signals."""
-        for pdo in self.pdos:
-            way = "in " if pdo.direction is Direction.TPDO else "out"
-            yield f"{way} {pdo.name} {', '.join(signal.value for signal in pdo.signals)}"
-
-    def to_json(self, bus: str) -> dict[str, list[Json]]:
-        """Return the `pdos` of `plan --json`."""
-        return {
-            "pdos": [
-                {
-                    "name": pdo.name,
-                    "bus": bus,
-                    "node": pdo.node,
-                    "cob_id": pdo.cob_id,
-                    "transmission_type": pdo.transmission_type,
-                    "octets": pdo.size,
-                    "mapped": [str(entry) for entry in pdo.entries],
-                }
-                for pdo in self.pdos
-            ]
-        }
-
-    def fault_text(self, flag: LinkFlag, code: int) -> str:
-        """Return a link fault in the terms of CANopen; raises KeyError for STALE, which is no fault."""
-        if flag is LinkFlag.EMERGENCY:
-            return f"node {self.node} sent emergency {code:04X}h ({emergency_meaning(code)})"
-        return FAULT_TEXTS[flag].format(node=self.node, frame=cob_id_words(code))
-
-
-FAULT_TEXTS = {
-    LinkFlag.BUS_OFF: "the CAN controller went bus-off: check wiring, terminators and bit rate",
-    LinkFlag.BOOT_UP: "node {node} restarted",
-    LinkFlag.NO_SIGN_OF_LIFE: "the heartbeat of node {node} stayed away",
-    LinkFlag.NOT_OPERATIONAL: "node {node} is not operational, says its heartbeat",
-    LinkFlag.EXCEPTION: "node {node} sent a malformed PDO, or the bus refused our frames",
-    LinkFlag.FOREIGN: "somebody else commands on this bus: {frame} came, and not from us; end that master, and put "
-    "axes that share a bus into one rig",
-    LinkFlag.DUPLICATE: "{frame} came more often than SYNC asked for it: two devices have the node-ID {node}",
-}
-
-
-def _mapped(pdos: tuple[Pdo, ...]) -> tuple[MappedSignal, ...]:
-    """Return the signals of the PDOs in the order of their octets."""
-    return tuple(
-        MappedSignal(signal, str(entry), entry.type, entry.unit)
-        for pdo in pdos
-        for signal, entry in zip(pdo.signals, pdo.entries, strict=True)
-    )
 
 
 @dataclass(frozen=True)
@@ -133,31 +43,41 @@ class CanTraffic:
     rate: float
     waiting: float = 0.0
     """Time from the last TPDO of this bus to that of the slowest bus, when computing can begin [s]."""
-    node_heartbeat_ms: int = NODE_HEARTBEAT_MS
+    node_heartbeat_ms: int = beside.NODE_HEARTBEAT_MS
     listening: float = LISTENING
     """Time for which the master listens before it sends [s]."""
     chosen_master_node: int | None = None
 
     @property
     def heartbeat_every(self) -> int:
-        """Periods between two of our heartbeats, so that the shortest deadline of a drive spans several."""
+        """Periods between two proofs of our life, heartbeat or guarding request; the shortest guard spans several."""
         shortest = min(self.guard(member.axis) for member in self.members)
-        return max(1, int(shortest / HEARTBEATS_PER_DEADLINE * self.rate))
+        return max(1, int(shortest / beside.PROOFS_PER_GUARD * self.rate + 1e-9))
+
+    @property
+    def beats(self) -> bool:
+        """True when a drive watches our heartbeat; where all are guarded by requests, none is sent."""
+        return not all(member.profile.link_loss.life_guarding for member in self.members)
 
     def guard(self, axis: str) -> float:
-        """Time for the drive's heartbeat consumer [s]: that of its profile, but five periods at least."""
-        deadline = max(self.member(axis).profile.link_loss.deadline, PERIODS_PER_DEADLINE / self.rate)
-        return math.ceil(deadline * 1e3 - 1e-9) * 1e-3
+        """Time after which the drive misses us [s]: that of its profile, but five periods at least."""
+        return beside.guard_time(self.member(axis).profile.link_loss, self.rate)
+
+    def silence_of(self, axis: str) -> float:
+        """Time without a sign of life of the drive after which it counts as gone [s]."""
+        return beside.silence(self.member(axis).profile.link_loss, self.rate, self.node_heartbeat_ms)
 
     @property
     def silence(self) -> float:
-        """Time without a heartbeat of a drive after which it counts as gone [s]."""
-        return LOST_HEARTBEATS * self.node_heartbeat_ms * 1e-3
+        """The longest time without a sign of life after which a drive counts as gone [s]."""
+        return max(self.silence_of(member.axis) for member in self.members)
 
     @property
     def disturbance(self) -> float:
-        """Time by which frames outside the exchange delay it: one of eight octets, and all heartbeats [s]."""
-        return (worst_case_bits(8) + (len(self.members) + 1) * worst_case_bits(1)) / self.bitrate
+        """Time by which frames beside the exchange delay it: one of eight octets, and all signs of life [s]."""
+        own = worst_case_bits(1) if self.beats else 0
+        theirs = sum(beside.bits_at_once(member.profile) for member in self.members)
+        return (worst_case_bits(8) + own + theirs) / self.bitrate
 
     @property
     def master_node(self) -> int:
@@ -200,10 +120,14 @@ class CanTraffic:
 
     @property
     def load(self) -> float:
-        """Share of the bus in use, including the heartbeats of master and nodes."""
-        # Heartbeats a second: the master counts periods, the nodes milliseconds.
-        heartbeats = self.rate / self.heartbeat_every + len(self.members) * 1000 / self.node_heartbeat_ms
-        return (self.period_bits * self.rate + worst_case_bits(1) * heartbeats) / self.bitrate
+        """Share of the bus in use, including all frames beside the exchange."""
+        # The master counts periods, the nodes milliseconds.
+        proofs = self.rate / self.heartbeat_every
+        own = worst_case_bits(1) * proofs if self.beats else 0.0
+        theirs = [
+            beside.bits_a_second(member.profile, self.rate, proofs, self.node_heartbeat_ms) for member in self.members
+        ]
+        return (self.period_bits * self.rate + own + sum(theirs)) / self.bitrate
 
     @property
     def highest_rate(self) -> float:

@@ -41,6 +41,8 @@ def install_fault(fault: faults.LastingFault, slave: Slave) -> None:
                     entry.value = entry.default = value
         case faults.SdoRefusal(object=index, subindex=subindex, code=code):
             slave.node.sdo.refuse[index, subindex] = code
+        case faults.DeadGuard(factor=factor):
+            slave.node.slow_guards(factor)
         case _:
             assert_never(fault)
 

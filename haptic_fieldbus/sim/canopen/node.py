@@ -53,7 +53,7 @@ class Node:
         self.requests: dict[int, Callable[[int], None]] = {}
         self.now_ns = 0
         self.heartbeat_enabled = True
-        """False: the node sends no heartbeats, whatever 1017h is."""
+        """False: the node sends no heartbeats, whatever 1017h is, and answers no node guarding."""
         self.dictionary = dictionary
         self.sdo = SdoServer(dictionary)
         self._application = application
@@ -128,6 +128,11 @@ class Node:
         """Lose the next `count` RPDOs inside the node (a fault), None: all of them."""
         self.process.lose_rpdos(count)
         self._route()
+
+    def slow_guards(self, factor: float | None) -> None:
+        """Let the watches on other nodes act `factor` times as late as they are set, None: never (a fault)."""
+        for watch in (*self._consumers.watches, self._guarding):
+            watch.factor = factor
 
     def lose_syncs(self, count: int | None) -> None:
         """Lose the next `count` SYNC messages inside the node (a fault), None: all of them."""
@@ -251,8 +256,11 @@ class Node:
 
     def _guard(self, t_ns: int) -> None:
         # A node that produces heartbeats is not guarded: the heartbeat takes precedence.
-        if not self._producer.active:
-            self._emit(Frame(HEARTBEAT_ID + self.number, self._guarding.request(self.state.value, t_ns)))
+        if self._producer.active:
+            return
+        answer = self._guarding.request(self.state.value, t_ns)
+        if self.heartbeat_enabled:
+            self._emit(Frame(HEARTBEAT_ID + self.number, answer))
 
     def _beat(self) -> None:
         if self.heartbeat_enabled:

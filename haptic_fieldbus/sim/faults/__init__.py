@@ -5,6 +5,7 @@ of the drive, None every drive of the bus; `bus` is a bus of the rig, None every
 """
 
 from haptic_fieldbus.sim.faults.concern import Concern as Concern
+from haptic_fieldbus.sim.faults.drive import DeadGuard as DeadGuard
 from haptic_fieldbus.sim.faults.drive import DriveFault as DriveFault
 from haptic_fieldbus.sim.faults.drive import DriveFaultKind as DriveFaultKind
 from haptic_fieldbus.sim.faults.drive import DuplicateNode as DuplicateNode

@@ -184,6 +184,14 @@ class SdoRefusal(Concern):
     code: UInt32 = 0x0601_0002
 
 
+@dataclass(frozen=True)
+class DeadGuard(Concern):
+    """A watch on the master that acts `factor` times as late as it was set, None: never."""
+
+    kind: Literal["dead_guard"]
+    factor: Annotated[float, Ge(1), Le(1000)] | None = None
+
+
 DriveFaultKind = (
     Emergency
     | DriveFault
@@ -204,5 +212,5 @@ DriveFaultKind = (
     | TorqueReversed
 )
 """Kinds of one drive that happen at an instant."""
-LastingFault = MissingNode | WrongIdentity | SdoRefusal
+LastingFault = MissingNode | WrongIdentity | SdoRefusal | DeadGuard
 """Kinds that exist from power-on."""

@@ -1,12 +1,11 @@
 """Share of periods that would be missed at a rate: by computing alone, and with the exchange on the plan's bus."""
 
 from dataclasses import dataclass
-from itertools import cycle, islice
 
 import numpy as np
 
 from haptic_fieldbus.study.measure.bench import Tools
-from haptic_fieldbus.study.measure.optional_parts import images, running_cycle
+from haptic_fieldbus.study.measure.optional_parts import Playback
 from haptic_fieldbus.study.measure.timing import ns_of_each
 
 RATES = (1000.0, 2000.0, 5000.0, 10_000.0)
@@ -40,7 +39,9 @@ class RateDeadlines:
 def deadlines(tools: Tools, periods: int) -> RateDeadlines:
     """Compute so many periods of the damped wall, each timed by itself, garbage collection included."""
     plan = tools.plan(SCENE)
-    spent = 1e-9 * ns_of_each(running_cycle(plan), list(islice(cycle(images(plan)), periods)))
+    playback = Playback(plan)
+    given = [(image,) for image in playback.images(periods)]
+    spent = 1e-9 * ns_of_each(playback.running_cycle(), given)
     p50, p999, largest = np.percentile(spent, [50, 99.9, 100]).tolist()
     bus = plan.delay.bus
     late = (RateDeadline(f, float((spent > 1.0 / f).mean()), float((spent + bus > 1.0 / f).mean())) for f in RATES)

@@ -19,7 +19,7 @@ from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.signals import Signal, Workspace
 from haptic_fieldbus.study.measure.bench import Bench, Tools
 from haptic_fieldbus.study.measure.problems import free_puck, sprung_mass
-from haptic_fieldbus.study.measure.timing import Spread, ns_per_call, spread
+from haptic_fieldbus.study.measure.timing import REPEATS, Spread, ns_in_passes, ns_per_call, spread
 
 ENABLED = 0x0637
 """Statusword of operation enabled."""
@@ -39,35 +39,50 @@ class OptionalPart:
     spread: Spread | None = None
 
 
-def images(plan: Plan, count: int = IMAGES) -> list[tuple[bytes]]:
-    """Return input images of handles that swing about their places, with the drives in operation enabled.
+class Playback:
+    """Input images of a run, made once, so that the cycles that are timed later pay for nothing else.
 
-    Each image stands in a tuple, as the arguments of one call.
+    Handles swing about their places with the drives in operation enabled. Time goes on from image to image, and each
+    drive shows the set-point that was sent to it, since a cycle trips where one of the two stands still.
     """
-    swings = [math.sin(2.0 * math.pi * number / IMAGES) for number in range(count)]
-    return [(_image(plan, 1.0, swing, number),) for number, swing in enumerate(swings)]
 
+    def __init__(self, plan: Plan) -> None:
+        self._plan, self._cycle = plan, Cycle(plan)
+        self._number = 0
+        self._sent = dict.fromkeys((axis.name for axis in plan.axes), 0)
+        # The zero is where the handle is first, and a jump would trip: the handle is led there over many periods.
+        self._approach = [self._next(number / IMAGES, 0.0) for number in range(IMAGES + 1)]
 
-def _image(plan: Plan, travel: float, swing: float, number: int) -> bytes:
-    """Return the image of period `number`: `way` is the share of the way to the place, `swing` the share of a swing."""
-    known = {"t_ns": number * plan.period_ns}
-    for axis in plan.axes:
-        middle, amplitude = PLACES[axis.workspace]
-        known |= {
-            f"{axis.name}.age_ns": 100_000,
-            f"{axis.name}.statusword": ENABLED,
-            f"{axis.name}.position counts": round((middle * travel + amplitude * swing) / axis.position_unit),
-        }
-    return plan.image.input.pack(*(known.get(name, 0) for name in decoded_columns(plan)))
+    def running_cycle(self) -> Cycle:
+        """Return a cycle in operation enabled, after the fade-in, whose handles are at their places."""
+        cycle = Cycle(self._plan)
+        for image in self._approach:
+            cycle(image)
+        return cycle
 
+    def images(self, count: int) -> list[bytes]:
+        """Return the next `count` images; the first of all follows the last that a running cycle has had."""
+        return [self._next(1.0, math.sin(2.0 * math.pi * (self._number - 1) / IMAGES)) for _ in range(count)]
 
-def running_cycle(plan: Plan) -> Cycle:
-    """Return a cycle in operation enabled, after the fade-in, whose handles are at their places."""
-    cycle = Cycle(plan)
-    # The zero is where the handle is first, and a jump would trip: the handle is led there over many periods.
-    for number in range(IMAGES + 1):
-        cycle(_image(plan, number / IMAGES, 0.0, number))
-    return cycle
+    def _next(self, travel: float, swing: float) -> bytes:
+        """Return the next image: `travel` is the share of the way to the place, `swing` the share of a swing."""
+        plan = self._plan
+        known = {"t_ns": self._number * plan.period_ns}
+        for axis in plan.axes:
+            middle, amplitude = PLACES[axis.workspace]
+            known |= {
+                f"{axis.name}.age_ns": 100_000,
+                f"{axis.name}.statusword": ENABLED,
+                f"{axis.name}.position counts": round((middle * travel + amplitude * swing) / axis.position_unit),
+                f"{axis.name}.torque demand": self._sent[axis.name],
+                f"{axis.name}.torque actual": self._sent[axis.name],
+            }
+        image = plan.image.input.pack(*(known.get(name, 0) for name in decoded_columns(plan)))
+        output = self._cycle(image)
+        for axis, places in zip(plan.axes, plan.image.axes, strict=True):
+            self._sent[axis.name] = places.output.unpack_from(output, places.outputs[0])[1]
+        self._number += 1
+        return image
 
 
 def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[OptionalPart]:
@@ -85,10 +100,10 @@ def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[Optiona
 
 def _period(plan: Plan) -> tuple[float, Spread]:
     """Return the shortest mean time of a whole period [ns], and the distribution of single periods."""
-    given = images(plan)
-    cycle = running_cycle(plan)
-    cost = ns_per_call(cycle, [image for (image,) in given])
-    return cost, spread(cycle, given * 10)
+    playback = Playback(plan)
+    cycle = playback.running_cycle()
+    cost = ns_in_passes(cycle, [(playback.images(IMAGES),) for _ in range(REPEATS + 1)])
+    return cost, spread(cycle, [(image,) for image in playback.images(10 * IMAGES)])
 
 
 def _elements(scenes: Sequence[Scene], period: float) -> Iterator[OptionalPart]:
@@ -111,7 +126,7 @@ def _elements(scenes: Sequence[Scene], period: float) -> Iterator[OptionalPart]:
 
 
 def _signals(period: float, workspace: Workspace) -> dict[Signal, list[float]]:
-    """Return the values of each signal along the motion of `images`."""
+    """Return the values of each signal along the swing of `Playback`."""
     (middle, amplitude), turn = PLACES[workspace], 2.0 * math.pi / IMAGES
     return {
         Signal.POSITION: [middle + amplitude * math.sin(turn * number) for number in range(IMAGES)],

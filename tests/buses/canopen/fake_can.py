@@ -13,6 +13,8 @@ import can
 from haptic_fieldbus.clock import VirtualClock
 
 DELAY_NS = 100_000
+REMOTE = 0x4000_0000
+"""Added to the identifier of a remote frame in what was sent (linux/can.h)."""
 Key = tuple[int, int]
 
 
@@ -37,9 +39,10 @@ class FakeCan(can.BusABC):
         error = self.broken or self.refuse(msg)
         if error is not None:
             raise error
-        self.sent.append((self.clock.now_ns(), msg.arbitration_id, bytes(msg.data)))
+        can_id = msg.arbitration_id | (REMOTE if msg.is_remote_frame else 0)
+        self.sent.append((self.clock.now_ns(), can_id, bytes(msg.data)))
         for drive in self.drives:
-            drive.hear(msg.arbitration_id, bytes(msg.data))
+            drive.hear(can_id, bytes(msg.data))
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         if self.broken is not None:
@@ -90,6 +93,13 @@ class FakeDrive:
         """Statusword that no controlword changes."""
         self.counts_at: Callable[[int], int] = lambda t_ns: 0
         """Position actual value over time [ns]."""
+        self.toggles = True
+        """Whether answers to node guarding alternate in their toggle bit."""
+        self.lost_answers = 0
+        """Number of following answers to node guarding that are lost on the wire."""
+        self.mute_sdo = False
+        self.sdo_delay_ns = DELAY_NS
+        self._toggle = 0
         self._beating = False
         bus.drives.append(self)
 
@@ -101,6 +111,8 @@ class FakeDrive:
             return
         if can_id == 0x600 + self.node:
             self._serve(data)
+        elif can_id == REMOTE | 0x700 + self.node and not self.value(0x1017):
+            self._be_guarded()
         elif can_id == 0x000 and data[1] in (0, self.node):
             wanted = {0x01: 0x05, 0x02: 0x04, 0x80: 0x7F}[data[0]]
             self.state = wanted if self.stays_in is None else self.stays_in
@@ -113,12 +125,18 @@ class FakeDrive:
         self.bus.reply(0x080 + self.node, code.to_bytes(2, "little") + bytes((1, 0, 0, 0, 0, 0)), delay_ns)
 
     def restart(self) -> None:
-        self.state = 0x7F
+        self.state, self._toggle = 0x7F, 0
         self.bus.reply(0x700 + self.node, b"\x00", 0)
+
+    def _be_guarded(self) -> None:
+        if not self.lost_answers:
+            self.bus.reply(0x700 + self.node, bytes((self._toggle | self.state,)))
+        self.lost_answers = max(0, self.lost_answers - 1)
+        self._toggle ^= 0x80 if self.toggles else 0
 
     def _serve(self, request: bytes) -> None:
         command, key = request[0], (int.from_bytes(request[1:3], "little"), request[3])
-        if command == 0x80:
+        if command == 0x80 or self.mute_sdo:
             return
         if command == 0x40 and key in self.objects:
             data = self.objects[key]
@@ -132,7 +150,7 @@ class FakeDrive:
             if key not in self.forgets:
                 self._store(key, request[4 : 4 + size])
             answer = b"\x60" + request[1:4] + bytes(4)
-        self.bus.reply(0x580 + self.node, answer)
+        self.bus.reply(0x580 + self.node, answer, self.sdo_delay_ns)
 
     def _store(self, key: Key, data: bytes) -> None:
         self.objects[key] = data
@@ -140,7 +158,7 @@ class FakeDrive:
             self.objects[0x6061, 0] = data
         if key == (0x6040, 0):
             self._obey(int.from_bytes(data, "little"))
-        if key == (0x1017, 0) and not self._beating:
+        if key == (0x1017, 0) and self.value(*key) and not self._beating:
             self._beating = True
             self._beat()
 
@@ -188,6 +206,8 @@ def epos4_objects(node: int, rated_torque_micro: int = 400_000) -> dict[Key, byt
     objects: dict[Key, bytes] = {
         (0x1000, 0): (0x0002_0192).to_bytes(4, "little"),
         (0x1005, 0): (0x80).to_bytes(4, "little"),
+        (0x100C, 0): bytes(2),
+        (0x100D, 0): bytes(1),
         (0x1016, 1): bytes(4),
         (0x1017, 0): bytes(2),
         (0x1018, 1): (0xFB).to_bytes(4, "little"),

@@ -99,8 +99,9 @@ def test_a_late_tpdo_is_not_taken_for_the_next_period() -> None:
     bench = Bench().open()
     _read(bench)
     bench.drive.mute_tpdos = True
-    bench.can.reply(TPDO, struct.pack("<Hi", 0x27, 999), delay_ns=0)
+    bench.can.reply(TPDO, struct.pack("<Hih", 0x27, 999, 0), delay_ns=0)
     image = _read(bench)
+    assert LinkFlag.EXCEPTION not in _header(bench, image)[1], "of the length that it has in time"
     assert LinkFlag.STALE in _header(bench, image)[1]
     assert _payload(bench, image) == (0x40, 0)
 
@@ -288,7 +289,7 @@ def test_without_feedback_stopping_asks_by_sdo() -> None:
     _enable(bench)
     bench.drive.mute_tpdos = True
     assert bench.bus.stop() is True
-    assert b"\x40\x41\x60\x00" + bytes(4) in bench.can.of(0x600 + NODE)[-2:]
+    assert b"\x40\x41\x60\x00" + bytes(4) in bench.can.of(0x600 + NODE)[-3:]
 
 
 def test_stopping_a_vanished_drive_is_not_confirmed() -> None:
@@ -322,7 +323,7 @@ def test_a_guard_that_cannot_be_released_is_a_warning() -> None:
     bench = Bench().open()
     bench.drive.aborts[0x1016, 1] = 0x0800_0022
     assert bench.bus.stop() is True
-    assert any("heartbeat guard" in sentence for sentence in bench.bus.warnings)
+    assert any("its guard on" in sentence for sentence in bench.bus.warnings)
 
 
 def test_a_bus_that_was_never_opened_may_be_stopped_and_closed() -> None:

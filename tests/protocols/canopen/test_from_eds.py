@@ -36,6 +36,31 @@ def test_the_profile_says_what_the_file_says() -> None:
     assert profile.link_loss.fault_reaction_option == OptionCode(0x605E, 0)
 
 
+@pytest.mark.parametrize(
+    ("gone", "consumer", "guarded"),
+    [((), 0x1016, False), ((0x1016,), None, True), ((0x1016, 0x100C), None, False), ((0x1016, 0x100D), None, False)],
+)
+def test_the_guard_is_the_heartbeat_consumer_else_life_guarding(
+    gone: tuple[int, ...], consumer: int | None, guarded: bool
+) -> None:
+    link_loss = profile_from_eds(without(generic(), *gone)).link_loss
+    assert (link_loss.heartbeat_consumer, link_loss.life_guarding) == (consumer, guarded)
+
+
+def test_the_echo_is_demand_else_actual_else_the_target_that_can_be_read() -> None:
+    neither = without(generic(), 0x6074, 0x6077)
+    assert profile_from_eds(generic()).torque.echo == "demand"
+    assert profile_from_eds(without(generic(), 0x6074)).torque.echo == "actual"
+    assert profile_from_eds(neither).torque.echo == "asked"
+    assert profile_from_eds(changed(neither, 0x6071, access="wo")).torque.echo == "none"
+
+
+@needs_files
+def test_drives_of_vendors_without_1016h_have_life_guarding() -> None:
+    for name in ("ingenia_everest_xcr.eds", "nanotec_c5_e_1_09.eds"):
+        assert profile_from_eds(vendor_eds(name)).link_loss.life_guarding, name
+
+
 def test_every_section_of_it_has_its_source() -> None:
     profile = profile_from_eds(without(generic(), 0x6007))
     for section in ("identity", "pdo", "link_loss", "timing"):

@@ -263,6 +263,14 @@ class ToyBus(InSteps):
             message = bytes((axis.node,)) + bytes(image[offset : offset + size])
             self.drives[axis.node].take(message, self.clock.now_ns())
 
+    def ask(self, axis: str) -> int | None:
+        """Every answer comes with the feedback."""
+        return None
+
+    def acknowledge(self) -> None:
+        for drive in self.drives.values():
+            drive.mode = DISABLED
+
     def release(self) -> None:
         if self.plan is not None:
             self.write(bytes(self.plan.image.output_size))
@@ -271,7 +279,7 @@ class ToyBus(InSteps):
         return True
 
     def leave(self) -> bool:
-        return all(drive.mode == DISABLED for drive in self.drives.values())
+        return all(drive.mode != TORQUE for drive in self.drives.values())
 
     def close(self) -> None:
         self.stop()

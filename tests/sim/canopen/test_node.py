@@ -287,6 +287,16 @@ class TestConsumer:
         assert bench.status() & mask == status
         assert bench.read(0x603F) == (0x8130 if action == 1 else 0)
 
+    @pytest.mark.parametrize(("factor", "at_ms"), [(1.0, 50), (10.0, 500), (None, None)])
+    def test_a_dead_or_slow_watch_acts_never_or_so_much_later(self, factor: float | None, at_ms: int | None) -> None:
+        bench = self._bench(2, enabled=True)
+        bench.slave.node.slow_guards(factor)
+        bench.give(MASTER, b"\5")
+        bench.run((at_ms or 5000) * MS - 1)
+        assert bench.status() & 0x6F == 0x27
+        bench.run(2)
+        assert (bench.status() & 0x6F == 0x27) is (at_ms is None)
+
     def test_a_quick_stop_on_loss_begins_at_the_deadline(self) -> None:
         bench = self._bench(3, enabled=True)
         assert bench.write(0x605A, 0, 6, "h") is None

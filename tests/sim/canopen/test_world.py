@@ -305,6 +305,14 @@ class TestFaults:
         master.wait(10 * MS)
         assert master.heard(0x85) == []
 
+    @pytest.mark.parametrize(("factor", "lost"), [(1.0, True), (3.0, False), (None, False)])
+    def test_a_dead_or_slow_guard_does_not_miss_us_in_time(self, factor: float | None, lost: bool) -> None:
+        master = _master(these=(faults.DeadGuard("dead_guard", factor=factor),))
+        master.write(NODE, 0x1016, 1, 0x7F_0014, 4)
+        master.send(0x77F, b"\x05")
+        master.wait(50 * MS)
+        assert bool(master.heard(0x80 + NODE)) is lost
+
 
 def test_remote_frames_are_answered_by_nobody() -> None:
     master = _master()

@@ -271,6 +271,7 @@ def test_all_kinds_are_tried_here_or_with_the_world() -> None:
         # In test_world:
         "emergency", "drive_fault", "node_reset", "silence", "missing_tpdos", "missing_rpdos", "heartbeat_lost",
         "encoder_jump", "position_stuck", "bus_off", "error_frame", "missing_node", "wrong_identity", "sdo_abort",
+        "dead_guard",
     }  # fmt: skip
     assert {kind.__annotations__["kind"].__args__[0] for kind in faults.Fault.__args__} == tried
 

@@ -35,7 +35,7 @@ class Guarding(Watch):
         self._toggle ^= _TOGGLE
         life_ns = self._guard_time.value * self._factor.value * _MS
         if life_ns:
-            self.heard(t_ns + life_ns)
+            self.heard(t_ns, life_ns)
         return answer
 
     def reset(self) -> None:

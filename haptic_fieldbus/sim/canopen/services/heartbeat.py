@@ -62,13 +62,16 @@ class Watch:
 
     def __init__(self, alarms: Alarms, lost: Callable[[int], None], back: Callable[[], None]) -> None:
         self.lost = False
+        self.factor: float | None = 1.0
+        """How much later than it is set the watch acts; None: never (a fault)."""
         self._lost = lost
         self._back = back
         self._alarm = alarms.new(self._rings)
 
-    def heard(self, due_ns: int) -> None:
-        """Note that the peer is heard, and expect it again by `due_ns`."""
-        self._alarm.at(due_ns)
+    def heard(self, t_ns: int, within_ns: int) -> None:
+        """Note that the peer is heard, and expect it again within this time [ns]."""
+        if self.factor is not None:
+            self._alarm.at(t_ns + round(self.factor * within_ns))
         if self.lost:
             self.lost = False
             self._back()
@@ -105,7 +108,7 @@ class _Consumer(Watch):
     def received(self, data: bytes, t_ns: int) -> None:
         """Handle a message with the monitored identifier."""
         if data and data[0] & 0x7F:
-            self.heard(t_ns + (self.entry.value & 0xFFFF) * _MS)
+            self.heard(t_ns, (self.entry.value & 0xFFFF) * _MS)
 
 
 class Consumers:
@@ -126,8 +129,8 @@ class Consumers:
             Entry(index, number, DataType.UINT32, 0, Access.RW, accept=partial(self._accept, number))
             for number in range(1, count + 1)
         ]
-        self._watches = [_Consumer(entry, alarms, lost, back) for entry in entries]
-        for watch in self._watches:
+        self.watches = [_Consumer(entry, alarms, lost, back) for entry in entries]
+        for watch in self.watches:
             watch.entry.changed = partial(self._rewritten, watch)
         if entries:
             dictionary.add_record(entries)
@@ -135,22 +138,22 @@ class Consumers:
     @property
     def lost(self) -> bool:
         """Return whether a monitored node is missing."""
-        return any(watch.lost for watch in self._watches)
+        return any(watch.lost for watch in self.watches)
 
     def route(self) -> dict[int, Handler]:
         """Return the handlers of the monitored nodes, by identifier."""
-        return {HEARTBEAT_ID + watch.node: watch.received for watch in self._watches if watch.node is not None}
+        return {HEARTBEAT_ID + watch.node: watch.received for watch in self.watches if watch.node is not None}
 
     def stop(self) -> None:
         """Stop monitoring until the next heartbeats."""
-        for watch in self._watches:
+        for watch in self.watches:
             watch.stop()
 
     def _accept(self, number: int, value: int) -> None:
         if value & _RESERVED:
             raise Refused(AbortCode.INVALID_VALUE)
         node = _watched(value)
-        others = (watch for watch in self._watches if watch.entry.subindex != number)
+        others = (watch for watch in self.watches if watch.entry.subindex != number)
         if node is not None and any(watch.node == node for watch in others):
             raise Refused(AbortCode.PARAMETER_INCOMPATIBLE)
 

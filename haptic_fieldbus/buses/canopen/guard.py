@@ -1,0 +1,101 @@
+"""The guard of a drive, by which it notices that its master is gone: armed, kept up and disarmed.
+
+A drive has one of two guards, which `link_loss` of its profile names:
+
+- The heartbeat consumer, 1016h: from our first heartbeat on the drive expects the next one. It sends heartbeats too.
+- Life guarding, 100Ch and 100Dh: from our first request of node guarding on the drive expects the next one within its
+  life time, their product. A node that produces heartbeats answers no request, therefore 1017h is 0.
+
+`arm` comes while the node is pre-operational. `engage` comes last: before it we ask for the NMT state by the same
+requests that begin life guarding, and nothing may begin before the loop keeps it up.
+
+Reference: CiA 301 7.2.8.3.2 (error control protocols), 7.5.2.11 (100Ch), 7.5.2.12 (100Dh), 7.5.2.19 (1016h), 7.5.2.20
+(1017h).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, cycle
+
+import can
+
+from haptic_fieldbus.buses.canopen.node import NmtState, Node
+from haptic_fieldbus.buses.canopen.wire import frame
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.protocols.canopen.beside import PROOFS_PER_GUARD
+from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
+from haptic_fieldbus.protocols.canopen.profile import LinkLossSection
+from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
+
+GUARD_TIME = ObjectEntry(0x100C, DataType.UINT16)
+LIFE_TIME_FACTOR = ObjectEntry(0x100D, DataType.UINT8)
+PRODUCER_HEARTBEAT = ObjectEntry(0x1017, DataType.UINT16)
+
+
+@dataclass(frozen=True)
+class Guard:
+    """The guard of one drive, which acts after `milliseconds` without a proof of our life."""
+
+    node: Node
+    section: LinkLossSection
+    milliseconds: int
+    master_node: int
+    node_heartbeat_ms: int
+
+    def hear(self) -> None:
+        """Let the drive give its sign of life: by heartbeats of its own, or by answers; raises BusError."""
+        if not self.section.life_guarding:
+            self.node.write(PRODUCER_HEARTBEAT, self.node_heartbeat_ms)
+            return
+        # A master that was killed left the life time there; our first request would begin to count it.
+        self.node.write(LIFE_TIME_FACTOR, 0)
+        held = self.node.optional(PRODUCER_HEARTBEAT)
+        if held:
+            self._silence_heartbeat(held)
+
+    def arm(self) -> None:
+        """Write what the guard needs while the node is pre-operational; raises BusError."""
+        if self.section.life_guarding:
+            self.node.write(GUARD_TIME, self.milliseconds // PROOFS_PER_GUARD)
+        elif self.section.heartbeat_consumer is not None:
+            self.node.write(_consumer(self.section.heartbeat_consumer), self.master_node << 16 | self.milliseconds)
+
+    def engage(self) -> None:
+        """Let life guarding begin with our next request; raises BusError."""
+        if self.section.life_guarding:
+            self.node.write(LIFE_TIME_FACTOR, PROOFS_PER_GUARD)
+
+    @property
+    def disarming(self) -> tuple[tuple[ObjectEntry, int], ...]:
+        """Entries and values that switch the guard off, so that leaving is no error."""
+        if self.section.life_guarding:
+            return ((LIFE_TIME_FACTOR, 0),)
+        index = self.section.heartbeat_consumer
+        return () if index is None else ((_consumer(index), 0),)
+
+    def _silence_heartbeat(self, held: int) -> None:
+        """Switch the heartbeat of the node off, which would keep it from answering."""
+        try:
+            self.node.write(PRODUCER_HEARTBEAT, 0)
+        except BusConfigurationError as error:
+            raise BusConfigurationError(
+                f"{self.node.label} sends a heartbeat every {held} ms and cannot be told not to ({error}); such a node "
+                "answers no node guarding. Give its profile another guard than link_loss.life_guarding"
+            ) from error
+
+
+def proofs_of_life(traffic: CanTraffic, nodes: Sequence[Node]) -> Iterator[tuple[can.Message, ...]]:
+    """Return the proofs of our life of each period for ever: at first all, so that every guard is on, then in turn.
+
+    Requests are spread over the periods; each comes as often as our heartbeat.
+    """
+    heartbeat = frame(HEARTBEAT_COB_ID + traffic.master_node, bytes((NmtState.OPERATIONAL,)))
+    proofs = [*([heartbeat] if traffic.beats else []), *(node.guarding_request for node in nodes if node.guarded)]
+    every = traffic.heartbeat_every
+    rounds = [tuple(proofs[place::every]) for place in range(every)]
+    return chain((tuple(proofs),), rounds[1:], cycle(rounds))
+
+
+def _consumer(index: int) -> ObjectEntry:
+    return ObjectEntry(index, DataType.UINT32, 1)

@@ -1,0 +1,141 @@
+"""The proof of the sign from torque to motion, at the start of a run: pulses, pairs of pulses, and what they say.
+
+Theory and sizes stand in `planning.sign_probe`. The proof goes through the stages of the probe. A stage decides when
+all its pulses and pairs agree; then the sign is seen, or the run ends. As soon as one does not agree, or shows too
+little, the next stage begins.
+
+After the last stage the scene goes on within `holding` for a second, and the last stage is tried again. Missing
+feedback begins a stage anew. In a scene of several axes force rises when the sign of all has been seen.
+"""
+
+import math
+from collections.abc import Callable
+
+from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.cycle.state import AxisState
+from haptic_fieldbus.cycle.watch import TripOff
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.sign_probe import (
+    PARTS,
+    PAUSE,
+    PULSES_OF_A_PAIR,
+    SignProbe,
+    Stage,
+    sign_probe,
+)
+
+
+def thue_morse(number: int) -> float:
+    """Return the sign of a pulse, counted from 0: + − − + − + + − …"""
+    return -1.0 if number.bit_count() % 2 else 1.0
+
+
+def bind_proof(
+    axis: AxisPlan, period: float, state: AxisState, trip: TripOff, seen: Callable[[], None]
+) -> "SignProof | None":
+    """Return the proof of one axis, None where the sign is known; `seen` is called once."""
+    probe = sign_probe(axis, period)
+    return None if probe is None else SignProof(axis, probe, state, trip, seen)
+
+
+class SignProof:
+    """The proof of one axis: `give` takes the force of the scene, and returns the force of the period."""
+
+    def __init__(self, axis: AxisPlan, probe: SignProbe, state: AxisState, trip: TripOff, seen: Callable[[], None]):
+        self.failures = 0
+        """How often all stages were tried in vain."""
+        self.seen = False
+        self._axis, self._probe, self._state, self._trip, self._seen = axis, probe, state, trip, seen
+        # What a torque does is seen so many samples later.
+        self._late = round((axis.delay.transport + axis.delay.torque_loop) / probe.period)
+        self._pause = self._quiet = 0
+        """Periods that are left of a pause of the proof, and of one before a stage in which nothing is given."""
+        self._number = 0
+        self._positions: list[float] = []
+        self._shown: list[float] = []
+        """Second difference of each pulse of the stage, positive in the direction of its torque."""
+
+    def give(self, force: float) -> float:
+        """Return the force of the period: a pulse, or that of the scene within what a hand may hold."""
+        if self._pause and not self.seen:
+            self._pause -= 1
+        if self._pause or self.seen:
+            holding = self._probe.holding
+            return max(-holding, min(holding, force))
+        if self._state.steps != 1:
+            self._begin()
+        if self._quiet:
+            self._quiet -= 1
+            return 0.0
+        self._positions.append(self._state.position)
+        self._look(self._stage)
+        return self._torque(self._stage)
+
+    @property
+    def _stage(self) -> Stage:
+        return self._probe.stages[self._number]
+
+    @property
+    def _pulses(self) -> int:
+        return PULSES_OF_A_PAIR * self._stage.pairs
+
+    def _begin(self) -> None:
+        """Begin the stage, after a while in which the handle comes to rest."""
+        self._positions, self._shown = [], []
+        self._quiet = PARTS * self._stage.periods
+
+    def _torque(self, stage: Stage) -> float:
+        """Return the torque of this period: none, that of the pulse, and the same against it."""
+        pulse, rest = divmod(len(self._positions) - 1, PARTS * stage.periods)
+        if self._pause or self.seen or not self._positions or pulse >= self._pulses:
+            return 0.0
+        return (0.0, 1.0, -1.0)[rest // stage.periods] * thue_morse(pulse) * stage.effort
+
+    def _look(self, stage: Stage) -> None:
+        """After the second part of each pulse: how did the handle move, and what does the pair say?"""
+        pulse, length = len(self._shown), stage.periods
+        here = len(self._positions) - 1
+        if pulse == self._pulses:
+            if here >= PARTS * length * pulse:  # the last pulse has stopped the handle again
+                self.seen = True
+                self._seen()
+            return
+        if here < PARTS * length * pulse + 2 * length + self._late:
+            return
+        positions = self._positions
+        bend = positions[here] - 2.0 * positions[here - length] + positions[here - 2 * length]
+        self._shown.append(thue_morse(pulse) * bend)
+        if pulse % PULSES_OF_A_PAIR:
+            self._judge(stage)
+
+    def _judge(self, stage: Stage) -> None:
+        first, pair = self._shown[0], self._shown[-1] + self._shown[-2]
+        if abs(pair) < self._probe.least(stage) * (1.0 - 1e-9) or first * pair <= 0.0:
+            self._next()
+        elif len(self._shown) < self._pulses:
+            return
+        elif not self._agree(math.copysign(1.0, first)):
+            self._next()
+        elif first < 0.0:
+            self._trip(TripKind.SIGN, 0.5 * pair, stage.effort)
+
+    def _agree(self, side: float) -> bool:
+        """Return whether all pulses go to this side, after a straight line is taken out of how the handle went."""
+        went = [thue_morse(pulse) * shown for pulse, shown in enumerate(self._shown)]
+        middle = 0.5 * (len(went) - 1)
+        mean = sum(went) / len(went)
+        slope = sum((pulse - middle) * each for pulse, each in enumerate(went)) / sum(
+            (pulse - middle) ** 2 for pulse in range(len(went))
+        )
+        return all(
+            side * thue_morse(pulse) * (each - mean - slope * (pulse - middle)) > 0.0 for pulse, each in enumerate(went)
+        )
+
+    def _next(self) -> None:
+        """Go on with the next stage; after the last one with the scene."""
+        if self._number + 1 < len(self._probe.stages):
+            self._number += 1
+        else:
+            self.failures += 1
+            self._pause = math.ceil(PAUSE / self._probe.period)
+        self._begin()

@@ -1,0 +1,82 @@
+"""Replacement of a file as a whole: whoever reads it, at whatever time, finds the old content or the new one.
+
+The new content goes into a file beside the old one, reaches the disk, and takes its name in one step (POSIX rename).
+A process that is killed in between leaves the old file whole, and a file ending in `.new` beside it. A symbolic link
+stays one: its target is replaced.
+"""
+
+import errno
+import os
+import stat
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from haptic_fieldbus.documents.octets import TOML_SIZE, read_octets
+
+ATTEMPTS = 5
+"""How often a file that somebody else writes at the same time is edited anew."""
+
+
+def edit_file(path: str | Path, edit: Callable[[str], str], most: int = TOML_SIZE) -> None:
+    """Replace the content of a regular file of UTF-8 by what `edit` makes of it; its mode stays.
+
+    `edit` may be called several times, when the file changes meanwhile. Raises OSError with the reason as `strerror`,
+    UnicodeDecodeError (a ValueError), and what `edit` raises; the file is then as it was.
+    """
+    target = Path(os.path.realpath(path))
+    for _ in range(ATTEMPTS):
+        before = _state(target)
+        # Not by a text file, whose line endings would change.
+        edited = edit(read_octets(target, most).decode("utf-8")).encode("utf-8")
+        if _replaced(target, edited, before):
+            return
+    raise OSError(errno.EAGAIN, "somebody else writes it at the same time")
+
+
+def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
+    """Write and rename; False when the file is no longer as it was, and nothing was replaced."""
+    # A rename asks only for the rights to the folder, but who took the right to write meant the file.
+    if not before.st_mode & stat.S_IWUSR or not os.access(target, os.W_OK):
+        raise OSError(errno.EACCES, "it is read-only")
+    descriptor, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".new", dir=target.parent)
+    try:
+        with open(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fchmod(descriptor, stat.S_IMODE(before.st_mode))
+            if before.st_uid != os.geteuid():  # root, for whom the file must not become its own
+                with suppress(PermissionError):
+                    os.fchown(descriptor, before.st_uid, before.st_gid)
+            os.fsync(descriptor)
+        same = _seen(before) == _seen(_state(target))
+        if same:
+            os.replace(name, target)
+    except BaseException:
+        os.unlink(name)
+        raise
+    if not same:
+        os.unlink(name)
+        return False
+    _sync_folder(target.parent)
+    return True
+
+
+def _state(target: Path) -> os.stat_result:
+    return os.stat(target)
+
+
+def _seen(found: os.stat_result) -> tuple[int, int, int, int]:
+    """Return what changes when somebody writes or replaces a file."""
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _sync_folder(folder: Path) -> None:
+    """Let the new name reach the disk, where a folder can be synchronised."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):  # some file systems cannot; the file itself is on the disk already
+            os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,151 @@
+"""The guard of each drive: the watch by which it takes the torque away itself when nothing comes from us any more.
+
+A guard is asked of the drive when it is configured. Whether it acts is proved by a run (`running.proving`), which
+leaves the drive alone at zero torque and measures; the outcome stands in the rig file (`Proved`). A drive without a
+guard, or whose guard did not act when it was tried, may give no more torque than a hand can be left alone with, and
+only where a person can cut its power.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.rig import Proved, RigAxis
+from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.planning.limits import HOLDING_SHARE
+from haptic_fieldbus.protocols.traffic import Json
+
+CAPPED = f"torque stays within {100 * HOLDING_SHARE:g} % of rated, what a hand may hold for ever"
+SAME_GUARD_MS = 0.5
+"""Two guards that differ by less are the same; drives count them in whole milliseconds."""
+
+
+def unguarded(profile: DriveProfile, axis: RigAxis) -> str:
+    """Return the reason for which no guard of the drive can be relied on; empty while none is known."""
+    if not profile.guarded:
+        return f"{profile.title} offers no watch on its master that takes the torque away (profile)"
+    proved = axis.proved
+    if proved is None or proved.guard == "proved" or proved.profile != profile.name:
+        return ""
+    return f"the guard of {profile.title} {_failed(proved)} when it was tried on {proved.date} (rig file)"
+
+
+def _failed(proved: Proved) -> str:
+    if proved.guard_ms is None:
+        return "did not act"
+    return f"acted after {rounded(proved.guard_ms)} ms instead of {exactly(proved.asked_ms)} ms"
+
+
+def check_guarded(name: str, profile: DriveProfile, axis: RigAxis) -> None:
+    """Raise PlanError when nothing at all would take the torque of a drive away after the death of its master."""
+    why = unguarded(profile, axis)
+    if why and axis.emergency_stop is None:
+        raise PlanError(
+            f"axis {name}: {why}, so it could hold its last torque when this computer dies or the cable breaks. With "
+            f"an emergency stop in reach that cuts the power of the motor, write axis.{name}.emergency_stop = "
+            f'"power" into the rig; {CAPPED} then. To try its guard anew: run --prove'
+        )
+
+
+@dataclass(frozen=True)
+class Guard:
+    """The guard of one axis: the time for which it is set [s], and all that is known of it before a bus is opened."""
+
+    axis: str
+    seconds: float
+    proved: Proved | None
+    """Proof that counts for this profile and this time, as far as the serial number is not known yet."""
+    why_not: str
+    """Reason for which no proof counts; empty when one does, or when it is known that there is no guard."""
+    cap: str
+    """Reason for which torque is capped; empty when it is not."""
+    emergency_stop: str | None
+    exists: bool
+    """False: the profile offers none, so there is nothing to prove."""
+
+    def to_json(self) -> dict[str, Json]:
+        """Return the object of `plan --json`."""
+        proved = self.proved
+        return {
+            "axis": self.axis,
+            "guard_ms": 1e3 * self.seconds,
+            "proved": None
+            if proved is None
+            else {"guard_ms": proved.guard_ms, "date": proved.date, "serial": proved.serial},
+            "unproved": self.why_not or None,
+            "capped": self.cap or None,
+            "emergency_stop": self.emergency_stop,
+        }
+
+    def text(self, *, simulated: bool) -> str:
+        """Return the guard in words, and whether it is proved before force on this bench."""
+        if self.cap:
+            return f"{self.cap}; {CAPPED}"
+        asked = f"{exactly(1e3 * self.seconds)} ms"
+        if self.proved is not None:
+            measured = "" if self.proved.guard_ms is None else f"{rounded(self.proved.guard_ms)} ms measured "
+            return f"{asked}; {measured}on {self.proved.date}{_serial(self.proved)}"
+        if simulated:
+            return f"{asked}; taken on trust in a simulation, and proved with run --prove"
+        return f"{asked}; is proved at zero torque before force is given: {self.why_not}"
+
+
+def to_prove(
+    guards: Sequence[Guard], recorded: Mapping[str, Proved | None], serials: Mapping[str, int | None]
+) -> dict[str, str]:
+    """Return the axes whose guards are to be proved now, with the reason of each; empty when all proofs count.
+
+    When one is to be proved, all others are proved with it, without a reason of their own. An axis without a guard, and
+    one whose guard is known not to act, is never among them. All mappings go by the names of the axes.
+    """
+    reasons = {each.axis: unproved(each, recorded[each.axis], serials[each.axis]) for each in guards}
+    if not any(reasons.values()):
+        return {}
+    return {each.axis: reasons[each.axis] for each in guards if each.exists and (reasons[each.axis] or not each.cap)}
+
+
+def _serial(proved: Proved) -> str:
+    return "" if proved.serial is None else f", drive with serial number {proved.serial:#010x}"
+
+
+def guard_of(name: str, profile: DriveProfile, axis: RigAxis, seconds: float, source: str) -> Guard:
+    """Return the guard of an axis of the rig file `source`, which is empty for a rig without a file."""
+    cap = unguarded(profile, axis)
+    why_not = "" if cap else _why_not(profile, axis, seconds, source)
+    known = axis.proved if not cap and not why_not else None
+    return Guard(name, seconds, known, why_not, cap, axis.emergency_stop, profile.guarded)
+
+
+def _why_not(profile: DriveProfile, axis: RigAxis, seconds: float, source: str) -> str:
+    proved = axis.proved
+    if proved is None:
+        return "the rig file has no proof of it yet" if source else "without a rig file no proof is kept"
+    if proved.profile != profile.name:
+        return f"the proof in the rig file was made with the profile {proved.profile}"
+    if abs(proved.asked_ms - 1e3 * seconds) > SAME_GUARD_MS:
+        return f"the proof in the rig file is one of {exactly(proved.asked_ms)} ms"
+    return ""
+
+
+def unproved(guard: Guard, recorded: Proved | None, serial: int | None) -> str:
+    """Return the reason for which a guard must be proved now; empty when its proof counts for the drive that is there.
+
+    `recorded` is the outcome in the rig file, `serial` the serial number of the drive, None when it tells none.
+    """
+    if not guard.exists:
+        return ""
+    if recorded is not None and recorded.serial is not None and serial is not None and recorded.serial != serial:
+        return f"the proof in the rig file is that of the drive {recorded.serial:#010x}, this one is {serial:#010x}"
+    if guard.cap or guard.why_not:
+        return guard.why_not
+    if serial is None:
+        return "the drive tells no serial number, so a proof cannot be told to be its own"
+    return "" if recorded is not None and recorded.serial == serial else "the proof in the rig file names no drive"
+
+
+def guard_lines(guards: Sequence[Guard], *, simulated: bool) -> Iterator[str]:
+    """Yield one line for each guard, with the name of its axis where there are several."""
+    for guard in guards:
+        prefix = f"{guard.axis}: " if len(guards) > 1 else ""
+        yield prefix + guard.text(simulated=simulated)

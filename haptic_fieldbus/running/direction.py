@@ -1,0 +1,140 @@
+"""The direction of an axis, shown by a person before the drive is enabled for the first time.
+
+With a reversed encoder *and* a reversed motor, torque and motion agree: no loop can tell it from a bench that is right,
+but a wall on the right is felt on the left. Only somebody who sees the handle knows. So at the first start of a rig on
+a real bus a person moves each handle to the positive side, while the drives are off. What was shown is kept in the rig
+file, `[axis.NAME.seen]`.
+"""
+
+from collections.abc import Callable, Iterator
+from datetime import datetime
+from functools import partial
+
+from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.cycle.safety import LINK_TRIPS
+from haptic_fieldbus.cycle.trips import TRIP_ERRORS
+from haptic_fieldbus.cycle.watch import EMERGENCY, FLAGS, STATUSWORD
+from haptic_fieldbus.documents.edits import Value, with_table
+from haptic_fieldbus.documents.replacing import edit_file
+from haptic_fieldbus.errors import Fault, RigError, UsageError
+from haptic_fieldbus.numerals import in_unit, rounded
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.image import AxisImage
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.signals import LinkFlag, Signal, Workspace
+
+ENOUGH = {Workspace.LINEAR: 0.01, Workspace.ROTARY: 0.2}
+"""[m or rad]; a motion that nobody makes by accident."""
+FEWEST_COUNTS = 3
+PATIENCE = 60.0
+"""[s] for which a person is waited for."""
+SHOWN_EVERY = 0.1
+"""[s] between two lines about the position."""
+INT32, HALF_TURN = 0x1_0000_0000, 0x8000_0000
+
+Instruct = Callable[[str], None]
+
+
+def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | None) -> list[str]:
+    """Let a person show the direction of each axis whose rig does not have it; return what is to be told of it.
+
+    The bus must be started; the drives stay off. Raises UsageError when nobody moves the handle, RigError when
+    positions fall on the way to the positive side, and the error of a fault of the link.
+    """
+    due = [axis for axis in plan.axes if axis.rig.seen.direction is None]
+    if instruct is None or not plan.rig.source:
+        return [_unconfirmed(axis) for axis in due]
+    warnings: list[str] = []
+    exchange = _Exchange(plan, bus, clock)
+    for axis in due:
+        _show(axis, plan, exchange, instruct)
+        warnings += _kept(axis, plan)
+    return warnings
+
+
+def _unconfirmed(axis: AxisPlan) -> str:
+    return (
+        f"axis {axis.name}: direction not confirmed by a person. Only somebody at the handle can see that positions "
+        "grow to the positive side: start once with a rig file at a terminal, without --yes"
+    )
+
+
+def _show(axis: AxisPlan, plan: Plan, exchange: "_Exchange", instruct: Instruct) -> None:
+    """Wait until the handle was moved far enough, and check to which side."""
+    unit = axis.workspace.length_unit
+    enough = max(ENOUGH[axis.workspace], FEWEST_COUNTS * axis.resolution)
+    every = max(1, round(SHOWN_EVERY * plan.rate))
+    for number, way in enumerate(exchange.ways(axis)):
+        if number % every == 0:
+            instruct(
+                f"axis {axis.name} is off: move the handle {rounded(1e3 * enough)} m{unit} to the positive "
+                f"side; it is at {round(1e3 * way)} m{unit}"
+            )
+        if abs(way) >= enough:
+            instruct("\n")
+            break
+    else:
+        raise UsageError(
+            f"not enabled: nobody moved the handle of axis {axis.name} within {PATIENCE:g} s. Move it to the positive "
+            "side when asked, or start with --yes, which leaves the direction unconfirmed"
+        )
+    if way < 0.0:
+        sign = -axis.rig.mechanism.sign
+        message = (
+            f"the handle was moved to the positive side, and its position fell by {in_unit(-way, unit)}; if this is "
+            f"the side that is to be positive, it must be {sign}"
+        )
+        raise RigError(plan.rig.source, [Fault(f"axis.{axis.name}.mechanism.sign", message)])
+
+
+def _kept(axis: AxisPlan, plan: Plan) -> Iterator[str]:
+    """Write into the rig file that the direction was shown; yield a sentence when it cannot be written."""
+    values: dict[str, Value] = {} if axis.rig.seen.sign is None else {"sign": axis.rig.seen.sign}
+    values |= {"direction": "confirmed", "date": datetime.now().astimezone().isoformat(timespec="seconds")}
+    try:
+        edit_file(plan.rig.source, partial(with_table, path=("axis", axis.name, "seen"), values=values))
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        yield f"axis {axis.name}: that the direction is right was not kept in {plan.rig.source}: {why}"
+
+
+class _Exchange:
+    """The exchange of the loop with drives that stay off."""
+
+    def __init__(self, plan: Plan, bus: Bus, clock: Clock) -> None:
+        self._plan, self._bus, self._clock = plan, bus, clock
+        self._deadline_ns = clock.now_ns()
+        self._output = bytearray(plan.image.output_size)
+        for axis, image in zip(plan.axes, plan.image.axes, strict=True):
+            image.output.pack_into(self._output, image.outputs[0], axis.power.off, 0)
+
+    def ways(self, axis: AxisPlan) -> Iterator[float]:
+        """Yield how far the handle of an axis has moved since the first sample [m or rad], once a period."""
+        image = self._plan.image.axes[self._plan.axes.index(axis)]
+        signal = Signal.VELOCITY if axis.integrates else Signal.POSITION
+        place = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(signal)
+        first: int | None = None
+        way = 0.0
+        for _ in range(round(PATIENCE * self._plan.rate)):
+            reading = self._read(axis, image, place)
+            if reading is not None and axis.integrates:
+                way += reading * axis.velocity_unit * self._plan.period
+            elif reading is not None:
+                first = reading if first is None else first
+                way = ((reading - first + HALF_TURN) % INT32 - HALF_TURN) * axis.position_unit
+            yield way
+
+    def _read(self, axis: AxisPlan, image: AxisImage, place: int) -> int | None:
+        """Go through one period; return the reading, None without new feedback."""
+        self._clock.sleep_until(self._deadline_ns)
+        # A computer that was late goes on from now, because nothing here depends on the time of a period.
+        self._deadline_ns = max(self._deadline_ns, self._clock.now_ns()) + self._plan.period_ns
+        feedback = image.input.unpack_from(self._bus.read(self._deadline_ns))
+        self._bus.write(self._output)
+        flags = feedback[FLAGS]
+        for flag, kind in LINK_TRIPS.items():
+            if flags & flag:
+                cause = axis.traffic.fault_text(flag, feedback[EMERGENCY])
+                raise TRIP_ERRORS[kind](f"axis {axis.name}: {cause}, before operation enabled. No torque was given")
+        return None if flags & LinkFlag.STALE else feedback[place]

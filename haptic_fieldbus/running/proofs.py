@@ -1,0 +1,85 @@
+"""Proofs of guards around a run: which are due, what a person is told before, and what is kept in the rig file."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from functools import partial
+
+from haptic_fieldbus.assessing.proof import Proof
+from haptic_fieldbus.buses.bus import DriveFacts
+from haptic_fieldbus.documents.edits import Value, table_text, with_table
+from haptic_fieldbus.documents.replacing import edit_file
+from haptic_fieldbus.errors import UnprovedGuardError
+from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.planning.guards import CAPPED
+from haptic_fieldbus.planning.plan import Plan
+
+
+def questions(plan: Plan, due: Mapping[str, str]) -> Iterator[str]:
+    """Yield a sentence for each axis whose guard is about to be proved; `due` has the reasons, some empty."""
+    guards = {guard.axis: guard.seconds for guard in plan.guards}
+    for name, why in due.items():
+        yield (
+            f"about to prove the guard of axis {name}{f' ({why})' if why else ''}: the drive is enabled with zero "
+            f"torque, then left alone until it lets go by itself, asked for within {exactly(1e3 * guards[name])} ms; "
+            "it may report a lost master, which is then cleared."
+        )
+
+
+def check(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof], unkept: Sequence[str]) -> None:
+    """Raise UnprovedGuardError when a drive did not let go in time; `unkept` is what `keep` said."""
+    failed = [_failure(plan, facts, proof) for proof in proofs if not proof.holds]
+    if failed:
+        raise UnprovedGuardError("\n".join([*failed, *unkept]))
+
+
+def keep(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof]) -> Iterator[str]:
+    """Write each outcome into the rig file of a real bench; yield a sentence for each that could not be written."""
+    for proof in proofs if plan.rig.source and not plan.simulated else ():
+        values = _values(plan, proof, facts[proof.axis].serial)
+        if values is None:
+            continue
+        path = ("axis", proof.axis, "proved")
+        try:
+            edit_file(plan.rig.source, partial(with_table, path=path, values=values))
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            table = table_text(path, values).replace("\n", ", ")
+            yield f"the proof of axis {proof.axis} was not kept in {plan.rig.source}: {why}. It would be: {table}"
+
+
+def _values(plan: Plan, proof: Proof, serial: int | None) -> dict[str, Value] | None:
+    """Return the keys of a proof; None when it could never be told to be that of the drive that is there."""
+    if proof.holds and serial is None:
+        return None
+    values: dict[str, Value] = {} if serial is None else {"serial": serial}
+    values |= {"guard": "proved" if proof.holds else "none"}
+    if proof.off is not None:
+        values["guard_ms"] = round(1e3 * proof.off, 3)
+    values |= {"asked_ms": round(1e3 * proof.guard, 3), "profile": plan.axis(proof.axis).profile.name}
+    return values | {"date": datetime.now().astimezone().isoformat(timespec="seconds")}
+
+
+def _failure(plan: Plan, facts: Mapping[str, DriveFacts], proof: Proof) -> str:
+    """Return what was measured, and what to do."""
+    axis = plan.axis(proof.axis)
+    told = facts.get(proof.axis)
+    serial = "" if told is None or told.serial is None else f" (serial {told.serial:#010x})"
+    stayed = f"for {rounded(1e3 * proof.enabled)} ms, and was never seen off"
+    when = stayed if proof.off is None else f"until {rounded(1e3 * proof.off)} ms after it"
+    return (
+        f"axis {proof.axis}: the guard of {axis.profile.title}, node {axis.node}{serial}, did not act in time. Nothing "
+        f"was sent to it, and it stayed in operation enabled {when}; asked for were {exactly(1e3 * proof.guard)} ms, "
+        f"and {rounded(1e3 * proof.allowed)} ms would have passed. No torque was given. A drive like this keeps its "
+        f"torque when this computer dies or the cable breaks: check its guard and its reaction with its own tool"
+        f"{_instead(plan, proof.axis)}"
+    )
+
+
+def _instead(plan: Plan, name: str) -> str:
+    """Return the way to go on without a guard."""
+    if not plan.rig.source:
+        return f"; with an emergency stop that cuts its power a rig file can permit it (emergency_stop); {CAPPED} then"
+    if plan.axis(name).rig.emergency_stop is None:
+        stop = f'axis.{name}.emergency_stop = "power"'
+        return f"; with an emergency stop in reach that cuts its power, write {stop} into the rig; {CAPPED} then"
+    return f"; it is kept in the rig, so that from the next run on {CAPPED}"

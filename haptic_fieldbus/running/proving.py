@@ -1,0 +1,216 @@
+"""Proof that the drives let go by themselves when their master is gone: they are left alone at zero torque.
+
+1. The drives are brought to *operation enabled* by the ordinary exchange. Every set-point is 0.
+2. Nothing is written any more. Feedback is still asked for, which is no proof of life, so the statusword is seen once a
+   period. A drive may leave the exchange when it has lost its master; then it is asked for its statusword directly.
+3. The time from our last write to the first look at which a drive is no longer in *operation enabled* is measured.
+4. All drives are stopped, and the fault is cleared into which they went because of this (`Bus.acknowledge`).
+
+A drive has passed when it is seen off in time: its guard, plus two periods and a control tick for what lies between the
+event and the look at it. Otherwise it has failed, unless this computer was late and did not look when it mattered; then
+the drives are left alone once more. The measured time may be shorter than the guard by the time
+between two proofs of life, because the guard runs from the last of them.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+
+from haptic_fieldbus.assessing.proof import Proof
+from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.cycle.safety import LINK_TRIPS
+from haptic_fieldbus.cycle.trips import TRIP_ERRORS
+from haptic_fieldbus.cycle.watch import EMERGENCY, FLAGS, STATUSWORD, T_NS
+from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.image import AxisImage
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.running.ending import EndSignals
+from haptic_fieldbus.running.loop import UNCONFIRMED, enabling_time, feedback_time_ns, not_enabled
+from haptic_fieldbus.signals import LinkFlag
+
+PATIENCE = 4.0
+"""Longest time for which drives are left alone, in guards."""
+ATTEMPTS = 5
+"""How often drives are left alone before a computer that is late each time is given up."""
+LONGEST_QUESTION = 0.02
+"""Time for asking a drive that has left the exchange, as far as it counts for the drive [s]."""
+FAULTS = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
+WHILE_ALONE = LinkFlag.BUS_OFF | LinkFlag.FOREIGN | LinkFlag.DUPLICATE
+"""Flags that end a proof; others are what a drive may say when it has lost its master."""
+
+
+def prove(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: EndSignals) -> tuple[Proof, ...]:
+    """Prove the guards of these axes of an inspected bus, and return what came of it; the other axes stay off.
+
+    The drives are then stopped and not configured. Raises KeyboardInterrupt after a signal, BusError, DriveFaultError
+    or SafetyTripError; by then `bus.stop` was called, and a note says so when a drive did not confirm it.
+    """
+    for _ in range(ATTEMPTS):
+        bus.configure(plan)
+        proofs = _once(plan, bus, clock, axes, ending)
+        bus.acknowledge()
+        if not any(proof.doubtful for proof in proofs):
+            return proofs
+    raise BusError(
+        f"this computer was late each of the {ATTEMPTS} times that the guards of the drives were to be proved: another "
+        "process takes the processor's time, or the rate is too high for this computer"
+    )
+
+
+def _once(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: EndSignals) -> tuple[Proof, ...]:
+    """Leave the configured drives alone once, and stop them."""
+    try:
+        bus.start()
+        exchange = _Exchange(plan, bus, clock, axes, ending)
+        exchange.enable()
+        proofs = tuple(exchange.leave_alone())
+    except BaseException as error:
+        if not bus.stop():
+            error.add_note(UNCONFIRMED)
+        raise
+    if not bus.stop():
+        raise BusError(f"{UNCONFIRMED} {' '.join(f'{warning}.' for warning in bus.warnings)}".rstrip())
+    if ending.signal is not None:
+        raise KeyboardInterrupt
+    return proofs
+
+
+class _Looked:
+    """One drive as it is seen, and the times at which it was."""
+
+    def __init__(self, axis: AxisPlan, image: AxisImage, guard: float, period: float) -> None:
+        self.axis, self.guard = axis, guard
+        # Two looks are a period apart, and one that waits for feedback in vain ends nearly a period later.
+        self.between = 2.0 * period
+        self.allowed = guard + self.between + axis.profile.timing.control_period
+        self.state = PowerState.UNKNOWN
+        self.enabled_ns = 0
+        self.off_ns: int | None = None
+        self._image = image
+        self._asking_ns = 0
+        self._enabled = False
+
+    def take(self, image: bytes | bytearray) -> tuple[int, int, int]:
+        """Decode the state; returns the instant [ns], flags and code of the feedback."""
+        feedback = self._image.input.unpack_from(image)
+        self.state = self.axis.power.state(feedback[STATUSWORD])
+        return feedback[T_NS], feedback[FLAGS], feedback[EMERGENCY]
+
+    def check_way(self) -> None:
+        """Raise DriveFaultError for a fault, and when *operation enabled* was left: nothing enables it again."""
+        enabled = self.state is PowerState.OPERATION_ENABLED
+        if self.state in FAULTS or (self._enabled and not enabled):
+            raise DriveFaultError(
+                f"axis {self.axis.name}: node {self.axis.node} went to {self.state.value} by itself, when its guard "
+                "was to be proved and before it was left alone. Torque was taken away"
+            )
+        self._enabled = enabled
+
+    def answer(self, output: bytearray, *, enabling: bool) -> None:
+        """Encode the controlword on the way to *operation enabled*, or the one for off; torque 0."""
+        power = self.axis.power
+        controlword = power.answer(self.state) if enabling else power.off
+        self._image.output.pack_into(output, self._image.outputs[0], controlword, 0)
+
+    def note(self, at_ns: int) -> None:
+        """Keep the time at which the drive was seen as it is now."""
+        if self.state is PowerState.OPERATION_ENABLED:
+            self.enabled_ns = at_ns
+        elif self.off_ns is None:
+            self.off_ns = at_ns
+
+    def ask(self, bus: Bus, clock: Clock) -> None:
+        """Ask a drive that sent no feedback for its state."""
+        asked_ns = clock.now_ns()
+        word = bus.ask(self.axis.name)
+        answered_ns = clock.now_ns()
+        self._asking_ns += answered_ns - asked_ns
+        if word is not None:
+            self.state = self.axis.power.state(word)
+            self.note(answered_ns)
+
+    def proof(self, alone_ns: int) -> Proof:
+        """Return the outcome of being left alone since `alone_ns`."""
+        asking = min(self._asking_ns * 1e-9, LONGEST_QUESTION)
+        off = None if self.off_ns is None else (self.off_ns - alone_ns) * 1e-9
+        seen = (self.enabled_ns - alone_ns) * 1e-9
+        return Proof(self.axis.name, self.guard, self.allowed + asking, seen, off, self.between + asking)
+
+
+class _Exchange:
+    """The exchange of a proof: the loop's own, with torque 0."""
+
+    def __init__(self, plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: EndSignals) -> None:
+        self._plan, self._bus, self._clock, self._ending = plan, bus, clock, ending
+        self._output = bytearray(plan.image.output_size)
+        self._feedback_ns = feedback_time_ns(plan)
+        self._deadline_ns = clock.now_ns()
+        guards = {guard.axis: guard.seconds for guard in plan.guards}
+        every = [
+            _Looked(axis, image, guards[axis.name], plan.period)
+            for axis, image in zip(plan.axes, plan.image.axes, strict=True)
+        ]
+        self._proved = tuple(each for each in every if each.axis.name in axes)
+        self._others = tuple(each for each in every if each.axis.name not in axes)
+
+    def enable(self) -> None:
+        """Bring the drives to *operation enabled*; raises BusTimeoutError when they do not get there in time."""
+        for _ in range(round(enabling_time(self._plan) * self._plan.rate)):
+            image = self._read()
+            for looked in (*self._proved, *self._others):
+                self._check(looked.axis, looked.take(image), ~LinkFlag.STALE)
+                looked.check_way()
+            for looked in self._proved:
+                looked.answer(self._output, enabling=True)
+            for looked in self._others:
+                looked.answer(self._output, enabling=False)
+            self._bus.write(self._output)
+            if all(looked.state is PowerState.OPERATION_ENABLED for looked in self._proved):
+                return
+        raise self._late()
+
+    def leave_alone(self) -> Iterator[Proof]:
+        """Write nothing until all drives are seen off, or patience is over; yield what came of it."""
+        alone_ns = self._clock.now_ns()
+        patience_ns = round(1e9 * PATIENCE * max(looked.guard for looked in self._proved))
+        for looked in self._proved:
+            looked.enabled_ns = alone_ns
+        waiting = self._proved
+        while waiting:
+            patient = self._clock.now_ns() - alone_ns < patience_ns
+            image = self._read()
+            for looked in waiting:
+                feedback = looked.take(image)
+                self._check(looked.axis, feedback, WHILE_ALONE)
+                if feedback[1] & LinkFlag.STALE:
+                    looked.ask(self._bus, self._clock)
+                else:
+                    looked.note(feedback[0])
+            # Asked before the look, so that one comes after the end of patience whatever else this computer did.
+            waiting = tuple(looked for looked in waiting if looked.off_ns is None) if patient else ()
+        for looked in self._proved:
+            yield looked.proof(alone_ns)
+
+    def _read(self) -> bytearray:
+        """Wait for the next period and exchange feedback; periods that were slept through are skipped."""
+        if self._ending.signal is not None:
+            raise KeyboardInterrupt
+        late_ns = self._clock.sleep_until(self._deadline_ns)
+        self._deadline_ns += late_ns // self._plan.period_ns * self._plan.period_ns
+        image = self._bus.read(self._deadline_ns + late_ns % self._plan.period_ns + self._feedback_ns)
+        self._deadline_ns += self._plan.period_ns
+        return image
+
+    def _check(self, axis: AxisPlan, feedback: Sequence[int], flags: int) -> None:
+        """Raise the error of the first link fault among these flags."""
+        _, found, code = feedback
+        for flag, kind in LINK_TRIPS.items():
+            if found & flags & flag:
+                raise TRIP_ERRORS[kind](
+                    f"axis {axis.name}: {axis.traffic.fault_text(flag, code)}, while its guard was proved at zero "
+                    "torque. Torque was taken away"
+                )
+
+    def _late(self) -> BusTimeoutError:
+        return not_enabled(self._plan, {each.axis.name: each.state for each in (*self._proved, *self._others)})

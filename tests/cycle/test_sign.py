@@ -1,0 +1,153 @@
+"""The proof of the sign, on systems that scipy moves: right signs are never contradicted, wrong ones never seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.typing import NDArray
+
+from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.cycle.sign import SignProof, thue_morse
+from haptic_fieldbus.cycle.state import AxisState
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.sign_probe import SignProbe, sign_probe
+from tests.builders import plan_of
+
+PERIOD = 1e-3
+
+
+def unseen(plan: Plan, **changes: object) -> tuple[AxisPlan, SignProbe]:
+    """An axis whose sign is not known, and its probe with these changes."""
+    axis = replace(plan.axes[0], sign_known=False)
+    probe = sign_probe(axis, plan.period)
+    assert probe is not None
+    return axis, replace(probe, **changes)  # type: ignore[arg-type]
+
+
+class Watched:
+    """A proof that is given positions."""
+
+    def __init__(self, **changes: object) -> None:
+        axis, self.probe = unseen(plan_of(), **changes)
+        self.state, self.trips, self.seen = AxisState(), list[TripKind](), 0
+        self.proof = SignProof(axis, self.probe, self.state, self._trip, self._noted)
+
+    def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
+        self.trips.append(kind)
+
+    def _noted(self) -> None:
+        self.seen += 1
+
+    def give(self, position: float, force: float = 0.0, steps: int = 1) -> float:
+        """The force of a period; positions are those of the encoder."""
+        self.state.steps = steps
+        self.state.position = round(position / self.probe.step) * self.probe.step
+        return self.proof.give(force)
+
+    @property
+    def decided(self) -> int:
+        """1: seen, −1: contradicted, 0: neither."""
+        return self.seen - len(self.trips)
+
+
+def held(mass: float, damping: float, hand: float, stiffness: float, grip: float) -> NDArray[np.float64]:
+    """The motion over a period of a mass held by another one through a spring and a damper; the force comes last."""
+    a = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0, 0.0],
+            [-stiffness / mass, -(damping + grip) / mass, stiffness / mass, grip / mass, 1.0 / mass],
+            [0.0, 0.0, 0.0, 1.0, 0.0],
+            [stiffness / hand, grip / hand, -stiffness / hand, -grip / hand, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+        ]
+    )
+    moved: NDArray[np.float64] = scipy.linalg.expm(a * PERIOD)
+    return moved
+
+
+def decided_on(motion: NDArray[np.float64], sign: float, seconds: float = 3.0) -> int:
+    watched, state, late = Watched(), np.zeros(5), 0.0
+    for _ in range(round(seconds / PERIOD)):
+        force = watched.give(float(state[0]))
+        if watched.decided:
+            break
+        state[4], late = sign * late, force  # what is sent now acts in the next period, at the latest
+        state = motion @ state
+    return watched.decided
+
+
+@pytest.mark.thorough("draws 300 benches and hands", quick=10)
+@pytest.mark.parametrize("seed", range(300))
+def test_whatever_is_passive_never_shows_the_wrong_sign(seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    values = [float(10.0 ** draw.uniform(*range_)) for range_ in ((-2, 1), (-2, 1.5), (-2, 3), (0, 4.5), (-1, 2))]
+    motion = held(*values)
+    right, wrong = decided_on(motion, 1.0), decided_on(motion, -1.0)
+    assert right >= 0
+    assert wrong <= 0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_shipped_bench_decides_within_a_tenth_of_a_second(sign: float) -> None:
+    assert decided_on(held(0.63, 1.6, 1e3, 300.0, 4.0), sign, seconds=0.1) == sign
+
+
+@pytest.mark.parametrize("power", [0, 1, 2, 3])
+@pytest.mark.parametrize("size", [1e-3, -0.03, 1.0])
+def test_a_hand_that_leads_the_handle_evenly_decides_nothing(power: int, size: float) -> None:
+    """At a constant speed, acceleration or jerk: size·tⁿ [m], whatever the torque."""
+    watched = Watched()
+    for period in range(900):
+        watched.give(size * (period * PERIOD) ** power)
+    assert watched.decided == 0
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 5.0, 10.0])
+@pytest.mark.parametrize("amplitude", [0.001, 0.03])
+def test_a_hand_that_goes_to_and_fro_rigidly_decides_nothing(frequency: float, amplitude: float) -> None:
+    for phase in np.linspace(0.0, 2.0 * np.pi, 7):
+        watched = Watched()
+        for period in range(900):
+            watched.give(amplitude * float(np.sin(2.0 * np.pi * frequency * period * PERIOD + phase)))
+        assert watched.decided == 0
+
+
+def test_a_handle_at_rest_between_two_counts_decides_nothing() -> None:
+    """An encoder that flickers by a count at random."""
+    draw = np.random.default_rng(5)
+    watched = Watched()
+    for _ in range(5000):
+        watched.give(watched.probe.step * float(draw.integers(0, 2)))
+    assert watched.decided == 0
+
+
+def test_while_nothing_is_seen_the_scene_goes_on_within_what_a_hand_may_hold() -> None:
+    watched = Watched()
+    given = [watched.give(0.0, force=20.0) for _ in range(5000)]
+    assert max(given) <= max(watched.probe.largest, watched.probe.holding)
+    assert given.count(watched.probe.holding) > 1900, "of each second of a pause"
+    assert watched.proof.failures >= 3
+
+
+def test_missing_feedback_begins_the_stage_anew() -> None:
+    watched = Watched()
+    motion, state, force = held(0.63, 1.6, 1e3, 300.0, 4.0), np.zeros(5), 0.0
+    for period in range(120):
+        force = watched.give(float(state[0]), steps=2 if period == 60 else 1)
+        state[4] = force
+        state = motion @ state
+    assert watched.decided == 0, "90 ms after a gap at 60 ms have not passed"
+    for _ in range(60):
+        state[4] = watched.give(float(state[0]))
+        state = motion @ state
+    assert watched.decided == 1
+
+
+def test_the_signs_of_the_pulses_cancel_what_grows_evenly() -> None:
+    """Their first four sum to zero, and so do their first four times their number (Prouhet, 1851)."""
+    signs = [thue_morse(number) for number in range(8)]
+    assert sum(signs[:4]) == sum(sign * number for number, sign in enumerate(signs[:4])) == 0.0
+    assert sum(sign * number**2 for number, sign in enumerate(signs)) == 0.0
+    assert sum(signs[:6]) == 0.0, "so that the handle comes back"

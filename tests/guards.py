@@ -1,0 +1,437 @@
+"""Every guard between a scene and a hand, each with the change that removes it and the tests that must notice.
+
+A guard that no test misses is a guess. A new guard gets a line here; `tests/test_guards_removed.py` takes them out, one
+at a time, in a copy of the checkout.
+"""
+
+from dataclasses import dataclass
+
+CYCLE, BUSES, RUNNING = "tests/cycle/test_cycle.py", "tests/buses/canopen", "tests/running/test_loop.py"
+
+
+@dataclass(frozen=True)
+class Guard:
+    """A guard: `text` of `file`, which stands there once, becomes `instead`, and one of `tests` must fail."""
+
+    file: str
+    text: str
+    instead: str
+    tests: tuple[str, ...]
+
+
+def _cycle(file: str, text: str, instead: str, *tests: str, of: str = CYCLE) -> Guard:
+    return Guard(f"haptic_fieldbus/cycle/{file}.py", text, instead, tuple(f"{of}::{test}" for test in tests))
+
+
+def _bus(file: str, text: str, instead: str, of: str, *tests: str) -> Guard:
+    named = tuple(f"{BUSES}/{of}.py::{test}" for test in tests)
+    return Guard(f"haptic_fieldbus/buses/canopen/{file}.py", text, instead, named)
+
+
+PROVING = "tests/running/test_proving.py"
+SAFETY, ECHO = "tests/cycle/test_safety.py", "tests/cycle/test_echo.py"
+
+GUARDS = {
+    "torque only in operation enabled": _cycle(
+        "cycle",
+        "states = [axis.state.power for axis in self._axes.values()]",
+        "states = [PowerState.OPERATION_ENABLED]",
+        "test_below_operation_enabled_torque_is_zero_and_the_next_transition_is_asked",
+    ),
+    "a trip is final": _cycle(
+        "cycle",
+        "self.enabled = self.trip is None and all(",
+        "self.enabled = all(",
+        "test_a_drive_that_leaves_operation_enabled_is_not_enabled_again",
+    ),
+    "after a trip the voltage is disabled": _cycle(
+        "axis", "self.state.controlword = self._axis.power.off", "pass", "test_a_trip_is_final"
+    ),
+    "faults of the link": _cycle("watch", "if flags & bit:", "if False:", "test_each_fault_of_the_link_trips_at_once"),
+    "age of the feedback": _cycle(
+        "watch",
+        "if rendering and feedback[AGE_NS] > self._oldest_ns:",
+        "if False:",
+        "test_stale_feedback_is_held_then_fades_to_zero_and_trips_at_its_age",
+    ),
+    "clock that goes back": _cycle(
+        "watch", "if elapsed_ns < 0:", "if False:", "test_samples_whose_time_goes_back_are_given_up"
+    ),
+    "periods missed in a row": _cycle(
+        "watch",
+        "if not lost and passed > self._limits.age:",
+        "if False:",
+        "test_a_loop_that_slept_for_longer_than_feedback_may_be_old_is_given_up",
+    ),
+    "too many gaps": _cycle(
+        "watch",
+        "if self._gaps.too_many:",
+        "if False:",
+        "test_a_loop_that_misses_a_fifth_of_its_periods_is_given_up",
+    ),
+    "gaps beyond the margin": _cycle(
+        "gaps",
+        "return len(self._gaps) >= FEWEST_GAPS and self.stretch > self._margin",
+        "return False",
+        "test_a_loop_is_given_up_when_its_margin_is_used_up",
+        of="tests/cycle/test_gaps.py",
+    ),
+    "speed": _cycle(
+        "watch",
+        "if abs(way) > limits.speed * passed + self._resolution:",
+        "if False:",
+        "test_a_position_jump_beyond_the_speed_limit_trips",
+    ),
+    "range": _cycle(
+        "watch",
+        "if not self._lowest <= here <= self._highest:",
+        "if False:",
+        "test_leaving_the_position_limits_trips",
+    ),
+    "acceleration": _cycle(
+        "watch",
+        "if change > self._jump * periods**2",
+        "if False and change > self._jump * periods**2",
+        "test_a_jump_that_no_motion_can_make_trips",
+    ),
+    "power": _cycle("axis", "if power > limit:", "if False:", "test_power_beyond_the_limit_trips"),
+    "drive fault": _cycle(
+        "axis", "if state.power in FAULT_STATES:", "if False:", "test_a_fault_state_trips_whether_enabled_or_not"
+    ),
+    "drive disabled": _cycle(
+        "axis",
+        "elif before is PowerState.OPERATION_ENABLED is not state.power:",
+        "elif False:",
+        "test_a_drive_that_leaves_operation_enabled_is_not_enabled_again",
+    ),
+    "force at the start": _cycle(
+        "axis",
+        "if abs(self.state.force) > largest:",
+        "if False:",
+        "test_a_start_with_a_large_force_is_refused_with_the_place_that_would_do",
+    ),
+    "counts that stand still": _cycle(
+        "axis",
+        "if abs(effort) > holding and self.permission.cap > holding:",
+        "if False:",
+        "test_counts_that_stand_still_under_torque_lower_the_limit_and_no_more",
+    ),
+    "force not finite": _cycle(
+        "axis", "if permitted != permitted:", "if False:", "test_a_force_that_is_not_finite_trips_and_writes_zero"
+    ),
+    "an element that raises": _cycle(
+        "cycle",
+        "except Exception as error:",
+        "except MemoryError as error:",
+        "test_an_element_that_raises_takes_the_torque_away_and_is_named",
+    ),
+    "one gap of several tied axes": _cycle(
+        "cycle",
+        "state.holding = worst",
+        "pass",
+        "test_axes_that_a_coupling_ties_fade_together",
+        of="tests/cycle/test_tied_axes.py",
+    ),
+    "effort limit": _cycle(
+        "safety",
+        "if not -bound <= force <= bound:",
+        "if False:",
+        "test_effort_is_clamped_on_both_sides",
+        of=SAFETY,
+    ),
+    "fade-in of the limit": _cycle(
+        "safety",
+        "permission.fade = min(1.0, permission.fade + growth)",
+        "permission.fade = 1.0",
+        "test_the_limit_fades_in_linearly_from_the_first_period",
+        of=SAFETY,
+    ),
+    "slew after every gain": _cycle(
+        "safety",
+        "if not -largest_change <= force - before <= largest_change:",
+        "if False:",
+        "test_slew_bounds_the_change_of_a_period_in_both_directions",
+        of=SAFETY,
+    ),
+    "fade of a gap": _cycle(
+        "safety",
+        "share = max(0.0, 1.0 - (missing - 1) / fading)",
+        "share = 1.0",
+        "test_one_missing_period_is_held_and_a_longer_gap_fades_to_zero",
+        of=SAFETY,
+    ),
+    "cap after a gap": _cycle(
+        "safety",
+        "if missing == 2:",
+        "if False:",
+        "test_back_in_contact_the_force_stays_below_that_before_the_gap",
+        of=SAFETY,
+    ),
+    "set-points that do not act": _cycle(
+        "echo",
+        "if waited_ns > self._deadline_ns:",
+        "if False:",
+        "test_a_drive_that_no_longer_hears_trips_in_time",
+        of=ECHO,
+    ),
+    "silence of the drive": _bus(
+        "link",
+        "if now_ns - node.heartbeat_ns > self._silence_ns:",
+        "if False:",
+        "test_master",
+        "test_a_heartbeat_that_stays_away_for_three_times_its_period_is_flagged",
+    ),
+    "NMT state of the drive": _bus(
+        "link",
+        "if node.state != NmtState.OPERATIONAL:",
+        "if False:",
+        "test_master",
+        "test_a_heartbeat_that_names_another_state_is_flagged",
+    ),
+    "restart of the drive": _bus(
+        "link", "if node.booted:", "if False:", "test_master", "test_a_restart_is_flagged_for_good"
+    ),
+    "emergency": _bus(
+        "link",
+        "if node.emergency:",
+        "if False:",
+        "test_master",
+        "test_an_emergency_is_flagged_with_its_code_until_it_is_reset",
+    ),
+    "feedback of the wrong length": _bus(
+        "link",
+        "if len(data) != self._size:",
+        "if False:",
+        "test_master",
+        "test_a_tpdo_of_the_wrong_length_is_refused",
+    ),
+    "feedback of the period before": _bus(
+        "link",
+        "if not exchange.taking:",
+        "if False:",
+        "test_master",
+        "test_a_late_tpdo_is_not_taken_for_the_next_period",
+    ),
+    "a second node": _bus(
+        "link",
+        "if self.owed < 0:",
+        "if False:",
+        "test_foreign",
+        "TestDuplicates::test_feedback_that_comes_twice_for_one_sync_is_flagged",
+    ),
+    "bus-off": _bus(
+        "master",
+        "flags = (BUS_OFF if wire.bus_off else 0)",
+        "flags = 0",
+        "test_master",
+        "test_bus_off_is_flagged_on_every_axis",
+    ),
+    "set-points that cannot be sent": _bus(
+        "master",
+        "accepted &= self._wire.offer(",
+        "self._wire.offer(",
+        "test_master",
+        "test_a_full_queue_drops_set_points_and_is_an_exception_when_it_lasts",
+    ),
+    "somebody else in the loop": _bus(
+        "foreign",
+        "if weight is Severity.COMMAND and self.cob_id is None:",
+        "if False:",
+        "test_foreign",
+        "test_a_command_of_somebody_else_is_flagged_with_its_cob_id_and_stays_so",
+    ),
+    "somebody else before": _bus(
+        "master",
+        "heard.refuse(traffic.master_node)",
+        "pass",
+        "test_listening",
+        "test_a_bus_with_a_master_is_refused_and_nothing_is_sent",
+    ),
+    "somebody else while a person thought": _bus(
+        "master",
+        'self._foreign.refuse(self._wire.name, "Nothing was written")',
+        "pass",
+        "test_foreign",
+        "TestBeforeTheLoop::test_a_master_that_came_while_a_person_thought_is_refused_before_anything_is_written",
+    ),
+    "life guarding begins with our requests": _bus(
+        "guard",
+        "*(node.guarding_request for node in nodes if node.guarded)",
+        "*()",
+        "test_guard",
+        "TestAnswers::test_answers_are_the_sign_of_life_and_the_nmt_state",
+    ),
+    "a toggle bit that stands still": _bus(
+        "node",
+        "if self._toggle != before:",
+        "if True:",
+        "test_guard",
+        "TestAnswers::test_a_toggle_bit_that_stands_still_is_no_sign_of_life",
+    ),
+    "a request of somebody else feeds the guard": _bus(
+        "foreign",
+        "Severity.COMMAND for node in guarded",
+        "Severity.QUESTION for node in guarded",
+        "test_guard",
+        "TestSomebodyElse::test_a_request_in_the_loop_is_a_command",
+    ),
+    "a heartbeat beside life guarding": _bus(
+        "guard", "if held:", "if False:", "test_guard", "TestConfiguration::test_a_heartbeat_that_is_on_is_switched_off"
+    ),
+    "answers about the set-points that stay away": _cycle(
+        "echo",
+        "doubt.unanswered(t_ns - heard_ns, sent[0])",
+        "pass",
+        "test_answers_that_stay_away_are_a_trip_in_the_stated_time",
+        of="tests/cycle/test_asked_echo.py",
+    ),
+    "answers that belong to another question": _bus(
+        "asking",
+        "LATEST * self._patience_ns if self._repeated else self._every_ns",
+        "self._every_ns",
+        "test_asking",
+        "TestAnswers::test_after_a_repetition_nothing_is_asked_until_the_other_answer_can_come_no_more",
+    ),
+    "the drive's watch on us": _bus(
+        "setup",
+        "self._guard_link()\n",
+        "pass\n",
+        "test_setup",
+        "test_a_drive_is_configured_entry_by_entry_in_the_order_of_the_standard",
+    ),
+    "read-back of what was written": _bus(
+        "node",
+        "if held != value:",
+        "if False:",
+        "test_setup",
+        "test_a_drive_that_cannot_be_configured_is_left_pre_operational_and_never_enabled",
+    ),
+    "torque limit in the drive": _bus(
+        "setup",
+        "self.torque_limits.configure()",
+        "pass",
+        "test_max_torque",
+        "test_a_higher_limit_is_lowered_for_the_time_of_the_run",
+    ),
+    "another drive than that of the profile": _bus(
+        "setup",
+        "if wrong_vendor or wrong_product:",
+        "if False:",
+        "test_setup",
+        "test_a_wrong_drive_is_refused_before_anything_is_written",
+    ),
+    "rated torque of the rig": _bus(
+        "setup",
+        "if expected is not None and abs(rated - expected)",
+        "if False and abs(rated - expected)",
+        "test_setup",
+        "test_a_wrong_drive_is_refused_before_anything_is_written",
+    ),
+    "torque-free set-points at the end": _bus(
+        "release",
+        "        self._send_set_points()\n        self._step(now_ns)",
+        "        self._step(now_ns)",
+        "test_release",
+        "test_set_points_and_downloads_to_all_drives_go_out_before_anything_is_waited_for",
+    ),
+    "controlword 0 by SDO at the end": _bus(
+        "release",
+        "return ASK if self._sent == DISABLE else DISABLE",
+        "return ASK",
+        "test_release",
+        "test_a_drive_whose_set_points_do_not_act_is_freed_within_milliseconds_at_any_rate",
+    ),
+    "no failure keeps an axis from being freed": _bus(
+        "release",
+        "except Exception as error:",
+        "except MemoryError as error:",
+        "test_release",
+        "test_a_frame_that_cannot_be_sent_keeps_no_axis_from_being_freed",
+        "test_a_full_disk_keeps_no_axis_from_being_freed",
+    ),
+    "no bus keeps another from being freed": Guard(
+        "haptic_fieldbus/buses/group.py",
+        "except Exception as error:",
+        "except MemoryError as error:",
+        ("tests/buses/test_group.py::test_a_bus_that_raises_although_it_must_not_keeps_no_other_from_being_freed",),
+    ),
+    "the end of every loop": Guard(
+        "haptic_fieldbus/running/loop.py",
+        "report.released = bus.stop()",
+        "report.released = True",
+        (
+            f"{RUNNING}::test_ctrl_c_stops_torque_free_and_is_no_error",
+            f"{RUNNING}::test_torque_is_off_on_the_wire_before_the_exception",
+        ),
+    ),
+    "an end that no drive confirmed": Guard(
+        "haptic_fieldbus/running/loop.py",
+        "    if not report.released:\n        raise BusError",
+        "    if False:\n        raise BusError",
+        (f"{RUNNING}::test_a_run_whose_end_a_drive_did_not_confirm_is_no_success",),
+    ),
+    "signals while torque is taken away": Guard(
+        "haptic_fieldbus/running/ending.py",
+        "if first and not self._held:",
+        "if True:",
+        (
+            "tests/running/test_ending.py::test_in_the_loop_it_is_only_noted_however_often_it_comes",
+            "tests/running/test_ending.py::test_after_the_first_signal_no_other_one_interrupts_the_way_to_zero",
+        ),
+    ),
+    "the question before torque": Guard(
+        "haptic_fieldbus/running/session.py",
+        "if request.confirm is None or not request.confirm(question):",
+        "if False:",
+        ("tests/peers/test_question.py::test_a_question_that_is_not_confirmed_leaves_nothing_but_uploads_on_the_bus",),
+    ),
+    "a guard that does not act ends the run": Guard(
+        "haptic_fieldbus/assessing/proof.py",
+        "return self.off is not None and 0.0 < self.off <= self.allowed",
+        "return True",
+        (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
+    ),
+    "zero torque while a guard is proved": Guard(
+        "haptic_fieldbus/running/proving.py",
+        "self._image.outputs[0], controlword, 0)",
+        "self._image.outputs[0], controlword, 5)",
+        (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
+    ),
+    "somebody else while a guard is proved": Guard(
+        "haptic_fieldbus/running/proving.py",
+        "self._check(looked.axis, feedback, WHILE_ALONE)",
+        "pass",
+        (f"{PROVING}::TestWhileADriveIsLeftAlone::test_somebody_else_who_feeds_its_guard_ends_the_run",),
+    ),
+    "no fault but that of a lost master is cleared": _bus(
+        "acknowledging",
+        "if code not in (LOST_MASTER, NO_CODE):",
+        "if False:",
+        "test_acknowledging",
+        "test_another_fault_is_told_and_left_as_it_is",
+    ),
+    "the cap without a guard": Guard(
+        "haptic_fieldbus/planning/axis_plan.py",
+        "unproved = profile.echo is None or unguarded(profile, axis)",
+        "unproved = profile.echo is None",
+        (
+            "tests/planning/test_guards.py::"
+            "test_a_known_failure_is_refused_without_an_emergency_stop_and_capped_with_one",
+        ),
+    ),
+    "the emergency stop without a guard": Guard(
+        "haptic_fieldbus/planning/guards.py",
+        "if why and axis.emergency_stop is None:",
+        "if False:",
+        (
+            "tests/planning/test_guards.py::"
+            "test_a_known_failure_is_refused_without_an_emergency_stop_and_capped_with_one",
+        ),
+    ),
+    "the serial number of a proof": Guard(
+        "haptic_fieldbus/planning/guards.py",
+        "and recorded.serial != serial:",
+        "and False:",
+        ("tests/planning/test_guards.py::test_a_known_failure_is_not_tried_again_on_the_same_drive",),
+    ),
+}

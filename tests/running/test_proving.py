@@ -1,0 +1,316 @@
+"""Drives left alone at zero torque: the time until they let go, judged by what the wire and the drive saw."""
+
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.api import plan, run
+from haptic_fieldbus.errors import BusError, DriveFaultError, PlanError, SafetyTripError, UnprovedGuardError
+from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.faults import DeadGuard, DriveFault, SdoRefusal
+from tests.running.guard_bench import (
+    DEAD,
+    EMERGENCY_STOP,
+    MASTER_HEARTBEAT,
+    RPDO,
+    GuardBench,
+    rig_text,
+)
+
+MS = 1_000_000
+SHIPPED = [name for name in profile_names() if load_profile(name).drive.usable]
+MASTER_NODE = 0x7F
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    path = tmp_path / "rig.toml"
+    path.write_text(rig_text(), encoding="utf-8")
+    return path
+
+
+class TestAGuardThatActs:
+    @pytest.mark.thorough("a run for each profile and rate", quick=2)
+    @pytest.mark.parametrize("rate", [50.0, 250.0, 1000.0])
+    @pytest.mark.parametrize("profile", SHIPPED)
+    def test_of_every_shipped_profile_is_proved_by_the_time_that_1016h_holds(
+        self, profile: str, rate: float, rig: Path
+    ) -> None:
+        rig.write_text(rig_text(profile=profile), encoding="utf-8")
+        bench = GuardBench(rig, rate=rate).put()
+        (proof,) = bench.run().proofs
+        # The first that was written arms the watch, the last of all before the loss is what the drive went by.
+        watch, period = bench.written(0x1016, 1)[0], bench.plan.period
+        (lost_ns,) = bench.losses()
+        heard_ns = max(t_ns for t_ns in bench.times(MASTER_HEARTBEAT) if t_ns < lost_ns)
+        written_ns = max(t_ns for t_ns in bench.times(RPDO + 1) if t_ns < lost_ns)
+        assert watch >> 16 == MASTER_NODE
+        assert (lost_ns - heard_ns) / MS == pytest.approx(watch & 0xFFFF, abs=0.3)
+        assert proof.holds
+        assert proof.off is not None
+        # Seen after it happened, at the next look but one at the latest, by somebody who asks for a millisecond.
+        assert 0.0 <= proof.off - (lost_ns - written_ns) * 1e-9 + 3e-4 <= 2 * period + 1.5e-3
+        assert proof.off <= (watch & 0xFFFF) * 1e-3 + 2 * period + 2e-3
+        assert set(bench.torques()) == {0}, "neither the proof nor a run without contact asks for torque"
+
+    @pytest.mark.parametrize("rate", [50.0, 1000.0])
+    def test_is_proved_by_the_life_time_of_a_drive_that_is_guarded_by_requests(self, rate: float, rig: Path) -> None:
+        profile = Path(__file__).parents[1] / "system" / "profiles" / "life_guarded.toml"
+        rig.write_text(rig_text(profile=str(profile)), encoding="utf-8")
+        bench = GuardBench(rig, rate=rate).put()
+        (proof,) = bench.run(0.2).proofs
+        life_time = next(filter(None, bench.written(0x100C, 0))) * next(filter(None, bench.written(0x100D, 0))) * MS
+        (lost_ns,) = bench.losses()
+        # Requests and answers alike have the COB-ID of the node.
+        heard_ns = max(t_ns for t_ns in bench.times(0x701) if t_ns < lost_ns)
+        assert proof.holds
+        assert lost_ns - heard_ns == pytest.approx(life_time, abs=0.5 * MS)
+
+    def test_leaves_a_drive_with_which_the_run_goes_on(self, rig: Path) -> None:
+        bench = GuardBench(rig).put()
+        result = bench.run(0.2)
+        assert (result.cycles, result.warnings) == (200, ())
+        assert bench.is_free()
+
+    @pytest.mark.thorough("a run each", quick=1)
+    @pytest.mark.parametrize("behaviour", [0, 1, 2])
+    def test_is_seen_whether_the_node_stays_in_the_exchange_leaves_it_or_stops(self, behaviour: int, rig: Path) -> None:
+        """1029h:01: a node that lost its master goes pre-operational, stays operational, or stops (no SDO then)."""
+
+        def behave(world: World) -> None:
+            world.slave(1).drive.dictionary.find(0x1029, 1).value = behaviour
+
+        (proof,) = GuardBench(rig).put(but=behave).run().proofs
+        assert proof.holds
+        assert proof.off is not None
+        assert 0.039 < proof.off < 0.075
+
+    def test_of_a_drive_that_goes_to_fault_is_cleared_and_nothing_else(self, tmp_path: Path, rig: Path) -> None:
+        """6007h = 1: the loss of the master is a fault, 8130h."""
+        rig.write_text(rig_text(profile=str(_faulting(tmp_path))), encoding="utf-8")
+        bench = GuardBench(rig).put()
+        result = bench.run(0.1)
+        assert (result.cycles, len(bench.losses())) == (100, 1)
+        words = [data[4] for _, can_id, data in bench.frames if can_id == 0x601 and data[:4] == b"\x2b\x40\x60\x00"]
+        assert words.count(0x80) == 1
+
+    @pytest.mark.thorough("a run with another fault")
+    def test_takes_no_other_fault_for_the_loss_of_the_master(self, tmp_path: Path, rig: Path) -> None:
+        rig.write_text(rig_text(profile=str(_faulting(tmp_path))), encoding="utf-8")
+        bench = GuardBench(rig).put([DriveFault("drive_fault", 0.02, 0x2310)])
+        with pytest.raises(DriveFaultError, match=r"2310h \(continuous over-current.*Nothing was cleared"):
+            bench.run()
+        assert bench.world.slave(1).drive.objects.error_code.value == 0x2310
+
+    @pytest.mark.thorough("one more reaction")
+    def test_brakes_where_the_rig_says_so(self, rig: Path) -> None:
+        rig.write_text(rig_text(more='on_link_loss = "brake"\n'), encoding="utf-8")
+        (proof,) = GuardBench(rig).put().run().proofs
+        assert proof.holds
+
+
+class TestAGuardThatDoesNot:
+    @pytest.mark.thorough("a run each", quick=1)
+    @pytest.mark.parametrize(
+        ("factor", "seen"),
+        [
+            (None, "for 201 ms, and was never seen off"),
+            (10.0, "for 201 ms, and was never seen off"),
+            (2.0, "until 98.9 ms after it"),
+            (1.1, "until 53.9 ms after it"),
+        ],
+    )
+    def test_ends_the_run_torque_free_and_says_what_was_measured(
+        self, factor: float | None, seen: str, rig: Path
+    ) -> None:
+        bench = GuardBench(rig).put([DeadGuard("dead_guard", factor=factor)])
+        with pytest.raises(UnprovedGuardError, match="stayed in operation enabled " + seen) as caught:
+            bench.run()
+        assert "asked for were 50 ms" in str(caught.value)
+        assert bench.is_free()
+        assert set(bench.torques()) == {0}
+        assert not hasattr(caught.value, "__notes__"), "the drive confirmed that it is off"
+
+    @pytest.mark.thorough("three runs")
+    def test_is_kept_so_that_the_next_plan_is_refused(self, rig: Path) -> None:
+        with pytest.raises(UnprovedGuardError, match=r'axis\.handle\.emergency_stop = "power"'):
+            GuardBench(rig).put([DEAD]).run()
+        with pytest.raises(PlanError, match=r"did not act when it was tried on 20.*emergency_stop"):
+            GuardBench(rig)
+        # Asked for by hand the guard is tried anew, and one that was repaired counts.
+        assert GuardBench(rig, prove=True).put().run().proofs[0].holds
+        assert GuardBench(rig).put().run().proofs == ()
+
+    def test_caps_torque_where_a_person_can_cut_the_power_and_is_not_tried_again(self, rig: Path) -> None:
+        rig.write_text(rig_text(more=EMERGENCY_STOP), encoding="utf-8")
+        with pytest.raises(UnprovedGuardError, match="from the next run on torque stays within 5 % of rated"):
+            GuardBench(rig).put([DEAD]).run()
+        bench = GuardBench(rig).put([DEAD])
+        axis = bench.plan.axes[0]
+        assert axis.limits.effort == pytest.approx(0.05 * axis.rated_effort)
+        assert bench.run().proofs == ()
+        assert "at most 5 % of rated torque" in bench.asked
+        assert "about to prove" not in bench.asked
+
+    def test_frees_both_drives_of_a_rig_and_keeps_the_outcome_of_each(self, rig: Path) -> None:
+        rig.write_text(rig_text("left", "right"), encoding="utf-8")
+        bench = GuardBench(rig, scene="virtual_shaft").put([DeadGuard("dead_guard", node=2)])
+        with pytest.raises(UnprovedGuardError) as caught:
+            bench.run()
+        assert "axis right: the guard" in str(caught.value)
+        assert "axis left" not in str(caught.value)
+        assert bench.is_free(1)
+        assert bench.is_free(2)
+        assert [text.split('"')[1] for text in rig.read_text().splitlines() if text.startswith("guard = ")] == [
+            "proved",
+            "none",
+        ]
+
+    @pytest.mark.thorough("two runs")
+    def test_of_another_drive_says_nothing_about_this_one(self, rig: Path) -> None:
+        GuardBench(rig, seed=1).put().run()
+        before = rig.read_text()
+        bench = GuardBench(rig, seed=2).put()
+        result = bench.run()
+        assert result.proofs[0].holds
+        assert "the proof in the rig file is that of the drive 0x" in bench.asked
+        assert rig.read_text() != before
+        assert rig.read_text().count("[axis.handle.proved]") == 1
+
+
+class TestWhileADriveIsLeftAlone:
+    def test_somebody_else_who_feeds_its_guard_ends_the_run(self, rig: Path) -> None:
+        bench = GuardBench(rig).put()
+        bench.when_left_alone(lambda: bench.forge(MASTER_HEARTBEAT, b"\x05"))
+        with pytest.raises(
+            SafetyTripError, match=r"77Fh\) came, and not from us.*at zero torque. Torque was taken away"
+        ):
+            bench.run()
+        assert bench.is_free()
+        assert "proved" not in rig.read_text()
+
+    @pytest.mark.thorough("a run each", quick=1)
+    @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+    def test_a_signal_frees_it_before_anything_else(self, name: str, rig: Path) -> None:
+        bench = GuardBench(rig).put()
+        bench.when_left_alone(lambda: signal.raise_signal(getattr(signal, name)))
+        with pytest.raises(KeyboardInterrupt):
+            bench.run()
+        assert bench.is_free()
+        assert bench.losses() == [], "it was freed long before its guard would have done it"
+        assert "proved" not in rig.read_text()
+
+    def test_a_computer_that_was_late_looks_again(self, rig: Path) -> None:
+        bench = GuardBench(rig).put()
+
+        def freeze() -> None:
+            bench.clock.late_ns, bench.clock.times = 80 * MS, 1
+
+        bench.when_left_alone(freeze)
+        (proof,) = bench.run().proofs
+        assert proof.holds
+        assert len(bench.losses()) == 2
+
+    @pytest.mark.thorough("five proofs")
+    def test_a_computer_that_is_late_each_time_is_not_held_against_the_drive(self, rig: Path) -> None:
+        bench = GuardBench(rig).put()
+        read = bench.bus.read
+
+        def late(deadline_ns: int):  # type: ignore[no-untyped-def]
+            if bench.world.slave(1).drive.objects.statusword.value & 0x6F == 0x27:
+                bench.clock.compute(80 * MS)
+            return read(deadline_ns)
+
+        bench.bus.read = late  # type: ignore[method-assign]
+        with pytest.raises(BusError, match="this computer was late each of the 5 times"):
+            bench.run()
+        assert "proved" not in rig.read_text()
+
+
+@pytest.mark.thorough("several runs each")
+class TestWithoutAPlaceForAProof:
+    def test_a_drive_without_a_serial_number_is_proved_at_every_start(self, rig: Path) -> None:
+        before = rig.read_text()
+        for _ in range(2):
+            bench = GuardBench(rig).put([SdoRefusal("sdo_abort", 0x1018, 4, 0x0609_0011)])
+            assert bench.run().proofs[0].holds
+        assert rig.read_text() == before
+
+    def test_a_drive_without_a_serial_number_that_failed_is_capped_all_the_same(self, rig: Path) -> None:
+        with pytest.raises(UnprovedGuardError):
+            GuardBench(rig).put([SdoRefusal("sdo_abort", 0x1018, 4, 0x0609_0011), DEAD]).run()
+        assert "serial" not in rig.read_text()
+        with pytest.raises(PlanError, match="did not act"):
+            GuardBench(rig)
+
+    @pytest.mark.parametrize("rate", [50.0, 1000.0])
+    def test_a_proof_of_another_guard_does_not_count(self, rate: float, rig: Path) -> None:
+        GuardBench(rig, rate=250.0).put().run()
+        bench = GuardBench(rig, rate=rate).put()
+        assert bool(bench.run().proofs) is (rate == 50.0), "at 50 Hz the guard is 100 ms, else 50 ms"
+
+
+@pytest.mark.thorough("several runs each")
+class TestInASimulation:
+    def test_a_guard_is_proved_when_asked_for_and_never_kept(self, rig: Path) -> None:
+        before = rig.read_text()
+        assert run("wall", rig=rig, bus="sim", duration=0.05).proofs == ()
+        proved = run("wall", rig=rig, bus="sim", duration=0.05, prove=True)
+        assert [proof.holds for proof in proved.proofs] == [True]
+        assert rig.read_text() == before
+
+    def test_the_hand_waits_until_the_guard_is_proved(self) -> None:
+        """So the run feels the same: the same force error as without, but for the encoder's place within a count."""
+        plain, proved = (run("wall", duration=1.5, prove=asked) for asked in (False, True))
+        assert plain.torque_error is not None
+        assert proved.torque_error is not None
+        assert proved.torque_error.max < 2.0 * plain.torque_error.max
+        assert proved.trips == ()
+
+    def test_two_buses_are_proved_together(self, tmp_path: Path) -> None:
+        text = rig_text("left", "right").replace('bus = "can"\nnode = 2', 'bus = "other"\nnode = 2')
+        path = tmp_path / "rig.toml"
+        path.write_text('[bus.other]\ninterface = "socketcan"\nchannel = "can1"\n' + text, encoding="utf-8")
+        result = run("virtual_shaft", rig=path, bus="sim", duration=0.05, prove=True)
+        assert [(proof.axis, proof.holds) for proof in result.proofs] == [("left", True), ("right", True)]
+        with pytest.raises(UnprovedGuardError, match=r"^axis right"):
+            run("virtual_shaft", rig=path, bus="sim", duration=0.05, prove=True, faults=[replace(DEAD, node=2)])
+
+
+class TestAProfileWithoutAGuard:
+    @pytest.fixture
+    def rig(self, tmp_path: Path) -> Path:
+        text = (Path(load_profile("generic_cia402").source)).read_text(encoding="utf-8")
+        own = tmp_path / "unguarded.toml"
+        own.write_text("".join(line for line in text.splitlines(True) if "heartbeat_consumer" not in line))
+        path = tmp_path / "rig.toml"
+        path.write_text(rig_text(profile=str(own)), encoding="utf-8")
+        return path
+
+    @pytest.mark.parametrize("bus", [None, "sim"])
+    def test_is_refused_without_an_emergency_stop_on_any_bus(self, bus: str | None, rig: Path) -> None:
+        with pytest.raises(PlanError, match=r'offers no watch on its master.*axis\.handle\.emergency_stop = "power"'):
+            plan("wall", rig=rig, bus=bus)
+
+    def test_gives_little_torque_with_one_and_its_watch_is_not_written(self, rig: Path) -> None:
+        rig.write_text(rig.read_text() + EMERGENCY_STOP, encoding="utf-8")
+        bench = GuardBench(rig).put()
+        assert bench.run().proofs == ()
+        assert bench.written(0x1016, 1) == []
+        assert "the motor keeps its torque until its power is cut" in bench.asked
+        axis = bench.plan.axes[0]
+        assert axis.limits.effort == pytest.approx(0.05 * axis.rated_effort)
+        ends = {each.cause.value: each.seconds for each in bench.plan.deadlines}
+        assert ends["master killed"] == float("inf")
+        assert ends["own limit or trip"] < 0.01
+
+
+def _faulting(folder: Path) -> Path:
+    """A profile whose drive takes the loss of its master for a fault."""
+    text = Path(load_profile("generic_cia402").source).read_text(encoding="utf-8")
+    path = folder / "faulting.toml"
+    path.write_text(text.replace("object = 0x6007, value = 2", "object = 0x6007, value = 1"), encoding="utf-8")
+    return path

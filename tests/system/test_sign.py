@@ -1,0 +1,209 @@
+"""A reversed encoder or motor, from the first period on: no more than a small torque, in any scene.
+
+The largest torque is that of the simulated motor, which shares no code with the limits of the cycle.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from haptic_fieldbus import run
+from haptic_fieldbus.drive.mechanics import Mechanics, Stribeck
+from haptic_fieldbus.drive.rig import Seen
+from haptic_fieldbus.errors import SafetyTripError
+from haptic_fieldbus.planning.sign_probe import sign_probe
+from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.protocols.catalogue import profile_names
+from haptic_fieldbus.scenes.catalogue import scene_names
+from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.sim import faults
+from tests.builders import VELOCITY_ONLY, WALL, canopen, plan_of, rig_of
+from tests.system.sign_bench import HELD_BY, REVERSED, SMALL, rendered, unseen_plan, unseen_rig
+
+RATES = (1000.0, 250.0, 50.0)
+SCENES = sorted(scene_names())
+SHIPPED = [name for name in profile_names() if canopen(name).drive.usable]
+ROUNDING = 1e-9
+SOFT = {"end_stop.stiffness": 50.0}
+"""Of the scene `constant`; stable at 50 Hz."""
+
+
+@pytest.mark.thorough("every scene, held in every way", quick=4)
+@pytest.mark.parametrize("hand", ["free", "held still", "held hard", "led", "led rigidly"])
+@pytest.mark.parametrize("wrong", REVERSED)
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_wrong_sign_ends_the_run_or_leaves_it_limited(scene: str, wrong: str, hand: str) -> None:
+    outcome = rendered(unseen_plan(Task(scene)), HELD_BY[hand], [REVERSED[wrong]], seconds=2.0)
+    assert outcome.largest <= SMALL + ROUNDING
+    assert outcome.contradicted or outcome.limited
+    # A hand on a lever that holds with 7.5 N·m/rad lets 5 % of rated torque turn the knob by less than two counts.
+    hidden = ("led rigidly", "held hard") if outcome.plan.axes[0].workspace is Workspace.ROTARY else ("led rigidly",)
+    if hand not in hidden:
+        assert outcome.contradicted, "it can be seen"
+
+
+@pytest.mark.thorough("every scene, held in every way", quick=2)
+@pytest.mark.parametrize("hand", ["free", "held still", "led", "pushed", "knocked", "to and fro"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_right_sign_is_seen_soon_whoever_holds_the_handle(scene: str, hand: str) -> None:
+    outcome = rendered(unseen_plan(Task(scene)), HELD_BY[hand], seconds=0.7)
+    assert outcome.error is None
+    assert not outcome.limited
+    # The hand on the lever of a knob is six times as heavy as the motor, and one that leads it rings with it.
+    lever = 0.6 if hand == "led" else 0.2
+    assert outcome.seen_at <= (lever if outcome.plan.axes[0].workspace is Workspace.ROTARY else 0.1)
+
+
+def test_a_hand_that_nothing_moves_hides_the_sign_and_it_is_told() -> None:
+    plan = unseen_plan(Task("wall"))
+    outcome = rendered(plan, HELD_BY["led rigidly"], seconds=1.0)
+    assert outcome.error is None
+    assert outcome.limited
+    assert outcome.largest <= SMALL + ROUNDING
+    assert (outcome.cycle.unseen("handle") or 0) > 0
+
+
+def test_a_sign_that_friction_hides_is_told_with_what_to_do() -> None:
+    sticky = Mechanics(stribeck=Stribeck(torque=0.1, velocity=1.0))
+    result = run("wall", rig=unseen_rig(Task("wall"), simulation=sticky), hand="none", duration=1.0)
+    (warning,) = result.warnings
+    assert "sign from torque to motion was not seen" in warning
+    assert "let go of the handle" in warning
+    assert "2.51 N" in warning
+
+
+@pytest.mark.parametrize("wrong", [None, *REVERSED])
+def test_where_friction_is_larger_ten_percent_more_than_it_is_given(wrong: str | None) -> None:
+    """Friction of 12.5 % of rated torque; `plan` announces the torque."""
+    friction = 0.05
+    plan = unseen_plan(Task("wall"), coulomb_friction=friction)
+    outcome = rendered(plan, None, [] if wrong is None else [REVERSED[wrong]], seconds=0.3)
+    assert outcome.contradicted is (wrong is not None)
+    if wrong:
+        assert outcome.largest <= 1.1 * friction / 0.4 + ROUNDING
+    (step,) = [step for step in plan.steps if step.startswith("sign: ")]
+    probe = sign_probe(plan.axes[0], plan.period)
+    assert probe is not None
+    assert probe.largest <= 1.1 * friction / (0.05 / (2 * math.pi))
+    assert f"±{probe.largest:.3g} N" in step
+
+
+@pytest.mark.thorough("every drive at every rate", quick=3)
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("drive", SHIPPED)
+def test_the_simulated_bench_of_every_profile_has_the_right_sign(drive: str, rate: float) -> None:
+    """Which is why the rig of the shipped bench says that it was seen."""
+    plan = unseen_plan(Task("constant", drive=drive, rate=rate, settings=SOFT))
+    assert not rendered(plan, None, seconds=1.0).limited
+    assert rendered(plan, None, [REVERSED["encoder"]], seconds=1.0).contradicted
+
+
+@pytest.mark.thorough("60 drawn benches, each right and wrong")
+@pytest.mark.parametrize("seed", range(60))
+def test_drawn_benches_show_their_sign_or_stay_limited(seed: int) -> None:
+    """Inertia and friction over two decades, encoders from 100 counts on, all rates, any hand."""
+    draw = np.random.default_rng(seed)
+    rated = 0.4
+    changes = {
+        "inertia": float(10.0 ** draw.uniform(-5.0, -3.0)),
+        "coulomb_friction": float(10.0 ** draw.uniform(-3.5, -1.1)),
+        "viscous_damping": float(10.0 ** draw.uniform(-4.5, -2.5)),
+        "encoder_counts_per_revolution": int(10.0 ** draw.uniform(2.0, 5.0)),
+    }
+    task = Task("constant", rate=float(draw.choice(RATES)), settings=SOFT | {"end_stop.stiffness": 1.0})
+    plan = unseen_plan(task, **changes)
+    hand = HELD_BY[str(draw.choice(sorted(HELD_BY)))]
+    most = max(SMALL, 1.1 * changes["coulomb_friction"] / rated)
+    right = rendered(plan, hand, seconds=3.0)
+    assert not right.contradicted
+    for wrong in REVERSED.values():
+        outcome = rendered(plan, hand, [wrong], seconds=3.0)
+        assert outcome.contradicted or outcome.limited
+        assert outcome.largest <= most + 1e-3 + ROUNDING
+
+
+@pytest.mark.parametrize("wrong", REVERSED)
+def test_one_reversed_drive_of_two_keeps_force_from_both(wrong: str) -> None:
+    plan = unseen_plan(Task("virtual_shaft"))
+    second = replace(REVERSED[wrong], node=plan.axes[1].node)
+    outcome = rendered(plan, HELD_BY["pushed"], [second])
+    assert outcome.contradicted
+    assert outcome.largest <= SMALL + ROUNDING
+    assert str(outcome.error).startswith(f"axis {plan.axes[1].name}: pulses of")
+
+
+def test_one_sign_that_is_hidden_of_two_keeps_force_from_both() -> None:
+    plan = unseen_plan(Task("virtual_shaft"))
+    outcome = rendered(plan, HELD_BY["led rigidly"])
+    assert outcome.error is None
+    assert [outcome.cycle.unseen(axis.name) is None for axis in plan.axes] == [False, True]
+    assert outcome.largest <= SMALL + ROUNDING
+
+
+@pytest.mark.parametrize("wrong", [None, *REVERSED])
+def test_a_drive_with_velocity_only_shows_its_sign_too(wrong: str | None) -> None:
+    plan = plan_of(rig=rig_of(WALL, seen=Seen()), profile=VELOCITY_ONLY)
+    outcome = rendered(plan, HELD_BY["held still"], [] if wrong is None else [REVERSED[wrong]], seconds=0.3)
+    assert outcome.contradicted is (wrong is not None)
+    assert outcome.limited is (wrong is not None)
+
+
+def test_a_trip_names_both_possibilities_and_what_is_no_remedy() -> None:
+    with pytest.raises(SafetyTripError) as raised:
+        run("wall", rig=unseen_rig(Task("wall")), faults=[REVERSED["torque"]], duration=1.0)
+    assert "Either the encoder counts backwards, or the motor turns backwards" in str(raised.value)
+    assert "The sign of the mechanism in the rig turns both" in str(raised.value)
+
+
+def test_the_probe_brings_the_handle_back_to_where_it_was() -> None:
+    """A free handle: the zero of the scene is where it was enabled, and the pulses leave it there, to some counts."""
+    plan = unseen_plan(Task("wall"))
+    outcome = rendered(plan, None, seconds=0.12)
+    probe = sign_probe(plan.axes[0], plan.period)
+    assert probe is not None
+    assert probe.travel is not None
+    assert not outcome.limited
+    position = outcome.cycle.row[outcome.cycle.columns.index("handle.position")]
+    assert abs(position) <= probe.travel
+
+
+def test_a_coarse_encoder_makes_the_pulses_longer_and_the_travel_is_told() -> None:
+    """24 counts a turn of 50 mm: the pulses move the handle by four of them, 8.3 mm."""
+    plan = unseen_plan(Task("wall"), encoder_counts_per_revolution=24)
+    probe = sign_probe(plan.axes[0], plan.period)
+    assert probe is not None
+    assert probe.travel == pytest.approx(4 * 0.05 / 24, rel=0.05)
+    (step,) = [step for step in plan.steps if step.startswith("sign: ")]
+    assert "mm" in step
+    assert rendered(plan, None, seconds=3.0).seen_at == pytest.approx(probe.time, rel=0.5)
+
+
+@pytest.mark.thorough("a minute of every scene with every hand")
+@pytest.mark.parametrize("hand", [None, "tap"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_minute_of_every_scene_is_no_contradiction(scene: str, hand: str | None) -> None:
+    assert run(scene, rig=unseen_rig(Task(scene)), hand=hand, duration=60.0).cycles == 60_000
+
+
+@pytest.mark.thorough("a minute of walls of half the limit")
+@pytest.mark.parametrize("hand", ["push", "tap", "release"])
+@pytest.mark.parametrize("scene", ["wall", "damped_wall", "predicted_wall", "spring"])
+def test_a_minute_of_a_stiff_wall_is_no_contradiction(scene: str, hand: str) -> None:
+    element = "wall" if scene == "damped_wall" else scene
+    settings = {f"{element}.stiffness": "max/2"}
+    assert run(scene, hand=hand, duration=60.0, settings=settings).cycles == 60_000
+
+
+TURNED: tuple[faults.Fault, ...] = (
+    faults.EncoderReversed("encoder_reversed", 2.0),
+    faults.TorqueReversed("torque_reversed", 2.0),
+)
+
+
+@pytest.mark.parametrize("fault", TURNED, ids=lambda fault: fault.kind)
+def test_a_sign_that_turns_in_contact_ends_the_run(fault: faults.Fault) -> None:
+    """Another tool reverses the drive two seconds later, when the motor holds the handle at its end stop."""
+    with pytest.raises(SafetyTripError, match="the motion went against the torque"):
+        run("constant", duration=4.0, faults=[fault])
