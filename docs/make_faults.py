@@ -19,7 +19,13 @@ GROUPS = {
     "Hand": (host, faults.HandFault),
     "From power-on": (drive, faults.LastingFault),
 }
-WITHOUT = {"duration": "for ever", "count": "all", "vendor_id": "the right one", "product_code": "the right one"}
+WITHOUT = {
+    "duration": "for ever",
+    "count": "all",
+    "vendor_id": "the right one",
+    "product_code": "the right one",
+    "factor": "never",
+}
 """What a key means that is left out and has no value then."""
 CODES = ("code", "object", "can_id", "vendor_id", "product_code")
 """Keys whose values are read as hexadecimal numbers."""

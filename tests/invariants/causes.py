@@ -39,11 +39,9 @@ def _unheard(faults: Sequence[Any]) -> bool:
 
 def _commands(fault: Any, stated: Stated) -> bool:
     """Whether a foreign frame is what only a master sends: its heartbeat, SYNC, or a set-point of our drives."""
-    if fault.can_id == 0x080:
-        return not fault.data
-    if fault.can_id == 0x77F:
-        return len(fault.data) == 1
-    return any(fault.can_id == axis.target.can_id and len(fault.data) == axis.target.length for axis in stated.axes)
+    return fault.can_id in (0x080, 0x77F) or any(
+        fault.can_id == axis.target.can_id and len(fault.data) == axis.target.length for axis in stated.axes
+    )
 
 
 ENDS: Mapping[str, Callable[[Any, Stated], str | None]] = {

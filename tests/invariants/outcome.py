@@ -75,13 +75,14 @@ def _in_order(witness: Witness) -> Iterator[str]:
 
 
 def _is_cut_off(fault: Any, witness: Witness) -> bool:
-    """Whether a drive or the master has been off the wire from before the order to let go on, for good."""
-    if fault.kind not in causes.CUTS or fault.duration is not None:
-        return False
+    """Whether a drive or the master has been off the wire from before the order to let go on, until all was over."""
     enabled_ns, released_ns = witness.enabled_ns, witness.released_ns
-    if enabled_ns is None or released_ns is None:
+    if fault.kind not in causes.CUTS or enabled_ns is None or released_ns is None:
         return False
-    return bool(enabled_ns + round(fault.at * 1e9) < released_ns - MARGIN_NS)
+    begins_ns = enabled_ns + round(fault.at * 1e9)
+    if fault.duration is not None and begins_ns + round(fault.duration * 1e9) < witness.seen_ns:
+        return False
+    return bool(begins_ns < released_ns - MARGIN_NS)
 
 
 def _recording(witnesses: Sequence[Witness], ended: Ended) -> Iterator[str]:

@@ -75,7 +75,7 @@ def case_of(seed: int, duration: float = DURATION) -> Case:
     random = Random(f"case/{seed}")
     scene, drive = random.choice(scenes()), random.choice(profiles())
     rate, hand = random.choice(RATES), random.choice(HANDS)
-    return Case(seed, scene, drive, rate, hand, duration, drawn(seed, 0.9 * duration))
+    return Case(seed, scene, drive, rate, hand, duration, drawn(seed, duration))
 
 
 @cache

@@ -15,8 +15,12 @@ RANDOM = "random@"
 """Prefix of a seed where a file of faults may stand."""
 MOST = 4
 """Most faults that are drawn at once; one is the most frequent."""
+_END, _AT_THE_END = 0.04, 0.15
+"""[s] before the end that count as the very end, and the share of faults that happen then at the least."""
 _WEIGHTS = (6, 3, 2, 1)
 _LARGEST_SEED = 2**64 - 1
+_LENGTHS = {0x000: 2, 0x080: 0, 0x201: 4, 0x701: 1, 0x77F: 1}
+"""Lengths with which some identifiers mean something; others 8."""
 _TELLING = (0, 1, 5, 0x0F, 0x7F, 0x80, 0xFF)
 """Octets that mean something to many services."""
 
@@ -44,7 +48,8 @@ def _count(random: Random, most: int = 60) -> int:
 def _foreign(random: Random, at: float) -> "faults.Fault":
     # What a master, a drive or a bystander may say, and anything at all.
     can_id = random.choice((0x000, 0x080, 0x081, 0x100, 0x181, 0x201, 0x581, 0x601, 0x701, 0x77F, 0x7E5, None))
-    data = [random.choice((*_TELLING, random.randrange(256))) for _ in range(random.randrange(9))]
+    length = random.choice((_LENGTHS.get(can_id or 0, 8), random.randrange(9)))
+    data = [random.choice((*_TELLING, random.randrange(256))) for _ in range(length)]
     count = _count(random, 30)
     known = random.randrange(0x800) if can_id is None else can_id
     return faults.ForeignFrame("foreign_frame", at, known, tuple(data), count, random.choice((0.0005, 0.001, 0.01)))
@@ -117,8 +122,14 @@ def drawn(seed: int, duration: float, kinds: Sequence[str] = tuple(RECIPES)) -> 
     """Return the faults of a seed: one to `MOST`, at times within a run of `duration` [s], in their order."""
     random = Random(f"faults/{seed}")
     (count,) = random.choices(range(1, MOST + 1), _WEIGHTS)
-    times = sorted(round(random.uniform(0.0, duration), 4) for _ in range(count))
+    times = sorted(_time(random, duration) for _ in range(count))
     return tuple(RECIPES[random.choice(kinds)](random, at) for at in times)
+
+
+def _time(random: Random, duration: float) -> float:
+    """Some time of a run, and the very end of it more often than another time: there the order of things changes."""
+    first = max(0.0, duration - _END) if random.random() < _AT_THE_END else 0.0
+    return round(random.uniform(first, duration), 4)
 
 
 def seed_of(text: str) -> int | None:
