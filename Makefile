@@ -3,6 +3,7 @@
 # Before a commit:             make check     style, types, import contracts
 # After one thing is added:   make docs      pages, tables, schemas and the picture that follow from the code
 # Before a release:            make test-all  every test
+#                              make soak      ten thousand seeded faulty runs, and more, within 90 minutes
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -35,7 +36,7 @@ PYTEST := $(BIN)/python -m pytest -n 2 --dist loadgroup
 # Of the thorough lane, for `make test-part`.
 PART ?= 0/1
 
-.PHONY: demo test test-all test-part check docs setup system-packages format clean
+.PHONY: demo test test-all test-part soak check docs setup system-packages format clean
 
 demo: $(DEMO_STAMP)
 	$(BIN)/haptic-fieldbus run wall --drive maxon_epos4 --duration 10 --plot demo.png
@@ -52,6 +53,12 @@ test-all: setup
 test-part: setup
 	@$(PYTEST) --lane thorough --part $(PART) --junit-xml=build/part.xml
 
+# Seeded faults, damaged frames and files, an hour of virtual time; SOAK_RUNS=100 is a small one. It goes on where it was
+# ended.
+SOAK_RUNS ?= 10000
+soak: setup
+	@SOAK_RUNS=$(SOAK_RUNS) $(BIN)/python -m tests.soak
+
 check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -64,6 +71,7 @@ docs: setup
 	$(BIN)/python docs/make_architecture.py
 	$(BIN)/python docs/make_api.py
 	$(BIN)/python docs/make_elements.py
+	$(BIN)/python docs/make_faults.py
 	$(BIN)/python docs/make_tables.py
 	$(BIN)/python -m haptic_fieldbus.schemas docs/reference/schemas --shipped
 

@@ -1,4 +1,4 @@
-"""Write the JSON Schemas of profiles, buses, rigs and scenes into a folder.
+"""Write the JSON Schemas of all files that people write into a folder.
 
 `python -m haptic_fieldbus.schemas FOLDER`; with `--shipped` a scene has no elements of other packages.
 """
@@ -7,9 +7,11 @@ import json
 import sys
 from pathlib import Path
 
+from haptic_fieldbus.documents import schema_of
 from haptic_fieldbus.protocols.catalogue import bus_schema, profile_schema, rig_schema
 from haptic_fieldbus.protocols.registry import BUILT_IN
 from haptic_fieldbus.scenes.catalogue import scene_schema
+from haptic_fieldbus.sim.faults import FaultFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SHIPPED = "--shipped"
@@ -17,7 +19,7 @@ SHIPPED = "--shipped"
 
 def schema_texts(*, own: bool = False) -> dict[str, str]:
     """Return the text of each schema by the name of its file; with `own`, scenes have added elements too."""
-    schemas = {"rig": rig_schema(), "scene": scene_schema(own=own)}
+    schemas = {"rig": rig_schema(), "scene": scene_schema(own=own), "faults": schema_of(FaultFile)}
     for name in BUILT_IN:
         schemas |= {f"profile.{name}": profile_schema(name), f"bus.{name}": bus_schema(name)}
     return {

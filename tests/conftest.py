@@ -8,6 +8,7 @@ from hypothesis import settings
 from xdist.remote import Producer
 from xdist.scheduler import LoadGroupScheduling
 
+from tests.invariants.plugin import Invariants
 from tests.lanes import Lane, Part, slow_markers
 
 # The folder of whoever runs the tests is no part of them. Nothing of the package is imported here: what is imported
@@ -28,6 +29,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(Invariants())
     settings.load_profile("quick" if config.getoption("lane") == Lane.QUICK.value else "thorough")
 
 

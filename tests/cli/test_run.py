@@ -235,3 +235,19 @@ def test_what_yes_answers_is_printed(capsys: pytest.CaptureFixture[str]) -> None
     printed = capsys.readouterr()
     assert printed.err == "can0: listened for 1 s\nabout to enable torque\n"
     assert printed.out == ""
+
+
+def test_faults_of_a_seed_are_printed_as_a_file_that_repeats_them(command: Command, tmp_path: Path) -> None:
+    seeded = command("run", "wall", "--duration", "0.4", "--faults", "random@7", "--record", str(tmp_path / "a.log"))
+    assert seeded.err.startswith("# random@7, 0.4 s\n[[fault]]\nkind = ")
+    path = tmp_path / "faults.toml"
+    path.write_text(seeded.err.partition("\nfailed")[0].partition("\ntripped")[0], encoding="utf-8")
+    again = command("run", "wall", "--duration", "0.4", "--faults", str(path), "--record", str(tmp_path / "b.log"))
+    assert again.status == seeded.status
+    assert (tmp_path / "a.log").read_bytes() == (tmp_path / "b.log").read_bytes()
+
+
+def test_a_seed_that_is_none_is_refused(command: Command) -> None:
+    refused = command("run", "wall", "--faults", "random@x")
+    assert refused.status == 2
+    assert 'faults "random@x": expected a whole number' in refused.err

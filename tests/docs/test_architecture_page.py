@@ -16,6 +16,8 @@ from haptic_fieldbus.cli import main
 from haptic_fieldbus.protocols.registry import GROUP
 from tests.calls import Call, Calls, Function, traced
 
+pytestmark = pytest.mark.unwatched("looks at who calls whom, and a witness calls too")
+
 PROJECT = Path(__file__).resolve().parents[2]
 PACKAGE = PROJECT / "haptic_fieldbus"
 PAGE = PROJECT / "docs" / "explanation" / "architecture.md"

@@ -15,8 +15,12 @@ RANDOM = "random@"
 """Prefix of a seed where a file of faults may stand."""
 MOST = 4
 """Most faults that are drawn at once; one is the most frequent."""
+_END, _AT_THE_END = 0.04, 0.15
+"""[s] before the end that count as the very end, and the share of faults that happen then at the least."""
 _WEIGHTS = (6, 3, 2, 1)
 _LARGEST_SEED = 2**64 - 1
+_LENGTHS = {0x000: 2, 0x080: 0, 0x201: 4, 0x701: 1, 0x77F: 1}
+"""Lengths with which some identifiers mean something; others 8."""
 _TELLING = (0, 1, 5, 0x0F, 0x7F, 0x80, 0xFF)
 """Octets that mean something to many services."""
 
@@ -32,16 +36,20 @@ def _duration(random: Random) -> float | None:
     return random.choice((None, *(round(10 ** random.uniform(-3.0, -0.5), 4) for _ in range(3))))
 
 
+def _flicker(random: Random) -> float | None:
+    """A contact that opens for good, or bounces."""
+    return random.choice((None, round(10 ** random.uniform(-4.0, -0.5), 4)))
+
+
 def _count(random: Random, most: int = 60) -> int:
-    return min(most, round(math.pow(most, random.random())))
+    return round(math.exp(random.uniform(0.0, math.log(most))))
 
 
 def _foreign(random: Random, at: float) -> "faults.Fault":
     # What a master, a drive or a bystander may say, and anything at all.
     can_id = random.choice((0x000, 0x080, 0x081, 0x100, 0x181, 0x201, 0x581, 0x601, 0x701, 0x77F, 0x7E5, None))
-    data = bytes(
-        random.choice((0, 1, 5, 0x0F, 0x7F, 0x80, 0xFF, random.randrange(256))) for _ in range(random.randrange(9))
-    )
+    length = random.choice((_LENGTHS.get(can_id or 0, 8), random.randrange(9)))
+    data = [random.choice((*_TELLING, random.randrange(256))) for _ in range(length)]
     count = _count(random, 30)
     known = random.randrange(0x800) if can_id is None else can_id
     return faults.ForeignFrame("foreign_frame", at, known, tuple(data), count, random.choice((0.0005, 0.001, 0.01)))
@@ -71,7 +79,7 @@ RECIPES: Mapping[str, Recipe] = {
     "error_frame": lambda random, at: faults.ErrorFrame("error_frame", at),
     "emergency": lambda random, at: faults.Emergency("emergency", at, random.choice((0x1000, 0x3210, 0x4310, 0x8611))),
     "drive_fault": lambda random, at: faults.DriveFault("drive_fault", at, random.choice((0x2310, 0x4310, 0x7305))),
-    "safe_torque_off": lambda random, at: faults.SafeTorqueOff("safe_torque_off", at, _duration(random)),
+    "safe_torque_off": lambda random, at: faults.SafeTorqueOff("safe_torque_off", at, _flicker(random)),
     "node_reset": lambda random, at: faults.NodeReset("node_reset", at, round(random.uniform(0.001, 0.2), 4)),
     "silence": lambda random, at: faults.Silence("silence", at, _duration(random)),
     "missing_tpdos": lambda random, at: faults.MissingTpdos("missing_tpdos", at, _count(random)),
@@ -114,8 +122,14 @@ def drawn(seed: int, duration: float, kinds: Sequence[str] = tuple(RECIPES)) -> 
     """Return the faults of a seed: one to `MOST`, at times within a run of `duration` [s], in their order."""
     random = Random(f"faults/{seed}")
     (count,) = random.choices(range(1, MOST + 1), _WEIGHTS)
-    times = sorted(round(random.uniform(0.0, duration), 4) for _ in range(count))
+    times = sorted(_time(random, duration) for _ in range(count))
     return tuple(RECIPES[random.choice(kinds)](random, at) for at in times)
+
+
+def _time(random: Random, duration: float) -> float:
+    """Some time of a run, and the very end of it more often than another time: there the order of things changes."""
+    first = max(0.0, duration - _END) if random.random() < _AT_THE_END else 0.0
+    return round(random.uniform(first, duration), 4)
 
 
 def seed_of(text: str) -> int | None:

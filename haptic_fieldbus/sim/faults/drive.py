@@ -66,7 +66,7 @@ class MissingTpdos(Concern):
 
 @dataclass(frozen=True)
 class MissingRpdos(Concern):
-    """The loss of the next `count` RPDOs inside the node, None all of them; the drive keeps its last set-point."""
+    """The loss of the next `count` RPDOs inside the node; the drive keeps its last set-point."""
 
     kind: Literal["missing_rpdos"]
     at: NonNegativeTime
@@ -75,7 +75,7 @@ class MissingRpdos(Concern):
 
 @dataclass(frozen=True)
 class SyncIgnored(Concern):
-    """The loss of the next `count` SYNC messages inside the node, None all of them."""
+    """The loss of the next `count` SYNC messages inside the node."""
 
     kind: Literal["sync_ignored"]
     at: NonNegativeTime
@@ -167,7 +167,7 @@ class MissingNode(Concern):
 
 @dataclass(frozen=True)
 class WrongIdentity(Concern):
-    """Another vendor-ID or product code in 1018h; None leaves the right one."""
+    """Another vendor-ID or product code in 1018h."""
 
     kind: Literal["wrong_identity"]
     vendor_id: UInt32 | None = None

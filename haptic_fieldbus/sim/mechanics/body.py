@@ -52,9 +52,12 @@ class Body(ABC):
     def start_hand(self) -> None:
         """Start the hand's clock now; without a hand, do nothing."""
         if self._grip is not None:
-            self._agenda.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in self._grip.pieces)
-            if self._grip.release is not None:
-                self._agenda.append((self.t_ns + round(self._grip.release * 1e9), None))
+            release = self._grip.release
+            # A hand that has let go is gone: the pieces after that never begin.
+            pieces = [piece for piece in self._grip.pieces if release is None or piece.start < release]
+            self._agenda.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in pieces)
+            if release is not None:
+                self._agenda.append((self.t_ns + round(release * 1e9), None))
             # A piece at 0 s begins at once.
             self.advance(self.t_ns)
 

@@ -1,0 +1,111 @@
+"""Write docs/reference/faults.md, the kinds of faults as their dataclasses say: `python docs/make_faults.py`."""
+
+import inspect
+import sys
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, fields
+from pathlib import Path
+from typing import Any, get_args, get_origin, get_type_hints
+
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.faults import drive, frames, host
+
+FILE = Path(__file__).resolve().parent / "reference" / "faults.md"
+GROUPS = {
+    "Frames and the bus": (frames, faults.LineFault),
+    "Drive and node": (drive, faults.DriveFaultKind),
+    "Computer of the master": (host, faults.HostFault),
+    "Hand": (host, faults.HandFault),
+    "From power-on": (drive, faults.LastingFault),
+}
+WITHOUT = {
+    "duration": "for ever",
+    "count": "all",
+    "vendor_id": "the right one",
+    "product_code": "the right one",
+    "factor": "never",
+}
+"""What a key means that is left out and has no value then."""
+CODES = ("code", "object", "can_id", "vendor_id", "product_code")
+"""Keys whose values are read as hexadecimal numbers."""
+SHARED = ("kind", "node", "bus")
+"""Keys that are told once for all kinds."""
+
+HEAD = """\
+# Faults of a simulated bench
+
+Everything that a `[[fault]]` of `run --faults FILE` can be. How to use them:
+[How to let things go wrong](../how-to/simulate_faults.md). `simulate --faults FILE` takes those of drives and hands.
+
+| key of every kind | what it is |
+|---|---|
+| `kind` | one of those below |
+| `at` | s after the drive's first *operation enabled*; kinds of *From power-on* have none |
+| `node` | node-ID of the drive that is meant; without it every drive. For frames: whose frames |
+| `bus` | the bus of a rig that is meant; without it every bus |
+
+A service of frames, where a kind has `frames`, is one of {services}.
+
+This page is written by `make docs`.
+"""
+
+
+def page() -> str:
+    """The text of the page."""
+    head = HEAD.format(services=", ".join(f"`{each}`" for each in get_args(faults.FrameGroup)))
+    return "\n".join([head, *(line for title in GROUPS for line in _group(title))]).rstrip() + "\n"
+
+
+def _group(title: str) -> Iterator[str]:
+    yield f"## {title}\n"
+    yield "| kind | what happens | keys |\n|---|---|---|"
+    for kind in get_args(GROUPS[title][1]):
+        hints = get_type_hints(kind, include_extras=True)
+        (name,) = get_args(hints["kind"])
+        keys = [_key(field, hints[field.name]) for field in fields(kind) if field.name not in SHARED]
+        what = " ".join((inspect.getdoc(kind) or "").split())
+        yield f"| `{name}` | {what} | {'<br>'.join(key for key in keys if key) or '–'} |"
+    yield ""
+
+
+def _key(field: Field[Any], hint: Any) -> str:
+    """A key with its range and default."""
+    if field.name == "at":
+        return ""
+    words = "a service, see above" if field.name == "frames" else _words(hint, hexadecimal=field.name in CODES)
+    default = "" if field.default is MISSING else f", else {_default(field.name, field.default)}"
+    return f"`{field.name}`{f' {words}' if words else ''}{default}"
+
+
+def _default(name: str, value: object) -> str:
+    if value is None:
+        return WITHOUT[name]
+    if value == ():
+        return "none"
+    if name in CODES:
+        return f"{value:#x}"
+    return exactly(value) if isinstance(value, float) else f"`{value}`" if isinstance(value, str) else str(value)
+
+
+def _words(hint: Any, *, hexadecimal: bool) -> str:
+    """The range that a value may have."""
+    if tuple in (get_origin(hint), *(get_origin(part) for part in get_args(hint))):
+        return "up to eight octets"
+    for part in (hint, *get_args(hint)):
+        bounds = getattr(part, "__metadata__", ())
+        lowest = [bound.ge for bound in bounds if hasattr(bound, "ge")]
+        highest = [bound.le for bound in bounds if hasattr(bound, "le")]
+        if lowest and highest:
+            show = hex if hexadecimal else _number
+            return f"{show(lowest[-1])} to {show(highest[-1])}"
+    return ""
+
+
+def _number(value: float) -> str:
+    return exactly(float(value)) if abs(value) < 1e7 else f"{value:.4g}"
+
+
+if __name__ == "__main__":
+    FILE.write_text(page(), encoding="utf-8")
+    print(FILE, file=sys.stderr)

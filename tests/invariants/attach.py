@@ -1,0 +1,222 @@
+"""The checker at work: every run on a simulated CAN bus within `watched` gets a witness, and is judged at its end."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from tests.invariants import laws, outcome
+from tests.invariants.stated import Stated, stated
+from tests.invariants.witness import MASTER, STRANGER, Shaft, Witness
+from tests.invariants.words import State
+
+MOST_FRAMES, KEPT_FRAMES = 200_000, 2_000
+"""Frames after which a run is judged so far, and those that are kept of it: memory is bounded."""
+
+
+@dataclass
+class Findings:
+    """What was seen of the runs."""
+
+    broken: list[tuple[str, str]] = field(default_factory=list)
+    """(name of the law, sentence)."""
+    runs: int = 0
+    watching: bool = True
+    """Whether runs that begin now get a witness."""
+    keep: bool = False
+    """Whether witnesses are kept after they were judged."""
+    witnesses: list[Witness] = field(default_factory=list)
+    settle: Callable[[], None] = lambda: None
+    """Judges the runs whose master has not left."""
+
+
+class Watch:
+    """Puts witnesses at simulated buses, and judges them."""
+
+    def __init__(self, findings: Findings) -> None:
+        self.findings = findings
+        self._open: dict[int, tuple[Witness, Any]] = {}
+        self.judged: list[Witness] = []
+        """Since the last run of the API began."""
+
+    def begin(self, bus: Any, plan: Any) -> None:
+        """A master is about to configure its drives."""
+        wire = _simulated(bus) if self.findings.watching else None
+        if wire is None or id(bus) in self._open:
+            return
+        world, port = wire.world, wire._controller.port
+        shafts = {axis.node: _shaft(world, axis.node) for axis in plan.axes if axis.node in world._rack.slaves}
+        witness = Witness(_stated(plan), world.clock, shafts, world._now_ns)
+        senders = {port: MASTER} | {own: slave.node.number for own, slave in world._rack.attached}
+        frames = witness.frames
+
+        def seen(t_ns: int, frame: Any, sender: Any) -> None:
+            frames.append((t_ns, frame.can_id, frame.data, senders.get(sender, STRANGER)))
+            if len(frames) >= MOST_FRAMES:
+                self._shorten(witness, t_ns)
+
+        world.watch(seen)
+        self._open[id(bus)] = witness, world
+
+    def _shorten(self, witness: Witness, t_ns: int) -> None:
+        """Judge a long run so far, and forget all but the last part of it."""
+        witness.seen_ns, witness.whole = t_ns, False
+        self.findings.broken += laws.broken(witness)
+        del witness.frames[:-KEPT_FRAMES]
+        for shaft in witness.shafts.values():
+            del shaft.targets[:-KEPT_FRAMES]
+
+    def released(self, bus: Any) -> None:
+        """A master was told to let go."""
+        if id(bus) in self._open:
+            witness, world = self._open[id(bus)]
+            if witness.released_ns is None and witness.enabled_ns is not None:
+                witness.released_ns = world.clock.now_ns()
+
+    def end(self, bus: Any) -> None:
+        """A master has left."""
+        if id(bus) not in self._open:
+            return
+        witness, world = self._open.pop(id(bus))
+        witness.closed_ns = world.clock.now_ns()
+        self.judge(witness, world)
+
+    def judge(self, witness: Witness, world: Any) -> None:
+        """Bring the truth up to date, and judge it."""
+        world.run()
+        witness.seen_ns = world._now_ns
+        for node, shaft in witness.shafts.items():
+            drive = world.slave(node).drive
+            drive.servo.advance(witness.seen_ns)
+            shaft.now = State(drive.power.state.value)
+        self.findings.runs += 1
+        self.findings.broken += laws.broken(witness)
+        self.judged.append(witness)
+        if self.findings.keep:
+            self.findings.witnesses.append(witness)
+
+    def end_all(self) -> None:
+        """Judge the runs whose master has never left."""
+        for witness, world in self._open.values():
+            self.judge(witness, world)
+        self._open.clear()
+
+    def render(self, inner: Callable[..., Any], request: Any, place: Any) -> Any:
+        """A run of the API: its outcome is judged too."""
+        if not self.findings.watching:
+            return inner(request, place)
+        self.judged = []
+        error: BaseException | None = None
+        result: Any = None
+        try:
+            result = inner(request, place)
+        except Exception as raised:
+            error, result = raised, getattr(raised, "result", None)
+            raise
+        finally:
+            if request.selection.plan.simulated and self.judged:
+                name = None if error is None else type(error).__name__
+                cycles = getattr(result, "cycles", 0) or 0
+                told = outcome.Ended(name, str(error or ""), cycles, request.record)
+                self.findings.broken += outcome.wrong(self.judged, told)
+        return result
+
+
+@contextmanager
+def watched(*, keep: bool = False) -> Iterator[Findings]:
+    """Judge every run on a simulated CAN bus meanwhile; `keep` its witnesses too."""
+    from haptic_fieldbus.buses.canopen.master import CanopenBus
+    from haptic_fieldbus.running import session
+
+    watch = Watch(Findings(keep=keep))
+    watch.findings.settle = watch.end_all
+    configure, release, close, render = CanopenBus.configure, CanopenBus.release, CanopenBus.close, session.render
+
+    def configured(self: Any, plan: Any) -> None:
+        watch.begin(self, plan)
+        configure(self, plan)
+
+    def released(self: Any) -> None:
+        watch.released(self)
+        release(self)
+
+    def closed(self: Any) -> None:
+        close(self)
+        watch.end(self)
+
+    def rendered(request: Any, place: Any) -> Any:
+        return watch.render(render, request, place)
+
+    patched: Any = CanopenBus
+    patched.configure, patched.release, patched.close, session.render = configured, released, closed, rendered
+    try:
+        yield watch.findings
+    finally:
+        patched.configure, patched.release, patched.close, session.render = configure, release, close, render
+        watch.end_all()
+
+
+def _simulated(bus: Any) -> Any:
+    """The simulated bus of a master; None where it has another."""
+    wire = getattr(getattr(bus, "_wire", None), "_send", None)
+    owner = getattr(wire, "__self__", None)
+    return owner if hasattr(owner, "world") and hasattr(owner, "_controller") else None
+
+
+def _shaft(world: Any, node: int) -> Shaft:
+    """Write down from now on what the drive does."""
+    slave = world.slave(node)
+    drive = slave.drive
+    power, recorder = drive.power, drive.plant.recorder
+    shaft = Shaft(
+        node,
+        State(power.state.value),
+        1e-3 * drive.objects.rated_torque,
+        drive.objects.torque_unit,
+        _faults(slave),
+        targets=[(world._now_ns, drive.servo._target)],
+    )
+    make, start, target = power._make, power.start, recorder.target
+
+    def made(transition: Any) -> Any:
+        shaft.transitions.append((world._now_ns, transition.number))
+        return make(transition)
+
+    def started() -> Any:
+        shaft.transitions.append((world._now_ns, -1))
+        return start()
+
+    def targeted(t_ns: int, torque: float) -> None:
+        shaft.targets.append((t_ns, torque))
+        target(t_ns, torque)
+
+    power._make, power.start, recorder.target = made, started, targeted
+    return shaft
+
+
+def _faults(slave: Any) -> tuple[Any, ...] | None:
+    """The faults that are planned for a drive; None where a test does something of its own when it is enabled."""
+    planned = getattr(slave.drive.on_enabled, "args", None)
+    return tuple(planned[0]) if planned else None
+
+
+def _stated(plan: Any) -> Stated:
+    """The plain numbers of a part of a plan, as the whole has them in its JSON, of its rig and of its drives."""
+    from haptic_fieldbus.planning.limit_table import limit_rows
+
+    told = {
+        "pdos": [pdo for axis in plan.axes for pdo in axis.traffic.to_json(axis.rig.bus).get("pdos", ())],
+        "limits": [
+            {"axis": axis.name, "limit": row.name, "value": row.value}
+            for axis in plan.axes
+            for row in limit_rows(axis, plan.period)
+        ],
+        "deadlines": [each.to_json() for each in plan.deadlines],
+    }
+    return stated(
+        told,
+        plan.period_ns * 1e-9,
+        {axis.name: axis.rig.mechanism.ratio for axis in plan.axes},
+        {axis.name: axis.rig.encoder_counts_per_revolution for axis in plan.axes},
+        {axis.name: axis.delay.torque_loop for axis in plan.axes},
+    )

@@ -1,0 +1,299 @@
+"""The invariants of a run, judged from what a witness has written down: each law yields what it finds broken.
+
+Energy after a fault. From the event of a fault that takes the way to zero (`causes.FADES`) torque is held, fades, or
+ends; so its amount is at most τ, the largest of the event's own two periods, and the motor turns at most at the speed
+limit ω of the plan, for at most the stated time D. The energy that it can give to the hand is then at most τ·ω·D. The
+law checks what that follows from: the bound of τ here, the speed and D by the other laws. Where torque may follow the
+scene until the fault is seen, τ is the torque limit.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.invariants import causes
+from tests.invariants.stated import Place, StatedAxis
+from tests.invariants.witness import MASTER, STRANGER, Shaft, Witness
+from tests.invariants.words import ARROWS, MAKES_TORQUE, STEP, Command, State, command_of, state_of
+
+REMAINDER = 0.01
+"""Share of the torque at an event at which it is zero."""
+UNFOLLOWED = 35.0
+"""‰ of rated torque by which the motor's target may differ from the wire's without being noticed."""
+Floats = NDArray[np.float64]
+Law = Callable[[Witness], Iterator[str]]
+
+
+def torque_within_limits(witness: Witness) -> Iterator[str]:
+    """No set-point on the wire, and no target at a motor, is above the limit; the limit fades in from enabling on."""
+    for axis, shaft in _axes(witness):
+        limit = axis.torque + shaft.unit
+        wire = _set_points(witness, axis, shaft)
+        largest = float(np.abs(wire[:, 1]).max(initial=0.0))
+        if largest > limit:
+            yield f"{axis.name}: a set-point of {largest:.4g} N·m, the limit is {axis.torque:.4g} N·m"
+        enabled_ns = _enabled_ns(shaft)
+        if enabled_ns is not None:
+            faded = np.clip((wire[:, 0] - enabled_ns) * 1e-9 / axis.fade_in, 0.0, 1.0) * axis.torque
+            over = np.flatnonzero(np.abs(wire[:, 1]) > faded + 2.0 * shaft.unit + axis.torque * _share(witness, axis))
+            if over.size:
+                at = over[0]
+                yield f"{axis.name}: {wire[at, 1]:.4g} N·m when the limit had faded in to {faded[at]:.4g} N·m"
+        if not _stranger_commands(witness):
+            motor = max((abs(torque) for _, torque in shaft.targets), default=0.0)
+            if motor > limit:
+                yield f"{axis.name}: a target of {motor:.4g} N·m at the motor, the limit is {axis.torque:.4g} N·m"
+
+
+def slew_within_limits(witness: Witness) -> Iterator[str]:
+    """From one set-point to the next torque changes by no more than the slew limit, unless it is taken away."""
+    for axis, shaft in _axes(witness):
+        wire = _set_points(witness, axis, shaft)
+        if len(wire) < 2:
+            continue
+        change = np.abs(np.diff(wire[:, 1]))
+        change[wire[1:, 2] == 0] = 0.0  # torque-free
+        largest = axis.slew * witness.stated.period + 1.5 * shaft.unit
+        if float(change.max()) > largest:
+            at = int(change.argmax())
+            step, when = f"{wire[at, 1]:.4g} → {wire[at + 1, 1]:.4g} N·m", _when(witness, wire[at + 1, 0])
+            yield f"{axis.name}: {step} in a period at {when}, at most {largest:.4g} N·m"
+
+
+def no_torque_outside_of_operation(witness: Witness) -> Iterator[str]:
+    """A motor has torque in *operation enabled* and while it brakes, and nowhere else."""
+    for axis, shaft in _axes(witness):
+        state, events = shaft.state, iter([*shaft.transitions, (witness.seen_ns + 1, 0)])
+        until_ns, number = next(events)
+        for t_ns, torque in shaft.targets:
+            while until_ns <= t_ns and until_ns <= witness.seen_ns:
+                state = State.NOT_READY if number < 0 else ARROWS[number][1]
+                until_ns, number = next(events)
+            if torque and state not in MAKES_TORQUE:
+                yield f"{axis.name}: {torque:.4g} N·m at {_when(witness, t_ns)} in {state.value}"
+                break
+
+
+def nothing_enables_again(witness: Witness) -> Iterator[str]:
+    """A drive that has left *operation enabled* does not come back, and nobody asks it to."""
+    for axis, shaft in _axes(witness):
+        enabled = [t_ns for t_ns, number in shaft.transitions if number in (4, 16)]
+        if len(enabled) > 1 and not _stranger_commands(witness):
+            yield f"{axis.name}: enabled again at {_when(witness, enabled[1])}"
+        words = _controlwords(witness, axis)
+        asked = [at for at, (_, word) in enumerate(words) if command_of(word) is Command.ENABLE_OPERATION]
+        if asked and asked[-1] - asked[0] + 1 != len(asked):
+            gap = next(at for at, following in pairwise(asked) if following != at + 1)
+            yield f"{axis.name}: asked to enable again after {_when(witness, words[gap][0])}"
+
+
+def automaton_never_skips(witness: Witness) -> Iterator[str]:
+    """Transitions follow the standard's graph, and no command skips a state that the drive has not shown yet."""
+    for axis, shaft in _axes(witness):
+        state = shaft.state
+        for t_ns, number in shaft.transitions:
+            if number < 0:
+                state = State.NOT_READY
+                continue
+            starts, end = ARROWS[number]
+            if state not in starts:
+                yield f"{axis.name}: transition {number} from {state.value} at {_when(witness, t_ns)}"
+                break
+            state = end
+        yield from _commands_in_order(witness, axis, shaft)
+
+
+def zero_in_time(witness: Witness) -> Iterator[str]:
+    """After a fault that must end the run, and after the order to let go, torque is zero within the stated time."""
+    faults, stated = witness.faults, witness.stated
+    for axis, shaft in _axes(witness):
+        for fault, cause, event_ns in ending(witness):
+            longest = causes.allowed(cause, faults, stated)
+            took = time_to_zero(witness, axis, shaft, event_ns)
+            if took is not None and took > longest:
+                what = f"{fault.kind} at {fault.at:.4f} s"
+                yield f"{axis.name}: {what}: {1e3 * took:.2f} ms to zero, {1e3 * longest:.2f} ms stated"
+        if witness.released_ns is not None and not _stranger_commands(witness):
+            longest = stated.deadlines[causes.END]
+            if not witness.is_plain:
+                longest = causes.allowed(causes.STOPPED, [*faults, *faults, None], stated)
+            took = time_to_zero(witness, axis, shaft, witness.released_ns)
+            if took is not None and took > longest:
+                yield f"{axis.name}: let go: {1e3 * took:.2f} ms to zero, {1e3 * longest:.2f} ms stated"
+
+
+def energy_after_a_fault_bounded(witness: Witness) -> Iterator[str]:
+    """From a fault that takes the way to zero torque does not grow; see the theory above."""
+    if len(witness.faults) != 1:
+        return
+    for axis, shaft in _axes(witness):
+        times, torques = _motor(shaft)
+        for fault, cause, event_ns in ending(witness):
+            if cause not in causes.FADES or not len(times):
+                continue
+            span_ns = 2e9 * witness.stated.period
+            first, last = np.searchsorted(times, [event_ns - span_ns, event_ns + span_ns])
+            around, after = torques[max(0, first - 1) : last], torques[last:]
+            most = float(np.abs(around).max(initial=0.0)) + shaft.unit
+            if float(np.abs(after).max(initial=0.0)) > most:
+                yield f"{axis.name}: {np.abs(after).max():.4g} N·m after {fault.kind}, {most:.4g} N·m at the event"
+
+
+def what_has_no_effect_is_noticed(witness: Witness) -> Iterator[str]:
+    """Set-points that a motor does not follow are noticed within the stated time."""
+    faults = witness.faults
+    longest = witness.stated.deadlines.get(causes.NO_EFFECT)
+    if longest is None or len(faults) != 1 or faults[0].kind != "missing_rpdos" or _stranger_commands(witness):
+        return
+    for axis, shaft in _axes(witness):
+        wire, (times, torques) = _set_points(witness, axis, shaft), _motor(shaft)
+        if not len(wire) or not len(times):
+            continue
+        place = np.searchsorted(times, wire[:, 0] + 1e9 * witness.stated.period, side="right") - 1
+        apart = np.abs(wire[:, 1] - np.where(place >= 0, torques[place], 0.0)) > UNFOLLOWED * shaft.permille
+        began = None
+        for t_ns, is_apart in zip(wire[:, 0], apart, strict=True):
+            began = None if not is_apart else t_ns if began is None else began
+            if began is not None and (t_ns - began) * 1e-9 > longest:
+                yield f"{axis.name}: the motor has not followed since {_when(witness, began)}"
+                break
+
+
+LAWS: dict[str, Law] = {
+    "torque within limits": torque_within_limits,
+    "slew within limits": slew_within_limits,
+    "no torque outside of operation": no_torque_outside_of_operation,
+    "nothing enables again": nothing_enables_again,
+    "the automaton never skips": automaton_never_skips,
+    "zero in time": zero_in_time,
+    "energy after a fault bounded": energy_after_a_fault_bounded,
+    "what has no effect is noticed": what_has_no_effect_is_noticed,
+}
+
+
+def broken(witness: Witness) -> list[tuple[str, str]]:
+    """All that is broken: (name of the law, sentence)."""
+    return [(name, sentence) for name, law in LAWS.items() for sentence in law(witness)]
+
+
+def ending(witness: Witness) -> Iterator[tuple[Any, str, int]]:
+    """The faults that must end the run and happened within it: (fault, cause, instant)."""
+    enabled_ns = witness.enabled_ns
+    if enabled_ns is None:
+        return
+    for fault in witness.faults:
+        cause = causes.cause_of(fault, witness.stated, witness.faults)
+        event_ns = enabled_ns + round(getattr(fault, "at", 0.0) * 1e9)
+        over_ns = witness.released_ns if witness.released_ns is not None else witness.seen_ns
+        if cause is not None and event_ns < over_ns:
+            yield fault, cause, event_ns
+
+
+def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int) -> float | None:
+    """How long the motor had torque after an event [s]; None when it had none.
+
+    A torque loop of first order with the lag T falls from τ to a hundredth of τ₀ within T·ln(100·τ/τ₀).
+    """
+    times, torques = _motor(shaft)
+    # A drive that lets go by itself does so at the very instant of the event.
+    at = int(np.searchsorted(times, event_ns, side="left")) - 1
+    held = torques[max(at, 0) :]
+    first = abs(float(torques[at])) if at >= 0 else 0.0
+    zero = REMAINDER * max(first, shaft.permille)
+    pushing = np.flatnonzero(np.abs(held) > zero)
+    if not pushing.size:
+        return None
+    last = max(at, 0) + int(pushing[-1])
+    end_ns = float(times[last + 1]) if last + 1 < len(times) else float(witness.seen_ns)
+    return max(0.0, (end_ns - event_ns) * 1e-9) + axis.lag * math.log(abs(float(torques[last])) / zero)
+
+
+def lasted(witness: Witness, node: int, event_ns: int) -> float:
+    """How long the motor of a node had torque after an event [s]."""
+    axis = next(axis for axis in witness.stated.axes if axis.node == node)
+    return time_to_zero(witness, axis, witness.shafts[node], event_ns) or 0.0
+
+
+def _axes(witness: Witness) -> Iterator[tuple[StatedAxis, Shaft]]:
+    for axis in witness.stated.axes:
+        if axis.node in witness.shafts:
+            yield axis, witness.shafts[axis.node]
+
+
+def _enabled_ns(shaft: Shaft) -> int | None:
+    return next((t_ns for t_ns, number in shaft.transitions if number == 4), None)
+
+
+def _motor(shaft: Shaft) -> tuple[Floats, Floats]:
+    """Times [ns] and torques [N·m] of the motor's targets; of those at one instant the last counts."""
+    table = np.array(shaft.targets, dtype=np.float64).reshape(-1, 2)
+    last = np.append(np.diff(table[:, 0]) > 0.0, True) if len(table) else np.zeros(0, dtype=bool)
+    return table[last, 0], table[last, 1]
+
+
+def _words(witness: Witness, place: Place, sender: int) -> list[tuple[int, int]]:
+    """Times [ns] and values of a word that a sender has put on the wire."""
+    first, last = place.offset, place.offset + 2
+    return [
+        (t_ns, int.from_bytes(data[first:last], "little"))
+        for t_ns, can_id, data, by in witness.frames
+        if can_id == place.can_id and by == sender and len(data) == place.length
+    ]
+
+
+def _controlwords(witness: Witness, axis: StatedAxis) -> list[tuple[int, int]]:
+    return _words(witness, axis.controlword, MASTER)
+
+
+def _set_points(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Floats:
+    """Of the master: time [ns], target torque [N·m], and whether the controlword goes with it (0: torque-free)."""
+    targets, words = _words(witness, axis.target, MASTER), _controlwords(witness, axis)
+    table = np.zeros((len(targets), 3))
+    if targets:
+        raw = np.array(targets, dtype=np.int64)
+        table[:, 0] = raw[:, 0]
+        table[:, 1] = np.where(raw[:, 1] < 0x8000, raw[:, 1], raw[:, 1] - 0x10000) * shaft.unit
+        table[:, 2] = [word & 0x08 for _, word in words] if len(words) == len(targets) else 1.0
+    return table
+
+
+def _share(witness: Witness, axis: StatedAxis) -> float:
+    """By what share the limit fades in in one period and on the way to the wire."""
+    return 2.0 * witness.stated.period / axis.fade_in
+
+
+def _stranger_commands(witness: Witness) -> bool:
+    """Whether somebody else was on the wire: what a drive does then is not the master's alone."""
+    return any(sender == STRANGER for _, _, _, sender in witness.frames)
+
+
+def _commands_in_order(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Iterator[str]:
+    """Until the drive is enabled nothing disturbs the wire: the master knows the last statusword that was sent."""
+    enabled_ns = _enabled_ns(shaft)
+    until_ns = witness.seen_ns if enabled_ns is None else enabled_ns
+    words: Sequence[tuple[int, int, bool]] = sorted(
+        [(t_ns, word, False) for t_ns, word in _words(witness, axis.statusword, axis.node)]
+        + [(t_ns, word, True) for t_ns, word in _controlwords(witness, axis)]
+    )
+    state: State | None = None
+    for t_ns, word, is_command in words:
+        if t_ns > until_ns:
+            return
+        if not is_command:
+            state = state_of(word)
+            if state is None:
+                yield f"{axis.name}: statusword {word:04X}h is in no table"
+        elif state is not None and command_of(word) not in STEP[state]:
+            yield f"{axis.name}: {command_of(word).value} in {state.value} at {_when(witness, t_ns)}"
+            return
+
+
+def _when(witness: Witness, t_ns: float) -> str:
+    enabled_ns = witness.enabled_ns
+    if enabled_ns is None:
+        return f"{t_ns * 1e-9:.4f} s"
+    return f"{(t_ns - enabled_ns) * 1e-9:.4f} s after enabling"

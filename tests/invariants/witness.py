@@ -1,0 +1,75 @@
+"""What happened in one run on one simulated bus: the frames on the wire, and the truth at the motors.
+
+A witness only writes down; it is judged when the run is over. Its times are those of the simulated world [ns].
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from tests.invariants.stated import Stated
+from tests.invariants.words import State
+
+MASTER, STRANGER = 0, -1
+"""Senders that are no drive."""
+
+
+@dataclass
+class Shaft:
+    """The truth of one drive: transitions of its automaton, and torque targets of its motor."""
+
+    node: int
+    state: State
+    """At the beginning."""
+    permille: float
+    """1 ‰ of rated torque [N·m]."""
+    unit: float
+    """One step of target torque [N·m]."""
+    faults: tuple[Any, ...] | None
+    """Planned for it; None when they are not known."""
+    transitions: list[tuple[int, int]] = field(default_factory=list)
+    """(time, number) of each; negative numbers are restarts of the node."""
+    targets: list[tuple[int, float]] = field(default_factory=list)
+    """(time, torque [N·m])."""
+    now: State = State.NOT_READY
+    """At the end."""
+
+
+@dataclass
+class Witness:
+    """One run on one bus."""
+
+    stated: Stated
+    clock: Any
+    shafts: dict[int, Shaft]
+    begun_ns: int
+    frames: list[tuple[int, int, bytes, int]] = field(default_factory=list)
+    """(end of frame, identifier, octets, sender): the node-ID of a drive, MASTER or STRANGER."""
+    released_ns: int | None = None
+    """When the master was told to let go."""
+    closed_ns: int | None = None
+    """When the master had left."""
+    whole: bool = True
+    """False when the beginning of a long run was judged and forgotten."""
+    seen_ns: int = 0
+    """Up to where the truth is known."""
+
+    @property
+    def faults(self) -> Sequence[Any]:
+        """Each fault once, though every drive of a bus was given it."""
+        found: list[Any] = []
+        for shaft in self.shafts.values():
+            found += [fault for fault in shaft.faults or () if not any(fault is each for each in found)]
+        return found
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is known that there is no fault, and nobody but the master is on the wire."""
+        known = all(shaft.faults == () for shaft in self.shafts.values())
+        return known and not any(sender == STRANGER for _, _, _, sender in self.frames)
+
+    @property
+    def enabled_ns(self) -> int | None:
+        """The first *operation enabled* of any drive; None when there was none."""
+        times = [t_ns for shaft in self.shafts.values() for t_ns, number in shaft.transitions if number == 4]
+        return min(times, default=None)

@@ -1,0 +1,164 @@
+"""One seeded run: what is drawn from its seed, how it is run, and what is found broken in it."""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
+
+from haptic_fieldbus import api
+from haptic_fieldbus.errors import HapticFieldbusError, PlanError
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.folders import profile_names
+from haptic_fieldbus.scenes.catalogue import scene_names
+from haptic_fieldbus.sim.faults import Fault
+from haptic_fieldbus.sim.faults.drawing import drawn
+from tests.invariants import laws
+from tests.invariants.attach import Findings, watched
+from tests.invariants.witness import Witness
+
+DURATION = 1.0
+FADE_IN = 0.1
+RATES = (1000.0, 1000.0, 500.0, 250.0)
+HANDS = ("push", "tap", "sine", "guide", "release", "none")
+CONTACT = {"wall.position": 0.001}
+"""Settings of scenes whose wall is a few centimetres away: a short run is to be in contact."""
+REPEATED = 10
+"""Of so many runs one is run twice, octet for octet; another one is recorded."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What one run is made of."""
+
+    seed: int
+    scene: str
+    drive: str
+    rate: float
+    hand: str
+    duration: float
+    faults: tuple[Fault, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was found in one run."""
+
+    seed: int
+    broken: tuple[tuple[str, str], ...]
+    error: str | None
+    zero: dict[str, float]
+    """Times from a fault that must end a run to zero torque [s], by kind and rate; of runs with this fault alone."""
+    seconds: float
+    """Virtual time."""
+    digest: str = field(default="", compare=False)
+
+    def line(self) -> str:
+        return json.dumps({name: value for name, value in asdict(self).items() if name != "digest"})
+
+
+@cache
+def scenes() -> tuple[str, ...]:
+    return tuple(scene_names())
+
+
+@cache
+def profiles() -> tuple[str, ...]:
+    return tuple(profile_names())
+
+
+def case_of(seed: int, duration: float = DURATION) -> Case:
+    """Draw the run of a seed; its faults happen while there is torque."""
+    random = Random(f"case/{seed}")
+    scene, drive = random.choice(scenes()), random.choice(profiles())
+    rate, hand = random.choice(RATES), random.choice(HANDS)
+    return Case(seed, scene, drive, rate, hand, duration, drawn(seed, duration))
+
+
+@cache
+def settings_of(scene: str, drive: str) -> tuple[tuple[str, float], ...]:
+    """The settings with which a scene is in contact early."""
+    chosen = {}
+    for key, value in CONTACT.items():
+        try:
+            api.plan(scene, drive=drive, settings={key: value})
+            chosen[key] = value
+        except HapticFieldbusError:
+            continue
+    return tuple(chosen.items())
+
+
+@cache
+def possible_rate(scene: str, drive: str, rate: float) -> float:
+    """The rate, or the highest one where the scene would not be stable with it."""
+    try:
+        plan: Plan = api.plan(scene, drive=drive, rate=rate, settings=dict(settings_of(scene, drive)))
+        stable = all(axis.stability is None or axis.stability.verdict.value != "unstable" for axis in plan.axes)
+    except PlanError:
+        stable = False
+    return rate if stable else max(RATES)
+
+
+def run_case(case: Case) -> Verdict:
+    """Run a case and judge it; every tenth is run twice, or recorded."""
+    with TemporaryDirectory() as folder:
+        record = Path(folder) / ("run.csv" if case.seed % 20 < REPEATED else "run.log")
+        verdict = _once(case, record if case.seed % REPEATED == 1 else None)
+    if case.seed % REPEATED == 0 and _once(case, None).digest != verdict.digest:
+        verdict = replace(verdict, broken=(*verdict.broken, ("same seed, same octets", "another run wrote others")))
+    return verdict
+
+
+def _once(case: Case, record: Path | None) -> Verdict:
+    error: str | None = None
+    with watched(keep=True) as found:
+        try:
+            api.run(
+                case.scene,
+                drive=case.drive,
+                rate=possible_rate(case.scene, case.drive, case.rate),
+                hand=case.hand,
+                duration=case.duration,
+                fade_in=FADE_IN,
+                seed=case.seed,
+                faults=case.faults,
+                settings=dict(settings_of(case.scene, case.drive)),
+                record=record,
+            )
+        except HapticFieldbusError as refused:
+            error = type(refused).__name__
+        except Exception as crash:  # the findings tell of it, with its message
+            error = type(crash).__name__
+    return Verdict(
+        case.seed,
+        tuple(found.broken) or _unseen(found, error),
+        error,
+        dict(_times(found.witnesses)),
+        sum((witness.seen_ns - witness.begun_ns) * 1e-9 for witness in found.witnesses),
+        _digest(found.witnesses),
+    )
+
+
+def _unseen(found: Findings, error: str | None) -> tuple[tuple[str, str], ...]:
+    """A run that nobody has witnessed says nothing."""
+    return () if found.runs else (("a run is witnessed", f"it ended with {error}"),)
+
+
+def _times(witnesses: Iterable[Witness]) -> Iterable[tuple[str, float]]:
+    for witness in witnesses:
+        if len(witness.faults) != 1:
+            continue
+        for fault, cause, event_ns in laws.ending(witness):
+            took = max((laws.lasted(witness, axis.node, event_ns) for axis in witness.stated.axes), default=0.0)
+            yield f"{fault.kind}|{cause}|{1.0 / witness.stated.period:.0f}", took
+
+
+def _digest(witnesses: Iterable[Witness]) -> str:
+    seen = hashlib.sha256()
+    for witness in witnesses:
+        for t_ns, can_id, data, _ in witness.frames:
+            seen.update(t_ns.to_bytes(8, "little", signed=True) + can_id.to_bytes(4, "little") + data)
+    return seen.hexdigest()

@@ -1,0 +1,34 @@
+"""Seeded runs with faults, over library scenes and shipped profiles: no invariant breaks.
+
+A seed that fails is told with its faults as the text of a file: `haptic-fieldbus run SCENE --faults FILE` repeats it,
+`python -m tests.soak.find replay SEED FILE` judges it.
+"""
+
+import json
+
+import pytest
+
+from haptic_fieldbus.sim.faults.drawing import RECIPES
+from tests.soak.case import case_of, profiles, scenes
+from tests.soak.planted import PROJECT, called
+
+QUICK_RUNS, QUICK_DURATION = 64, 0.4
+THOROUGH_RUNS, SHARE = 1000, 100
+
+
+def test_some_seeds_break_nothing() -> None:
+    # In a process of its own, whose memory is small: before each run the loop looks through all of it.
+    assert json.loads(called(PROJECT, "judge", "0", str(QUICK_RUNS), str(QUICK_DURATION))) == []
+
+
+@pytest.mark.thorough("a hundred runs each")
+@pytest.mark.parametrize("first", range(0, THOROUGH_RUNS, SHARE))
+def test_many_seeds_break_nothing(first: int) -> None:
+    assert json.loads(called(PROJECT, "judge", str(100_000 + first), str(SHARE), "1.0")) == []
+
+
+def test_seeds_reach_every_scene_profile_and_kind() -> None:
+    cases = [case_of(seed) for seed in range(1000)]
+    assert {case.scene for case in cases} == set(scenes())
+    assert {case.drive for case in cases} == set(profiles())
+    assert {fault.kind for case in cases for fault in case.faults} == set(RECIPES)
