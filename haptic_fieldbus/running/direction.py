@@ -47,7 +47,7 @@ def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | N
     if instruct is None or not plan.rig.source:
         return [_unconfirmed(axis) for axis in due]
     warnings: list[str] = []
-    exchange = _Exchange(plan, bus, clock, ending)
+    exchange = _WayExchange(plan, bus, clock, ending)
     for axis in due:
         _show(axis, plan, exchange, instruct)
         warnings += _kept(axis, plan)
@@ -61,7 +61,7 @@ def _unconfirmed(axis: AxisPlan) -> str:
     )
 
 
-def _show(axis: AxisPlan, plan: Plan, exchange: "_Exchange", instruct: Instruct) -> None:
+def _show(axis: AxisPlan, plan: Plan, exchange: "_WayExchange", instruct: Instruct) -> None:
     """Wait until the handle was moved far enough, and check to which side."""
     unit = axis.workspace.length_unit
     enough = max(ENOUGH[axis.workspace], FEWEST_COUNTS * axis.resolution)
@@ -100,7 +100,7 @@ def _kept(axis: AxisPlan, plan: Plan) -> Iterator[str]:
         yield f"axis {axis.name}: that the direction is right was not kept in {plan.rig.source}: {why}"
 
 
-class _Exchange:
+class _WayExchange:
     """The exchange of the loop with drives that stay off."""
 
     def __init__(self, plan: Plan, bus: Bus, clock: Clock, ending: EndSignals) -> None:
