@@ -133,6 +133,12 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
             )
         if (unseen := cycle.unseen(axis.name)) is not None:
             yield _unseen(axis, tried=unseen > 0)
+        if doubts := cycle.doubts(axis.name):
+            yield (
+                f"axis {axis.name}: the motion went against the torque {doubts} times, as by a blow of the hand; "
+                f"then at most {in_unit(axis.limits.holding, axis.workspace.effort_unit)} was given until the sign was "
+                "seen again"
+            )
         if stalls := cycle.stalls(axis.name):
             yield (
                 f"axis {axis.name}: the position stood still under {axis.workspace.effort_name} for "

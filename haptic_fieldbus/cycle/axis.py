@@ -13,7 +13,7 @@ from haptic_fieldbus.cycle.echo import bind_echo
 from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
-from haptic_fieldbus.cycle.sign import bind_proof
+from haptic_fieldbus.cycle.sign import Sign
 from haptic_fieldbus.cycle.sign_watch import bind_sign_watch
 from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.cycle.watch import FLAGS, STATUSWORD, T_NS, AxisWatch, Owner, in_time
@@ -43,9 +43,7 @@ class AxisCycle:
         """How often counts stood still under torque for so long that the limit fell."""
         self._owner, self._axis, self._period = owner, axis, period
         self._watch = AxisWatch(axis, self.state, period, self._trip)
-        self.proof = bind_proof(axis, period, self.state, self._trip, owner.sign_seen)
-        """The proof of the sign; None where it is known."""
-        self.permission.proof = None if self.proof is None else self.proof.give
+        self.sign = Sign(axis, period, self.state, self.permission, self._trip, owner.sign_seen)
         self._image, self._output = image, output
         self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
@@ -76,18 +74,13 @@ class AxisCycle:
         """Set the zero and the position of the handle, in the first rendered period."""
         state, t_ns = self.state, self._feedback[T_NS]
         state.began_ns, state.moved_ns, state.begun = t_ns, t_ns, True
-        state.permitted_ns = None if self.proof else t_ns
+        self.sign.begin(t_ns)
         if self._axis.integrates:
             self._follow(self._feedback[T_NS], self._feedback[self._place(Signal.VELOCITY)])
             return
         counts, zero = self._feedback[self._place(Signal.POSITION)], self._axis.rig.mechanism.zero
         self.state.zero_counts = counts if zero == "start" else zero
         self.state.position = (counts - self.state.zero_counts) * self._axis.position_unit
-
-    def permit(self) -> None:
-        """Let the force rise to its limit, from what a hand may hold on: the sign of all axes is seen."""
-        self.permission.proof, self.state.permitted_ns = None, self._feedback[T_NS]
-        self.permission.fade = min(1.0, self._axis.limits.holding / self._axis.limits.effort)
 
     def check_start(self) -> None:
         """After the first force: one that is large already would throw the handle as soon as it is permitted."""
@@ -281,7 +274,7 @@ class AxisCycle:
             state.target = target = round(permitted / effort_unit)
             pack_into(output, offset, state.controlword, sign * target)
 
-        watched = bind_sign_watch(axis, state, self._period, trip, render)
+        watched = bind_sign_watch(axis, state, self._period, self.sign.doubt, render)
         proved = bind_echo(axis, state, self._period, trip, lambda: self._feedback, watched)
         return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
 

@@ -173,8 +173,12 @@ class Cycle:
 
     def unseen(self, axis: str) -> int | None:
         """Return how often the sign of the axis was looked for in vain, None once it was seen."""
-        proof = self._axes[axis].proof
+        proof = self._axes[axis].sign.proof
         return None if proof is None or proof.seen else proof.failures
+
+    def doubts(self, axis: str) -> int:
+        """Return how often the motion went against the torque, so that the sign of the axis was looked for again."""
+        return self._axes[axis].sign.doubts
 
     def permitted_ns(self, axis: str) -> int | None:
         """Return when force began to rise to its limit; None while the sign has not been seen."""
@@ -182,9 +186,9 @@ class Cycle:
 
     def sign_seen(self) -> None:
         """Let forces rise once the sign of every axis is seen: a coupling acts on two."""
-        if all(each.proof is None or each.proof.seen for each in self._axes.values()):
+        if all(each.sign.proof is None or each.sign.proof.seen for each in self._axes.values()):
             for each in self._axes.values():
-                each.permit()
+                each.sign.permit(self.t_ns)
 
     def update_enabled(self) -> None:
         """Set `enabled` after a power state has changed."""

@@ -10,8 +10,9 @@ feedback begins a stage anew. In a scene of several axes force rises when the si
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
-from haptic_fieldbus.cycle.safety import TripKind
+from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.watch import TripOff
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -30,12 +31,51 @@ def thue_morse(number: int) -> float:
     return -1.0 if number.bit_count() % 2 else 1.0
 
 
-def bind_proof(
-    axis: AxisPlan, period: float, state: AxisState, trip: TripOff, seen: Callable[[], None]
-) -> "SignProof | None":
-    """Return the proof of one axis, None where the sign is known; `seen` is called once."""
-    probe = sign_probe(axis, period)
-    return None if probe is None else SignProof(axis, probe, state, trip, seen)
+class Sign:
+    """The sign of one axis: known, looked for, seen, or in doubt and looked for again.
+
+    `seen` is called after each proof, `trip` when the sign is wrong.
+    """
+
+    def __init__(
+        self,
+        axis: AxisPlan,
+        period: float,
+        state: AxisState,
+        permission: Permission,
+        trip: TripOff,
+        seen: Callable[[], None],
+    ) -> None:
+        self.doubts = 0
+        """How often the motion went against the torque."""
+        self._axis, self._period, self._state, self._permission = axis, period, state, permission
+        self._trip, self._seen = trip, seen
+        self.proof = self._proof(sign_probe(axis, period))
+        """None where the sign is known."""
+
+    def _proof(self, probe: SignProbe | None) -> "SignProof | None":
+        proof = None if probe is None else SignProof(self._axis, probe, self._state, self._trip, self._seen)
+        self._permission.proof = None if proof is None else proof.give
+        return proof
+
+    def begin(self, t_ns: int) -> None:
+        """Note when force begins to rise, in the first rendered period; not yet where the sign is looked for."""
+        self._state.permitted_ns = None if self.proof else t_ns
+
+    def permit(self, t_ns: int) -> None:
+        """Let the force rise to its limit, from what a hand may hold on: the sign of all axes is seen."""
+        if self._state.permitted_ns is None:
+            limits = self._axis.limits
+            self._permission.proof, self._state.permitted_ns = None, t_ns
+            self._permission.fade = min(1.0, limits.holding / limits.effort)
+
+    def doubt(self) -> None:
+        """Permit no more than a hand may hold, and look for the sign again: the motion went against the torque."""
+        self.doubts += 1
+        self.proof = self._proof(sign_probe(replace(self._axis, sign_known=False), self._period))
+        if self.proof is not None:
+            self.proof.begin()
+        self._permission.unchanged, self._state.permitted_ns = False, None
 
 
 class SignProof:
@@ -63,7 +103,7 @@ class SignProof:
             holding = self._probe.holding
             return max(-holding, min(holding, force))
         if self._state.steps != 1:
-            self._begin()
+            self.begin()
         if self._quiet:
             self._quiet -= 1
             return 0.0
@@ -79,7 +119,7 @@ class SignProof:
     def _pulses(self) -> int:
         return PULSES_OF_A_PAIR * self._stage.pairs
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
         """Begin the stage, after a while in which the handle comes to rest."""
         self._positions, self._shown = [], []
         self._quiet = PARTS * self._stage.periods
@@ -138,4 +178,4 @@ class SignProof:
         else:
             self.failures += 1
             self._pause = math.ceil(PAUSE / self._probe.period)
-        self._begin()
+        self.begin()

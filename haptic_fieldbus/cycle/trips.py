@@ -5,7 +5,6 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
-from haptic_fieldbus.cycle.sign_watch import OWN_MOTION
 from haptic_fieldbus.cycle.start import start_position
 from haptic_fieldbus.errors import (
     BusError,
@@ -191,12 +190,6 @@ def _dead(trip: Trip, axis: AxisPlan) -> str:
 def _reversed(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of a motion against the torque; the value is how far, the limit the torque."""
     force, length = axis.workspace.effort_unit, axis.workspace.length_unit
-    if trip.detail == OWN_MOTION:
-        return (
-            f"the motion went against the torque, by {percent(-trip.value)} of what it should do. Either the encoder "
-            "counts backwards now, or the motor turns backwards: another tool may have reversed one of them in the "
-            "drive. Or somebody moved the handle against every change of torque"
-        )
     return (
         f"pulses of {in_unit(trip.limit or 0.0, force)} moved the handle {in_unit(abs(trip.value), length)} to the "
         "other side. Either the encoder counts backwards, or the motor turns backwards: swap two lines of the one that "

@@ -13,12 +13,14 @@ from haptic_fieldbus import run
 from haptic_fieldbus.drive.mechanics import Mechanics, Stribeck
 from haptic_fieldbus.drive.rig import Seen
 from haptic_fieldbus.errors import SafetyTripError
+from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.sign_probe import sign_probe
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.catalogue import profile_names
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.hand import HANDS
 from tests.builders import VELOCITY_ONLY, WALL, canopen, plan_of, rig_of
 from tests.system.sign_bench import HELD_BY, REVERSED, SMALL, rendered, unseen_plan, unseen_rig
 
@@ -206,8 +208,8 @@ TURNED: tuple[faults.Fault, ...] = (
 @pytest.mark.parametrize("fault", TURNED, ids=lambda fault: fault.kind)
 def test_a_sign_that_turns_in_contact_ends_the_run(fault: faults.Fault) -> None:
     """Another tool reverses the drive two seconds later, when the motor holds the handle at its end stop."""
-    with pytest.raises(SafetyTripError, match="the motion went against the torque"):
-        run("constant", duration=4.0, faults=[fault])
+    with pytest.raises(SafetyTripError, match=r"pulses of .* moved the handle .* to the other side"):
+        run("constant", duration=8.0, faults=[fault])
 
 
 @pytest.mark.thorough("seconds of knocking", quick=1)
@@ -215,3 +217,20 @@ def test_a_sign_that_turns_in_contact_ends_the_run(fault: faults.Fault) -> None:
 def test_a_virtual_mass_that_is_knocked_is_no_contradiction(mass: float) -> None:
     """Its torque goes against each change of the hand's force, as that of a wrong sign does."""
     assert run("inertia", hand="tap", duration=5.0, force=True, settings={"inertia.mass": mass}).trips == ()
+
+
+@pytest.mark.thorough("a run each", quick=3)
+@pytest.mark.parametrize("lasting", [0.005, 0.02, 0.05])
+@pytest.mark.parametrize("force", [-150.0, -60.0, 20.0, 60.0, 150.0])
+@pytest.mark.parametrize("scene", ["wall", "spring", "kelvin_voigt"])
+def test_a_blow_of_the_hand_raises_a_doubt_at_most(scene: str, force: float, lasting: float) -> None:
+    """It changes its force against the torque, as a wrong sign does; pulses then tell the two apart."""
+    blow = faults.HandHit("hand_hit", 1.5, force, lasting)
+    outcome = rendered(select(Task(scene)).plan, HANDS["push"], [blow], seconds=3.5)
+    assert not outcome.contradicted
+
+
+def test_what_a_doubt_did_is_told() -> None:
+    blow = faults.HandHit("hand_hit", 1.5, 60.0, 0.05)
+    (told,) = [warning for warning in run("wall", duration=3.0, faults=[blow]).warnings if "against" in warning]
+    assert "the motion went against the torque 1 times, as by a blow of the hand; then at most 2.51 N was given" in told
