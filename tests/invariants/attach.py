@@ -5,9 +5,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from tests.invariants import laws, outcome
+from tests.invariants import outcome, proofs
 from tests.invariants.stated import Stated, stated
-from tests.invariants.witness import MASTER, STRANGER, Shaft, Witness
+from tests.invariants.witness import MASTER, STRANGER, Part, Shaft, Witness
 from tests.invariants.words import State
 
 MOST_FRAMES, KEPT_FRAMES = 200_000, 2_000
@@ -38,15 +38,19 @@ class Watch:
         self._open: dict[int, tuple[Witness, Any]] = {}
         self.judged: list[Witness] = []
         """Since the last run of the API began."""
+        self._proving = self._asked = self._must_prove = False
 
     def begin(self, bus: Any, plan: Any) -> None:
-        """A master is about to configure its drives."""
+        """A master is about to configure its drives, for the first time or anew."""
         wire = _simulated(bus) if self.findings.watching else None
+        if id(bus) in self._open:
+            self._again(*self._open[id(bus)])
         if wire is None or id(bus) in self._open:
             return
         world, port = wire.world, wire._controller.port
         shafts = {axis.node: _shaft(world, axis.node) for axis in plan.axes if axis.node in world._rack.slaves}
-        witness = Witness(_stated(plan), world.clock, shafts, world._now_ns)
+        witness = Witness(_stated(plan), world.clock, shafts, world._now_ns, proves=self._proving)
+        witness.may_prove, witness.must_prove = self._asked or not plan.simulated, self._must_prove
         senders = {port: MASTER} | {own: slave.node.number for own, slave in world._rack.attached}
         frames = witness.frames
 
@@ -58,10 +62,24 @@ class Watch:
         world.watch(seen)
         self._open[id(bus)] = witness, world
 
+    def _again(self, witness: Witness, world: Any) -> None:
+        """Another part begins."""
+        begun_ns, now_ns = witness.earlier[-1].ended_ns if witness.earlier else witness.begun_ns, world.clock.now_ns()
+        witness.earlier.append(Part(begun_ns, now_ns, witness.proves, witness.released_ns))
+        witness.proves, witness.released_ns = self._proving, None
+
+    def prove(self, inner: Callable[..., Any], *args: Any) -> Any:
+        """The guards of the drives are proved meanwhile."""
+        self._proving = True
+        try:
+            return inner(*args)
+        finally:
+            self._proving = False
+
     def _shorten(self, witness: Witness, t_ns: int) -> None:
         """Judge a long run so far, and forget all but the last part of it."""
         witness.seen_ns, witness.whole = t_ns, False
-        self.findings.broken += laws.broken(witness)
+        self.findings.broken += proofs.broken(witness)
         del witness.frames[:-KEPT_FRAMES]
         for shaft in witness.shafts.values():
             del shaft.targets[:-KEPT_FRAMES]
@@ -90,7 +108,7 @@ class Watch:
             drive.servo.advance(witness.seen_ns)
             shaft.now = State(drive.power.state.value)
         self.findings.runs += 1
-        self.findings.broken += laws.broken(witness)
+        self.findings.broken += proofs.broken(witness)
         self.judged.append(witness)
         if self.findings.keep:
             self.findings.witnesses.append(witness)
@@ -105,7 +123,9 @@ class Watch:
         """A run of the API: its outcome is judged too."""
         if not self.findings.watching:
             return inner(request, place)
-        self.judged = []
+        plan = request.selection.plan
+        self.judged, self._must_prove = [], not plan.simulated
+        self._asked = request.prove
         error: BaseException | None = None
         result: Any = None
         try:
@@ -114,7 +134,8 @@ class Watch:
             error, result = raised, getattr(raised, "result", None)
             raise
         finally:
-            if request.selection.plan.simulated and self.judged:
+            self._asked = self._must_prove = False
+            if plan.simulated and self.judged:
                 name = None if error is None else type(error).__name__
                 cycles = getattr(result, "cycles", 0) or 0
                 told = outcome.Ended(name, str(error or ""), cycles, request.record)
@@ -126,11 +147,12 @@ class Watch:
 def watched(*, keep: bool = False) -> Iterator[Findings]:
     """Judge every run on a simulated CAN bus meanwhile; `keep` its witnesses too."""
     from haptic_fieldbus.buses.canopen.master import CanopenBus
-    from haptic_fieldbus.running import session
+    from haptic_fieldbus.running import proving, session
 
     watch = Watch(Findings(keep=keep))
     watch.findings.settle = watch.end_all
     configure, release, close, render = CanopenBus.configure, CanopenBus.release, CanopenBus.close, session.render
+    prove = proving.prove
 
     def configured(self: Any, plan: Any) -> None:
         watch.begin(self, plan)
@@ -147,12 +169,18 @@ def watched(*, keep: bool = False) -> Iterator[Findings]:
     def rendered(request: Any, place: Any) -> Any:
         return watch.render(render, request, place)
 
+    def proved(*args: Any) -> Any:
+        return watch.prove(prove, *args)
+
     patched: Any = CanopenBus
     patched.configure, patched.release, patched.close, session.render = configured, released, closed, rendered
+    patched_proving: Any = proving
+    patched_proving.prove = proved
     try:
         yield watch.findings
     finally:
         patched.configure, patched.release, patched.close, session.render = configure, release, close, render
+        patched_proving.prove = prove
         watch.end_all()
 
 
@@ -203,6 +231,7 @@ def _faults(slave: Any) -> tuple[Any, ...] | None:
 def _stated(plan: Any) -> Stated:
     """The plain numbers of a part of a plan, as the whole has them in its JSON, of its rig and of its drives."""
     from haptic_fieldbus.planning.limit_table import limit_rows
+    from haptic_fieldbus.planning.plan_json import _sign_json
 
     told = {
         "pdos": [pdo for axis in plan.axes for pdo in axis.traffic.to_json(axis.rig.bus).get("pdos", ())],
@@ -212,6 +241,8 @@ def _stated(plan: Any) -> Stated:
             for row in limit_rows(axis, plan.period)
         ],
         "deadlines": [each.to_json() for each in plan.deadlines],
+        "sign": [_sign_json(axis, plan.period) for axis in plan.axes],
+        "guards": [guard.to_json() for guard in plan.guards],
     }
     return stated(
         told,

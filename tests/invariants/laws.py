@@ -13,37 +13,45 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.invariants import causes
-from tests.invariants.stated import Place, StatedAxis
-from tests.invariants.witness import MASTER, STRANGER, Shaft, Witness
+from tests.invariants.reading import (
+    axes_of,
+    controlwords_of,
+    enabled_ns_of,
+    motor_of,
+    set_points_of,
+    stranger_commands,
+    when,
+    words_of,
+)
+from tests.invariants.stated import StatedAxis
+from tests.invariants.witness import Shaft, Witness
 from tests.invariants.words import ARROWS, MAKES_TORQUE, STEP, Command, State, command_of, state_of
 
 REMAINDER = 0.01
 """Share of the torque at an event at which it is zero."""
 UNFOLLOWED = 35.0
 """‰ of rated torque by which the motor's target may differ from the wire's without being noticed."""
-Floats = NDArray[np.float64]
 Law = Callable[[Witness], Iterator[str]]
 
 
 def torque_within_limits(witness: Witness) -> Iterator[str]:
-    """No set-point on the wire, and no target at a motor, is above the limit; the limit fades in from enabling on."""
-    for axis, shaft in _axes(witness):
+    """No set-point on the wire, and no target at a motor, is above the limit; the limit fades in."""
+    for axis, shaft in axes_of(witness):
         limit = axis.torque + shaft.unit
-        wire = _set_points(witness, axis, shaft)
+        wire = set_points_of(witness, axis, shaft)
         largest = float(np.abs(wire[:, 1]).max(initial=0.0))
         if largest > limit:
             yield f"{axis.name}: a set-point of {largest:.4g} N·m, the limit is {axis.torque:.4g} N·m"
-        enabled_ns = _enabled_ns(shaft)
+        enabled_ns = enabled_ns_of(shaft)
         if enabled_ns is not None:
-            faded = np.clip((wire[:, 0] - enabled_ns) * 1e-9 / axis.fade_in, 0.0, 1.0) * axis.torque
-            over = np.flatnonzero(np.abs(wire[:, 1]) > faded + 2.0 * shaft.unit + axis.torque * _share(witness, axis))
+            faded = axis.permitted((wire[:, 0] - enabled_ns) * 1e-9, witness.stated.period)
+            over = np.flatnonzero(np.abs(wire[:, 1]) > faded + 2.0 * shaft.unit)
             if over.size:
                 at = over[0]
                 yield f"{axis.name}: {wire[at, 1]:.4g} N·m when the limit had faded in to {faded[at]:.4g} N·m"
-        if not _stranger_commands(witness):
+        if not stranger_commands(witness):
             motor = max((abs(torque) for _, torque in shaft.targets), default=0.0)
             if motor > limit:
                 yield f"{axis.name}: a target of {motor:.4g} N·m at the motor, the limit is {axis.torque:.4g} N·m"
@@ -51,8 +59,8 @@ def torque_within_limits(witness: Witness) -> Iterator[str]:
 
 def slew_within_limits(witness: Witness) -> Iterator[str]:
     """From one set-point to the next torque changes by no more than the slew limit, unless it is taken away."""
-    for axis, shaft in _axes(witness):
-        wire = _set_points(witness, axis, shaft)
+    for axis, shaft in axes_of(witness):
+        wire = set_points_of(witness, axis, shaft)
         if len(wire) < 2:
             continue
         change = np.abs(np.diff(wire[:, 1]))
@@ -60,13 +68,13 @@ def slew_within_limits(witness: Witness) -> Iterator[str]:
         largest = axis.slew * witness.stated.period + 1.5 * shaft.unit
         if float(change.max()) > largest:
             at = int(change.argmax())
-            step, when = f"{wire[at, 1]:.4g} → {wire[at + 1, 1]:.4g} N·m", _when(witness, wire[at + 1, 0])
-            yield f"{axis.name}: {step} in a period at {when}, at most {largest:.4g} N·m"
+            step, at_time = f"{wire[at, 1]:.4g} → {wire[at + 1, 1]:.4g} N·m", when(witness, wire[at + 1, 0])
+            yield f"{axis.name}: {step} in a period at {at_time}, at most {largest:.4g} N·m"
 
 
 def no_torque_outside_of_operation(witness: Witness) -> Iterator[str]:
     """A motor has torque in *operation enabled* and while it brakes, and nowhere else."""
-    for axis, shaft in _axes(witness):
+    for axis, shaft in axes_of(witness):
         state, events = shaft.state, iter([*shaft.transitions, (witness.seen_ns + 1, 0)])
         until_ns, number = next(events)
         for t_ns, torque in shaft.targets:
@@ -74,26 +82,26 @@ def no_torque_outside_of_operation(witness: Witness) -> Iterator[str]:
                 state = State.NOT_READY if number < 0 else ARROWS[number][1]
                 until_ns, number = next(events)
             if torque and state not in MAKES_TORQUE:
-                yield f"{axis.name}: {torque:.4g} N·m at {_when(witness, t_ns)} in {state.value}"
+                yield f"{axis.name}: {torque:.4g} N·m at {when(witness, t_ns)} in {state.value}"
                 break
 
 
 def nothing_enables_again(witness: Witness) -> Iterator[str]:
     """A drive that has left *operation enabled* does not come back, and nobody asks it to."""
-    for axis, shaft in _axes(witness):
+    for axis, shaft in axes_of(witness):
         enabled = [t_ns for t_ns, number in shaft.transitions if number in (4, 16)]
-        if len(enabled) > 1 and not _stranger_commands(witness):
-            yield f"{axis.name}: enabled again at {_when(witness, enabled[1])}"
-        words = _controlwords(witness, axis)
+        if len(enabled) > 1 and not stranger_commands(witness):
+            yield f"{axis.name}: enabled again at {when(witness, enabled[1])}"
+        words = controlwords_of(witness, axis)
         asked = [at for at, (_, word) in enumerate(words) if command_of(word) is Command.ENABLE_OPERATION]
         if asked and asked[-1] - asked[0] + 1 != len(asked):
             gap = next(at for at, following in pairwise(asked) if following != at + 1)
-            yield f"{axis.name}: asked to enable again after {_when(witness, words[gap][0])}"
+            yield f"{axis.name}: asked to enable again after {when(witness, words[gap][0])}"
 
 
 def automaton_never_skips(witness: Witness) -> Iterator[str]:
     """Transitions follow the standard's graph, and no command skips a state that the drive has not shown yet."""
-    for axis, shaft in _axes(witness):
+    for axis, shaft in axes_of(witness):
         state = shaft.state
         for t_ns, number in shaft.transitions:
             if number < 0:
@@ -101,7 +109,7 @@ def automaton_never_skips(witness: Witness) -> Iterator[str]:
                 continue
             starts, end = ARROWS[number]
             if state not in starts:
-                yield f"{axis.name}: transition {number} from {state.value} at {_when(witness, t_ns)}"
+                yield f"{axis.name}: transition {number} from {state.value} at {when(witness, t_ns)}"
                 break
             state = end
         yield from _commands_in_order(witness, axis, shaft)
@@ -110,14 +118,14 @@ def automaton_never_skips(witness: Witness) -> Iterator[str]:
 def zero_in_time(witness: Witness) -> Iterator[str]:
     """After a fault that must end the run, and after the order to let go, torque is zero within the stated time."""
     faults, stated = witness.faults, witness.stated
-    for axis, shaft in _axes(witness):
+    for axis, shaft in axes_of(witness):
         for fault, cause, event_ns in ending(witness):
             longest = causes.allowed(cause, faults, stated)
             took = time_to_zero(witness, axis, shaft, event_ns)
             if took is not None and took > longest:
                 what = f"{fault.kind} at {fault.at:.4f} s"
                 yield f"{axis.name}: {what}: {1e3 * took:.2f} ms to zero, {1e3 * longest:.2f} ms stated"
-        if witness.released_ns is not None and not _stranger_commands(witness):
+        if witness.released_ns is not None and not stranger_commands(witness):
             longest = stated.deadlines[causes.END]
             if not witness.is_plain:
                 longest = causes.allowed(causes.STOPPED, [*faults, *faults, None], stated)
@@ -130,8 +138,8 @@ def energy_after_a_fault_bounded(witness: Witness) -> Iterator[str]:
     """From a fault that takes the way to zero torque does not grow; see the theory above."""
     if len(witness.faults) != 1:
         return
-    for axis, shaft in _axes(witness):
-        times, torques = _motor(shaft)
+    for axis, shaft in axes_of(witness):
+        times, torques = motor_of(shaft)
         for fault, cause, event_ns in ending(witness):
             if cause not in causes.FADES or not len(times):
                 continue
@@ -143,14 +151,25 @@ def energy_after_a_fault_bounded(witness: Witness) -> Iterator[str]:
                 yield f"{axis.name}: {np.abs(after).max():.4g} N·m after {fault.kind}, {most:.4g} N·m at the event"
 
 
+def a_wrong_sign_gets_no_force(witness: Witness) -> Iterator[str]:
+    """Where torque moves a handle the wrong way, and nobody knew the sign, it gets pulses and what a hand may hold."""
+    if not any(_is_reversed(axis, shaft) for axis, shaft in axes_of(witness)) or stranger_commands(witness):
+        return
+    for axis, shaft in axes_of(witness):
+        _, torques = motor_of(shaft)
+        largest = float(np.abs([*torques, *set_points_of(witness, axis, shaft)[:, 1]]).max(initial=0.0))
+        if axis.probe is not None and largest > axis.unseen + 0.5 * shaft.unit:
+            yield f"{axis.name}: {largest:.4g} N·m with a wrong sign, at most {axis.unseen:.4g} N·m until it is seen"
+
+
 def what_has_no_effect_is_noticed(witness: Witness) -> Iterator[str]:
     """Set-points that a motor does not follow are noticed within the stated time."""
     faults = witness.faults
     longest = witness.stated.deadlines.get(causes.NO_EFFECT)
-    if longest is None or len(faults) != 1 or faults[0].kind != "missing_rpdos" or _stranger_commands(witness):
+    if longest is None or len(faults) != 1 or faults[0].kind != "missing_rpdos" or stranger_commands(witness):
         return
-    for axis, shaft in _axes(witness):
-        wire, (times, torques) = _set_points(witness, axis, shaft), _motor(shaft)
+    for axis, shaft in axes_of(witness):
+        wire, (times, torques) = set_points_of(witness, axis, shaft), motor_of(shaft)
         if not len(wire) or not len(times):
             continue
         place = np.searchsorted(times, wire[:, 0] + 1e9 * witness.stated.period, side="right") - 1
@@ -159,7 +178,7 @@ def what_has_no_effect_is_noticed(witness: Witness) -> Iterator[str]:
         for t_ns, is_apart in zip(wire[:, 0], apart, strict=True):
             began = None if not is_apart else t_ns if began is None else began
             if began is not None and (t_ns - began) * 1e-9 > longest:
-                yield f"{axis.name}: the motor has not followed since {_when(witness, began)}"
+                yield f"{axis.name}: the motor has not followed since {when(witness, began)}"
                 break
 
 
@@ -171,18 +190,14 @@ LAWS: dict[str, Law] = {
     "the automaton never skips": automaton_never_skips,
     "zero in time": zero_in_time,
     "energy after a fault bounded": energy_after_a_fault_bounded,
+    "a wrong sign gets no force": a_wrong_sign_gets_no_force,
     "what has no effect is noticed": what_has_no_effect_is_noticed,
 }
 
 
-def broken(witness: Witness) -> list[tuple[str, str]]:
-    """All that is broken: (name of the law, sentence)."""
-    return [(name, sentence) for name, law in LAWS.items() for sentence in law(witness)]
-
-
 def ending(witness: Witness) -> Iterator[tuple[Any, str, int]]:
     """The faults that must end the run and happened within it: (fault, cause, instant)."""
-    enabled_ns = witness.enabled_ns
+    enabled_ns = witness.faults_ns
     if enabled_ns is None:
         return
     for fault in witness.faults:
@@ -198,7 +213,7 @@ def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int
 
     A torque loop of first order with the lag T falls from τ to a hundredth of τ₀ within T·ln(100·τ/τ₀).
     """
-    times, torques = _motor(shaft)
+    times, torques = motor_of(shaft)
     # A drive that lets go by itself does so at the very instant of the event.
     at = int(np.searchsorted(times, event_ns, side="left")) - 1
     held = torques[max(at, 0) :]
@@ -218,66 +233,13 @@ def lasted(witness: Witness, node: int, event_ns: int) -> float:
     return time_to_zero(witness, axis, witness.shafts[node], event_ns) or 0.0
 
 
-def _axes(witness: Witness) -> Iterator[tuple[StatedAxis, Shaft]]:
-    for axis in witness.stated.axes:
-        if axis.node in witness.shafts:
-            yield axis, witness.shafts[axis.node]
-
-
-def _enabled_ns(shaft: Shaft) -> int | None:
-    return next((t_ns for t_ns, number in shaft.transitions if number == 4), None)
-
-
-def _motor(shaft: Shaft) -> tuple[Floats, Floats]:
-    """Times [ns] and torques [N·m] of the motor's targets; of those at one instant the last counts."""
-    table = np.array(shaft.targets, dtype=np.float64).reshape(-1, 2)
-    last = np.append(np.diff(table[:, 0]) > 0.0, True) if len(table) else np.zeros(0, dtype=bool)
-    return table[last, 0], table[last, 1]
-
-
-def _words(witness: Witness, place: Place, sender: int) -> list[tuple[int, int]]:
-    """Times [ns] and values of a word that a sender has put on the wire."""
-    first, last = place.offset, place.offset + 2
-    return [
-        (t_ns, int.from_bytes(data[first:last], "little"))
-        for t_ns, can_id, data, by in witness.frames
-        if can_id == place.can_id and by == sender and len(data) == place.length
-    ]
-
-
-def _controlwords(witness: Witness, axis: StatedAxis) -> list[tuple[int, int]]:
-    return _words(witness, axis.controlword, MASTER)
-
-
-def _set_points(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Floats:
-    """Of the master: time [ns], target torque [N·m], and whether the controlword goes with it (0: torque-free)."""
-    targets, words = _words(witness, axis.target, MASTER), _controlwords(witness, axis)
-    table = np.zeros((len(targets), 3))
-    if targets:
-        raw = np.array(targets, dtype=np.int64)
-        table[:, 0] = raw[:, 0]
-        table[:, 1] = np.where(raw[:, 1] < 0x8000, raw[:, 1], raw[:, 1] - 0x10000) * shaft.unit
-        table[:, 2] = [word & 0x08 for _, word in words] if len(words) == len(targets) else 1.0
-    return table
-
-
-def _share(witness: Witness, axis: StatedAxis) -> float:
-    """By what share the limit fades in in one period and on the way to the wire."""
-    return 2.0 * witness.stated.period / axis.fade_in
-
-
-def _stranger_commands(witness: Witness) -> bool:
-    """Whether somebody else was on the wire: what a drive does then is not the master's alone."""
-    return any(sender == STRANGER for _, _, _, sender in witness.frames)
-
-
 def _commands_in_order(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Iterator[str]:
     """Until the drive is enabled nothing disturbs the wire: the master knows the last statusword that was sent."""
-    enabled_ns = _enabled_ns(shaft)
+    enabled_ns = enabled_ns_of(shaft)
     until_ns = witness.seen_ns if enabled_ns is None else enabled_ns
     words: Sequence[tuple[int, int, bool]] = sorted(
-        [(t_ns, word, False) for t_ns, word in _words(witness, axis.statusword, axis.node)]
-        + [(t_ns, word, True) for t_ns, word in _controlwords(witness, axis)]
+        [(t_ns, word, False) for t_ns, word in words_of(witness, axis.statusword, axis.node)]
+        + [(t_ns, word, True) for t_ns, word in controlwords_of(witness, axis)]
     )
     state: State | None = None
     for t_ns, word, is_command in words:
@@ -288,12 +250,13 @@ def _commands_in_order(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Iter
             if state is None:
                 yield f"{axis.name}: statusword {word:04X}h is in no table"
         elif state is not None and command_of(word) not in STEP[state]:
-            yield f"{axis.name}: {command_of(word).value} in {state.value} at {_when(witness, t_ns)}"
+            yield f"{axis.name}: {command_of(word).value} in {state.value} at {when(witness, t_ns)}"
             return
 
 
-def _when(witness: Witness, t_ns: float) -> str:
-    enabled_ns = witness.enabled_ns
-    if enabled_ns is None:
-        return f"{t_ns * 1e-9:.4f} s"
-    return f"{(t_ns - enabled_ns) * 1e-9:.4f} s after enabling"
+def _is_reversed(axis: StatedAxis, shaft: Shaft) -> bool:
+    """Whether torque moves the handle the wrong way from the first moment on, and the sign was not known."""
+    kinds = [fault.kind for fault in shaft.faults or () if getattr(fault, "at", 1.0) <= 0.0]
+    turned = kinds.count("encoder_reversed") + kinds.count("torque_reversed")
+    scaled = any(fault.kind == "encoder_scaling" for fault in shaft.faults or ())
+    return axis.probe is not None and turned % 2 == 1 and not scaled

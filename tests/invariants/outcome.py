@@ -7,6 +7,8 @@ from typing import Any
 
 from tests.invariants import causes
 from tests.invariants.laws import ending
+from tests.invariants.parts import parts_of
+from tests.invariants.proofs import let_go_after
 from tests.invariants.witness import MASTER, Witness
 from tests.invariants.words import MAKES_TORQUE
 
@@ -15,6 +17,7 @@ MARGIN_NS = 1_000_000
 STATUS = {
     "BusError": 1, "BusTimeoutError": 1, "BusConfigurationError": 1, "DriveFaultError": 1, "SafetyTripError": 3,
     "UsageError": 2, "PlanError": 4, "ForeignMasterError": 4, "UnstableSceneError": 4,
+    "UnprovedGuardError": 4,
 }  # fmt: skip
 """Exit status of an error by its name, as the command line promises it."""
 
@@ -42,7 +45,9 @@ def _status(witnesses: Sequence[Witness], ended: Ended) -> Iterator[str]:
     if ended.error is not None and ended.error not in STATUS:
         yield f"a run raised {ended.error}: {ended.message[:300]}"
         return
-    for witness in witnesses:
+    runs = [parts_of(witness)[-1] for witness in witnesses]
+    yield from _guards(runs, ended)
+    for witness in runs:
         faults, stated = witness.faults, witness.stated
         if ended.error is None:
             yield from _in_order(witness)
@@ -55,6 +60,18 @@ def _status(witnesses: Sequence[Witness], ended: Ended) -> Iterator[str]:
             status = STATUS[ended.error]
             if status not in causes.STATUS[fault.kind]:
                 yield f"{fault.kind} ended with exit status {status}: {ended.message[:200]}"
+
+
+def _guards(runs: Sequence[Witness], ended: Ended) -> Iterator[str]:
+    """Guards that did not act, and nothing else, end a run before it has begun."""
+    proofs = [run for run in runs if run.proves]
+    if ended.error is None and proofs and ended.cycles:
+        yield "a run without an error ended while guards were proved"
+    if ended.error != "UnprovedGuardError":
+        return
+    times = [(axis, let_go_after(run, axis)) for run in proofs for axis in run.stated.axes if axis.node in run.shafts]
+    if len(proofs) < len(runs) or not any(took is not None and took > axis.guard for axis, took in times):
+        yield f"every guard has acted, and it was said: {ended.message[:200]}"
 
 
 def _in_order(witness: Witness) -> Iterator[str]:
@@ -76,7 +93,7 @@ def _in_order(witness: Witness) -> Iterator[str]:
 
 def _is_cut_off(fault: Any, witness: Witness) -> bool:
     """Whether a drive or the master has been off the wire from before the order to let go on, until all was over."""
-    enabled_ns, released_ns = witness.enabled_ns, witness.released_ns
+    enabled_ns, released_ns = witness.faults_ns, witness.released_ns
     if fault.kind not in causes.CUTS or enabled_ns is None or released_ns is None:
         return False
     begins_ns = enabled_ns + round(fault.at * 1e9)

@@ -7,6 +7,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tests.invariants.words import CONTROLWORD, OCTETS, STATUSWORD, TARGET_TORQUE
 
 Json = Mapping[str, Any]
@@ -19,6 +22,18 @@ class Place:
     can_id: int
     length: int
     offset: int
+
+
+@dataclass(frozen=True)
+class StatedProbe:
+    """How the sign is looked for that nobody knows; torque in N·m at the motor shaft."""
+
+    pulses: float
+    """The largest one."""
+    holding: float
+    """What the scene is given until then."""
+    least: float
+    """[s] until the sign can have been seen."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +56,27 @@ class StatedAxis:
     """Smallest second difference of the position that is surely noticed, in counts."""
     lag: float
     """[s] of the torque loop."""
+    probe: StatedProbe | None
+    """None where the sign is known."""
+    guard: float
+    """[s] after which the drive lets go by itself."""
+    unproved: bool
+    """Whether nothing is known of the guard, so that it must be proved before force is given on a real bus."""
+
+    @property
+    def unseen(self) -> float:
+        """Largest torque while the sign is not known."""
+        return 0.0 if self.probe is None else min(self.torque, max(self.probe.pulses, self.probe.holding))
+
+    def permitted(self, seconds: NDArray[np.float64], period: float) -> NDArray[np.float64]:
+        """The torque that is permitted so long after enabling; it fades in, from `holding` when the sign was seen."""
+        # A period for the way to the wire, and one in which the limit rises.
+        share = 2.0 * period / self.fade_in
+        if self.probe is None:
+            return (np.clip(seconds / self.fade_in, 0.0, 1.0) + share) * self.torque
+        risen = np.clip((seconds - self.probe.least) / self.fade_in + share, 0.0, 1.0) * self.torque
+        began = seconds >= self.probe.least
+        return np.where(began, np.maximum(self.unseen, self.probe.holding + risen), self.unseen)
 
 
 @dataclass(frozen=True)
@@ -61,19 +97,40 @@ def stated(
     limits: dict[str, dict[str, float]] = {}
     for row in plan["limits"]:
         limits.setdefault(row["axis"], {})[row["limit"]] = row["value"]
+    probes = {row["axis"]: row for row in plan["sign"] if row["pulses"]}
+    guards = {row["axis"]: row for row in plan["guards"]}
     # Axes and their PDOs stand in the same order.
     nodes = dict(zip(limits, dict.fromkeys(pdo["node"] for pdo in pdos), strict=True))
     return Stated(
         period,
         tuple(
-            _axis(name, nodes[name], pdos, limits[name], abs(ratios[name]), counts[name], lags[name]) for name in limits
+            _axis(
+                name,
+                nodes[name],
+                pdos,
+                limits[name],
+                abs(ratios[name]),
+                counts[name],
+                lags[name],
+                probes.get(name),
+                guards[name],
+            )
+            for name in limits
         ),
         {row["cause"]: 1e-3 * row["stated_ms"] for row in plan["deadlines"] if row["stated_ms"] is not None},
     )
 
 
 def _axis(
-    name: str, node: int, pdos: Iterable[Json], limits: Mapping[str, float], ratio: float, counts: int, lag: float
+    name: str,
+    node: int,
+    pdos: Iterable[Json],
+    limits: Mapping[str, float],
+    ratio: float,
+    counts: int,
+    lag: float,
+    probe: Json | None,
+    guard: Json,
 ) -> StatedAxis:
     own = [pdo for pdo in pdos if pdo["node"] == node]
     force = limits.get("force", limits.get("torque"))
@@ -92,7 +149,15 @@ def _axis(
         limits["speed"],
         limits.get("jump in a period", float("inf")) / (ratio * 6.283185307179586 / counts),
         lag,
+        None if probe is None else _probe(probe, ratio),
+        1e-3 * guard["guard_ms"],
+        guard["unproved"] is not None and guard["capped"] is None,
     )
+
+
+def _probe(row: Json, ratio: float) -> StatedProbe:
+    largest = max(effort for effort, _ in row["pulses"])
+    return StatedProbe(largest * ratio, row["permitted_until_then"] * ratio, row["least_s"])
 
 
 def _place(pdos: Iterable[Json], wanted: str) -> Place:

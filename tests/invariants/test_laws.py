@@ -13,8 +13,9 @@ from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.sim import faults
 from tests.invariants import causes, outcome
 from tests.invariants.attach import watched
-from tests.invariants.laws import LAWS, broken, ending, lasted
+from tests.invariants.laws import LAWS, ending, lasted
 from tests.invariants.outcome import Ended
+from tests.invariants.proofs import broken
 from tests.invariants.witness import MASTER, STRANGER, Witness
 from tests.invariants.words import ARROWS, STEP, Command, State, command_of, state_of
 

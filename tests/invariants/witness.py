@@ -35,9 +35,20 @@ class Shaft:
     """At the end."""
 
 
+@dataclass(frozen=True)
+class Part:
+    """One configuration of the drives, and what was done with it until the next one."""
+
+    begun_ns: int
+    ended_ns: int
+    proves: bool
+    """Whether the guards of the drives were to be proved."""
+    released_ns: int | None
+
+
 @dataclass
 class Witness:
-    """One run on one bus."""
+    """One run on one bus: the proofs of its guards, each a part of its own, and then the run itself."""
 
     stated: Stated
     clock: Any
@@ -53,6 +64,16 @@ class Witness:
     """False when the beginning of a long run was judged and forgotten."""
     seen_ns: int = 0
     """Up to where the truth is known."""
+    earlier: list[Part] = field(default_factory=list)
+    """Parts before the last one, which all else tells of."""
+    proves: bool = False
+    """Whether the last part is a proof of guards."""
+    may_prove: bool = False
+    """Whether proofs were asked for, or the bus is a real one."""
+    must_prove: bool = False
+    """Whether a guard of which nothing is known must be proved before the run."""
+    first_enabled_ns: int | None = None
+    """*Operation enabled* of an earlier part, from which the times of faults count."""
 
     @property
     def faults(self) -> Sequence[Any]:
@@ -70,6 +91,17 @@ class Witness:
 
     @property
     def enabled_ns(self) -> int | None:
-        """The first *operation enabled* of any drive; None when there was none."""
-        times = [t_ns for shaft in self.shafts.values() for t_ns, number in shaft.transitions if number == 4]
+        """The first *operation enabled* of any drive in the last part; None when there was none."""
+        since_ns = self.earlier[-1].ended_ns if self.earlier else self.begun_ns
+        times = [
+            t_ns
+            for shaft in self.shafts.values()
+            for t_ns, number in shaft.transitions
+            if number == 4 and t_ns >= since_ns
+        ]
         return min(times, default=None)
+
+    @property
+    def faults_ns(self) -> int | None:
+        """The instant from which the times of faults count; None while there was none."""
+        return self.enabled_ns if self.first_enabled_ns is None else self.first_enabled_ns

@@ -1,6 +1,7 @@
 """CANopen and CiA 402 as the checker reads them: written down from the standards, and used by nothing else.
 
-CiA 301 7.3.5 (identifiers of the predefined connection set); IEC 61800-7-201 (statusword, controlword, transitions).
+CiA 301 7.3.5 (identifiers of the predefined connection set) and 7.2.7.1 (error codes);
+IEC 61800-7-201 (statusword, controlword, transitions).
 """
 
 from enum import Enum
@@ -40,6 +41,8 @@ ARROWS: dict[int, tuple[frozenset[State], State]] = {
 }
 """Transitions by their numbers: from which states, and to which."""
 
+RESET_FAULT = 15
+"""The transition by which a fault is cleared."""
 MAKES_TORQUE = frozenset({State.ENABLED, State.QUICK_STOP, State.REACTION})
 
 _BY_BITS = {
@@ -96,7 +99,9 @@ STEP: dict[State, frozenset[Command]] = {
 }
 """Commands that skip no state of the automaton, by the state that the drive has shown."""
 
-NMT, HEARTBEAT = 0x000, 0x700
+NMT, EMERGENCY, HEARTBEAT = 0x000, 0x080, 0x700
+LOST_MASTER = 0x8130
+"""Error code of a drive whose life guard or heartbeat consumer has acted."""
 EVERY_NODE = 0x00
 CONTROLWORD, STATUSWORD, TARGET_TORQUE = "6040h", "6041h", "6071h"
 OCTETS = {CONTROLWORD: 2, STATUSWORD: 2, TARGET_TORQUE: 2, "6064h": 4, "6077h": 2, "6074h": 2, "606Ch": 4, "606Bh": 4}

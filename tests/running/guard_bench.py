@@ -14,7 +14,8 @@ from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import compiled, load
-from haptic_fieldbus.running.session import Request, Site, render
+from haptic_fieldbus.running import session
+from haptic_fieldbus.running.session import Request, Site
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.faults import DeadGuard, Fault
@@ -98,7 +99,7 @@ class GuardBench:
 
         request = Request(self.selection, seconds, confirm=confirm, prove=self.trial.prove)
         try:
-            return render(request, nullcontext(Site(self.clock, {"can": self.bus}, {})))
+            return session.render(request, nullcontext(Site(self.clock, {"can": self.bus}, {})))
         finally:
             self.forger.shutdown()
 
@@ -121,6 +122,15 @@ class GuardBench:
         """Of all set-points that went out."""
         size = RPDO + 0x7F
         return [struct.unpack("<Hh", data)[1] for _, can_id, data in self.frames if RPDO < can_id <= size]
+
+    def torques_of_the_proof(self) -> list[int]:
+        """Of the set-points until the drive said that it lost its master, or all when it never did."""
+        last_ns = max(self.losses(), default=None)
+        return [
+            struct.unpack("<Hh", data)[1]
+            for t_ns, can_id, data in self.frames
+            if RPDO < can_id <= RPDO + 0x7F and (last_ns is None or t_ns <= last_ns)
+        ]
 
     def times(self, can_id: int) -> list[int]:
         return [t_ns for t_ns, each, _ in self.frames if each == can_id]

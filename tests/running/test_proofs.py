@@ -49,7 +49,8 @@ def test_a_read_only_rig_is_told_with_what_it_would_hold_and_the_run_goes_on(rig
     before = rig.read_bytes()
     rig.chmod(0o444)
     result = GuardBench(rig).put().run()
-    (told,) = result.warnings
+    told, direction = result.warnings
+    assert "direction not confirmed by a person" in direction
     assert told.startswith(f"the proof of axis handle was not kept in {rig}: it is read-only. It would be:")
     assert "[axis.handle.proved], serial = 0x" in told
     assert (result.cycles, rig.read_bytes()) == (50, before)
