@@ -65,8 +65,10 @@ def _in_order(witness: Witness) -> Iterator[str]:
         # What happens at the very end may be noticed too late to end anything.
         if (over_ns - event_ns) * 1e-9 > min(longest, causes.allowed(cause, witness.faults, witness.stated)):
             yield f"{getattr(fault, 'kind', fault)} did not end the run"
-    for fault in witness.faults:
-        if _is_cut_off(fault, witness):
+    cuts = [fault for fault in witness.faults if fault.kind in causes.CUTS]
+    for fault in cuts:
+        # Of several the one may end the other.
+        if len(cuts) == 1 and _is_cut_off(fault, witness):
             yield f"nobody can have confirmed that the motors are off: {fault.kind} at {fault.at:.4f} s"
     for axis in witness.stated.axes:
         shaft = witness.shafts[axis.node]
@@ -77,7 +79,7 @@ def _in_order(witness: Witness) -> Iterator[str]:
 def _is_cut_off(fault: Any, witness: Witness) -> bool:
     """Whether a drive or the master has been off the wire from before the order to let go on, until all was over."""
     enabled_ns, released_ns = witness.enabled_ns, witness.released_ns
-    if fault.kind not in causes.CUTS or enabled_ns is None or released_ns is None:
+    if enabled_ns is None or released_ns is None:
         return False
     begins_ns = enabled_ns + round(fault.at * 1e9)
     if fault.duration is not None and begins_ns + round(fault.duration * 1e9) < witness.seen_ns:
