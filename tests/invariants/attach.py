@@ -36,21 +36,27 @@ class Watch:
     def __init__(self, findings: Findings) -> None:
         self.findings = findings
         self._open: dict[int, tuple[Witness, Any]] = {}
+        self._enabled: dict[int, int] = {}
+        """When the drives of a world were enabled first, from which its faults count."""
         self.judged: list[Witness] = []
         """Since the last run of the API began."""
 
     def begin(self, bus: Any, plan: Any) -> None:
         """A master is about to configure its drives."""
         wire = _simulated(bus) if self.findings.watching else None
-        if wire is None or id(bus) in self._open:
+        if wire is None:
             return
+        self.end(bus)  # it was configured before, for the proof of its guards: that was a run of its own
         world, port = wire.world, wire._controller.port
         shafts = {axis.node: _shaft(world, axis.node) for axis in plan.axes if axis.node in world._rack.slaves}
         witness = Witness(_stated(plan), world.clock, shafts, world._now_ns)
+        witness.faults_from_ns = self._enabled.get(id(world))
         senders = {port: MASTER} | {own: slave.node.number for own, slave in world._rack.attached}
         frames = witness.frames
 
         def seen(t_ns: int, frame: Any, sender: Any) -> None:
+            if witness.closed_ns is not None:
+                return
             frames.append((t_ns, frame.can_id, frame.data, senders.get(sender, STRANGER)))
             if len(frames) >= MOST_FRAMES:
                 self._shorten(witness, t_ns)
@@ -89,6 +95,8 @@ class Watch:
             drive = world.slave(node).drive
             drive.servo.advance(witness.seen_ns)
             shaft.now = State(drive.power.state.value)
+        if witness.enabled_ns is not None:
+            self._enabled.setdefault(id(world), witness.enabled_ns)
         self.findings.runs += 1
         self.findings.broken += laws.broken(witness)
         self.judged.append(witness)
@@ -103,6 +111,7 @@ class Watch:
 
     def render(self, inner: Callable[..., Any], request: Any, place: Any) -> Any:
         """A run of the API: its outcome is judged too."""
+        self._enabled.clear()  # worlds of earlier runs are gone, and their places in memory may be taken
         if not self.findings.watching:
             return inner(request, place)
         self.judged = []

@@ -38,7 +38,9 @@ def torque_within_limits(witness: Witness) -> Iterator[str]:
             yield f"{axis.name}: a set-point of {largest:.4g} N·m, the limit is {axis.torque:.4g} N·m"
         enabled_ns = _enabled_ns(shaft)
         if enabled_ns is not None:
-            faded = np.clip((wire[:, 0] - enabled_ns) * 1e-9 / axis.fade_in, 0.0, 1.0) * axis.torque
+            share = np.clip((wire[:, 0] - enabled_ns) * 1e-9 / axis.fade_in, 0.0, 1.0)
+            # What a hand may be left alone with is permitted at once: by it the sign is seen.
+            faded = np.maximum(share * axis.torque, min(axis.holding, axis.torque))
             over = np.flatnonzero(np.abs(wire[:, 1]) > faded + 2.0 * shaft.unit + axis.torque * _share(witness, axis))
             if over.size:
                 at = over[0]
@@ -182,14 +184,14 @@ def broken(witness: Witness) -> list[tuple[str, str]]:
 
 def ending(witness: Witness) -> Iterator[tuple[Any, str, int]]:
     """The faults that must end the run and happened within it: (fault, cause, instant)."""
-    enabled_ns = witness.enabled_ns
-    if enabled_ns is None:
+    origin_ns, enabled_ns = witness.origin_ns, witness.enabled_ns
+    if origin_ns is None or enabled_ns is None:
         return
     for fault in witness.faults:
         cause = causes.cause_of(fault, witness.stated, witness.faults)
-        event_ns = enabled_ns + round(getattr(fault, "at", 0.0) * 1e9)
+        event_ns = origin_ns + round(getattr(fault, "at", 0.0) * 1e9)
         over_ns = witness.released_ns if witness.released_ns is not None else witness.seen_ns
-        if cause is not None and event_ns < over_ns:
+        if cause is not None and witness.begun_ns <= event_ns < over_ns:
             yield fault, cause, event_ns
 
 

@@ -34,6 +34,8 @@ class StatedAxis:
     slew: float
     """[N·m/s]"""
     fade_in: float
+    holding: float
+    """[N·m] that a hand may be left alone with."""
     age: float
     speed: float
     """[m/s or rad/s] of the handle."""
@@ -88,6 +90,7 @@ def _axis(
         force * ratio,
         limits["slew"] * ratio,
         limits["fade-in of the limit"],
+        limits["force at standstill"] * ratio,
         limits["age of feedback"],
         limits["speed"],
         limits.get("jump in a period", float("inf")) / (ratio * 6.283185307179586 / counts),
