@@ -81,12 +81,13 @@ def no_torque_outside_of_operation(witness: Witness) -> Iterator[str]:
 
 
 def nothing_enables_again(witness: Witness) -> Iterator[str]:
-    """A drive that has left *operation enabled* does not come back, and nobody asks it to."""
+    """A drive that has shown *operation enabled* and left it does not come back, and nobody asks it to."""
     for axis, shaft in _axes(witness):
-        enabled = [t_ns for t_ns, number in shaft.transitions if number in (4, 16)]
-        if len(enabled) > 1 and not _stranger_commands(witness):
-            yield f"{axis.name}: enabled again at {_when(witness, enabled[1])}"
-        words = _controlwords(witness, axis)
+        shown_ns = _shown_ns(witness, axis)
+        enabled = [t_ns for t_ns, number in shaft.transitions if number in (4, 16) and t_ns > shown_ns]
+        if enabled and not _stranger_commands(witness):
+            yield f"{axis.name}: enabled again at {_when(witness, enabled[0])}"
+        words = [word for word in _controlwords(witness, axis) if word[0] > shown_ns]
         asked = [at for at, (_, word) in enumerate(words) if command_of(word) is Command.ENABLE_OPERATION]
         if asked and asked[-1] - asked[0] + 1 != len(asked):
             gap = next(at for at, following in pairwise(asked) if following != at + 1)
@@ -187,11 +188,13 @@ def ending(witness: Witness) -> Iterator[tuple[Any, str, int]]:
     origin_ns, enabled_ns = witness.origin_ns, witness.enabled_ns
     if origin_ns is None or enabled_ns is None:
         return
+    # A master that has not been shown *operation enabled* is still on its way there.
+    shown_ns = max(_shown_ns(witness, axis) for axis, _ in _axes(witness))
     for fault in witness.faults:
         cause = causes.cause_of(fault, witness.stated, witness.faults)
         event_ns = origin_ns + round(getattr(fault, "at", 0.0) * 1e9)
         over_ns = witness.released_ns if witness.released_ns is not None else witness.seen_ns
-        if cause is not None and witness.begun_ns <= event_ns < over_ns:
+        if cause is not None and shown_ns <= event_ns < over_ns:
             yield fault, cause, event_ns
 
 
@@ -228,6 +231,12 @@ def _axes(witness: Witness) -> Iterator[tuple[StatedAxis, Shaft]]:
 
 def _enabled_ns(shaft: Shaft) -> int | None:
     return next((t_ns for t_ns, number in shaft.transitions if number == 4), None)
+
+
+def _shown_ns(witness: Witness, axis: StatedAxis) -> int:
+    """When the drive has shown *operation enabled* first; the end of all when it never has."""
+    words = _words(witness, axis.statusword, axis.node)
+    return next((t_ns for t_ns, word in words if state_of(word) is State.ENABLED), witness.seen_ns)
 
 
 def _motor(shaft: Shaft) -> tuple[Floats, Floats]:
