@@ -228,4 +228,5 @@ def _stated(plan: Any) -> Stated:
         {axis.name: axis.rig.mechanism.ratio for axis in plan.axes},
         {axis.name: axis.rig.encoder_counts_per_revolution for axis in plan.axes},
         {axis.name: axis.delay.torque_loop for axis in plan.axes},
+        {axis.name: axis.rig.coulomb_friction for axis in plan.axes},
     )

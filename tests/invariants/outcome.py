@@ -15,6 +15,7 @@ MARGIN_NS = 1_000_000
 STATUS = {
     "BusError": 1, "BusTimeoutError": 1, "BusConfigurationError": 1, "DriveFaultError": 1, "SafetyTripError": 3,
     "UsageError": 2, "PlanError": 4, "ForeignMasterError": 4, "UnstableSceneError": 4,
+    "UnprovedGuardError": 4,
 }  # fmt: skip
 """Exit status of an error by its name, as the command line promises it."""
 
