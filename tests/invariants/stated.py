@@ -63,7 +63,7 @@ def stated(
     lags: Mapping[str, float],
     frictions: Mapping[str, float],
 ) -> Stated:
-    """Read a plan; by axis: ratio [m or rad of the handle in a rad], counts in a revolution, lag [s], friction [N·m]."""
+    """Read a plan; by axis: ratio [m or rad of the handle in a rad], counts a revolution, lag [s], friction [N·m]."""
     pdos = list(plan["pdos"] or ())
     limits: dict[str, dict[str, float]] = {}
     for row in plan["limits"]:
