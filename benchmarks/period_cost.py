@@ -24,15 +24,15 @@ def by_hand() -> Callable[[bytes], bytearray]:
     """The wall as one function without any choice, with every guard of the cycle.
 
     Link flags and stale feedback, power state, the encoder's wrap, speed, acceleration, workspace, stall,
-    the echo of the set-point, a finite force, fade-in, effort and slew.
+    the echo of the set-point, the energy of a contact, a finite force, fade-in, effort and slew.
     """
     unpack, pack_into = struct.Struct("<qIHHHih").unpack_from, struct.Struct("<Hh").pack_into
     unit, effort_unit = 0.05 / 4096, 0.4 / 1000 / (0.05 / (2 * math.pi))
     lowest, highest = -math.inf, math.inf
     position, zero, before, fade, gain, stale = COUNTS * unit, 0, 0.0, 0.0, 1.0, False
     late, later = math.exp(-0.4e-3 * 2 * math.pi * 1000), math.exp(-0.6e-3 * 2 * math.pi * 1000)
-    target = older = moved_ns = 0
-    torque = way = 0.0
+    target = older = moved_ns = side = 0
+    torque = way = energy = 0.0
     output = bytearray(4)
 
     def released() -> bytearray:
@@ -40,7 +40,7 @@ def by_hand() -> Callable[[bytes], bytearray]:
         return output
 
     def period(image: bytes) -> bytearray:
-        nonlocal before, position, fade, target, older, torque, way, moved_ns
+        nonlocal before, position, fade, target, older, torque, way, moved_ns, energy, side
         t_ns, _, flags, _, statusword, counts, shown = unpack(image)
         if flags or stale or statusword & 0x6F != 0x27:
             return released()
@@ -55,6 +55,11 @@ def by_hand() -> Callable[[bytes], bytearray]:
         way, position = here - position, here
         if way:
             moved_ns = t_ns
+            energy += way * (effort_unit * (0.56 * older + 0.44 * target) - 0.64 * way)
+            if energy > 0.0056:
+                return released()
+        if target * side <= 0:
+            energy, side = 0.0, target
         if t_ns - moved_ns > 90_000_000_000:
             return released()
         torque = target + (older + (torque - older) * late - target) * later

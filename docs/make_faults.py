@@ -103,7 +103,7 @@ def _words(hint: Any, *, hexadecimal: bool) -> str:
 
 
 def _number(value: float) -> str:
-    return exactly(float(value)) if abs(value) < 1e7 else f"{value:.4g}"
+    return exactly(float(value))
 
 
 if __name__ == "__main__":

@@ -379,6 +379,20 @@ GUARDS = {
             "tests/running/test_ending.py::test_after_the_first_signal_no_other_one_interrupts_the_way_to_zero",
         ),
     ),
+    "energy of the scene's own": _cycle(
+        "energy",
+        "if excess > tally.limit:",
+        "if False:",
+        "test_a_source_above_the_limit_trips_and_one_below_does_not_however_often",
+        of="tests/cycle/test_energy.py",
+    ),
+    "credit ends with its contact": _cycle(
+        "energy",
+        "energy, settles = 0.0, reason is not None or ledger.changing",
+        "settles = reason is not None or ledger.changing",
+        "test_credit_does_not_outlive_a_contact",
+        of="tests/cycle/test_energy.py",
+    ),
     "the question before torque": Guard(
         "haptic_fieldbus/running/session.py",
         "if request.confirm is None or not request.confirm(question):",

@@ -81,10 +81,10 @@ DOES_WITHOUT = {
         "scenes.registry": "scenes.own",
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
-        "running.session": "running.proofs running.proving",
         "api": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.torque_error": "assessing.virtual_states",
+        "running.session": "running.direction running.proofs running.proving",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
     },
 }

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from haptic_fieldbus.assessing.passivity import Passivity
 from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
@@ -173,6 +174,8 @@ class Result:
     stability: Stability | None = None
     trips: tuple[TripRecord, ...] = ()
     changes: tuple[Changed, ...] = ()
+    passivity: tuple[Passivity, ...] = ()
+    """What the energy ledgers have seen, one for each axis or each group of coupled axes."""
     verdict: str | None = None
     traces: tuple[Trace, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -211,6 +214,7 @@ class Result:
                 "stability": cast(Json, self.stability.to_json()) if self.stability else None,
                 "trips": [trip.to_json() for trip in self.trips],
                 "changes": [change.to_json() for change in self.changes],
+                "passivity": [each.to_json() for each in self.passivity],
                 "verdict": self.verdict,
                 "guards": [proof.to_json() for proof in self.proofs],
                 "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,

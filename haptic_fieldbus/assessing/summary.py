@@ -10,6 +10,7 @@ from dataclasses import replace
 from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Part, Run
 from haptic_fieldbus.assessing.error_sums import ErrorFigures
 from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.assessing.run_verdict import ripple, run_verdict
@@ -109,6 +110,7 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
     traces = {each.axis.name: each.trace for each in assessed}
     return replace(
         known_before(run.selection, run.report),
+        passivity=tuple(passivities(plan, run.cycle, run.report.cycles)),
         clock=run.clock,
         elapsed=elapsed,
         torque_error=_error_of(known[0], contacts) if known else None,

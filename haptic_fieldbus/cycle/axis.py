@@ -35,7 +35,9 @@ COMPUTED = ("position", "velocity", "force", "gain", "command")
 class AxisCycle:
     """One axis of a running plan; `output` is the output image, shared by all axes."""
 
-    def __init__(self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float) -> None:
+    def __init__(
+        self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float, *, controlled: bool
+    ) -> None:
         self.state, self.sensed, self.permission = AxisState(), Sensed(), Permission()
         self.stalls = 0
         """How often counts stood still under torque for so long that the limit fell."""
@@ -54,6 +56,8 @@ class AxisCycle:
         if axis.couplings:
             # The cycle adds up the couplings before any axis renders, so their field only reads the sum.
             self._fields.append(lambda position: self.sensed.coupled)
+        if controlled:
+            self._fields.append(lambda position: self.sensed.damped)
         self._field = summed(self._fields)
         self.render = self._bind_render()
 

@@ -7,13 +7,17 @@ puts together the decoded, computed and sent values of the period; a run that is
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
+from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.laws import PairField, blended_pair
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.cycle.sensing import in_order
+from haptic_fieldbus.cycle.tied_energy import bind_ledger
 from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.energy import judged_groups, ledger_elements
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import CouplingElement
@@ -65,7 +69,7 @@ class Cycle:
         """True while every axis is in operation enabled and nothing has tripped."""
         self._output = bytearray(plan.image.output_size)
         self._axes = {
-            axis.name: AxisCycle(self, axis, image, self._output, plan.period)
+            axis.name: AxisCycle(self, axis, image, self._output, plan.period, controlled=plan.scene.controlled)
             for axis, image in zip(plan.axes, plan.image.axes, strict=True)
         }
         # Every axis decodes the t_ns of the image, so that of any axis will do.
@@ -74,6 +78,8 @@ class Cycle:
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
         tied = dict.fromkeys(name for element in plan.scene.couplings for name in element.axes)
         self._tied = tuple(self._axes[name].state for name in tied)
+        self._controlled = plan.scene.controlled
+        self._ledgers = tuple(self._ledger(plan, names) for names in judged_groups(plan.axes, plan.scene.couplings))
         self._render = self._begin
         self.step = self._bind_step()
         """The cycle as a plain function, because Python calls a function faster than an object."""
@@ -139,6 +145,8 @@ class Cycle:
         pairs = {place: self._pair(to, after.period) for place, (was, to) in couplings if to != was}
 
         def change() -> None:
+            for ledger in self._ledgers:
+                ledger.exchange(*ledger_elements(after, ledger.axes), periods)
             for axis, fields in exchanges:
                 axis.exchange(fields, periods)
             for place, pair in pairs.items():
@@ -157,6 +165,11 @@ class Cycle:
     def stalls(self, axis: str) -> int:
         """Return how often counts stood still under torque for so long that the limit fell."""
         return self._axes[axis].stalls
+
+    @property
+    def ledgers(self) -> tuple[Ledger, ...]:
+        """The energy ledgers, in the order of their first axes."""
+        return self._ledgers
 
     def unseen(self, axis: str) -> int | None:
         """Return how often the sign of the axis was looked for in vain, None once it was seen."""
@@ -188,7 +201,12 @@ class Cycle:
         if self._couplings:
             before.insert(0, self._share_gaps)
             before.append(self._uncouple)
-        steps = (*before, *self._couplings, *[axis.render for axis in axes])
+        renders = {name: axis.render for name, axis in self._axes.items()}
+        for ledger in self._ledgers:
+            # Before any axis of the ledger renders, while the states still have the targets that were sent last.
+            first = ledger.axes[0].name
+            renders[first] = bind_ledger(ledger, renders[first], controls=self._controlled)
+        steps = (*before, *self._couplings, *renders.values())
         self._render = steps[0] if len(steps) == 1 else in_order(steps)
         self._render()
         for axis in axes:
@@ -202,6 +220,20 @@ class Cycle:
             self.trip = Trip(
                 TripKind.ELEMENT_FAILED, name, self.t_ns, math.nan, detail=f"{type(error).__name__}: {error}"
             )
+
+    def _ledger(self, plan: Plan, axes: Sequence[AxisPlan]) -> Ledger:
+        """Return the ledger of axes that are judged together; an account above its limit is a trip of the first."""
+        name = axes[0].name
+
+        def trip(energy: float, limit: float) -> None:
+            if self.trip is None:
+                position = self._axes[name].state.position
+                self.trip = Trip(TripKind.ENERGY, name, self.t_ns, energy, limit, position=position)
+                self.enabled = False
+
+        cycles = [(axis, self._axes[axis.name]) for axis in axes]
+        ports = [LedgerAxis(axis, each.state, each.sensed, each.permission) for axis, each in cycles]
+        return Ledger(ports, *ledger_elements(plan, axes), plan.period, trip)
 
     def _pair(self, element: CouplingElement, period: float) -> PairField:
         """Return a fresh law of the coupling, which reads the signals of its two axes itself."""

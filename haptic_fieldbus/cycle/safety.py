@@ -46,6 +46,7 @@ class TripKind(Enum):
     SPEED = "speed limit"
     ACCELERATION = "acceleration limit"
     POWER = "power limit"
+    ENERGY = "energy limit"
     POSITION = "position limit"
     DRIFT = "position drift"
     SET_POINTS_DEAD = "set-points do not act"

@@ -19,8 +19,8 @@ from haptic_fieldbus.planning.sign_probe import (
     PARTS,
     PAUSE,
     PULSES_OF_A_PAIR,
+    PulseStage,
     SignProbe,
-    Stage,
     sign_probe,
 )
 
@@ -72,7 +72,7 @@ class SignProof:
         return self._torque(self._stage)
 
     @property
-    def _stage(self) -> Stage:
+    def _stage(self) -> PulseStage:
         return self._probe.stages[self._number]
 
     @property
@@ -84,14 +84,14 @@ class SignProof:
         self._positions, self._shown = [], []
         self._quiet = PARTS * self._stage.periods
 
-    def _torque(self, stage: Stage) -> float:
+    def _torque(self, stage: PulseStage) -> float:
         """Return the torque of this period: none, that of the pulse, and the same against it."""
         pulse, rest = divmod(len(self._positions) - 1, PARTS * stage.periods)
         if self._pause or self.seen or not self._positions or pulse >= self._pulses:
             return 0.0
         return (0.0, 1.0, -1.0)[rest // stage.periods] * thue_morse(pulse) * stage.effort
 
-    def _look(self, stage: Stage) -> None:
+    def _look(self, stage: PulseStage) -> None:
         """After the second part of each pulse: how did the handle move, and what does the pair say?"""
         pulse, length = len(self._shown), stage.periods
         here = len(self._positions) - 1
@@ -108,7 +108,7 @@ class SignProof:
         if pulse % PULSES_OF_A_PAIR:
             self._judge(stage)
 
-    def _judge(self, stage: Stage) -> None:
+    def _judge(self, stage: PulseStage) -> None:
         first, pair = self._shown[0], self._shown[-1] + self._shown[-2]
         if abs(pair) < self._probe.least(stage) * (1.0 - 1e-9) or first * pair <= 0.0:
             self._next()

@@ -12,7 +12,8 @@ force: it must change its force against the torque, by one and a half times as m
 knocks does so for small torques only (`tests/system/test_sign.py` has the smallest S/N of each scene).
 
 This is no proof that the sign is right. It is there for what happens later, such as a drive that is turned round by
-another tool. Where a count is too coarse for an acceleration within a block, or a period too long, there is none.
+another tool. There is none where a count is too coarse for an acceleration within a block, or a period too long, nor
+where the scene itself answers acceleration: a virtual mass gives torque against every knock of a hand.
 """
 
 import math
@@ -23,6 +24,7 @@ from haptic_fieldbus.cycle.sensing import PeriodStep
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.watch import TripOff
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.virtual_mass import virtual_mass
 from haptic_fieldbus.signals import Workspace
 
 SHORTEST_BLOCK, LONGEST_BLOCK = 0.005, 0.01
@@ -36,6 +38,8 @@ KNOCK = {Workspace.LINEAR: 5.0, Workspace.ROTARY: 0.25}
 """Share of rated torque, and half the knock of a hand [N or N·m]: √N counts above both."""
 AGAINST = -0.5
 """S/N below which the motion goes against the torque."""
+HEAVIEST = 0.05
+"""Mass that the scene may add, as a share of that of the bench."""
 WORST_ERROR = 3.0
 """Counts by which the change of a second difference may be off: readings with the weights 1, −2, 2 and −1."""
 OWN_MOTION = "motion"
@@ -50,7 +54,7 @@ def bind_sign_watch(axis: AxisPlan, state: AxisState, period: float, trip: TripO
 
 def _block(axis: AxisPlan, period: float) -> int | None:
     """Return the shortest block in which accelerations are seen [periods]; None where none is."""
-    if axis.plant is None or not axis.plant.mass:
+    if axis.plant is None or not axis.plant.mass or virtual_mass(axis.elements) > HEAVIEST * axis.plant.mass:
         return None
     least = (WORST_ERROR * axis.plant.mass * axis.plant.resolution / (COARSENESS * axis.rated_effort)) ** 0.5
     periods = max(1, round(max(least, SHORTEST_BLOCK) / period + 0.49))

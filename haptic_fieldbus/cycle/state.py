@@ -51,3 +51,5 @@ class Sensed:
     """Time since the first rendered period."""
     coupled: float = 0.0
     """Force of all couplings on this axis [N or N·m]."""
+    damped: float = 0.0
+    """Force of the passivity controller [N or N·m]."""

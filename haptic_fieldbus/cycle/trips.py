@@ -42,6 +42,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.START_FORCE: PlanError,
     TripKind.ACCELERATION: SafetyTripError,
     TripKind.POWER: SafetyTripError,
+    TripKind.ENERGY: SafetyTripError,
     TripKind.SPEED: SafetyTripError,
     TripKind.POSITION: SafetyTripError,
     TripKind.DRIFT: SafetyTripError,
@@ -145,6 +146,14 @@ def _exceeded_power(trip: Trip, axis: AxisPlan) -> str:
     return f"power {rounded(trip.value)} W, the limit is {rounded(trip.limit or 0.0)} W"
 
 
+def _energy(trip: Trip, axis: AxisPlan) -> str:
+    return (
+        f"the scene gave the hand {rounded(1e3 * trip.value)} mJ more than it had stored and the loop may leak, the "
+        f"limit is {rounded(1e3 * (trip.limit or 0.0))} mJ. An element with a source of energy states its largest "
+        "force (strongest), one that stores energy how much (stored)"
+    )
+
+
 def _not_finite(trip: Trip, axis: AxisPlan) -> str:
     return f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
 
@@ -220,6 +229,7 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.START_FORCE: _start,
     TripKind.ACCELERATION: _acceleration,
     TripKind.POWER: _exceeded_power,
+    TripKind.ENERGY: _energy,
     TripKind.SPEED: _speed,
     TripKind.POSITION: _position,
     TripKind.DRIFT: _drift,

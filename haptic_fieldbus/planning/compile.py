@@ -11,6 +11,7 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
+from haptic_fieldbus.planning.energy import has_ledger
 from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
@@ -53,7 +54,11 @@ def compile_plan(
         axes=axes,
         image=lay_out_image([axis.traffic for axis in axes]),
         left_out=tuple(_left_out(axes)),
-        steps=tuple(step for axis in axes for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", period)),
+        steps=tuple(
+            step
+            for axis in axes
+            for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", period, controlled=scene.controlled)
+        ),
         modules=_modules(axes),
     )
 
@@ -83,7 +88,7 @@ def _traffic(name: str, drafts: list[AxisPlan], rig: Rig, rate: float, waiting: 
     return protocol_named(rig.bus[name].protocol).bus_traffic(rig.bus[name], members, rate, waiting)
 
 
-def _steps(axis: AxisPlan, prefix: str, period: float) -> Iterator[str]:
+def _steps(axis: AxisPlan, prefix: str, period: float, *, controlled: bool) -> Iterator[str]:
     """Yield the steps of an axis from decoding to encoding in words, in the order in which `cycle` binds them."""
     yield f"{prefix}link: trip on lost feedback, emergency or restart"
     yield f"{prefix}power state: statusword → controlword"
@@ -96,9 +101,13 @@ def _steps(axis: AxisPlan, prefix: str, period: float) -> Iterator[str]:
     probe = sign_probe(axis, period)
     if probe is not None:
         yield f"{prefix}sign: {sign_text(axis, probe)}"
+    if has_ledger((axis,)):
+        yield f"{prefix}energy: what is given against what was stored and what the hold leaks"
     for element in (*axis.elements, *axis.couplings):
         how = f", {axis.method}" if isinstance(element, DynamicElement) else ""
         yield f"{prefix}element: {element.name}{how}"
+    if controlled:
+        yield f"{prefix}passivity controller: damping, while more is given than was stored"
     yield f"{prefix}limits: finite, fade-in, effort, slew"
     yield f"{prefix}encode: {axis.workspace.effort_unit} → target torque"
 

@@ -49,7 +49,7 @@ def check_guarded(name: str, profile: DriveProfile, axis: RigAxis) -> None:
 
 
 @dataclass(frozen=True)
-class Guard:
+class AxisGuard:
     """The guard of one axis: the time for which it is set [s], and all that is known of it before a bus is opened."""
 
     axis: str
@@ -92,7 +92,7 @@ class Guard:
 
 
 def to_prove(
-    guards: Sequence[Guard], recorded: Mapping[str, Proved | None], serials: Mapping[str, int | None]
+    guards: Sequence[AxisGuard], recorded: Mapping[str, Proved | None], serials: Mapping[str, int | None]
 ) -> dict[str, str]:
     """Return the axes whose guards are to be proved now, with the reason of each; empty when all proofs count.
 
@@ -109,12 +109,12 @@ def _serial(proved: Proved) -> str:
     return "" if proved.serial is None else f", drive with serial number {proved.serial:#010x}"
 
 
-def guard_of(name: str, profile: DriveProfile, axis: RigAxis, seconds: float, source: str) -> Guard:
+def guard_of(name: str, profile: DriveProfile, axis: RigAxis, seconds: float, source: str) -> AxisGuard:
     """Return the guard of an axis of the rig file `source`, which is empty for a rig without a file."""
     cap = unguarded(profile, axis)
     why_not = "" if cap else _why_not(profile, axis, seconds, source)
     known = axis.proved if not cap and not why_not else None
-    return Guard(name, seconds, known, why_not, cap, axis.emergency_stop, profile.guarded)
+    return AxisGuard(name, seconds, known, why_not, cap, axis.emergency_stop, profile.guarded)
 
 
 def _why_not(profile: DriveProfile, axis: RigAxis, seconds: float, source: str) -> str:
@@ -128,7 +128,7 @@ def _why_not(profile: DriveProfile, axis: RigAxis, seconds: float, source: str) 
     return ""
 
 
-def unproved(guard: Guard, recorded: Proved | None, serial: int | None) -> str:
+def unproved(guard: AxisGuard, recorded: Proved | None, serial: int | None) -> str:
     """Return the reason for which a guard must be proved now; empty when its proof counts for the drive that is there.
 
     `recorded` is the outcome in the rig file, `serial` the serial number of the drive, None when it tells none.
@@ -144,7 +144,7 @@ def unproved(guard: Guard, recorded: Proved | None, serial: int | None) -> str:
     return "" if recorded is not None and recorded.serial == serial else "the proof in the rig file names no drive"
 
 
-def guard_lines(guards: Sequence[Guard], *, simulated: bool) -> Iterator[str]:
+def guard_lines(guards: Sequence[AxisGuard], *, simulated: bool) -> Iterator[str]:
     """Yield one line for each guard, with the name of its axis where there are several."""
     for guard in guards:
         prefix = f"{guard.axis}: " if len(guards) > 1 else ""

@@ -8,7 +8,7 @@ from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import TorqueDeadline, torque_deadlines
-from haptic_fieldbus.planning.guards import Guard, guard_of
+from haptic_fieldbus.planning.guards import AxisGuard, guard_of
 from haptic_fieldbus.planning.image import ImageLayout
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, BusTraffic, Delay
 from haptic_fieldbus.scenes.scene import Scene
@@ -107,7 +107,7 @@ class Plan:
         return torque_deadlines([(axis, traffic[axis.name]) for axis in self.axes], self.period)
 
     @property
-    def guards(self) -> tuple[Guard, ...]:
+    def guards(self) -> tuple[AxisGuard, ...]:
         """Guard of the drive of each axis, and what is known of it."""
         traffic, source = self._traffic, self.rig.source
         return tuple(

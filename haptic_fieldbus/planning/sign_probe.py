@@ -55,7 +55,7 @@ PULSES_OF_A_PAIR, PARTS = 2, 3
 
 
 @dataclass(frozen=True)
-class Stage:
+class PulseStage:
     """Pairs of pulses of one torque [N or N·m in the workspace] and length, of the part with one torque [periods]."""
 
     effort: float
@@ -67,7 +67,7 @@ class Stage:
 class SignProbe:
     """How the sign of one axis will be seen."""
 
-    stages: tuple[Stage, ...]
+    stages: tuple[PulseStage, ...]
     """Tried one after the other until the sign is seen."""
     holding: float
     """Effort that the scene is permitted until then [N or N·m]."""
@@ -100,7 +100,7 @@ class SignProbe:
             return None
         return max(0.0, first.effort - self.friction) / self.mass * (first.periods * self.period) ** 2
 
-    def least(self, stage: Stage) -> float:
+    def least(self, stage: PulseStage) -> float:
         """Return the smallest d of a pair that counts [m or rad]."""
         return SEEN_COUNTS * self.step * (stage.periods * self.period if self.speed else 1.0)
 
@@ -123,7 +123,7 @@ def sign_probe(axis: AxisPlan, period: float) -> SignProbe | None:
     longest = max(periods, round(LONGEST_PULSE / period))
     sizes = [(effort, periods) for effort in efforts]
     sizes += [(bound, min(longest, factor * periods)) for factor in (2, 4)]
-    stages = tuple(Stage(*size, _pairs(size[1] * period)) for size in dict.fromkeys(sizes))
+    stages = tuple(PulseStage(*size, _pairs(size[1] * period)) for size in dict.fromkeys(sizes))
     return SignProbe(stages, HOLDING_SHARE * axis.rated_effort, period, step, axis.integrates, mass, friction)
 
 

@@ -6,6 +6,7 @@ from dataclasses import fields
 from itertools import chain
 from typing import Any, cast
 
+from haptic_fieldbus.assessing.passivity import cost_text
 from haptic_fieldbus.assessing.result import Result, TorqueError
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability
@@ -71,6 +72,8 @@ def _outcome(result: Result) -> Iterator[Line]:
     if result.verdict is not None:  # only a run that went to its end has a verdict, so nothing tripped
         yield "result", f"{energy_text(result.energy_generated)}no trip"
         yield "verdict", result.verdict
+    for text in filter(None, map(cost_text, result.passivity)):
+        yield "passivity", text
     for change in result.changes:
         yield "changed", change_text(change.time, change.settings)
     for warning in result.warnings:

@@ -22,6 +22,7 @@ from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.signals import LinkFlag, Signal, Workspace
 
 ENOUGH = {Workspace.LINEAR: 0.01, Workspace.ROTARY: 0.2}
@@ -36,17 +37,17 @@ INT32, HALF_TURN = 0x1_0000_0000, 0x8000_0000
 Instruct = Callable[[str], None]
 
 
-def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | None) -> list[str]:
+def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | None, ending: EndSignals) -> list[str]:
     """Let a person show the direction of each axis whose rig does not have it; return what is to be told of it.
 
     The bus must be started; the drives stay off. Raises UsageError when nobody moves the handle, RigError when
-    positions fall on the way to the positive side, and the error of a fault of the link.
+    positions fall on the way to the positive side, KeyboardInterrupt after a signal, and the error of a faulty link.
     """
     due = [axis for axis in plan.axes if axis.rig.seen.direction is None]
     if instruct is None or not plan.rig.source:
         return [_unconfirmed(axis) for axis in due]
     warnings: list[str] = []
-    exchange = _Exchange(plan, bus, clock)
+    exchange = _WayExchange(plan, bus, clock, ending)
     for axis in due:
         _show(axis, plan, exchange, instruct)
         warnings += _kept(axis, plan)
@@ -60,7 +61,7 @@ def _unconfirmed(axis: AxisPlan) -> str:
     )
 
 
-def _show(axis: AxisPlan, plan: Plan, exchange: "_Exchange", instruct: Instruct) -> None:
+def _show(axis: AxisPlan, plan: Plan, exchange: "_WayExchange", instruct: Instruct) -> None:
     """Wait until the handle was moved far enough, and check to which side."""
     unit = axis.workspace.length_unit
     enough = max(ENOUGH[axis.workspace], FEWEST_COUNTS * axis.resolution)
@@ -99,11 +100,11 @@ def _kept(axis: AxisPlan, plan: Plan) -> Iterator[str]:
         yield f"axis {axis.name}: that the direction is right was not kept in {plan.rig.source}: {why}"
 
 
-class _Exchange:
+class _WayExchange:
     """The exchange of the loop with drives that stay off."""
 
-    def __init__(self, plan: Plan, bus: Bus, clock: Clock) -> None:
-        self._plan, self._bus, self._clock = plan, bus, clock
+    def __init__(self, plan: Plan, bus: Bus, clock: Clock, ending: EndSignals) -> None:
+        self._plan, self._bus, self._clock, self._ending = plan, bus, clock, ending
         self._deadline_ns = clock.now_ns()
         self._output = bytearray(plan.image.output_size)
         for axis, image in zip(plan.axes, plan.image.axes, strict=True):
@@ -128,6 +129,8 @@ class _Exchange:
     def _read(self, axis: AxisPlan, image: AxisImage, place: int) -> int | None:
         """Go through one period; return the reading, None without new feedback."""
         self._clock.sleep_until(self._deadline_ns)
+        if self._ending.signal is not None:
+            raise KeyboardInterrupt
         # A computer that was late goes on from now, because nothing here depends on the time of a period.
         self._deadline_ns = max(self._deadline_ns, self._clock.now_ns()) + self._plan.period_ns
         feedback = image.input.unpack_from(self._bus.read(self._deadline_ns))

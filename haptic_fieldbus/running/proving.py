@@ -62,7 +62,7 @@ def _once(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: End
     """Leave the configured drives alone once, and stop them."""
     try:
         bus.start()
-        exchange = _Exchange(plan, bus, clock, axes, ending)
+        exchange = _ProofExchange(plan, bus, clock, axes, ending)
         exchange.enable()
         proofs = tuple(exchange.leave_alone())
     except BaseException as error:
@@ -138,7 +138,7 @@ class _Looked:
         return Proof(self.axis.name, self.guard, self.allowed + asking, seen, off, self.between + asking)
 
 
-class _Exchange:
+class _ProofExchange:
     """The exchange of a proof: the loop's own, with torque 0."""
 
     def __init__(self, plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: EndSignals) -> None:

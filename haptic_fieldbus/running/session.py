@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from haptic_fieldbus.assessing.axis_assessment import Run
 from haptic_fieldbus.assessing.loop_report import LoopReport
+from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Truth
@@ -114,7 +115,8 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     except HapticFieldbusError as error:
         # A run that fails has a result too: the command line prints it beside the error.
         error.result = known_before(request.selection, report, cycle.trip, str(error))
-        error.result = replace(error.result, warnings=tuple(notices(plan, cycle, report)), proofs=prepared.proofs)
+        known, seen = tuple(notices(plan, cycle, report)), tuple(passivities(plan, cycle, report.cycles))
+        error.result = replace(error.result, warnings=known, passivity=seen, proofs=prepared.proofs)
         raise
     finally:
         rows.close()
@@ -173,7 +175,7 @@ def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, prepared: Prepar
     if not plan.simulated:
         from haptic_fieldbus.running.direction import confirm_direction
 
-        prepared.warnings += confirm_direction(plan, bus, clock, request.instruct)
+        prepared.warnings += confirm_direction(plan, bus, clock, request.instruct, ending)
 
 
 def _ask(request: Request, plan: Plan, bus: Bus, due: Mapping[str, str]) -> None:

@@ -63,6 +63,10 @@ class BrakingPulse:
 
         return pulse
 
+    def stored(self, position: float) -> float:
+        """Return 0 J: what a damper takes is gone."""
+        return 0.0
+
     def linearised(self) -> StateSpace:
         """Return the damping of a pulse as if it lasted."""
         return gain([[0.0, -self.damping]])

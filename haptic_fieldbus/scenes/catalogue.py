@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from haptic_fieldbus.documents import file_names, file_of, schema_of
 from haptic_fieldbus.scenes.files import apply_settings, check_together, elements_of, raise_faults
@@ -43,7 +43,14 @@ def load_scene(name_or_path: str | Path, settings: Mapping[str, Setting] | None 
         elements=tuple(elements),
         source=str(path),
         hand=frame.hand if frame is not None else None,
+        passivity=_passivity(parts),
     )
+
+
+def _passivity(parts: list[ScenePart]) -> Literal["observer", "controller"]:
+    """Return what the last file that names it says of passivity."""
+    told = [part.frame.passivity for part in parts if part.frame is not None and part.frame.passivity]
+    return told[-1] if told else "observer"
 
 
 def _held(parts: list[ScenePart], axis: str) -> bool | None:

@@ -63,6 +63,11 @@ class Constant:
         amplitude, sign = self.envelope.amplitude(), copysign(1.0, magnitude)
         return played(lambda elapsed: sign * amplitude(elapsed), self.start_delay, self.duration)
 
+    @property
+    def strongest(self) -> float:
+        """Largest force that it gives by itself [N or N·m]."""
+        return self.envelope.peak
+
     def linearised(self) -> StateSpace:
         """Return a gain of 0: the force does not depend on the motion of the handle."""
         return gain([[0.0, 0.0]])

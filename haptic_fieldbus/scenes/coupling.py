@@ -87,6 +87,13 @@ class Coupling:
 
         return damped if self.damping else sprung
 
+    def stored(self, first: float, second: float) -> float:
+        """Return the energy of the spring when the axes are at these positions [J]."""
+        beyond = max(abs(first - self.transmission * second) - self.dead_band, 0.0)
+        if self.saturation is not None and self.stiffness * beyond > self.saturation:
+            return self.saturation * (beyond - 0.5 * self.saturation / self.stiffness)
+        return 0.5 * self.stiffness * beyond * beyond
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper beyond the play and below saturation."""
         return spring_damper(self.stiffness, self.damping, self.transmission)

@@ -41,6 +41,11 @@ class Dahl:
         """Return the law from position to force or torque on the handle [N or N·m]; the same for every period."""
         return bind(self.stiffness, self.coulomb)
 
+    @property
+    def reserve(self) -> float:
+        """Largest energy that the bristle can hold [J]."""
+        return 0.5 * self.coulomb**2 / self.stiffness
+
     def linearised(self) -> StateSpace:
         """Return the spring of the bristle before it slides."""
         return gain([[-self.stiffness, 0.0]])

@@ -51,6 +51,10 @@ class Damper:
         negative = condition.Side.limited(self.negative_coefficient * self.damping, 0.0, self.negative_saturation)
         return condition.bind(0.0, self.dead_band, positive, negative)
 
+    def stored(self, position: float) -> float:
+        """Return 0 J: what a damper takes is gone."""
+        return 0.0
+
     def linearised(self) -> StateSpace:
         """Return the damping of the stronger direction, beyond the dead band and below saturation."""
         return gain([[0.0, -self.damping]])

@@ -58,6 +58,13 @@ class Detents:
         # The remainder is exact, so a knob feels the same after any number of turns.
         return -self.amplitude * math.sin(2.0 * math.pi * math.remainder(way, self.pitch) / self.pitch)
 
+    def stored(self, position: float) -> float:
+        """Return the energy above a valley when the handle is at `position` [J]; beyond the last crest that of it."""
+        way, crest = position - self.position, self.amplitude * self.pitch / math.pi
+        if self.count and (way <= -0.5 * self.pitch or way >= (self.count - 0.5) * self.pitch):
+            return crest
+        return crest * math.sin(math.pi * math.remainder(way, self.pitch) / self.pitch) ** 2
+
     def linearised(self) -> StateSpace:
         """Return the spring of a valley."""
         return gain([[-self.stiffness, 0.0]])

@@ -13,6 +13,9 @@ positive position. It is of one of four kinds:
 A law takes the signals of `needs`, in that order, as plain floats (`Signal.ELAPSED_NS` as an int), and returns the
 force or torque on the handle [N or N·m]. A scene without dynamic elements imports no integrator.
 
+An element also states what energy it can give, for the ledger of the cycle (`cycle.energy`): `stored`, `reserve` or
+`strongest`. One that states nothing is taken to give back no more than it took since it began.
+
 Elements are frozen dataclasses. The annotation of a parameter holds its quantity (`quantities`) and its bounds; both
 are checked when a file is read (`documents`).
 """
@@ -118,6 +121,33 @@ class CouplingElement(AnyElement, Protocol):
 
     def begin(self, period: float) -> PairLaw:
         """Return a law with a fresh memory; it must be called once every `period` [s]."""
+
+
+@runtime_checkable
+class Storing(Protocol):
+    """An element whose energy follows from where the handle is; a coupling takes the positions of both axes."""
+
+    @property
+    def stored(self) -> Callable[..., float]:
+        """Position [m or rad] → the energy that the element can give back from there [J], from any zero."""
+
+
+@runtime_checkable
+class Reserving(Protocol):
+    """An element whose memory holds a bounded energy."""
+
+    @property
+    def reserve(self) -> float:
+        """Largest energy that the memory can hold [J]."""
+
+
+@runtime_checkable
+class Active(Protocol):
+    """An element that may give energy that it never took."""
+
+    @property
+    def strongest(self) -> float:
+        """Largest force that it gives by itself [N or N·m]; 0 when its values make it passive."""
 
 
 @runtime_checkable

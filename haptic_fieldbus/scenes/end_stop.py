@@ -59,6 +59,10 @@ class EndStop:
 
         return damped if damping else springs
 
+    def stored(self, position: float) -> float:
+        """Return the energy of the stops when the handle is at `position` [J]."""
+        return 0.5 * self.stiffness * max(self.lower - position, position - self.upper, 0.0) ** 2
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper of either stop."""
         return gain([[-self.stiffness, -self.damping]])

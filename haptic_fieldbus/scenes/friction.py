@@ -144,6 +144,11 @@ class Friction:
 
         return held
 
+    @property
+    def reserve(self) -> float:
+        """Largest energy that the spring of the stick point can hold [J]."""
+        return 0.5 * max(self.breakaway, self.coulomb) ** 2 / self.stiffness
+
     def linearised(self) -> StateSpace:
         """Return the spring that sticks, beyond the dead band, with damping."""
         return gain([[-self.stiffness, -self.damping]])

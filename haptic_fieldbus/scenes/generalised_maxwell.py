@@ -58,6 +58,11 @@ class GeneralisedMaxwell:
         factor = stiffness / self.stiffness
         return replace(self, rest=factor * self.rest, branches=tuple((factor * k, tau) for k, tau in self.branches))
 
+    def stored(self, position: float) -> float:
+        """Return the largest energy of the springs when the handle is at `position` [J]."""
+        inside = position - self.position if self.side == "positive" else self.position - position
+        return 0.5 * self.stiffness * max(inside, 0.0) ** 2
+
     def linearised(self) -> StateSpace:
         """Return the tissue in sustained contact, which is linear with one state for each branch."""
         return pressed(self.rest, self.branches)

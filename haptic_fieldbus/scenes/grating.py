@@ -60,6 +60,11 @@ class Grating:
 
         return law
 
+    @property
+    def reserve(self) -> float:
+        """Largest energy that the spring of the stick point can hold [J]."""
+        return 0.5 * (self.coulomb * (1.0 + self.depth)) ** 2 / self.stiffness
+
     def linearised(self) -> StateSpace:
         """Return the spring that sticks."""
         return gain([[-self.stiffness, 0.0]])

@@ -39,6 +39,10 @@ class Gravity:
         weight = -self.share * self.mass * STANDARD_GRAVITY
         return lambda: weight
 
+    def stored(self, position: float) -> float:
+        """Return the energy of the weight above the place 0 [J]; negative below it."""
+        return self.share * self.mass * STANDARD_GRAVITY * position
+
     def linearised(self) -> StateSpace:
         """Return a gain of 0: the force does not depend on the motion of the handle."""
         return gain([[0.0, 0.0]])

@@ -70,6 +70,12 @@ class HuntCrossley:
     def with_stiffness(self, stiffness: float) -> Self:
         return replace(self, effort=stiffness * self.depth / self.exponent)
 
+    def stored(self, position: float) -> float:
+        """Return the energy of the elastic part when the handle is at `position` [J]."""
+        inside = position - self.position if self.side == "positive" else self.position - position
+        share = min(max(inside / self.depth, 0.0), DEEPEST)
+        return self.effort * self.depth * math.pow(share, self.exponent + 1.0) / (self.exponent + 1.0)
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper that is felt at `depth`."""
         return gain([[-self.stiffness, -self.loss * self.effort]])

@@ -94,6 +94,14 @@ class Inertia:
         negative = condition.Side.limited(self.negative_coefficient * self.mass, 0.0, self.negative_saturation)
         return condition.bind(self.offset, self.dead_band, positive, negative)
 
+    @property
+    def strongest(self) -> float:
+        """Largest force that it may give by itself [N or N·m]: 0 for a plain mass, which gives back what it took."""
+        if self.positive_coefficient == self.negative_coefficient and not (self.offset or self.dead_band):
+            return 0.0
+        sides = (self.positive_saturation, self.negative_saturation)
+        return max(math.inf if each is None else each for each in sides)
+
     def linearised(self) -> StateSpace:
         """Return the side with the whole mass: state filtered velocity, inputs (position, velocity), output force."""
         rate = 1.0 / self.time_constant

@@ -59,6 +59,11 @@ class KelvinVoigt:
 
         return force
 
+    def stored(self, position: float) -> float:
+        """Return the largest energy of the springs when the handle is at `position` [J]."""
+        inside = position - self.position if self.side == "positive" else self.position - position
+        return 0.5 * self.stiffness * max(inside, 0.0) ** 2
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper that is felt in contact."""
         return gain([[-self.stiffness, -self.damping]])

@@ -94,6 +94,11 @@ class LuGre:
 
         return law
 
+    @property
+    def reserve(self) -> float:
+        """Largest energy that the bristle can hold [J]."""
+        return 0.5 * max(self.breakaway, self.coulomb) ** 2 / self.stiffness
+
     def linearised(self) -> StateSpace:
         """Return the bristle before it slides, with all dampers."""
         return gain([[-self.stiffness, -(self.damping + self.viscous)]])

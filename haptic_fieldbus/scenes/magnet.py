@@ -54,6 +54,11 @@ class Magnet:
         # The comparison is false for not-a-number, which then passes through the formula.
         return 0.0 if inner <= 0.0 else -self.pull / LARGEST_PULL * u * inner * inner
 
+    def stored(self, position: float) -> float:
+        """Return the energy above the middle when the handle is at `position` [J]; outside that of leaving it."""
+        u = (position - self.position) / self.radius
+        return self.stiffness * self.radius**2 / 6.0 * (1.0 - max(1.0 - u * u, 0.0) ** 3)
+
     def linearised(self) -> StateSpace:
         """Return the spring in the middle."""
         return gain([[-self.stiffness, 0.0]])

@@ -118,6 +118,13 @@ class Needle:
         factor = stiffness / self.stiffness
         return replace(self, **{name: factor * getattr(self, name) for name in scaled})
 
+    @property
+    def reserve(self) -> float:
+        """Largest energy that capsule, or friction and cutting edge, can hold [J]."""
+        capsule = self.puncture * self.depth * (0.5 * (1.0 - self.curvature) + self.curvature / 3.0)
+        gripping = max(self.friction, self.breakaway) ** 2 + self.cutting**2
+        return max(capsule, 0.5 * gripping / self.grip)
+
     def linearised(self) -> StateSpace:
         """Return the largest stiffness, with the drag."""
         return gain([[-self.stiffness, -self.drag]])

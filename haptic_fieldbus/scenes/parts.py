@@ -40,6 +40,9 @@ class SceneFile:
     description: str = ""
     hand: Literal["push", "tap", "sine", "guide", "release", "none"] | None = None
     """Motion of the simulated hand in this scene, unless a run names another."""
+    passivity: Literal["observer", "controller"] | None = None
+    """Whether energy that the loop gives of its own ends the run, or is taken back by damping before that; the
+    observer unless this file or an included one names the controller."""
     __pydantic_config__: ClassVar = STRICT
 
 

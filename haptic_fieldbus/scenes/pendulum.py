@@ -10,7 +10,7 @@ pushes away from the upright position as hard as it pulls to the lower one. Samp
 """
 
 from dataclasses import dataclass, replace
-from math import nan, sin
+from math import cos, nan, sin
 from typing import ClassVar, Self
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -47,6 +47,10 @@ class Pendulum:
             return -self.torque * sin(position - self.position)
         except ValueError:  # math.sin refuses an infinite angle
             return nan
+
+    def stored(self, position: float) -> float:
+        """Return the energy above the lowest place when the handle is at `position` [J]."""
+        return self.torque * (1.0 - cos(position - self.position))
 
     def linearised(self) -> StateSpace:
         """Return the spring about the angle at which it hangs."""

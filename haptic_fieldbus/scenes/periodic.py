@@ -77,6 +77,11 @@ class Periodic:
         amplitude = self.envelope.amplitude()
         return lambda elapsed: offset + amplitude(elapsed) * form(turn(elapsed))
 
+    @property
+    def strongest(self) -> float:
+        """Largest force that it gives by itself [N or N·m]."""
+        return abs(self.offset) + self.envelope.peak
+
     def linearised(self) -> StateSpace:
         """Return a gain of 0: the force does not depend on the motion of the handle."""
         return gain([[0.0, 0.0]])

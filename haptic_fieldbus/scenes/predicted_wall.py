@@ -78,6 +78,11 @@ class PredictedWall:
         push = self.stiffness * _mean_depth(begin, end) + self.damping * inwards * velocity
         return 0.0 if push <= 0.0 else -inwards * push
 
+    def stored(self, position: float) -> float:
+        """Return the largest energy of the springs when the handle is at `position` [J]."""
+        inside = position - self.position if self.side == "positive" else self.position - position
+        return 0.5 * self.stiffness * max(inside, 0.0) ** 2
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper that is felt inside."""
         return gain([[-self.stiffness, -self.damping - self.stiffness * self._ahead]])

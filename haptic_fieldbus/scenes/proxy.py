@@ -55,6 +55,10 @@ class Proxy:
 
         return force
 
+    def stored(self, position: float) -> float:
+        """Return the energy of the spring when the handle is behind the surface at `position` [J]."""
+        return 0.5 * self.stiffness * (position - self.position) ** 2
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper that is felt behind the surface."""
         return gain([[-self.stiffness, -self.damping]])

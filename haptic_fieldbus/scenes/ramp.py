@@ -59,6 +59,11 @@ class Ramp:
             lambda elapsed: level(elapsed) * (start + change * (elapsed / span)), self.start_delay, self.duration
         )
 
+    @property
+    def strongest(self) -> float:
+        """Largest force that it gives by itself [N or N·m]."""
+        return max(abs(self.start), abs(self.end)) * self.envelope.peak
+
     def linearised(self) -> StateSpace:
         """Return a gain of 0: the force does not depend on the motion of the handle."""
         return gain([[0.0, 0.0]])

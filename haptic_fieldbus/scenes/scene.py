@@ -1,7 +1,7 @@
 """A scene: axes with their workspaces, and the elements that act on them."""
 
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Literal, cast
 
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Paced
 from haptic_fieldbus.signals import Workspace
@@ -38,6 +38,13 @@ class Scene:
     """Path of the scene file; empty for a scene made in Python."""
     hand: str | None = None
     """Motion of the simulated hand in this scene, unless a run names another; None is the default of the run."""
+    passivity: Literal["observer", "controller"] = "observer"
+    """"observer": energy of its own ends the run; "controller": it is taken back by damping before that."""
+
+    @property
+    def controlled(self) -> bool:
+        """Whether energy that the loop gives of its own is taken back by damping."""
+        return self.passivity == "controller"
 
     def of_axis(self, axis: str) -> tuple[Element, ...]:
         """Return the elements that act on this axis alone, without couplings."""

@@ -67,6 +67,19 @@ class Spring:
     def _side(self, share: float, saturation: float | None) -> condition.Side:
         return condition.Side.limited(share * self.stiffness, share * self.damping, saturation)
 
+    def stored(self, position: float) -> float:
+        """Return the energy of the spring when the handle is at `position` [J]."""
+        away = position - self.position
+        beyond = max(abs(away) - self.dead_band, 0.0)
+        if away > 0.0:
+            share, saturation = self.positive_coefficient, self.positive_saturation
+        else:
+            share, saturation = self.negative_coefficient, self.negative_saturation
+        stiffness = share * self.stiffness
+        if saturation is not None and stiffness * beyond > saturation:
+            return saturation * (beyond - 0.5 * saturation / stiffness)
+        return 0.5 * stiffness * beyond * beyond
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper of the stiffer side, beyond the dead band and below saturation."""
         return gain([[-self.stiffness, -self.damping]])

@@ -52,6 +52,11 @@ class StickSlip:
 
         return law
 
+    @property
+    def reserve(self) -> float:
+        """Largest energy that the spring can hold [J]."""
+        return 0.5 * self.breakaway**2 / self.stiffness
+
     def linearised(self) -> StateSpace:
         """Return the spring that sticks."""
         return gain([[-self.stiffness, 0.0]])

@@ -70,6 +70,18 @@ class Texture:
         share = min(abs(phase), 0.5 - abs(phase)) * 4.0 / self.rounding
         return -self.amplitude * math.copysign(min(share, 1.0), phase)
 
+    def stored(self, position: float) -> float:
+        """Return the energy above a valley when the handle is at `position` [J]."""
+        way = abs(math.remainder(position, self.pitch))
+        if self.profile == "sine":
+            return self.amplitude * self.pitch / math.pi * math.sin(math.pi * way / self.pitch) ** 2
+        # On the rounded parts, `bend` long on either side of valley and crest, the force is a straight line.
+        bend, to_crest = 0.25 * self.rounding * self.pitch, 0.5 * self.pitch - way
+        if way <= bend:
+            return 0.5 * self.amplitude * way * way / bend
+        straight = self.amplitude * (way - 0.5 * bend)
+        return straight if to_crest >= bend else straight - 0.5 * self.amplitude * (bend - to_crest) ** 2 / bend
+
     def linearised(self) -> StateSpace:
         """Return the spring of a valley."""
         return gain([[-self.stiffness, 0.0]])

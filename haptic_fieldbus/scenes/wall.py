@@ -51,6 +51,12 @@ class Wall:
             return 0.0 if penetration <= 0.0 or force > 0.0 else force
         return 0.0 if penetration >= 0.0 or force < 0.0 else force
 
+    def stored(self, position: float) -> float:
+        """Return the energy of the spring when the handle is at `position` [J]."""
+        inside = position - self.position if self.side == "positive" else self.position - position
+        depth = abs(inside) if self.sides == "bilateral" else max(inside, 0.0)
+        return 0.5 * self.stiffness * depth * depth
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper that is felt inside."""
         return gain([[-self.stiffness, -self.damping]])

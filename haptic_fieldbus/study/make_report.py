@@ -25,6 +25,7 @@ from haptic_fieldbus.study.page.growth import growth_section
 from haptic_fieldbus.study.page.html import Section, page, paragraph, table
 from haptic_fieldbus.study.page.impedance import impedance_section
 from haptic_fieldbus.study.page.integrator import integrator_section
+from haptic_fieldbus.study.page.passivity import passivity_section
 from haptic_fieldbus.study.page.region import region_section
 from haptic_fieldbus.study.page.sources import sources_section
 from haptic_fieldbus.study.page.stability import stability_section
@@ -38,6 +39,7 @@ SECTIONS: dict[str, Callable[[Context], Section]] = {
     "integrator": integrator_section,
     "impedance": impedance_section,
     "region": region_section,
+    "passivity": passivity_section,
     "stability": stability_section,
     "cost": cost_section,
 }

@@ -18,7 +18,7 @@ from haptic_fieldbus.planning.task import Rendering, Task
 
 PAIRS = [(BenchOptions, Task), (RunOptions, Trial), (StabilityOptions, Inquiry), (ResponseOptions, OpenLoop)]
 """The options of each command, and the value of the API that they make."""
-PYTHON_ONLY = {"changes", "confirm", "progress", "announce"}
+PYTHON_ONLY = {"changes", "confirm", "progress", "announce", "instruct"}
 """The command line has words or ways of its own for them."""
 
 

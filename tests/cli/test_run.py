@@ -13,7 +13,7 @@ from tests.cli.command import Command
 SHORT = ("--duration", "0.6")
 KEYS = [
     "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
-    "torque_error", "energy_generated_j", "stability", "trips", "changes", "verdict", "guards",
+    "torque_error", "energy_generated_j", "stability", "trips", "changes", "passivity", "verdict", "guards",
     "deadlines",
 ]  # fmt: skip
 STABILITY = {

@@ -86,7 +86,9 @@ class Driven:
     """A cycle, and the force of its scene in each period."""
 
     def __init__(self, *elements: Element) -> None:
-        self.plan = plan_of(scene_of(*elements))
+        plan = plan_of(scene_of(*elements))
+        # A handle that is put here and there whatever its torque would be one with the wrong sign on a known bench.
+        self.plan = replace(plan, axes=tuple(replace(axis, plant=None) for axis in plan.axes))
         self.cycle = Cycle(self.plan)
 
     def go(self, ways: Sequence[int]) -> list[float]:

@@ -35,6 +35,7 @@ def test_only_our_own_limits_are_safety_trips() -> None:
         TripKind.SPEED,
         TripKind.ACCELERATION,
         TripKind.POWER,
+        TripKind.ENERGY,
         TripKind.POSITION,
         TripKind.DRIFT,
     }

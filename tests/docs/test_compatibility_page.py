@@ -30,7 +30,7 @@ COMMANDS = {
     "scenes show": "scenes show wall",
     "scenes check": "scenes check wall no_such_scene",
 }
-BY_NAMES_OF_THEIR_OWN = ("by_source", "settings", "age_s", "states", "elements", "axes")
+BY_NAMES_OF_THEIR_OWN = ("by_source", "booked_j", "settings", "age_s", "states", "elements", "axes")
 """Objects whose keys are not ours, and those that a page of their own lists."""
 
 

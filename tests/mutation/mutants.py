@@ -126,7 +126,7 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, ast.expr | ast.stmt, str]]:
                 changed = copy.deepcopy(node)
                 changed.ops[place] = _swapped(operator)
                 yield "comparison", node, f"({ast.unparse(changed)})"
-        case ast.BinOp() if not _is_union(node):
+        case ast.BinOp() if type(node.op) in SWAPS and not _is_union(node):
             changed_operation = ast.BinOp(node.left, _swapped(node.op), node.right)
             yield "arithmetic", node, f"({ast.unparse(changed_operation)})"
         case ast.BoolOp():

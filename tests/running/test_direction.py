@@ -13,6 +13,7 @@ from haptic_fieldbus.errors import RigError, UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.direction import confirm_direction
+from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from tests.builders import PROFILE, VELOCITY_ONLY, WALL, can_traffic, plan_of, rig_of
@@ -40,7 +41,7 @@ def planned(source: str = "", *, rate: float = 1000.0, velocity_only: bool = Fal
     return plan_of(rate=rate, rig=rig, profile=VELOCITY_ONLY if velocity_only else PROFILE)
 
 
-def shown(plan: Plan, speed: float) -> tuple[list[str], list[str]]:
+def shown(plan: Plan, speed: float, ending: EndSignals | None = None) -> tuple[list[str], list[str]]:
     """Let the handle roll at `speed` [m/s] while the drives are off; (what is to be told, what the person read)."""
     clock = VirtualClock()
     world = World(clock, can_traffic(plan).bitrate)
@@ -50,7 +51,7 @@ def shown(plan: Plan, speed: float) -> tuple[list[str], list[str]]:
     bus, read = CanopenBus(SimulatedBus(world=world), clock, owned=True), list[str]()
     try:
         bus.open(plan)
-        told = confirm_direction(plan, bus, clock, read.append)
+        told = confirm_direction(plan, bus, clock, read.append, ending or EndSignals())
     finally:
         bus.close()
     assert not list(filter(None, world.trajectory(1).targets()[1])), "no torque"
@@ -85,6 +86,14 @@ def test_a_handle_that_nobody_moves_is_not_enabled(tmp_path: Path) -> None:
         shown(planned(str(path), rate=50.0), 0.0)
 
 
+def test_a_signal_ends_the_waiting(tmp_path: Path) -> None:
+    ending = EndSignals()
+    ending.hold()
+    ending.receive(15)
+    with pytest.raises(KeyboardInterrupt):
+        shown(planned(str(tmp_path / "rig.toml")), 0.0, ending)
+
+
 def test_a_direction_that_was_confirmed_is_not_asked_for_again(tmp_path: Path) -> None:
     plan = planned(str(tmp_path / "rig.toml"))
     (axis,) = plan.axes
@@ -101,6 +110,6 @@ def test_a_rig_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
 def test_without_a_person_the_direction_is_told_to_be_unconfirmed() -> None:
     plan, clock = planned("rig.toml"), VirtualClock()
     bus = CanopenBus(SimulatedBus(world=World(clock, can_traffic(plan).bitrate)), clock, owned=True)
-    (warning,) = confirm_direction(plan, bus, clock, None)
+    (warning,) = confirm_direction(plan, bus, clock, None, EndSignals())
     bus.close()
     assert warning.startswith("axis handle: direction not confirmed by a person")

@@ -177,7 +177,8 @@ def test_a_coarse_encoder_makes_the_pulses_longer_and_the_travel_is_told() -> No
     assert probe.travel == pytest.approx(4 * 0.05 / 24, rel=0.05)
     (step,) = [step for step in plan.steps if step.startswith("sign: ")]
     assert "mm" in step
-    assert rendered(plan, None, seconds=3.0).seen_at == pytest.approx(probe.time, rel=0.5)
+    # At four counts a pair may show less than three, and the next stage is needed.
+    assert rendered(plan, None, seconds=5.0).seen_at <= 2.5 * probe.time
 
 
 @pytest.mark.thorough("a minute of every scene with every hand")
@@ -207,3 +208,10 @@ def test_a_sign_that_turns_in_contact_ends_the_run(fault: faults.Fault) -> None:
     """Another tool reverses the drive two seconds later, when the motor holds the handle at its end stop."""
     with pytest.raises(SafetyTripError, match="the motion went against the torque"):
         run("constant", duration=4.0, faults=[fault])
+
+
+@pytest.mark.thorough("seconds of knocking", quick=1)
+@pytest.mark.parametrize("mass", [0.7, 1.2, 3.0])
+def test_a_virtual_mass_that_is_knocked_is_no_contradiction(mass: float) -> None:
+    """Its torque goes against each change of the hand's force, as that of a wrong sign does."""
+    assert run("inertia", hand="tap", duration=5.0, force=True, settings={"inertia.mass": mass}).trips == ()

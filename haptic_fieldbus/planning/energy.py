@@ -1,0 +1,134 @@
+"""What energy the loop may give out through an axis: the terms of the ledger, from the plan of the axis.
+
+The theory is at the beginning of `cycle.energy`.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptic_fieldbus.margins.group import connected
+from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.limits import ENERGY_LIMIT
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.scenes.element import Active, AnyElement, CouplingElement, Element, Reserving, Storing
+
+TWIST = 2.0
+"""The twist of two axes is at most the sum of their motions, and its square twice the sum of their squares."""
+
+
+def energy_limit(axis: AxisPlan) -> float:
+    """Return the energy [J] beyond which the loop is active: what a hand hardly feels, and a count's worth of force."""
+    return ENERGY_LIMIT + axis.limits.effort * axis.resolution
+
+
+@dataclass(frozen=True)
+class AxisTerms:
+    """Terms of one axis: what may be given per way of a period, and the damping that makes up for the leak."""
+
+    active: float
+    """Largest force of the active elements together; they may give it times the way [N or N·m]."""
+    damping: float
+    """K·(T/2 + td + λ), the damping that takes what the held force of stiffness K leaks [N·s/m or N·m·s/rad]."""
+    age: float
+    """Mean age of the force, T/2 + td + λ, in periods: a force that changes leaks its change times way and age."""
+
+
+@dataclass(frozen=True)
+class MemoryTerms:
+    """What a set of elements can hold besides the energy that follows from the positions."""
+
+    reserve: float
+    """Largest energy in memories of a stated size [J]."""
+    silence: int
+    """Periods at rest without force after which an element that states nothing holds nothing; 0: all state it."""
+
+
+def axis_terms(
+    axis: AxisPlan, elements: Sequence[Element], couplings: Iterable[CouplingElement], period: float
+) -> AxisTerms:
+    """Return the terms of an axis under these elements, and those of the couplings that act on it; `period` in s."""
+    stiffness = sum(max(-float(element.linearised().d[0, 0]), 0.0) for element in elements)
+    for coupling in couplings:
+        if axis.name in coupling.axes:
+            place = coupling.axes.index(axis.name)
+            stiffness += TWIST * abs(float(coupling.linearised().d[place, 2 * place]))
+    active = sum(element.strongest for element in elements if isinstance(element, Active))
+    age = 0.5 * period + axis.delay.total
+    return AxisTerms(active, stiffness * age, age / period)
+
+
+def larger_of(one: AxisTerms, other: AxisTerms) -> AxisTerms:
+    """Return terms that allow for either of two sets of elements."""
+    return AxisTerms(max(one.active, other.active), max(one.damping, other.damping), max(one.age, other.age))
+
+
+def memory_terms(elements: Iterable[AnyElement], period: float) -> MemoryTerms:
+    """Return what these elements and couplings can hold in their memories; `period` in s."""
+    reserve, silence = 0.0, 0
+    for element in elements:
+        if isinstance(element, Reserving):
+            reserve += element.reserve
+        elif not isinstance(element, Storing) and not (isinstance(element, Active) and element.strongest):
+            silence = max(silence, _silence(element.linearised(), period))
+    return MemoryTerms(reserve, silence)
+
+
+def _silence(space: StateSpace, period: float) -> int:
+    """Return the slowest turn of the virtual states in periods.
+
+    With the handle at rest, states that hold energy show in the force within a turn. A mode that never comes back, and
+    an element that does not show its states, may hold energy for ever.
+    """
+    rates = np.abs(np.linalg.eigvals(space.a)) if space.order else np.zeros(1)
+    slowest = float(rates.min())
+    return math.ceil(2.0 * math.pi / (slowest * period)) if slowest * period > 1e-6 else NEVER
+
+
+NEVER = 2**62
+"""Periods of a silence that does not come."""
+
+
+def judged_groups(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> list[tuple[AxisPlan, ...]]:
+    """Return the axes of each ledger: those that couplings tie together, or one."""
+    named = {axis.name: axis for axis in axes}
+    groups = [tuple(named[name] for name in names) for names in connected(named, couplings)]
+    return [group for group in groups if has_ledger(group)]
+
+
+def ledger_elements(
+    plan: Plan, axes: Sequence[AxisPlan]
+) -> tuple[list[tuple[Element, ...]], tuple[CouplingElement, ...]]:
+    """Return the elements of each of these axes in `plan`, and the couplings between them."""
+    names = {axis.name for axis in axes}
+    couplings = tuple(each for each in plan.scene.couplings if names & {*each.axes})
+    return [plan.axis(axis.name).elements for axis in axes], couplings
+
+
+def has_ledger(axes: Sequence[AxisPlan]) -> bool:
+    """Return whether the energy of these axes can be judged: they have an element, and each is bounded."""
+    elements = [each for axis in axes for each in (*axis.elements, *axis.couplings)]
+    bounded = (each.strongest for each in elements if isinstance(each, Active))
+    return bool(elements) and all(math.isfinite(strongest) for strongest in bounded)
+
+
+def bind_stored(
+    axes: Sequence[AxisPlan], elements: Sequence[Sequence[Element]], couplings: Sequence[CouplingElement]
+) -> Callable[[Sequence[float]], float]:
+    """Return a function from the positions of the axes to the energy that is stored there [J]."""
+    places = {axis.name: place for place, axis in enumerate(axes)}
+    own = [(place, each.stored) for place, of in enumerate(elements) for each in of if isinstance(each, Storing)]
+    tied = [(tuple(places[name] for name in each.axes), each.stored) for each in couplings if isinstance(each, Storing)]
+
+    def stored(positions: Sequence[float]) -> float:
+        total = 0.0
+        for place, energy in own:
+            total += energy(positions[place])
+        for (first, second), energy in tied:
+            total += energy(positions[first], positions[second])
+        return total
+
+    return stored
