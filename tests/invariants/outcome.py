@@ -76,14 +76,18 @@ def _guards(runs: Sequence[Witness], ended: Ended) -> Iterator[str]:
 
 def _in_order(witness: Witness) -> Iterator[str]:
     """A run without an error: nothing happened that ends one, and every motor is off."""
-    longest = max(witness.stated.deadlines.values(), default=0.0)
+    oldest = max(axis.age for axis in witness.stated.axes)
     for fault, cause, event_ns in ending(witness):
         over_ns = witness.released_ns if witness.released_ns is not None else witness.seen_ns
         # What happens at the very end may be noticed too late to end anything.
-        if (over_ns - event_ns) * 1e-9 > min(longest, causes.allowed(cause, witness.faults, witness.stated)):
+        # Feedback that is missing fades the torque first, and ends the run when it is too old.
+        noticed = causes.allowed(cause, witness.faults, witness.stated) + oldest + 3.0 * witness.stated.period
+        if (over_ns - event_ns) * 1e-9 > noticed:
             yield f"{getattr(fault, 'kind', fault)} did not end the run"
-    for fault in witness.faults:
-        if _is_cut_off(fault, witness):
+    cuts = [fault for fault in witness.faults if fault.kind in causes.CUTS]
+    for fault in cuts:
+        # Of several the one may end the other.
+        if len(cuts) == 1 and _is_cut_off(fault, witness):
             yield f"nobody can have confirmed that the motors are off: {fault.kind} at {fault.at:.4f} s"
     for axis in witness.stated.axes:
         shaft = witness.shafts[axis.node]
@@ -93,8 +97,16 @@ def _in_order(witness: Witness) -> Iterator[str]:
 
 def _is_cut_off(fault: Any, witness: Witness) -> bool:
     """Whether a drive or the master has been off the wire from before the order to let go on, until all was over."""
+<<<<<<< ours
     enabled_ns, released_ns = witness.faults_ns, witness.released_ns
     if fault.kind not in causes.CUTS or enabled_ns is None or released_ns is None:
+||||||| base
+    enabled_ns, released_ns = witness.enabled_ns, witness.released_ns
+    if fault.kind not in causes.CUTS or enabled_ns is None or released_ns is None:
+=======
+    enabled_ns, released_ns = witness.origin_ns, witness.released_ns
+    if enabled_ns is None or released_ns is None:
+>>>>>>> theirs
         return False
     begins_ns = enabled_ns + round(fault.at * 1e9)
     if fault.duration is not None and begins_ns + round(fault.duration * 1e9) < witness.seen_ns:

@@ -74,7 +74,7 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
         case faults.NodeReset(duration=duration):
             slave.node.reset(t_ns, round(duration * 1e9))
         case faults.Silence(duration=duration):
-            slave.silent_until_ns = until(t_ns, duration)
+            slave.silent_until_ns = max(slave.silent_until_ns, until(t_ns, duration))
         case faults.MissingTpdos(count=count):
             slave.node.process.skip_tpdos += count
         case faults.MissingRpdos(count=count):
@@ -98,7 +98,7 @@ def _inject_motor(fault: faults.DriveFaultKind, slave: Slave, t_ns: int) -> None
         case faults.EncoderJump(counts=counts):
             servo.jump(counts)
         case faults.PositionStuck(duration=duration):
-            servo.stuck_until_ns = until(t_ns, duration)
+            servo.stuck_until_ns = max(servo.stuck_until_ns, until(t_ns, duration))
         case faults.EncoderScaling(factor=factor):
             servo.rescale(factor)
         case faults.EncoderReversed():
