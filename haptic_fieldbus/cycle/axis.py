@@ -26,6 +26,8 @@ from haptic_fieldbus.signals import Signal
 
 Observe = Callable[[bytes | bytearray], None]
 
+WAY = {PowerState.READY: 1, PowerState.SWITCHED_ON: 2, PowerState.OPERATION_ENABLED: 3}
+"""Stations on the way to operation enabled; every other state comes before them."""
 FAULT_STATES = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 HALF_TURN_OF_INT32, INT32 = 0x8000_0000, 0xFFFF_FFFF
 COMPUTED = ("position", "velocity", "force", "gain", "command")
@@ -244,8 +246,8 @@ class AxisCycle:
         state.controlword = table.answer(state.power)
         if state.power in FAULT_STATES:
             self._trip(TripKind.DRIVE_FAULT, statusword, detail=state.power.value)
-        # A chained comparison: it was operation enabled, and is not any more.
-        elif before is PowerState.OPERATION_ENABLED is not state.power:
+        # Also on the way to operation enabled: the drive may have been there between two looks.
+        elif WAY.get(state.power, 0) < WAY.get(before, 0):
             self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
         self._owner.update_enabled()
 

@@ -411,6 +411,16 @@ def test_a_fault_state_trips_whether_enabled_or_not(status: int, kind: TripKind)
         assert "fault" in cycle.trip.detail
 
 
+@pytest.mark.parametrize("back", [READY, DISABLED, 0x0600])
+def test_a_drive_that_falls_back_on_its_way_is_not_led_on(back: int) -> None:
+    """Between two looks it may have been in operation enabled."""
+    cycle = Cycle(plan_of())
+    for status in (READY, SWITCHED_ON, back, READY, SWITCHED_ON, ENABLED):
+        controlword = sent(cycle(image(status=status)))[0]
+    assert cycle.trip is not None
+    assert (cycle.trip.kind, controlword) == (TripKind.DRIVE_DISABLED, 0)
+
+
 @pytest.mark.parametrize("status", [DISABLED, SWITCHED_ON, QUICK_STOP])
 def test_a_drive_that_leaves_operation_enabled_is_not_enabled_again(status: int) -> None:
     cycle = enabled_cycle()

@@ -36,8 +36,6 @@ class Watch:
     def __init__(self, findings: Findings) -> None:
         self.findings = findings
         self._open: dict[int, tuple[Witness, Any]] = {}
-        self._enabled: dict[int, int] = {}
-        """When the drives of a world were enabled first, from which its faults count."""
         self.judged: list[Witness] = []
         """Since the last run of the API began."""
         self._proving = self._asked = self._must_prove = False
@@ -47,26 +45,16 @@ class Watch:
         wire = _simulated(bus) if self.findings.watching else None
         if id(bus) in self._open:
             self._again(*self._open[id(bus)])
-        if wire is None:
+        if wire is None or id(bus) in self._open:
             return
-        self.end(bus)  # it was configured before, for the proof of its guards: that was a run of its own
         world, port = wire.world, wire._controller.port
         shafts = {axis.node: _shaft(world, axis.node) for axis in plan.axes if axis.node in world._rack.slaves}
-<<<<<<< ours
         witness = Witness(_stated(plan), world.clock, shafts, world._now_ns, proves=self._proving)
         witness.may_prove, witness.must_prove = self._asked or not plan.simulated, self._must_prove
-||||||| base
-        witness = Witness(_stated(plan), world.clock, shafts, world._now_ns)
-=======
-        witness = Witness(_stated(plan), world.clock, shafts, world._now_ns)
-        witness.faults_from_ns = self._enabled.get(id(world))
->>>>>>> theirs
         senders = {port: MASTER} | {own: slave.node.number for own, slave in world._rack.attached}
         frames = witness.frames
 
         def seen(t_ns: int, frame: Any, sender: Any) -> None:
-            if witness.closed_ns is not None:
-                return
             frames.append((t_ns, frame.can_id, frame.data, senders.get(sender, STRANGER)))
             if len(frames) >= MOST_FRAMES:
                 self._shorten(witness, t_ns)
@@ -119,8 +107,6 @@ class Watch:
             drive = world.slave(node).drive
             drive.servo.advance(witness.seen_ns)
             shaft.now = State(drive.power.state.value)
-        if witness.enabled_ns is not None:
-            self._enabled.setdefault(id(world), witness.enabled_ns)
         self.findings.runs += 1
         self.findings.broken += proofs.broken(witness)
         self.judged.append(witness)
@@ -135,7 +121,6 @@ class Watch:
 
     def render(self, inner: Callable[..., Any], request: Any, place: Any) -> Any:
         """A run of the API: its outcome is judged too."""
-        self._enabled.clear()  # worlds of earlier runs are gone, and their places in memory may be taken
         if not self.findings.watching:
             return inner(request, place)
         plan = request.selection.plan
@@ -265,5 +250,4 @@ def _stated(plan: Any) -> Stated:
         {axis.name: axis.rig.mechanism.ratio for axis in plan.axes},
         {axis.name: axis.rig.encoder_counts_per_revolution for axis in plan.axes},
         {axis.name: axis.delay.torque_loop for axis in plan.axes},
-        {axis.name: axis.rig.coulomb_friction for axis in plan.axes},
     )

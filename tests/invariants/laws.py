@@ -21,6 +21,7 @@ from tests.invariants.reading import (
     enabled_ns_of,
     motor_of,
     set_points_of,
+    shown_ns_of,
     stranger_commands,
     when,
     words_of,
@@ -46,9 +47,7 @@ def torque_within_limits(witness: Witness) -> Iterator[str]:
             yield f"{axis.name}: a set-point of {largest:.4g} N·m, the limit is {axis.torque:.4g} N·m"
         enabled_ns = enabled_ns_of(shaft)
         if enabled_ns is not None:
-            share = axis.permitted((wire[:, 0] - enabled_ns) * 1e-9, witness.stated.period)
-            # What a hand may be left alone with is permitted at once: by it the sign is seen.
-            faded = np.maximum(share, min(axis.holding, axis.torque))
+            faded = axis.permitted((wire[:, 0] - enabled_ns) * 1e-9, witness.stated.period)
             over = np.flatnonzero(np.abs(wire[:, 1]) > faded + 2.0 * shaft.unit)
             if over.size:
                 at = over[0]
@@ -89,13 +88,12 @@ def no_torque_outside_of_operation(witness: Witness) -> Iterator[str]:
 
 
 def nothing_enables_again(witness: Witness) -> Iterator[str]:
-    """A drive that has shown *operation enabled* and left it does not come back, and nobody asks it to."""
+    """A drive that has left *operation enabled* does not come back, and nobody asks it to."""
     for axis, shaft in axes_of(witness):
-        shown_ns = _shown_ns(witness, axis)
-        enabled = [t_ns for t_ns, number in shaft.transitions if number in (4, 16) and t_ns > shown_ns]
-        if enabled and not stranger_commands(witness):
-            yield f"{axis.name}: enabled again at {when(witness, enabled[0])}"
-        words = [word for word in controlwords_of(witness, axis) if word[0] > shown_ns]
+        enabled = [t_ns for t_ns, number in shaft.transitions if number in (4, 16)]
+        if len(enabled) > 1 and not stranger_commands(witness):
+            yield f"{axis.name}: enabled again at {when(witness, enabled[1])}"
+        words = controlwords_of(witness, axis)
         asked = [at for at, (_, word) in enumerate(words) if command_of(word) is Command.ENABLE_OPERATION]
         if asked and asked[-1] - asked[0] + 1 != len(asked):
             gap = next(at for at, following in pairwise(asked) if following != at + 1)
@@ -200,14 +198,14 @@ LAWS: dict[str, Law] = {
 
 def ending(witness: Witness) -> Iterator[tuple[Any, str, int]]:
     """The faults that must end the run and happened within it: (fault, cause, instant)."""
-    origin_ns, enabled_ns = witness.origin_ns, witness.faults_ns
-    if origin_ns is None or enabled_ns is None:
+    enabled_ns = witness.faults_ns
+    if enabled_ns is None:
         return
     # A master that has not been shown *operation enabled* is still on its way there.
-    shown_ns = max(_shown_ns(witness, axis) for axis, _ in _axes(witness))
+    shown_ns = max((shown_ns_of(witness, axis) for axis, _ in axes_of(witness)), default=enabled_ns)
     for fault in witness.faults:
         cause = causes.cause_of(fault, witness.stated, witness.faults)
-        event_ns = origin_ns + round(getattr(fault, "at", 0.0) * 1e9)
+        event_ns = enabled_ns + round(getattr(fault, "at", 0.0) * 1e9)
         over_ns = witness.released_ns if witness.released_ns is not None else witness.seen_ns
         if cause is not None and shown_ns <= event_ns < over_ns:
             yield fault, cause, event_ns
@@ -238,122 +236,6 @@ def lasted(witness: Witness, node: int, event_ns: int) -> float:
     return time_to_zero(witness, axis, witness.shafts[node], event_ns) or 0.0
 
 
-<<<<<<< ours
-||||||| base
-def _axes(witness: Witness) -> Iterator[tuple[StatedAxis, Shaft]]:
-    for axis in witness.stated.axes:
-        if axis.node in witness.shafts:
-            yield axis, witness.shafts[axis.node]
-
-
-def _enabled_ns(shaft: Shaft) -> int | None:
-    return next((t_ns for t_ns, number in shaft.transitions if number == 4), None)
-
-
-def _motor(shaft: Shaft) -> tuple[Floats, Floats]:
-    """Times [ns] and torques [N·m] of the motor's targets; of those at one instant the last counts."""
-    table = np.array(shaft.targets, dtype=np.float64).reshape(-1, 2)
-    last = np.append(np.diff(table[:, 0]) > 0.0, True) if len(table) else np.zeros(0, dtype=bool)
-    return table[last, 0], table[last, 1]
-
-
-def _words(witness: Witness, place: Place, sender: int) -> list[tuple[int, int]]:
-    """Times [ns] and values of a word that a sender has put on the wire."""
-    first, last = place.offset, place.offset + 2
-    return [
-        (t_ns, int.from_bytes(data[first:last], "little"))
-        for t_ns, can_id, data, by in witness.frames
-        if can_id == place.can_id and by == sender and len(data) == place.length
-    ]
-
-
-def _controlwords(witness: Witness, axis: StatedAxis) -> list[tuple[int, int]]:
-    return _words(witness, axis.controlword, MASTER)
-
-
-def _set_points(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Floats:
-    """Of the master: time [ns], target torque [N·m], and whether the controlword goes with it (0: torque-free)."""
-    targets, words = _words(witness, axis.target, MASTER), _controlwords(witness, axis)
-    table = np.zeros((len(targets), 3))
-    if targets:
-        raw = np.array(targets, dtype=np.int64)
-        table[:, 0] = raw[:, 0]
-        table[:, 1] = np.where(raw[:, 1] < 0x8000, raw[:, 1], raw[:, 1] - 0x10000) * shaft.unit
-        table[:, 2] = [word & 0x08 for _, word in words] if len(words) == len(targets) else 1.0
-    return table
-
-
-def _share(witness: Witness, axis: StatedAxis) -> float:
-    """By what share the limit fades in in one period and on the way to the wire."""
-    return 2.0 * witness.stated.period / axis.fade_in
-
-
-def _stranger_commands(witness: Witness) -> bool:
-    """Whether somebody else was on the wire: what a drive does then is not the master's alone."""
-    return any(sender == STRANGER for _, _, _, sender in witness.frames)
-
-
-=======
-def _axes(witness: Witness) -> Iterator[tuple[StatedAxis, Shaft]]:
-    for axis in witness.stated.axes:
-        if axis.node in witness.shafts:
-            yield axis, witness.shafts[axis.node]
-
-
-def _enabled_ns(shaft: Shaft) -> int | None:
-    return next((t_ns for t_ns, number in shaft.transitions if number == 4), None)
-
-
-def _shown_ns(witness: Witness, axis: StatedAxis) -> int:
-    """When the drive has shown *operation enabled* first; the end of all when it never has."""
-    words = _words(witness, axis.statusword, axis.node)
-    return next((t_ns for t_ns, word in words if state_of(word) is State.ENABLED), witness.seen_ns)
-
-
-def _motor(shaft: Shaft) -> tuple[Floats, Floats]:
-    """Times [ns] and torques [N·m] of the motor's targets; of those at one instant the last counts."""
-    table = np.array(shaft.targets, dtype=np.float64).reshape(-1, 2)
-    last = np.append(np.diff(table[:, 0]) > 0.0, True) if len(table) else np.zeros(0, dtype=bool)
-    return table[last, 0], table[last, 1]
-
-
-def _words(witness: Witness, place: Place, sender: int) -> list[tuple[int, int]]:
-    """Times [ns] and values of a word that a sender has put on the wire."""
-    first, last = place.offset, place.offset + 2
-    return [
-        (t_ns, int.from_bytes(data[first:last], "little"))
-        for t_ns, can_id, data, by in witness.frames
-        if can_id == place.can_id and by == sender and len(data) == place.length
-    ]
-
-
-def _controlwords(witness: Witness, axis: StatedAxis) -> list[tuple[int, int]]:
-    return _words(witness, axis.controlword, MASTER)
-
-
-def _set_points(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Floats:
-    """Of the master: time [ns], target torque [N·m], and whether the controlword goes with it (0: torque-free)."""
-    targets, words = _words(witness, axis.target, MASTER), _controlwords(witness, axis)
-    table = np.zeros((len(targets), 3))
-    if targets:
-        raw = np.array(targets, dtype=np.int64)
-        table[:, 0] = raw[:, 0]
-        table[:, 1] = np.where(raw[:, 1] < 0x8000, raw[:, 1], raw[:, 1] - 0x10000) * shaft.unit
-        table[:, 2] = [word & 0x08 for _, word in words] if len(words) == len(targets) else 1.0
-    return table
-
-
-def _share(witness: Witness, axis: StatedAxis) -> float:
-    """By what share the limit fades in in one period and on the way to the wire."""
-    return 2.0 * witness.stated.period / axis.fade_in
-
-
-def _stranger_commands(witness: Witness) -> bool:
-    """Whether somebody else was on the wire: what a drive does then is not the master's alone."""
-    return any(sender == STRANGER for _, _, _, sender in witness.frames)
-
-
->>>>>>> theirs
 def _commands_in_order(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Iterator[str]:
     """Until the drive is enabled nothing disturbs the wire: the master knows the last statusword that was sent."""
     enabled_ns = enabled_ns_of(shaft)

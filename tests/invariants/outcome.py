@@ -97,16 +97,8 @@ def _in_order(witness: Witness) -> Iterator[str]:
 
 def _is_cut_off(fault: Any, witness: Witness) -> bool:
     """Whether a drive or the master has been off the wire from before the order to let go on, until all was over."""
-<<<<<<< ours
     enabled_ns, released_ns = witness.faults_ns, witness.released_ns
-    if fault.kind not in causes.CUTS or enabled_ns is None or released_ns is None:
-||||||| base
-    enabled_ns, released_ns = witness.enabled_ns, witness.released_ns
-    if fault.kind not in causes.CUTS or enabled_ns is None or released_ns is None:
-=======
-    enabled_ns, released_ns = witness.origin_ns, witness.released_ns
     if enabled_ns is None or released_ns is None:
->>>>>>> theirs
         return False
     begins_ns = enabled_ns + round(fault.at * 1e9)
     if fault.duration is not None and begins_ns + round(fault.duration * 1e9) < witness.seen_ns:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tests.invariants.stated import Place, StatedAxis
 from tests.invariants.witness import MASTER, STRANGER, Shaft, Witness
+from tests.invariants.words import State, state_of
 
 Floats = NDArray[np.float64]
 
@@ -36,6 +37,12 @@ def words_of(witness: Witness, place: Place, sender: int) -> list[tuple[int, int
         for t_ns, can_id, data, by in witness.frames
         if can_id == place.can_id and by == sender and len(data) == place.length
     ]
+
+
+def shown_ns_of(witness: Witness, axis: StatedAxis) -> int:
+    """When the drive has shown *operation enabled* first; the end of all when it never has."""
+    words = words_of(witness, axis.statusword, axis.node)
+    return next((t_ns for t_ns, word in words if state_of(word) is State.ENABLED), witness.seen_ns)
 
 
 def controlwords_of(witness: Witness, axis: StatedAxis) -> list[tuple[int, int]]:

@@ -49,8 +49,6 @@ class StatedAxis:
     slew: float
     """[N·m/s]"""
     fade_in: float
-    holding: float
-    """[N·m] that a hand may be left alone with."""
     age: float
     speed: float
     """[m/s or rad/s] of the handle."""
@@ -92,14 +90,9 @@ class Stated:
 
 
 def stated(
-    plan: Json,
-    period: float,
-    ratios: Mapping[str, float],
-    counts: Mapping[str, int],
-    lags: Mapping[str, float],
-    frictions: Mapping[str, float],
+    plan: Json, period: float, ratios: Mapping[str, float], counts: Mapping[str, int], lags: Mapping[str, float]
 ) -> Stated:
-    """Read a plan; by axis: ratio [m or rad of the handle in a rad], counts a revolution, lag [s], friction [N·m]."""
+    """Read a plan; by axis: metres or radians of the handle in a radian, counts in a revolution, and lags [s]."""
     pdos = list(plan["pdos"] or ())
     limits: dict[str, dict[str, float]] = {}
     for row in plan["limits"]:
@@ -111,7 +104,6 @@ def stated(
     return Stated(
         period,
         tuple(
-<<<<<<< ours
             _axis(
                 name,
                 nodes[name],
@@ -124,19 +116,12 @@ def stated(
                 guards[name],
             )
             for name in limits
-||||||| base
-            _axis(name, nodes[name], pdos, limits[name], abs(ratios[name]), counts[name], lags[name]) for name in limits
-=======
-            _axis(name, nodes[name], pdos, limits[name], abs(ratios[name]), counts[name], lags[name], frictions[name])
-            for name in limits
->>>>>>> theirs
         ),
         {row["cause"]: 1e-3 * row["stated_ms"] for row in plan["deadlines"] if row["stated_ms"] is not None},
     )
 
 
 def _axis(
-<<<<<<< ours
     name: str,
     node: int,
     pdos: Iterable[Json],
@@ -146,18 +131,6 @@ def _axis(
     lag: float,
     probe: Json | None,
     guard: Json,
-||||||| base
-    name: str, node: int, pdos: Iterable[Json], limits: Mapping[str, float], ratio: float, counts: int, lag: float
-=======
-    name: str,
-    node: int,
-    pdos: Iterable[Json],
-    limits: Mapping[str, float],
-    ratio: float,
-    counts: int,
-    lag: float,
-    friction: float,
->>>>>>> theirs
 ) -> StatedAxis:
     own = [pdo for pdo in pdos if pdo["node"] == node]
     force = limits.get("force", limits.get("torque"))
@@ -172,8 +145,6 @@ def _axis(
         force * ratio,
         limits["slew"] * ratio,
         limits["fade-in of the limit"],
-        # Where friction is larger, a motor may break away before its sign is seen: a tenth more than friction.
-        max(limits["force at standstill"] * ratio, 1.1 * friction),
         limits["age of feedback"],
         limits["speed"],
         limits.get("jump in a period", float("inf")) / (ratio * 6.283185307179586 / counts),

@@ -60,8 +60,6 @@ class Witness:
     """When the master was told to let go."""
     closed_ns: int | None = None
     """When the master had left."""
-    faults_from_ns: int | None = None
-    """From when the faults count, where the drives were enabled before this run; None: from enabling on."""
     whole: bool = True
     """False when the beginning of a long run was judged and forgotten."""
     seen_ns: int = 0
@@ -84,11 +82,6 @@ class Witness:
         for shaft in self.shafts.values():
             found += [fault for fault in shaft.faults or () if not any(fault is each for each in found)]
         return found
-
-    @property
-    def origin_ns(self) -> int | None:
-        """From when the times of the faults count."""
-        return self.enabled_ns if self.faults_from_ns is None else self.faults_from_ns
 
     @property
     def is_plain(self) -> bool:

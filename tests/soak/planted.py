@@ -74,7 +74,7 @@ PLANTED = (
     Planted(
         "enables again by itself",
         "haptic_fieldbus/cycle/axis.py",
-        "elif before is PowerState.OPERATION_ENABLED is not state.power:",
+        "elif WAY.get(state.power, 0) < WAY.get(before, 0):",
         "elif before is PowerState.OPERATION_ENABLED is not state.power and not statusword:",
     ),
     Planted(
