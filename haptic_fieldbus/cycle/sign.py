@@ -10,7 +10,6 @@ feedback begins a stage anew. In a scene of several axes force rises when the si
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.cycle.state import AxisState
@@ -22,6 +21,7 @@ from haptic_fieldbus.planning.sign_probe import (
     PULSES_OF_A_PAIR,
     PulseStage,
     SignProbe,
+    probe_of,
     sign_probe,
 )
 
@@ -50,12 +50,13 @@ class Sign:
         """How often the motion went against the torque."""
         self._axis, self._period, self._state, self._permission = axis, period, state, permission
         self._trip, self._seen = trip, seen
-        self.proof = self._proof(sign_probe(axis, period))
+        probe = sign_probe(axis, period)
+        self.proof = None if probe is None else self._prove(probe)
         """None where the sign is known."""
 
-    def _proof(self, probe: SignProbe | None) -> "SignProof | None":
-        proof = None if probe is None else SignProof(self._axis, probe, self._state, self._trip, self._seen)
-        self._permission.proof = None if proof is None else proof.give
+    def _prove(self, probe: SignProbe) -> "SignProof":
+        proof = SignProof(self._axis, probe, self._state, self._trip, self._seen)
+        self._permission.proof = proof.give
         return proof
 
     def begin(self, t_ns: int) -> None:
@@ -72,9 +73,8 @@ class Sign:
     def doubt(self) -> None:
         """Permit no more than a hand may hold, and look for the sign again: the motion went against the torque."""
         self.doubts += 1
-        self.proof = self._proof(sign_probe(replace(self._axis, sign_known=False), self._period))
-        if self.proof is not None:
-            self.proof.begin()
+        self.proof = self._prove(probe_of(self._axis, self._period))
+        self.proof.begin()
         self._permission.unchanged, self._state.permitted_ns = False, None
 
 

@@ -107,8 +107,11 @@ class SignProbe:
 
 def sign_probe(axis: AxisPlan, period: float) -> SignProbe | None:
     """Return how the sign of the axis is seen; None where it is known."""
-    if axis.sign_known:
-        return None
+    return None if axis.sign_known else probe_of(axis, period)
+
+
+def probe_of(axis: AxisPlan, period: float) -> SignProbe:
+    """Return how the sign of the axis is seen, known or not."""
     friction = axis.rig.coulomb_friction / axis.rig.mechanism.ratio
     bound = min(axis.limits.effort, max(HOLDING_SHARE * axis.rated_effort, FRICTION_SHARE * friction))
     # A drive has steps of torque: at most the bound, after rounding.

@@ -17,9 +17,8 @@ from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.running.changes import Changes
 from haptic_fieldbus.scenes.braking_pulse import BrakingPulse
-from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.coupling import Coupling
-from haptic_fieldbus.scenes.element import AnyElement, Law, PairLaw
+from haptic_fieldbus.scenes.catalogue import scene_names
+from haptic_fieldbus.scenes.element import AnyElement, Law
 from haptic_fieldbus.scenes.gravity import Gravity
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.wall import Wall
@@ -212,37 +211,6 @@ def test_what_a_change_under_a_leaning_hand_gives_is_booked() -> None:
     changes = Changes([(2.0, {"wall.stiffness": 2.0 * STIFFNESS})], ramp=2.0)
     (ledger,) = run("wall", duration=5.0, changes=changes).passivity
     assert ledger.booked["change"] == pytest.approx(6.0**2 / (4.0 * STIFFNESS), rel=0.1)
-
-
-@dataclass(frozen=True)
-class LoudShaft(Coupling):
-    """A shaft whose second side pushes as hard as ever on its way back, and half as hard on the way in."""
-
-    def begin(self, period: float) -> PairLaw:
-        sound, twist = super().begin(period), 0.0
-
-        def law(first: float, second: float) -> tuple[float, float]:
-            nonlocal twist
-            before, twist = twist, abs(first - second)
-            force, back = sound(first, second)
-            return (0.5 * force, 0.5 * back) if twist > before else (force, back)
-
-        return law
-
-
-@pytest.mark.thorough("two drives on a shaft")
-@pytest.mark.parametrize("controls", [False, True])
-def test_a_shaft_is_judged_as_one_and_trips_when_it_gives_energy(controls: bool) -> None:
-    scene = load_scene("virtual_shaft")
-    shaft = scene.couplings[0]
-    assert isinstance(shaft, Coupling)
-    sound = replace(scene, passivity="controller" if controls else "observer")
-    (ledger,) = run(sound, hand="push", duration=3.0).passivity
-    assert ledger.axes == ("left", "right")
-    assert ledger.largest < 0.1 * ledger.limit
-    loud = LoudShaft(shaft.axes, shaft.stiffness, name=shaft.name)
-    with pytest.raises(SafetyTripError, match="than it had stored"):
-        run(replace(scene, elements=(loud, *scene.elements[1:])), hand="sine", duration=5.0)
 
 
 def half_damped() -> Rig:

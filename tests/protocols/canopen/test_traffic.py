@@ -2,9 +2,11 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from haptic_fieldbus.api import plan
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.protocols.canopen.traffic import CanTraffic, acts_on_reception
 from haptic_fieldbus.protocols.traffic import Delay
@@ -118,3 +120,10 @@ def test_every_fault_of_the_link_is_told_in_words(flag: LinkFlag) -> None:
 
 def test_transport_leaves_the_lag_out() -> None:
     assert Delay(1.0, 2.0, 3.0, 4.0).transport == 6.0
+
+
+def test_what_is_asked_by_sdo_stands_below_the_pdos() -> None:
+    asked = Path(__file__).parents[2] / "system" / "profiles" / "asked_echo.toml"
+    traffic = plan("wall", drive=str(asked)).axes[0].traffic
+    assert list(traffic.lines())[-1] == ("ask", "SDO upload every 5 ms at most: 6071h:00 target torque")
+    assert list(traffic.summary())[-1] == "ask SDO target torque asked"

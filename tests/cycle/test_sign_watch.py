@@ -1,0 +1,117 @@
+"""The watch on the sign while a scene runs: a mass moved by random torques, and what a doubt does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from haptic_fieldbus.api import run
+from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind
+from haptic_fieldbus.cycle.sign import Sign
+from haptic_fieldbus.cycle.sign_watch import bind_sign_watch
+from haptic_fieldbus.cycle.state import AxisState
+from haptic_fieldbus.scenes.coupling import Coupling
+from haptic_fieldbus.sim import faults
+from tests.builders import plan_of, scene_of
+
+PERIOD = 1e-3
+AXIS = plan_of().axes[0]
+assert AXIS.plant is not None
+MASS = AXIS.plant.mass
+TORQUES = np.repeat(np.random.default_rng(1).choice([-20.0, 20.0], 100), 20)
+"""[N], of which each lasts for 20 periods."""
+
+
+class Handle:
+    """A mass that follows what is sent, or goes against it, and is read in counts."""
+
+    def __init__(self, sign: float) -> None:
+        self.state = AxisState(permitted_ns=0)
+        self._sign, self._position, self._velocity = sign, 0.0, 0.0
+
+    def move(self, force: float) -> None:
+        """Go through a period with this force [N]."""
+        acceleration = self._sign * force / MASS
+        self._position += self._velocity * PERIOD + 0.5 * acceleration * PERIOD**2
+        self._velocity += acceleration * PERIOD
+        self.state.position = round(self._position / AXIS.resolution) * AXIS.resolution
+
+
+def doubts(sign: float, *, gaps: bool = False) -> list[int]:
+    """Periods in which the sign of the handle was doubted."""
+    handle, found, now = Handle(sign), list[int](), 0
+
+    def render() -> None:
+        handle.state.target = round(TORQUES[now] / AXIS.effort_unit)
+
+    step = bind_sign_watch(AXIS, handle.state, PERIOD, lambda: found.append(now), render)
+    for now in range(len(TORQUES)):
+        handle.state.steps = 2 if gaps and now % 10 == 0 else 1
+        step()
+        handle.move(handle.state.target * AXIS.effort_unit)
+    return found
+
+
+def test_a_right_sign_is_never_doubted_and_a_wrong_one_within_a_tenth_of_a_second() -> None:
+    assert doubts(1.0) == []
+    assert doubts(-1.0)[0] < 100
+
+
+def test_where_feedback_is_missing_all_the_time_nothing_is_concluded() -> None:
+    assert doubts(-1.0, gaps=True) == []
+
+
+def test_of_an_unknown_bench_nothing_is_seen() -> None:
+    def render() -> None:
+        """Nothing."""
+
+    axis = replace(AXIS, plant=None)
+    assert bind_sign_watch(axis, AxisState(), PERIOD, lambda: None, render) is render
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_doubt_permits_little_until_pulses_have_decided(sign: float) -> None:
+    handle, permission, trips, seen = Handle(sign), Permission(fade=1.0, unchanged=True), list[TripKind](), list[bool]()
+
+    def trip(kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
+        trips.append(kind)
+
+    subject = Sign(AXIS, PERIOD, handle.state, permission, trip, lambda: seen.append(True))
+    subject.doubt()
+    assert (subject.doubts, handle.state.permitted_ns, permission.unchanged) == (1, None, False)
+    given = []
+    assert subject.proof is not None
+    while not (trips or seen):
+        given.append(subject.proof.give(30.0))
+        handle.move(given[-1])
+    assert max(map(abs, given)) <= AXIS.limits.holding
+    assert len(given) < 300
+    assert (trips, seen) == (([], [True]) if sign > 0.0 else ([TripKind.SIGN], []))
+    subject.permit(7)
+    assert (permission.proof, handle.state.permitted_ns) == (None, 7)
+    assert permission.fade == pytest.approx(AXIS.limits.holding / AXIS.limits.effort)
+    permission.fade = 0.8
+    subject.permit(9)
+    assert (permission.fade, handle.state.permitted_ns) == (0.8, 7), "it was permitted before"
+
+
+def test_forces_of_two_axes_wait_until_both_signs_are_seen() -> None:
+    plan = plan_of(scene_of(Coupling(("left", "right"), 400.0)))
+    cycle = Cycle(replace(plan, axes=tuple(replace(axis, sign_known=False) for axis in plan.axes)))
+    cycle.sign_seen()
+    assert [cycle.permitted_ns(name) for name in ("left", "right")] == [None, None]
+    assert [cycle.unseen(name) for name in ("left", "right")] == [0, 0]
+
+
+def test_the_first_reason_of_a_trip_stays_when_energy_is_given_too() -> None:
+    cycle = Cycle(plan_of())
+    cycle.trip = Trip(TripKind.SPEED, "handle", 1, 3.0, 2.0)
+    cycle.ledgers[0]._trip(0.1, 0.005)
+    assert cycle.trip.kind is TripKind.SPEED
+
+
+def test_what_a_doubt_did_is_told() -> None:
+    blow = faults.HandHit("hand_hit", 0.6, 60.0, 0.05)
+    (told,) = [warning for warning in run("wall", duration=1.6, faults=[blow]).warnings if "against" in warning]
+    assert "the motion went against the torque 1 times, as by a blow of the hand; then at most 2.51 N was given" in told

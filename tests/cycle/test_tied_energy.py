@@ -1,0 +1,96 @@
+"""The energy of axes that are judged together, in whole runs."""
+
+from dataclasses import dataclass, replace
+
+import pytest
+
+from haptic_fieldbus.api import run
+from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
+from haptic_fieldbus.cycle.safety import Permission
+from haptic_fieldbus.cycle.state import AxisState, Sensed
+from haptic_fieldbus.cycle.tied_energy import bind_ledger
+from haptic_fieldbus.errors import SafetyTripError
+from haptic_fieldbus.planning.energy import ledger_elements
+from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.scenes.coupling import Coupling
+from haptic_fieldbus.scenes.element import PairLaw
+from tests.builders import plan_of, scene_of
+
+STIFFNESS = 400.0
+
+
+@dataclass(frozen=True)
+class LoudShaft(Coupling):
+    """A shaft whose second side pushes as hard as ever on its way back, and half as hard on the way in."""
+
+    def begin(self, period: float) -> PairLaw:
+        sound, twist = super().begin(period), 0.0
+
+        def law(first: float, second: float) -> tuple[float, float]:
+            nonlocal twist
+            before, twist = twist, abs(first - second)
+            force, back = sound(first, second)
+            return (0.5 * force, 0.5 * back) if twist > before else (force, back)
+
+        return law
+
+
+@pytest.mark.parametrize("controls", [False, True])
+def test_a_shaft_is_judged_as_one(controls: bool) -> None:
+    scene = load_scene("virtual_shaft")
+    shaft = scene.couplings[0]
+    assert isinstance(shaft, Coupling)
+    sound = replace(scene, passivity="controller" if controls else "observer")
+    (ledger,) = run(sound, hand="push", duration=1.5).passivity
+    assert ledger.axes == ("left", "right")
+    assert ledger.largest < 0.1 * ledger.limit
+
+
+def test_a_shaft_that_gives_energy_ends_the_run() -> None:
+    scene = load_scene("virtual_shaft")
+    shaft = scene.couplings[0]
+    assert isinstance(shaft, Coupling)
+    loud = LoudShaft(shaft.axes, shaft.stiffness, name=shaft.name)
+    with pytest.raises(SafetyTripError, match="than it had stored"):
+        run(replace(scene, elements=(loud, *scene.elements[1:])), hand="sine", duration=5.0)
+
+
+def test_an_axis_with_a_virtual_mass_and_the_controller_keeps_its_account() -> None:
+    scene = replace(load_scene("sprung_mass"), passivity="controller")
+    (ledger,) = run(scene, hand="tap", duration=1.5).passivity
+    assert ledger.largest < ledger.limit
+
+
+class TiedBench:
+    """A ledger of two axes on a spring, of which the left one is moved by hand, and the right one stands still."""
+
+    def __init__(self, permission: Permission) -> None:
+        plan = plan_of(scene_of(Coupling(("left", "right"), STIFFNESS)))
+        self.states = AxisState(), AxisState()
+        self._unit = plan.axes[0].effort_unit
+        ports = [
+            LedgerAxis(axis, state, Sensed(), permission) for axis, state in zip(plan.axes, self.states, strict=True)
+        ]
+        self.ledger = Ledger(ports, *ledger_elements(plan, plan.axes), plan.period, lambda *trip: None)
+        self._step = bind_ledger(self.ledger, lambda: None, controls=False)
+
+    def move(self, position: float, force: float) -> None:
+        """Latch a position of the left handle, and send a force on both sides for the coming period."""
+        left, right = self.states
+        left.position = position
+        self._step()
+        for state, sent in ((left, force), (right, -force)):
+            state.target, state.force = round(sent / self._unit), sent
+
+
+def test_what_a_shaft_gives_while_the_limit_fades_in_is_booked_and_not_judged() -> None:
+    """Pulled out by hand against half of its force, and pulled back by all of it: half of K·s² more comes back."""
+    bench, stretch, periods = TiedBench(Permission(fade=0.5)), 0.01, 200
+    for k in range(periods + 1):
+        out = 2 * k <= periods
+        position = stretch * (2 * k if out else 2 * (periods - k)) / periods
+        bench.move(position, -STIFFNESS * position * (0.5 if out else 1.0))
+    for _ in range(20):
+        bench.move(0.0, 0.0)
+    assert bench.ledger.tally.largest == 0.0
+    assert bench.ledger.tally.booked["fade-in"] >= 0.25 * STIFFNESS * stretch**2
