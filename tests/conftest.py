@@ -1,5 +1,6 @@
 """Lanes, and how hard hypothesis tries: `pytest --lane quick`, `pytest --lane thorough --part 2/4`."""
 
+import gc
 import os
 import tempfile
 
@@ -40,6 +41,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     taken = [item for item in items if lane.takes(item, slow.get(item)) and part.takes(item)]
     config.hook.pytest_deselected(items=list(set(items) - set(taken)))
     items[:] = taken
+
+
+def pytest_collection_finish() -> None:
+    """Leave ten thousand collected tests out of later collections of garbage: each run of the loop begins with one.
+
+    With them it took a third of a second, a run of the loop without it a tenth.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

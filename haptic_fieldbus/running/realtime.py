@@ -14,12 +14,10 @@ def no_garbage_collection() -> Iterator[None]:
     """
     was_enabled = gc.isenabled()
     gc.collect()  # now, while a pause does not matter
-    gc.freeze()
     gc.disable()
     try:
         yield
     finally:
-        gc.unfreeze()
         if was_enabled:
             gc.enable()
 
