@@ -88,6 +88,8 @@ NAMES = {
     0x6076: "motor rated torque",
     0x6077: "torque actual value",
     0x60C2: "interpolation time period",
+    0x60E0: "positive torque limit value",
+    0x60E1: "negative torque limit value",
     0x6502: "supported drive modes",
 }
 """Names of the objects that the package uses, by index."""
