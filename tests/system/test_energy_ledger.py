@@ -17,7 +17,6 @@ from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.running.changes import Changes
 from haptic_fieldbus.scenes.braking_pulse import BrakingPulse
-from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.element import AnyElement, Law
 from haptic_fieldbus.scenes.gravity import Gravity
 from haptic_fieldbus.scenes.scene import Scene
@@ -163,19 +162,6 @@ def test_the_ledger_agrees_with_the_work_of_the_true_motor_on_the_true_shaft(sou
     (ledger,) = result.passivity
     assert max(above) == pytest.approx(source, abs=4e-4)
     assert ledger.largest == pytest.approx(source, abs=4e-4)
-
-
-SCENES = [pytest.param(scene, id=scene) for scene in scene_names()]
-
-
-@pytest.mark.thorough("a minute of every scene")
-@pytest.mark.parametrize("hand", [None, "tap"])
-@pytest.mark.parametrize("scene", SCENES)
-def test_no_scene_of_the_library_trips_in_a_minute(scene: str, hand: str | None) -> None:
-    """Their accounts stay below a tenth of the limit: what is granted is what they leak, and not a margin above it."""
-    result = run(scene, hand=hand, duration=60.0)
-    assert all(ledger.largest < 0.1 * ledger.limit for ledger in result.passivity)
-    assert len(result.passivity) == 1
 
 
 @pytest.mark.thorough("a minute of each wall at half its limit")

@@ -183,13 +183,6 @@ def test_a_coarse_encoder_makes_the_pulses_longer_and_the_travel_is_told() -> No
     assert rendered(plan, None, seconds=5.0).seen_at <= 2.5 * probe.time
 
 
-@pytest.mark.thorough("a minute of every scene with every hand")
-@pytest.mark.parametrize("hand", [None, "tap"])
-@pytest.mark.parametrize("scene", SCENES)
-def test_a_minute_of_every_scene_is_no_contradiction(scene: str, hand: str | None) -> None:
-    assert run(scene, rig=unseen_rig(Task(scene)), hand=hand, duration=60.0).cycles == 60_000
-
-
 @pytest.mark.thorough("a minute of walls of half the limit")
 @pytest.mark.parametrize("hand", ["push", "tap", "release"])
 @pytest.mark.parametrize("scene", ["wall", "damped_wall", "predicted_wall", "spring"])
