@@ -116,8 +116,9 @@ def host_delay(faults: Sequence[Any]) -> float:
     return late + slow + paused
 
 
-LATER: Mapping[str, float] = {"duplicate_node": 1.0}
-"""Periods by which a fault is seen later than others of its cause: the second node answers after the first."""
+LATER: Mapping[str, float] = {"duplicate_node": 1.0, "host_late": 1.0, "host_paused": 1.0}
+"""Periods by which a fault comes, or is seen, later than its cause says: a second node answers after the first, and a
+computer stands still when the loop waits the next time, before which it still gives a proof of life."""
 
 
 def allowed(cause: str, faults: Sequence[Any], stated: Stated) -> float:
