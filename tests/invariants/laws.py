@@ -78,7 +78,7 @@ def no_torque_outside_of_operation(witness: Witness) -> Iterator[str]:
     for axis, shaft in axes_of(witness):
         state, events = shaft.state, iter([*shaft.transitions, (witness.seen_ns + 1, 0)])
         until_ns, number = next(events)
-        for t_ns, torque in shaft.targets:
+        for t_ns, torque in dict(shaft.targets).items():  # of those at one instant the last counts
             while until_ns <= t_ns and until_ns <= witness.seen_ns:
                 state = State.NOT_READY if number < 0 else ARROWS[number][1]
                 until_ns, number = next(events)
