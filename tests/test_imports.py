@@ -83,7 +83,7 @@ DOES_WITHOUT = {
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
         "api": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
-        "assessing.torque_error": "assessing.virtual_states",
+        "assessing.element_forces": "assessing.virtual_states",
         "running.session": "running.direction running.proofs running.proving",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
     },

@@ -13,6 +13,9 @@ if TYPE_CHECKING:  # imported for its type alone: a run without changes never lo
 
 SAMPLES = ("period_ns", "age_ns", "compute_ns", "lateness_ns")
 
+LATE_SHARE = 0.1
+"""Share of the period by which a period may begin late before it counts as late."""
+
 
 @dataclass
 class LoopReport:
@@ -39,6 +42,16 @@ class LoopReport:
     # A capacity of 1 is a placeholder: the loop replaces this record once it knows the number of periods.
     samples: Record = field(default_factory=lambda: Record(SAMPLES, 1), repr=False)
     """One row of `SAMPLES` for each period in operation enabled; of a very long run, for the last ones."""
+
+    def count(self, latch_ns: int, length_ns: int, age_ns: int, compute_ns: int, lateness_ns: int) -> int:
+        """Take down one period in operation enabled; return the latch instant of the first one."""
+        if self.enabled_at_ns is None:
+            self.enabled_at_ns = latch_ns
+        self.samples.push((length_ns, age_ns, compute_ns, lateness_ns))
+        self.cycles += 1
+        if lateness_ns > LATE_SHARE * self.period_ns:
+            self.late += 1
+        return self.enabled_at_ns
 
     def sample(self, name: str) -> NDArray[np.float64]:
         """Return one column of `samples` [ns], shape `(n_periods,)`.

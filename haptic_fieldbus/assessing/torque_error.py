@@ -24,16 +24,22 @@ on from one part to the next, and the figures are those of the whole run. The la
 the next one, because their commands still act there.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import repeat, starmap
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.carried import Carried, begins, new_nodes, new_rows
+from haptic_fieldbus.assessing.element_forces import (
+    POINTS_PER_PERIOD,
+    exact_forces,
+    forces_of,
+    part_of,
+    stepped_forces,
+)
 from haptic_fieldbus.assessing.error_sums import ErrorFigures, ErrorSums
 from haptic_fieldbus.assessing.recording import (
     Array,
@@ -42,7 +48,6 @@ from haptic_fieldbus.assessing.recording import (
     Recording,
     Times,
     TrueMotion,
-    columns_of,
     made_real,
     target_in_force,
     true_motion,
@@ -55,13 +60,6 @@ from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:  # imported for its type alone: a scene without couplings never loads it
     from haptic_fieldbus.assessing.ties import Tie
-
-POINTS_PER_PERIOD = 16 / 1.001
-"""Points per period at which the error is taken.
-
-Slightly off 16, so that the points drift through all phases of the period in the course of a run; with a whole number,
-the same 16 phases would be taken in every period.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,38 +205,22 @@ class Splitter:
             else:
                 start, start_ns = {each: values[0] for each, values in motion.items()}, nodes_ns[0]
             way = {each: np.append(start[each], values[within]) for each, values in motion.items()}
-            share, truth = span.share[rows], _part(sampled, rows)
+            truth, real = part_of(sampled, rows), {name: part_of(each, rows) for name, each in feedback.items()}
             if isinstance(element, DynamicElement):
-                from haptic_fieldbus.assessing.virtual_states import ResponseToError, exact_response
-
-                exact = exact_response(element, np.append(start_ns, nodes_ns[within]), way, carried.exact.get(span.key))
-                carried.exact[span.key] = exact.states[-1]
-                force = exact.force[1:]
-                known = virtual.setdefault(element.name, np.zeros((len(nodes_ns), exact.states.shape[1])))
-                known[within] = exact.states[1:]
-                at_samples = exact.force_at(times_ns[rows], truth[Signal.POSITION], truth[Signal.VELOCITY])
-                # The element is linear: the answer to imperfect inputs is the exact one plus that to their error alone.
-                for name, real in feedback.items():
-                    key = (*span.key, name)
-                    if key not in carried.to_error:
-                        carried.to_error[key] = ResponseToError(element, period)
-                    stages[name][rows] += share * (at_samples + carried.to_error[key](_part(real, rows), truth))
+                way_ns = np.append(start_ns, nodes_ns[within])
+                forces = exact_forces(element, span, way_ns, way, times_ns[rows], truth, real, carried, period)
             else:
-                # A memory is stepped from node to node, 16 times finer than in the loop, in place of continuous time.
-                law = carried.law((*span.key, "ideal"), partial(law_of, element, period / POINTS_PER_PERIOD))
-                # A law that goes on has had the first instant of its way already.
-                if begins(span, recording.overlap):
-                    force = _forces(law, element, way)[1:]
-                else:
-                    force = _forces(law, element, _part(way, slice(1, None)))
-                for name, real in feedback.items():
-                    law = carried.law((*span.key, name), partial(law_of, element, period))
-                    stages[name][rows] += share * _forces(law, element, _part(real, rows))
-            ideal[within] += force * np.interp(nodes_ns[within], times_ns, span.share)
+                forces = stepped_forces(span, recording.overlap, way, real, carried, period)
+            if forces.states is not None:
+                known = virtual.setdefault(element.name, np.zeros((len(nodes_ns), forces.states.shape[1])))
+                known[within] = forces.states
+            for name, stage in forces.stages.items():
+                stages[name][rows] += span.share[rows] * stage
+            ideal[within] += forces.ideal * np.interp(nodes_ns[within], times_ns, span.share)
         for tie in ties:
             ideal += tie.ideal(motion, nodes_ns, period / POINTS_PER_PERIOD, carried)
-            for name, forces in tie.stages(feedback, period, carried).items():
-                stages[name] += forces
+            for name, stage in tie.stages(feedback, period, carried).items():
+                stages[name] += stage
         if virtual:  # otherwise the stage before already is the computed force
             stages["integrator"] = recording.force.copy()
         return ideal, stages, virtual
@@ -253,7 +235,7 @@ class Splitter:
             rows = new_rows(span, recording.overlap)
             element = span.element
             law = self._carried.law((*span.key, "replay"), partial(law_of, element, self._period, self._method))
-            total[rows] += span.share[rows] * _forces(law, element, _part(feedback, rows))
+            total[rows] += span.share[rows] * forces_of(law, element, part_of(feedback, rows))
         for tie in ties:
             total += tie.replayed(feedback, self._period, self._carried)
         return total
@@ -282,17 +264,3 @@ def split(
     if splitter.figures is None:
         raise ValueError(f"nothing was recorded after {begin_ns} ns")
     return ErrorSplit(**vars(splitter.figures), **vars(points))
-
-
-def _part(feedback: Mapping[Signal, Array], rows: slice) -> dict[Signal, Array]:
-    """Return the feedback in these periods only."""
-    return {signal: values[rows] for signal, values in feedback.items()}
-
-
-def _forces(law: Callable[..., float], element: Element, feedback: Mapping[Signal, Array]) -> Array:
-    """Return the forces of a law, called once for each instant of the feedback in turn, `(n,)`."""
-    needed = columns_of(element.needs, feedback)
-    count = len(feedback[Signal.POSITION])
-    # An element that needs no signal is called all the same, once an instant.
-    rows = zip(*needed, strict=True) if needed else repeat((), count)
-    return np.fromiter(starmap(law, rows), dtype=np.float64, count=count)

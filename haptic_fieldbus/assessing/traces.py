@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.assessing.element_forces import POINTS_PER_PERIOD
 from haptic_fieldbus.assessing.recording import Array, Times
 from haptic_fieldbus.assessing.result import Trace
-from haptic_fieldbus.assessing.torque_error import POINTS_PER_PERIOD, ErrorPoints
+from haptic_fieldbus.assessing.torque_error import ErrorPoints
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 
 WHOLE = 30_000

@@ -29,8 +29,6 @@ ENABLING_TIME = 2.0
 """Time allowed to reach operation enabled [s], in addition to the longest mode change timeout of the drives."""
 LONGEST_SAMPLE = 500_000
 """Largest number of periods whose times are kept; of a longer run those of the last ones."""
-LATE_SHARE = 0.1
-"""Share of the period from which on a period that begins later than planned counts as late."""
 PROGRESS_EVERY = 0.1
 """Time between two reports of progress [s]."""
 UNCONFIRMED = "The drives did not confirm that their motors are off: switch the power off."
@@ -108,7 +106,6 @@ def _run(
     ending: EndSignals,
 ) -> None:
     period_ns, compute_ns = plan.period_ns, plan.compute_ns
-    largest_lateness_ns = round(LATE_SHARE * period_ns)
     feedback_ns = feedback_time_ns(plan)
     enabling_periods = round(enabling_time(plan) * plan.rate)
     progress_every = max(1, round(PROGRESS_EVERY * plan.rate))
@@ -142,16 +139,11 @@ def _run(
         if report.first_ns is None:
             report.first_ns = latch_ns
         if cycle.enabled:
-            if report.enabled_at_ns is None:
-                report.enabled_at_ns = latch_ns
-            report.samples.push((latch_ns - before_ns, cycle.age_ns, computed_ns, late_ns))
-            report.cycles += 1
-            if late_ns > largest_lateness_ns:
-                report.late += 1
+            enabled_ns = report.count(latch_ns, latch_ns - before_ns, cycle.age_ns, computed_ns, late_ns)
             if report.cycles % progress_every == 0:
                 progress(report.cycles)
             if changes is not None and changes.waiting:
-                changes.make(latch_ns + period_ns - report.enabled_at_ns, latch_ns, period_ns)
+                changes.make(latch_ns + period_ns - enabled_ns, latch_ns, period_ns)
         else:
             enabling_periods -= 1
             if enabling_periods < 0:
