@@ -174,6 +174,13 @@ GUARDS = {
         "test_back_in_contact_the_force_stays_below_that_before_the_gap",
         of=SAFETY,
     ),
+    "the cap while the sign is looked for": _cycle(
+        "safety",
+        "permission.contact_left(force, least):",
+        "permission.contact_left(permission.before, least):",
+        "test_a_proof_of_the_sign_leaves_no_contact",
+        of=SAFETY,
+    ),
     "set-points that do not act": _cycle(
         "echo",
         "if waited_ns > self._deadline_ns:",
