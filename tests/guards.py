@@ -181,6 +181,20 @@ GUARDS = {
         "test_a_proof_of_the_sign_leaves_no_contact",
         of=SAFETY,
     ),
+    "the cap of all axes after a doubt": _cycle(
+        "sign",
+        "self._doubted()",
+        "pass",
+        "test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled",
+        of="tests/cycle/test_tied_axes.py",
+    ),
+    "the cap of an axis whose sign is known": _cycle(
+        "cycle",
+        "if any(axis.sign.proof for axis in axes):",
+        "if False:",
+        "test_an_axis_whose_sign_is_known_waits_for_that_of_the_other",
+        of="tests/cycle/test_tied_axes.py",
+    ),
     "set-points that do not act": _cycle(
         "echo",
         "if waited_ns > self._deadline_ns:",

@@ -45,7 +45,8 @@ class AxisCycle:
         """How often counts stood still under torque for so long that the limit fell."""
         self._owner, self._axis, self._period = owner, axis, period
         self._watch = AxisWatch(axis, self.state, period, self._trip)
-        self.sign = Sign(axis, period, self.state, self.permission, self._trip, owner.sign_seen)
+        signs = self._trip, owner.sign_seen, owner.sign_doubted
+        self.sign = Sign(axis, period, self.state, self.permission, *signs)
         self._image, self._output = image, output
         self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
