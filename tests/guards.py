@@ -421,6 +421,12 @@ GUARDS = {
         "test_credit_does_not_outlive_a_contact",
         of="tests/cycle/test_energy.py",
     ),
+    "a change that no ledger can judge": Guard(
+        "haptic_fieldbus/planning/live_changes.py",
+        "if math.isfinite(axis.limits.energy):",
+        "if False:",
+        ("tests/planning/test_live_changes.py::test_a_change_to_what_no_ledger_can_judge_is_refused",),
+    ),
     "the question before torque": Guard(
         "haptic_fieldbus/running/session.py",
         "if request.confirm is None or not request.confirm(question):",

@@ -53,7 +53,6 @@ from haptic_fieldbus.planning.energy import (
     MemoryTerms,
     axis_terms,
     bind_stored,
-    energy_limit,
     larger_of,
     memory_terms,
 )
@@ -114,7 +113,7 @@ class Ledger:
     ) -> None:
         self.ports, self.period = tuple(ports), period
         self.axes = tuple(port.axis for port in ports)
-        self.tally = Tally(max(energy_limit(axis) for axis in self.axes))
+        self.tally = Tally(self.axes[0].limits.energy)
         self._trip = trip
         self._ramp, self._done = 0, 0
         self._origin = 0.0
