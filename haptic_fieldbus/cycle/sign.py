@@ -67,7 +67,7 @@ class Sign:
         self._state.permitted_ns = t_ns
 
     def hold(self) -> None:
-        """Permit no more than a hand may hold, from the next period on: the sign of this or another axis is unseen."""
+        """Permit no more than a hand may hold: the sign of this axis or of another one is unseen."""
         self._state.permitted_ns, self._permission.unchanged = None, False
         if self._permission.proof is None:
             holding = self._axis.limits.holding
