@@ -458,8 +458,8 @@ GUARDS = {
     ),
     "credit ends with its contact": _cycle(
         "energy",
-        "energy, settles = 0.0, reason is not None or ledger.changing",
-        "settles = reason is not None or ledger.changing",
+        "energy, settles = 0.0, ledger.reason is not None or ledger.changing",
+        "settles = ledger.reason is not None or ledger.changing",
         "test_credit_does_not_outlive_a_contact",
         of="tests/cycle/test_energy.py",
     ),
