@@ -81,7 +81,9 @@ class Link:
         if not flags & STALE:  # data of several TPDOs is as old as its oldest part, so all must be fresh
             self._latched_ns = latch_ns
         node = self._node
+        emergency = 0
         if node.emergency:
+            emergency = node.look_at_emergency()
             flags |= EMERGENCY
         if node.booted:
             flags |= BOOT_UP
@@ -91,7 +93,7 @@ class Link:
             flags |= NO_SIGN_OF_LIFE
         age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
         # A latch is the nominal end of SYNC, which may lie a little ahead of the clock: the age is never negative.
-        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, node.emergency)
+        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, emergency)
 
     def accuse(self, foreign: int | None, doubled: int | None) -> None:
         """Add the COB-ID of somebody else's command, else of feedback that came twice, to the header of the axis."""
@@ -118,7 +120,7 @@ class _Slot:
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
 
-    def take(self, data: bytearray) -> None:
+    def take(self, data: bytes | bytearray) -> None:
         exchange = self.exchange
         if exchange.begun:
             self.owed -= 1
