@@ -139,6 +139,7 @@ class CanopenBus(InSteps):
                 places.header,
                 self._image,
                 traffic.silence_of(setup.axis.name),
+                setup.axis.limits.age / plan.period,
             )
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
         )
@@ -159,8 +160,7 @@ class CanopenBus(InSteps):
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
 
     def _setup_of(self, axis: AxisPlan, traffic: CanTraffic, member: BusMember, *, real: bool) -> Setup:
-        label = f"node {axis.node} (axis {axis.name})"
-        node = Node(self._wire, axis.node, label, guarded=member.traffic.life_guarding)
+        node = Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})", guarded=member.traffic.life_guarding)
         return Setup(node, axis, traffic, member, TorqueLimits(node, axis, self.warnings.append, real))
 
     def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:
