@@ -221,8 +221,8 @@ GUARDS = {
     ),
     "bus-off": _bus(
         "master",
-        "flags = (BUS_OFF if wire.bus_off else 0)",
-        "flags = 0",
+        "flags = BUS_OFF * wire.error_frames.bus_off |",
+        "flags =",
         "test_master",
         "test_bus_off_is_flagged_on_every_axis",
     ),
@@ -256,8 +256,8 @@ GUARDS = {
     ),
     "life guarding begins with our requests": _bus(
         "guard",
-        "*(node.guarding_request for node in nodes if node.guarded)",
-        "*()",
+        "[node.guarding_request for node in nodes if node.guarded]",
+        "[]",
         "test_guard",
         "TestAnswers::test_answers_are_the_sign_of_life_and_the_nmt_state",
     ),
