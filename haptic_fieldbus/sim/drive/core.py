@@ -49,6 +49,7 @@ _SLOW_DOWN = 1
 # Numbers of the transitions that 605Ch and 605Bh may defer.
 _DISABLE_OPERATION, _SHUTDOWN = 5, 8
 _ENERGISED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+_UNDER_POWER = (*_ENERGISED, State.FAULT_REACTION_ACTIVE)
 _INTERLOCK = 1 << 3
 """Bit 3 of 60FDh."""
 LINK_LOST, FOLLOWING_ERROR = 0x8130, 0x8611
@@ -83,7 +84,9 @@ class Drive:
         """Build the drive at `t_ns`, without voltage yet; `restart` is its power-on."""
         self.settings = settings
         self.on_enabled: Callable[[int], None] = lambda _t_ns: None
-        """Called once, with the time of the first *operation enabled*."""
+        """Called with the time of each *operation enabled*."""
+        self.on_freed: Callable[[int], None] = lambda _t_ns: None
+        """Called with the time at which torque ends because the power stage is switched off."""
         # The order below is that of dependence: objects need the dictionary, units the objects, the stage all of them.
         self.power = PowerAutomaton()
         self.dictionary = Dictionary()
@@ -110,7 +113,6 @@ class Drive:
             self.stage, self.objects, modes, self.event_period_ns, settings.mode_change_ns, self._show_status
         )
         self._link = link
-        self._enabled_once = False
         self._state = self.power.state
         self._controlword = self.objects.controlword
         self._word = -1
@@ -245,7 +247,7 @@ class Drive:
         # The same controlword may have another meaning in the new state.
         self._word, self._leaving = -1, False
         if state is State.OPERATION_ENABLED:
-            self._first_enabled(t_ns)
+            self._start(t_ns, before)
             self.operation.enable(t_ns)
         elif state is State.QUICK_STOP_ACTIVE:
             self._slow_down(self.objects.row(0x605A).value, t_ns)
@@ -255,16 +257,19 @@ class Drive:
             self._slow_down(self.objects.fault_reaction_option.value if can_brake else _DISABLE, t_ns)
         else:
             self.operation.disable(t_ns)
+            if before in _UNDER_POWER:
+                self.plant.rest_hand()
+                self.on_freed(t_ns)
             if before is State.FAULT:
                 self.objects.error_code.value = 0
                 self._link.clear_errors(t_ns)
         self._show_status()
 
-    def _first_enabled(self, t_ns: int) -> None:
+    def _start(self, t_ns: int, before: State) -> None:
+        """Start what counts from *operation enabled*, unless a quick stop was only interrupted."""
         # Bring the plant to this instant, at which the modes start from its speed and angle.
         self.servo.advance(t_ns)
-        if not self._enabled_once:
-            self._enabled_once = True
+        if before is not State.QUICK_STOP_ACTIVE:
             self.plant.start_hand()
             self.on_enabled(t_ns)
 
