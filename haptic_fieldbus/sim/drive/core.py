@@ -1,10 +1,11 @@
 """A simulated CiA 402 drive: its automaton, and the actions of its power stage.
 
 Theory (CiA 402-2): in *operation enabled* the mode of operation determines the motion (see `operation`), in *quick stop
-active* and *fault reaction active* the slowing down. 6007h determines the reaction to a lost link, 605Ah to a quick
-stop, 605Eh to a fault. 605Bh and 605Ch determine whether *shutdown* and *disable operation* slow down first. If they
-do, the state stays *operation enabled* until the motor stands, without following commands, and *enable operation*
-cancels the stop. Every other state frees the shaft at once.
+active* and *fault reaction active* the slowing down. 6007h determines the reaction to a lost link, which is a fault
+only where torque could be made, 605Ah to a quick stop, 605Eh to a fault. 605Bh and 605Ch determine whether *shutdown*
+and *disable operation* slow down first. If they do, the state stays *operation enabled* until the motor stands, without
+following commands, and *enable operation* cancels the stop. Every other state frees the shaft at once. A fault cannot
+be reset while its cause is there.
 
 Safe torque off is no event of the standard's automaton. Here torque ends at once, as by *disable voltage*; *switch on
 disabled* is not left until safe torque off is closed; bit 3 of 60FDh (*interlock*) shows it. With `sto_error` in the
@@ -52,8 +53,8 @@ _ENERGISED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 _UNDER_POWER = (*_ENERGISED, State.FAULT_REACTION_ACTIVE)
 _INTERLOCK = 1 << 3
 """Bit 3 of 60FDh."""
-LINK_LOST, FOLLOWING_ERROR = 0x8130, 0x8611
-"""Error codes in 603Fh."""
+FOLLOWING_ERROR = 0x8611
+"""Error code in 603Fh."""
 
 # CiA 402-2, 6007h: reaction to a lost link by option code; 0 is no action.
 _LINK_LOSS = {1: Cause.FAULT, 2: Cause.DISABLE_VOLTAGE, 3: Cause.QUICK_STOP}
@@ -64,6 +65,9 @@ class DriveLink(Protocol):
 
     def error(self, code: int, t_ns: int) -> None:
         """Report an error that the drive has detected."""
+
+    def persists(self) -> bool:
+        """Return whether something outside of the drive is still wrong that has put it into *fault*."""
 
     def clear_errors(self, t_ns: int) -> None:
         """Report that a fault was reset."""
@@ -113,6 +117,9 @@ class Drive:
             self.stage, self.objects, modes, self.event_period_ns, settings.mode_change_ns, self._show_status
         )
         self._link = link
+        self._sto_fault = False
+        """Whether safe torque off was a fault the last time that it was opened."""
+        self.power.has_fault = lambda: (self._sto_fault and self.power.locked) or link.persists()
         self._state = self.power.state
         self._controlword = self.objects.controlword
         self._word = -1
@@ -135,7 +142,8 @@ class Drive:
         if not open_:
             return
         # Before *disable voltage*, after which the state no longer shows that torque was made.
-        if self.settings.sto_error and self._state in _ENERGISED:
+        self._sto_fault = self.settings.sto_error != 0 and self._state in _ENERGISED
+        if self._sto_fault:
             self.fault(self.settings.sto_error, t_ns)
         self.power.event(
             Cause.REACTION_COMPLETE if self._state is State.FAULT_REACTION_ACTIVE else Cause.DISABLE_VOLTAGE
@@ -175,11 +183,13 @@ class Drive:
             self._command(word, t_ns)
         self.operation.act(t_ns)
 
-    def link_lost(self, t_ns: int) -> None:
-        """React to a lost link as 6007h requires."""
+    def link_lost(self, code: int, t_ns: int) -> None:
+        """React to a lost link as 6007h requires; `code` is its error code, if it is a fault."""
         cause = _LINK_LOSS.get(self.objects.abort_connection_option.value)
         if cause is Cause.FAULT:
-            self._fail(LINK_LOST, t_ns)
+            # A link that ends while no torque can be made is no fault: nothing was aborted.
+            if self._state in _ENERGISED:
+                self.fault(code, t_ns)
         elif cause is not None:
             self.power.event(cause)
             self._follow(t_ns)
