@@ -40,6 +40,7 @@ class Slave:
         dictionary = self.drive.dictionary
         self.node = Node(number, dictionary, self.drive, self._send, node_options(number, model, settings))
         self.not_taken_over = install_quirks(dictionary, model, number)
+        self.drive.units.follow()
         """Notes on the parts of a vendor's file that this drive cannot take over."""
 
     def duplicate(self) -> None:
