@@ -110,6 +110,13 @@ GUARDS = {
         "if False:",
         "test_a_start_with_a_large_force_is_refused_with_the_place_that_would_do",
     ),
+    "a start without feedback": _cycle(
+        "cycle",
+        "if not all(axis.state.steps for axis in axes):",
+        "if False:",
+        "test_a_large_force_is_refused_also_when_feedback_comes_later_than_the_power_state",
+        of="tests/cycle/test_first_period.py",
+    ),
     "counts that stand still": _cycle(
         "axis",
         "if abs(effort) > holding and self.permission.cap > holding:",
