@@ -22,15 +22,16 @@ ATTEMPTS = 5
 RUN = ("run", "wall", "--rate", "50", "--duration", "2", "--set", "wall.stiffness=max/2", "--rig")
 
 
-def started(words: tuple[str, ...], port: int, **streams: int) -> "subprocess.Popen[str]":
+def started(words: tuple[str, ...], port: int, stdin: int, stdout: int, stderr: int) -> "subprocess.Popen[str]":
     environment = {**os.environ, "CAN_CONFIG": f'{{"port": {port}}}', "COLUMNS": "400", "NO_COLOR": "1"}
-    return subprocess.Popen((sys.executable, "-m", *words), cwd=PROJECT, env=environment, text=True, **streams)
+    command = (sys.executable, "-m", *words)
+    return subprocess.Popen(command, cwd=PROJECT, env=environment, text=True, stdin=stdin, stdout=stdout, stderr=stderr)
 
 
 def typed(words: tuple[str, ...], port: int, answer: str) -> tuple[int, str]:
     """What a person sees who types `answer` when a question ends with [y/N], and the exit status."""
     ours, theirs = pty.openpty()
-    process = started(words, port, stdin=theirs, stdout=theirs, stderr=theirs)
+    process = started(words, port, theirs, theirs, theirs)
     os.close(theirs)
     seen, asked = "", False
     try:
@@ -56,7 +57,7 @@ def first_start(rig: Path, speed: float) -> tuple[int, str]:
     for _ in range(ATTEMPTS):
         rig.write_text(RIG, encoding="utf-8")
         words = ("tests.peers.rolling", BUS, str(NODE), str(speed))
-        drive = started(words, port, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        drive = started(words, port, subprocess.DEVNULL, subprocess.PIPE, subprocess.PIPE)
         try:
             assert line_of(drive) == "ready\n"
             status, seen = typed(("haptic_fieldbus", *RUN, str(rig)), port, "y")
