@@ -43,8 +43,8 @@ class Link:
         """Take the TPDOs with their offsets in the image, and the offset of the header of the axis.
 
         `silence` is the time without a sign of life after which the node counts as gone [s]. `latest` is the number of
-        periods after which a TPDO comes no more. Until then it may, in a burst when a node or an adapter was busy; a
-        lost one must not excuse those of a second node for longer.
+        periods with answers after which one that is still missing counts as lost. A node or an adapter that was busy
+        answers in a burst; but a lost TPDO must not excuse those of a second node for long.
         """
         self._most_owed = max(LEAST_OWED, int(min(latest, LARGEST_AGE_NS)))
         self._node = node
@@ -58,6 +58,12 @@ class Link:
         for slot in self._slots:
             slot.exchange = exchange
             wire.listen(slot.cob_id, slot.take)
+
+    def forget(self) -> None:
+        """Forget what was received: the node is configured anew, and what it said before is true no more."""
+        self._latched_ns = None
+        for slot in self._slots:
+            slot.forget()
 
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
@@ -109,7 +115,19 @@ class Link:
 class _Slot:
     """Place of one TPDO in the image."""
 
-    __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed", "overdue", "owed")
+    __slots__ = (
+        "_end",
+        "_image",
+        "_offset",
+        "_size",
+        "answered",
+        "cob_id",
+        "exchange",
+        "fresh",
+        "malformed",
+        "overdue",
+        "owed",
+    )
 
     def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
         self.cob_id = cob_id
@@ -119,22 +137,33 @@ class _Slot:
         self.owed = 0
         """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
         self.overdue = 0
-        """Periods in a row in which an answer to an earlier SYNC was missing."""
+        """Periods in a row with answers, but without one to each SYNC."""
+        self.answered = False
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
 
+    def forget(self) -> None:
+        """Forget what was received; as a node becomes operational it may send a TPDO that nobody asked for."""
+        self._image[self._offset : self._end] = bytes(self._size)
+        self.owed, self.overdue, self.answered = 1, 0, False
+
     def ask(self, most: int) -> None:
-        """Expect an answer to the next SYNC; earlier ones count as lost after being missed for `most` periods."""
+        """Expect an answer to the next SYNC; those that `most` answers have overtaken are lost."""
         self.fresh = False
-        self.overdue = self.overdue + 1 if self.owed > 0 else 0
-        if self.overdue > most:
-            self.owed = self.overdue = 0
+        if self.owed <= 0:
+            self.overdue = 0
+        elif self.answered:
+            self.overdue += 1
+            if self.overdue > most:
+                self.owed = self.overdue = 0
         self.owed += 1
+        self.answered = False
 
     def take(self, data: bytes | bytearray) -> None:
         exchange = self.exchange
         if exchange.begun:
             self.owed -= 1
+            self.answered = True
             if self.owed < 0:
                 exchange.doubled = self.cob_id
         if not exchange.taking:

@@ -110,10 +110,10 @@ class CanopenBus(InSteps):
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
         self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
-        # Until the first exchange a drive may send TPDOs as it becomes operational; our proofs of life are due at once.
         self._exchange.begun, self._refused_writes = False, 0
         self._proofs = proofs_of_life(traffic_of(plan), [setup.node for setup in self._setups])
-        for setup in self._setups:
+        for setup, link in zip(self._setups, self._links, strict=True):
+            link.forget()
             setup.configure()
 
     def start(self) -> None:
