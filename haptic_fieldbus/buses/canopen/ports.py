@@ -49,7 +49,7 @@ class PythonCanPort:
     """
 
     def __init__(self, can_bus: can.BusABC, clock: Clock, *, marks: bool = False) -> None:
-        self._send, self._recv, self._clock = can_bus.send, can_bus.recv, clock
+        self._bus, self._clock = can_bus, clock
         self._mark = uuid4().hex if marks else None
 
     def send(self, can_id: int, data: bytes | bytearray) -> None:
@@ -59,21 +59,21 @@ class PythonCanPort:
             data=None if remote else data,
             dlc=len(data),
             is_remote_frame=remote,
-            is_extended_id=False,
+            is_extended_id=bool(can_id & EXTENDED_FLAG),
             channel=self._mark,
         )
-        self._send(message)
+        self._bus.send(message)
 
     def receive(self, seconds: float) -> Received | None:
-        message = self._recv(seconds)
+        message = self._bus.recv(seconds)
         if message is None:
             return None
         if not message.is_rx or (self._mark is not None and message.channel == self._mark):
             return OURS
-        can_id = message.arbitration_id
-        if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
-            can_id |= _flags(message)
-        return can_id, message.data
+        if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):
+            return message.arbitration_id, message.data
+        data = bytes(message.dlc) if message.is_remote_frame else message.data
+        return message.arbitration_id | _flags(message), data
 
     def arrived_ns(self, earliest_ns: int) -> int:
         """Return the present time: the time stamps of interfaces come from many clocks."""

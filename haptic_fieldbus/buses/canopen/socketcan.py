@@ -79,7 +79,7 @@ class SocketCanPort:
         if flags & self._unwanted:
             return OURS
         can_id, length, data = FRAME.unpack_from(self._buffer)
-        return can_id, data[:length]
+        return can_id, data[:length]  # of a remote frame, zeros
 
     def arrived_ns(self, earliest_ns: int) -> int:
         now_ns = self._clock.now_ns()
