@@ -34,6 +34,8 @@ FRAME = Struct("=IB3x8s")
 EXACTLY = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF
 """Mask of a filter that takes one CAN-ID of 11 bits, flags included."""
 TIMESPEC = Struct("@ll")
+MOST_FILTERS = 512
+"""Number that the kernel takes (CAN_RAW_FILTER_MAX)."""
 STAMP_SIZE = 64
 """Room for the control message with a time stamp, in octets."""
 QUEUED_PERIODS = 4
@@ -91,7 +93,7 @@ class SocketCanPort:
         return min(now_ns, max(now_ns - age_ns, earliest_ns))
 
     def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
-        if can_ids is None:
+        if can_ids is None or len(can_ids) > MOST_FILTERS:
             self._filter(pack("=II", 0, 0), ALL_ERRORS)
             return
         wanted = sorted(can_id for can_id in can_ids if not can_id & EXTENDED_FLAG)
