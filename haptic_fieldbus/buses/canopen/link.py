@@ -46,7 +46,7 @@ class Link:
         periods with answers after which one that is still missing counts as lost. A node or an adapter that was busy
         answers in a burst; but a lost TPDO must not excuse those of a second node for long.
         """
-        self._most_owed = max(LEAST_OWED, int(min(latest, LARGEST_AGE_NS)))
+        self._window = max(LEAST_OWED, int(min(latest, LARGEST_AGE_NS)))
         self._node = node
         self._image = image
         self._header = header
@@ -68,7 +68,7 @@ class Link:
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
-            slot.ask(self._most_owed)
+            slot.ask(self._window)
         return len(self._slots)
 
     @property
@@ -125,7 +125,8 @@ class _Slot:
         "exchange",
         "fresh",
         "malformed",
-        "overdue",
+        "least",
+        "periods",
         "owed",
     )
 
@@ -136,8 +137,9 @@ class _Slot:
         self.malformed = False
         self.owed = 0
         """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
-        self.overdue = 0
-        """Periods in a row with answers, but without one to each SYNC."""
+        self.least = 0
+        """Smallest `owed` in the window, which consists of `periods` with answers."""
+        self.periods = 0
         self.answered = False
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
@@ -145,19 +147,19 @@ class _Slot:
     def forget(self) -> None:
         """Forget what was received; as a node becomes operational it may send a TPDO that nobody asked for."""
         self._image[self._offset : self._end] = bytes(self._size)
-        self.owed, self.overdue, self.answered = 1, 0, False
+        self.owed, self.least, self.periods, self.answered = 1, 1, 0, False
 
-    def ask(self, most: int) -> None:
-        """Expect an answer to the next SYNC; those that `most` answers have overtaken are lost."""
+    def ask(self, window: int) -> None:
+        """Expect an answer to the next SYNC; what was owed at the end of each of `window` periods is lost."""
         self.fresh = False
-        if self.owed <= 0:
-            self.overdue = 0
-        elif self.answered:
-            self.overdue += 1
-            if self.overdue > most:
-                self.owed = self.overdue = 0
+        self.least = min(self.least, self.owed)
+        if self.answered:
+            self.answered = False
+            self.periods += 1
+            if self.periods >= window:
+                self.owed -= max(0, self.least)
+                self.periods, self.least = 0, self.owed
         self.owed += 1
-        self.answered = False
 
     def take(self, data: bytes | bytearray) -> None:
         exchange = self.exchange
