@@ -1,4 +1,4 @@
-"""`simulate` and `run` on a real SocketCAN interface, and what can happen to them: torque-free in time, and told why."""
+"""`simulate` and `run` on a real SocketCAN interface, and what happens to them: torque-free in time, and told why."""
 
 import os
 import shutil

@@ -18,8 +18,12 @@ from haptic_fieldbus.signals import LinkFlag, Signal
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
     int(flag) for flag in LinkFlag
 )
-LEAST_OWED = 2
-"""Periods by which a TPDO may be late at any rate of the loop."""
+LOST_AFTER = 1.0
+"""Time with answers after which one that is still missing counts as lost [s].
+
+Until then a node or an adapter that was busy may send it, in a burst. After it, a lost one must not excuse that of a
+second node.
+"""
 
 
 class Exchange:
@@ -38,15 +42,13 @@ class Link:
     """Link to one axis: it copies TPDOs into the image and writes the header of the axis there."""
 
     def __init__(
-        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, latest: float
+        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, period: float
     ) -> None:
         """Take the TPDOs with their offsets in the image, and the offset of the header of the axis.
 
-        `silence` is the time without a sign of life after which the node counts as gone [s]. `latest` is the number of
-        periods with answers after which one that is still missing counts as lost. A node or an adapter that was busy
-        answers in a burst; but a lost TPDO must not excuse those of a second node for long.
+        `silence` is the time without a sign of life after which the node counts as gone [s]. `period` is that of the loop [s].
         """
-        self._window = max(LEAST_OWED, int(min(latest, LARGEST_AGE_NS)))
+        self._window = round(LOST_AFTER / period)
         self._node = node
         self._image = image
         self._header = header
@@ -124,10 +126,10 @@ class _Slot:
         "cob_id",
         "exchange",
         "fresh",
-        "malformed",
         "least",
-        "periods",
+        "malformed",
         "owed",
+        "periods",
     )
 
     def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:

@@ -139,7 +139,7 @@ class CanopenBus(InSteps):
                 places.header,
                 self._image,
                 traffic.silence_of(setup.axis.name),
-                setup.axis.limits.age / plan.period,
+                plan.period,
             )
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
         )
