@@ -46,7 +46,7 @@ class Link:
     ) -> None:
         """Take the TPDOs with their offsets in the image, and the offset of the header of the axis.
 
-        `silence` is the time without a sign of life after which the node counts as gone [s]. `period` is that of the loop [s].
+        `silence` is the time without a sign of life after which the node counts as gone, `period` that of the loop [s].
         """
         self._window = round(LOST_AFTER / period)
         self._node = node
