@@ -192,7 +192,7 @@ def test_on_a_bus_that_is_busy_the_set_point_that_goes_out_is_one_of_the_last(
     near, far = slow_cable
     clock = MonotonicClock()
     with opened(Link(near)) as bus, opened(Link(far)) as other:
-        port = SocketCanPort(bus.socket, clock) if direct else PythonCanPort(bus, clock)  # type: ignore[attr-defined]
+        port = SocketCanPort(bus.socket, clock) if direct else PythonCanPort(bus)  # type: ignore[attr-defined]
         port.focus(frozenset({OURS}), frames)
         refused, oldest = 0, 0
         for period in range(periods):

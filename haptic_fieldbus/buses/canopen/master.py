@@ -201,11 +201,10 @@ class CanopenBus(InSteps):
         self._exchange.missing = sum([link.begin() for link in self._links])
 
     def _begin_watch(self) -> None:
-        """Begin to miss nodes that answer only when they are asked, which the loop does from now on."""
+        """Begin to miss nodes: from now on the loop looks regularly, and asks those that answer only then."""
         self._exchange.begun = True
         for setup in self._setups:
-            if setup.node.guarded:
-                setup.node.heartbeat_ns = self._clock.now_ns()
+            setup.node.heartbeat_ns = self._clock.now_ns()
 
     def begin(self) -> None:
         """Send SYNC; without room in the transmit queue there will be no feedback."""

@@ -83,13 +83,13 @@ class SocketCanPort:
         can_id, length, data = FRAME.unpack_from(self._buffer)
         return can_id, data[:length]  # of a remote frame, zeros
 
-    def arrived_ns(self, earliest_ns: int) -> int:
-        now_ns = self._clock.now_ns()
+    def arrived_ns(self, earliest_ns: int) -> int | None:
         stamp = self._ancillary[0][2] if self._ancillary else b""
         if len(stamp) != TIMESPEC.size:
-            return now_ns
+            return None
         seconds, nanoseconds = TIMESPEC.unpack(stamp)
         age_ns: int = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
+        now_ns = self._clock.now_ns()
         return min(now_ns, max(now_ns - age_ns, earliest_ns))
 
     def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:

@@ -203,7 +203,8 @@ class Host:
         if can_id & ERROR_FLAG:
             return
         # Timers that fell due before the frame arrived come before it.
-        arrived_ns = self._port.arrived_ns(self._served_ns)
+        known_ns = self._port.arrived_ns(self._served_ns)
+        arrived_ns = self._clock.now_ns() if known_ns is None else known_ns
         self._catch_up(arrived_ns)
         flags = bool(can_id & EXTENDED_FLAG), bool(can_id & REMOTE_FLAG)
         self._rack.receive(Frame(can_id & CAN_ID_MASK, bytes(data), *flags), None, arrived_ns)

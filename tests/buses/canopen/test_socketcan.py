@@ -99,7 +99,7 @@ class TestArrival:
         while time.monotonic_ns() < after + 20_000_000:
             """It waits to be read."""
         ends.port.receive(0.0)
-        assert before - 1_000_000 <= ends.port.arrived_ns(0) <= after + 1_000_000
+        assert before - 1_000_000 <= (ends.port.arrived_ns(0) or 0) <= after + 1_000_000
 
     @pytest.mark.parametrize("step", [-3600.0, 3600.0])
     def test_lies_between_the_last_look_and_now_whatever_somebody_does_to_the_clock(
@@ -110,11 +110,10 @@ class TestArrival:
         real = time.time_ns
         monkeypatch.setattr(time, "time_ns", lambda: real() + round(step * 1e9))
         emptied = time.monotonic_ns() - 5_000_000
-        assert emptied <= ends.port.arrived_ns(emptied) <= time.monotonic_ns()
+        assert emptied <= (ends.port.arrived_ns(emptied) or 0) <= time.monotonic_ns()
 
-    def test_is_now_where_no_stamp_came(self, ends: Ends) -> None:
+    def test_is_unknown_where_no_stamp_came(self, ends: Ends) -> None:
         ends.ours.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 0)
         ends.theirs.send(octets(0x705, b"\x05"))
         ends.port.receive(0.0)
-        before = time.monotonic_ns()
-        assert ends.port.arrived_ns(0) >= before
+        assert ends.port.arrived_ns(0) is None
