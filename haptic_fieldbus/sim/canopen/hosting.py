@@ -3,7 +3,8 @@
 Theory: the real bus replaces the simulated wire, so bit times are not simulated; the drives are the same. The thread
 waits in `recv` until the next timer of a drive falls due. Each timer is served with the instant at which it was due,
 not the instant of waking up. So the lateness of the host does not accumulate, and the shafts move as if there were
-none. Frames that the drives send at one instant go out in the order of their priority, as on a wire.
+none. Where the kernel stamps the frames that arrive, as on SocketCAN, a frame is served with the instant of its arrival
+too. Frames that the drives send at one instant go out in the order of their priority, as on a wire.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -14,8 +15,10 @@ from pathlib import Path
 import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
+from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
 from haptic_fieldbus.buses.canopen.opening import open_can
-from haptic_fieldbus.buses.canopen.wire import ECHOING
+from haptic_fieldbus.buses.canopen.ports import OURS, Received
+from haptic_fieldbus.buses.canopen.wire import ECHOING, port_to
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
@@ -177,11 +180,12 @@ class Host:
     ) -> None:
         self.lost = 0
         """Number of frames that could not be sent because the transmit queue was full."""
-        self._bus = can_bus
+        self._port = port_to(can_bus, clock, echoes=echoes)
         self._clock = clock
         self._name = name
         self._bitrate = bitrate
-        self._echoes = echoes
+        self._served_ns = 0
+        """Instant of what was served last."""
         self._rack = Rack(_Elsewhere(), seed, LONGEST_REMEMBERED)
 
     def add(self, slot: Slot) -> None:
@@ -191,18 +195,21 @@ class Host:
 
     def serve(self, longest_ns: int) -> None:
         """Handle one received frame or the next due timer, within `longest_ns`; raises BusError when the bus fails."""
-        now_ns = self._clock.now_ns()
-        self._catch_up(now_ns)
-        message = self._receive(min(longest_ns, self._rack.due_ns - now_ns))
-        if message is None or message.is_error_frame or message.is_fd:
+        received = self._receive(min(longest_ns, self._rack.due_ns - self._clock.now_ns()))
+        if received is None or received is OURS:
+            self._catch_up(self._clock.now_ns())
             return
-        data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
-        frame = Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame)
-        # Time has passed in `recv`: timers that fell due meanwhile come before the frame.
-        now_ns = self._clock.now_ns()
-        self._catch_up(now_ns)
-        self._rack.receive(frame, None, now_ns)
-        self._flush(now_ns)
+        can_id, data = received
+        if can_id & ERROR_FLAG:
+            return
+        # Timers that fell due before the frame arrived come before it.
+        known_ns = self._port.arrived_ns(self._served_ns)
+        arrived_ns = self._clock.now_ns() if known_ns is None else known_ns
+        self._catch_up(arrived_ns)
+        flags = bool(can_id & EXTENDED_FLAG), bool(can_id & REMOTE_FLAG)
+        self._rack.receive(Frame(can_id & CAN_ID_MASK, bytes(data), *flags), None, arrived_ns)
+        self._served_ns = arrived_ns
+        self._flush(arrived_ns)
 
     def serve_for(self, duration_ns: int) -> None:
         """Serve the drives for this duration."""
@@ -213,7 +220,7 @@ class Host:
     def _catch_up(self, now_ns: int) -> None:
         """Serve all timers that are due, each with its own instant."""
         while self._rack.due_ns <= now_ns:
-            due_ns = self._rack.due_ns
+            due_ns = self._served_ns = self._rack.due_ns
             self._rack.timers(due_ns)
             self._flush(due_ns)
 
@@ -227,32 +234,23 @@ class Host:
             item = port.candidate()
             port.waiting.remove(item)
             self._send(item[1])
-            # On an echoing bus the other drives receive this frame by `recv`; passing it on here would deliver it
-            # twice.
-            if not self._echoes:
-                self._rack.receive(item[1], port, t_ns)
+            self._rack.receive(item[1], port, t_ns)
 
     def _ports(self) -> Iterator[Port]:
         return (port for port, _slave in self._rack.attached)
 
     def _send(self, frame: Frame) -> None:
-        message = can.Message(
-            arbitration_id=frame.can_id,
-            is_extended_id=frame.extended,
-            is_remote_frame=frame.remote,
-            dlc=len(frame.data),
-            data=None if frame.remote else frame.data,
-        )
+        flags = (EXTENDED_FLAG if frame.extended else 0) | (REMOTE_FLAG if frame.remote else 0)
         try:
-            self._bus.send(message)
+            self._port.send(frame.can_id | flags, frame.data)
         except FOREIGN as error:
             if not is_queue_full(error):
                 raise translate(error, self._name) from error
             self.lost += 1
 
-    def _receive(self, longest_ns: int) -> can.Message | None:
+    def _receive(self, longest_ns: int) -> Received | None:
         try:
-            return self._bus.recv(max(0, longest_ns) * 1e-9)
+            return self._port.receive(max(0, longest_ns) * 1e-9)
         except FOREIGN as error:
             raise translate(error, self._name) from error
 
