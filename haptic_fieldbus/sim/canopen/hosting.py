@@ -188,6 +188,7 @@ class Host:
         """Power a drive on now; raises ValueError when its node-ID is taken."""
         slave = self._rack.add(slot, Port(in_order=False), self._clock.now_ns())
         slave.node.commission(self._bitrate)
+        slave.drive.plant.prepare()
 
     def serve(self, longest_ns: int) -> None:
         """Handle one received frame or the next due timer, within `longest_ns`; raises BusError when the bus fails."""
