@@ -119,6 +119,15 @@ def test_a_drive_that_stays_enabled_keeps_its_guard_and_hears_nothing_of_us_any_
     assert bench.bus.warnings == ["node 1 (axis left) did not confirm that its motor is off"]
 
 
+def test_a_drive_in_a_state_that_nobody_knows_is_not_off() -> None:
+    """0067h: the bits of operation enabled, with that of switch on disabled."""
+    bench = TwoDrives()
+    bench.drives[0].power_stays = 0x67
+    assert bench.bus.stop() is False
+    assert bench.drives[0].value(*GUARD) != 0
+    assert bench.drives[1].value(*GUARD) == 0
+
+
 def test_a_drive_that_its_guard_has_disabled_is_confirmed() -> None:
     """It obeys nothing, and falls into *fault* when our heartbeat stays away."""
     bench = TwoDrives()
