@@ -1,7 +1,7 @@
 """The processor time of each step of hosted drives: frames in, plant, frames out, from *ready* on.
 
-A master in the same thread asks for feedback and gives set-points at 1 kHz while a hand pushes into a wall. Every call of
-`Host.serve` is one step. Its processor time is that of the thread, so other programs do not count.
+A master in the same thread asks for feedback and gives set-points at 1 kHz while a hand pushes into a wall. Every call
+of `Host.serve` is one step. Its processor time is that of the thread, so other programs do not count.
 
     python benchmarks/hosted_step.py [--drives N] [--seconds S] [--hand NAME]
 """
@@ -17,6 +17,7 @@ from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.channel import NamedDrive, slot_of
 from haptic_fieldbus.sim.canopen.hosting import Host
+from haptic_fieldbus.sim.canopen.outlet import Outlet
 from haptic_fieldbus.sim.hand import hand_named
 
 PERIOD_NS = 1_000_000
@@ -33,25 +34,32 @@ class Bench:
         self.theirs = can.Bus(interface="virtual", channel="step")
         self.ours = can.Bus(interface="virtual", channel="step")
         self.steps: list[int] = []
+        self.sent = 0
+        clock = MonotonicClock()
         self.nodes = range(5, 5 + drives)
-        self.host = Host(self.theirs, MonotonicClock(), "virtual:step")
+        self.host = Host(Outlet(self.theirs, clock, "virtual:step", print), clock)
         for node in self.nodes:
-            self.host.add(slot_of(NamedDrive("generic_cia402", node), "", Workspace.LINEAR, hand_named(hand), booted=False))
+            self.host.add(
+                slot_of(NamedDrive("generic_cia402", node), "", Workspace.LINEAR, hand_named(hand), booted=False)
+            )
         self.host.serve_for(1_000_000)
         self.steps.clear()
 
     def serve(self) -> None:
         """Serve everything that has come, timed."""
-        while True:
-            empty = not self.theirs.queue.qsize()
+        for _ in range(1 + self.sent):
             began_ns = time.thread_time_ns()
             self.host.serve(0)
             self.steps.append(time.thread_time_ns() - began_ns)
-            if empty:
-                return
+        self.sent = 0
+
+    def close(self) -> None:
+        self.theirs.shutdown()
+        self.ours.shutdown()
 
     def send(self, can_id: int, data: bytes) -> None:
         self.ours.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+        self.sent += 1
 
     def configure(self) -> None:
         for node in self.nodes:
@@ -99,6 +107,7 @@ def main() -> None:
     options = parser.parse_args()
     bench = Bench(options.drives, options.hand)
     bench.run(options.seconds)
+    bench.close()
     steps = np.array(bench.steps) * 1e-3
     p50, p99, p999 = np.percentile(steps, [50.0, 99.0, 99.9])
     print(f"{len(steps)} steps of {options.drives} drives: p50 {p50:.0f} µs, p99 {p99:.0f}, p99.9 {p999:.0f}")

@@ -42,16 +42,21 @@ def simulate(
     as_json: JsonOption = False,
 ) -> None:
     """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
-    from haptic_fieldbus.sim.canopen.hosting import HostRequest, host, resolve
+    from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve
+    from haptic_fieldbus.sim.canopen.hosting import host
     from haptic_fieldbus.sim.faults import load_faults
 
     known_faults = load_faults(faults) if faults is not None else ()
     name, slots = resolve(HostRequest(drive or [DEFAULT_DRIVE], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
     with _until_asked_to_stop() as stopped:
-        lost = host(name, slots, seed, _teller(name.text, as_json), stopped)
+        lost = host(name, slots, seed, _teller(name.text, as_json), stopped, _note)
     if lost:
-        show([("note", f"{lost} frames could not be sent: the transmit queue was full")], sys.stderr)
+        _note(f"{lost} frames could not be sent: the transmit queue was full")
+
+
+def _note(sentence: str) -> None:
+    show([("note", sentence)], sys.stderr)
 
 
 @contextmanager

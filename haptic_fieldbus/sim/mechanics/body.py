@@ -78,6 +78,7 @@ class Body(ABC):
             self.state = (*self.state[:HAND_SPEED], 0.0, 0.0, 0.0, *self.state[TARGET:])
             self._hold(self._grip)
 
+    @abstractmethod
     def prepare(self) -> None:
         """Build now what later steps need, for a body that is read at instants which do not repeat."""
 
