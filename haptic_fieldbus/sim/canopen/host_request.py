@@ -2,19 +2,25 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_HOSTED_HAND, DEFAULT_NODE
+from haptic_fieldbus.documents import is_path
+from haptic_fieldbus.drive.rig import Rig, Seen
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen.bus import NODES
+from haptic_fieldbus.protocols.folders import profile_names
 from haptic_fieldbus.protocols.registry import parse_bus
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.channel import NamedDrive, drive_of, slot_of
 from haptic_fieldbus.sim.faults import Fault, HostFault, LineFault
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.slot import Slot
+
+_BUS = "simulated"
+"""Name of the bus in a rig that is written."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,21 @@ def _collecting(faults: list[str]) -> Iterator[None]:
         yield
     except UsageError as error:
         faults.append(str(error))
+
+
+def rig_of(bus: BusName, slots: Sequence[Slot]) -> Rig:
+    """Return the rig with which another program renders a scene on these drives.
+
+    The axes are called handle, handle2 and so on. A profile that is not shipped is named by its file.
+    """
+    axes = {}
+    for number, slot in enumerate(slots, start=1):
+        name = "handle" if number == 1 else f"handle{number}"
+        shipped = slot.profile.name in profile_names() and not is_path(slot.axis.profile)
+        profile = slot.profile.name if shipped else str(Path(slot.profile.source).absolute())
+        # Nobody can move this handle by hand, and nobody needs to: how it is built is known.
+        axes[name] = replace(slot.axis, bus=_BUS, profile=profile, seen=Seen(direction="confirmed"))
+    return Rig({_BUS: bus.section}, axes)
 
 
 def joined_bus(text: str | None) -> BusName:

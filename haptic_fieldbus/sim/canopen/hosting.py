@@ -1,9 +1,10 @@
 """Simulated drives on a python-can bus, in real time and in one thread, for masters in other programs.
 
 Theory: the real bus replaces the simulated wire, so bit times are not simulated; the drives are the same. The thread
-waits in `recv` until the next timer of a drive falls due. Each timer is served with the instant at which it was due,
-not the instant of waking up. So the lateness of the host does not accumulate, and the shafts move as if there were
-none. Frames that the drives send at one instant go out in the order of their priority, as on a wire.
+waits for a frame until the next timer of a drive falls due. Each timer is served with the instant at which it was due,
+not the instant of waking up, and a frame with the instant at which it arrived, where that is known. So the lateness of
+the host does not accumulate, and the shafts move as if there were none. Frames that the drives send at one instant go
+out in the order of their priority, as on a wire.
 
 A step must not be late for its own reasons, so all that steps need is built before a drive is *ready*: no matrix
 exponential is computed and no module imported afterwards, and what exists then is kept out of garbage collection.
@@ -22,7 +23,7 @@ from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.link.wire import Port
-from haptic_fieldbus.sim.canopen.outlet import Outlet, Tell
+from haptic_fieldbus.sim.canopen.outlet import STAMPED, Outlet, Tell
 from haptic_fieldbus.sim.canopen.rack import Rack
 from haptic_fieldbus.sim.faults import Disturbance, HostFault
 from haptic_fieldbus.sim.slot import Slot
@@ -53,7 +54,8 @@ def host(
     """
     section = can_section(bus.section)
     clock = MonotonicClock()
-    outlet = Outlet(open_can(section), clock, bus.text, tell, partial(open_can, section))
+    stamped = section.interface in STAMPED
+    outlet = Outlet(open_can(section), clock, bus.text, tell, partial(open_can, section), stamped=stamped)
     try:
         subject = Host(outlet, clock, seed, bitrate=section.bitrate, echoes=section.interface in ECHOING)
         for slot in slots:
@@ -96,6 +98,8 @@ class Host:
         self._clock = clock
         self._bitrate = bitrate
         self._echoes = echoes
+        self._served_ns = clock.now_ns()
+        """Up to here all has been served."""
         self._rack = Rack(_Elsewhere(), seed, LONGEST_REMEMBERED)
 
     def add(self, slot: Slot) -> None:
@@ -106,18 +110,17 @@ class Host:
 
     def serve(self, longest_ns: int) -> None:
         """Handle one received frame or the next due timer, within `longest_ns`."""
-        now_ns = self._clock.now_ns()
-        self._catch_up(now_ns)
-        message = self._outlet.receive(min(longest_ns, self._rack.due_ns - now_ns))
+        # A frame that waits may have come before a timer that is due: what waits is looked at first.
+        message = self._outlet.receive(min(longest_ns, self._rack.due_ns - self._clock.now_ns()))
         if message is None or message.is_error_frame or message.is_fd:
+            self._catch_up(self._clock.now_ns())
             return
+        t_ns = self._outlet.arrived_ns(message, self._served_ns)
+        self._catch_up(t_ns)
         data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
         frame = Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame)
-        # Time has passed in `recv`: timers that fell due meanwhile come before the frame.
-        now_ns = self._clock.now_ns()
-        self._catch_up(now_ns)
-        self._rack.receive(frame, None, now_ns)
-        self._flush(now_ns)
+        self._rack.receive(frame, None, t_ns)
+        self._flush(t_ns)
 
     def serve_for(self, duration_ns: int) -> None:
         """Serve the drives for this duration."""
@@ -127,6 +130,7 @@ class Host:
 
     def _catch_up(self, now_ns: int) -> None:
         """Serve all timers that are due, each with its own instant."""
+        self._served_ns = now_ns
         while self._rack.due_ns <= now_ns:
             due_ns = self._rack.due_ns
             self._rack.timers(due_ns)

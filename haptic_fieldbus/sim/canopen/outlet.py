@@ -4,8 +4,13 @@ A drive does not end when its cable is pulled: it goes on, hears nothing, and le
 the interface raises ends the hosting. It is told once when the bus goes down and once when a frame passes again; what
 is sent meanwhile is lost. An interface that goes on failing is opened anew, because its socket may belong to an adapter
 that was unplugged.
+
+Where the kernel stamps frames as they arrive, a frame is served at its stamp, so that a process that was woken late
+latches what the shaft did when SYNC came, as a drive would. The stamp is of the wall clock, which may be set at any
+time; it is bounded by what was served before, and by now.
 """
 
+import time
 from collections.abc import Callable
 
 import can
@@ -20,15 +25,28 @@ REOPENED_EVERY_NS = 1_000_000_000
 RETRIED_EVERY_NS = 20_000_000
 """Pause after a failure to receive, which comes at once and would keep a processor busy."""
 
+STAMPED = ("socketcan", "udp_multicast")
+"""Interfaces whose time stamps are those of the kernel, by the wall clock of this computer."""
+
 Tell = Callable[[str], None]
 """Tell the person a sentence."""
 
 
 class Outlet:
-    """A python-can bus, opened by `reopen` again when it goes on failing; `name` is the bus in sentences."""
+    """A python-can bus, opened by `reopen` again when it goes on failing; `name` is the bus in sentences.
+
+    `stamped`: its frames have time stamps of the kernel (see `STAMPED`).
+    """
 
     def __init__(
-        self, can_bus: can.BusABC, clock: Clock, name: str, tell: Tell, reopen: Callable[[], can.BusABC] | None = None
+        self,
+        can_bus: can.BusABC,
+        clock: Clock,
+        name: str,
+        tell: Tell,
+        reopen: Callable[[], can.BusABC] | None = None,
+        *,
+        stamped: bool = False,
     ) -> None:
         self.lost = 0
         """Number of frames that could not be sent because the transmit queue was full."""
@@ -37,6 +55,7 @@ class Outlet:
         self._name = name
         self._tell = tell
         self._reopen = reopen
+        self._stamped = stamped
         self._down_ns: int | None = None
         """Since when nothing passes; None while the bus is up."""
         self._opened_ns = clock.now_ns()
@@ -78,6 +97,12 @@ class Outlet:
             elif message is not None:
                 self._passed()
         return message
+
+    def arrived_ns(self, message: can.Message, earliest_ns: int) -> int:
+        """Return the instant at which a frame that was received now arrived, not before `earliest_ns`."""
+        now_ns = self._clock.now_ns()
+        age_ns = round((time.time() - message.timestamp) * 1e9) if self._stamped else 0
+        return max(earliest_ns, min(now_ns, now_ns - age_ns))
 
     def close(self) -> None:
         """Leave the bus."""

@@ -2,14 +2,16 @@
 
 import errno
 import struct
+import time
 from collections.abc import Callable, Iterator
 
 import can
 import pytest
 
+from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import BusError
-from haptic_fieldbus.sim.canopen.outlet import RETRIED_EVERY_NS
-from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted
+from haptic_fieldbus.sim.canopen.outlet import RETRIED_EVERY_NS, Outlet
+from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted, enabled
 
 
 @pytest.fixture
@@ -114,3 +116,45 @@ def _raising(error: Exception) -> Callable[..., None]:
         raise error
 
     return raising
+
+
+class TestTheInstantOfAFrame:
+    """A frame is served when it came, not when this process was woken; both bounds hold whatever the stamp says."""
+
+    def _arrived(self, ago: float, earliest_ns: int, *, stamped: bool = True) -> int:
+        clock = VirtualClock(10 * MS)
+        with can.Bus(interface="virtual", channel="stamps") as bus:
+            outlet = Outlet(bus, clock, "virtual:stamps", print, stamped=stamped)
+            return outlet.arrived_ns(can.Message(timestamp=time.time() - ago), earliest_ns)
+
+    def test_is_its_stamp(self) -> None:
+        assert self._arrived(0.004, 0) == pytest.approx(6 * MS, abs=MS)
+
+    def test_is_not_before_what_was_served(self) -> None:
+        assert self._arrived(0.004, 8 * MS) == 8 * MS
+        assert self._arrived(3600.0, 8 * MS) == 8 * MS
+
+    def test_is_not_in_the_future(self) -> None:
+        assert self._arrived(-3600.0, 0) == 10 * MS
+
+    def test_is_now_where_stamps_mean_nothing(self) -> None:
+        assert self._arrived(0.004, 0, stamped=False) == 10 * MS
+
+    def test_a_shaft_is_latched_where_it_was_when_sync_came(self) -> None:
+        """The process sleeps for 5 ms after SYNC; the position is that at SYNC, and a later one comes with the next."""
+        hosted = Hosted(5, hand="push")
+        hosted.serve()
+        enabled(hosted)
+        hosted.serve(400 * MS)
+
+        def latched(late_ns: int) -> int:
+            hosted.outlet.arrived_ns = lambda message, earliest_ns: hosted.clock.now_ns() - late_ns  # type: ignore[method-assign]
+            hosted.send(0x80, b"")
+            hosted.clock.compute(late_ns)
+            hosted.host.serve(0)
+            (counts,) = [struct.unpack("<Hi", data)[1] for can_id, data in hosted.serve(0) if can_id == 0x185]
+            return int(counts)
+
+        at_once = latched(0)
+        assert latched(20 * MS) == at_once
+        assert latched(0) > at_once
