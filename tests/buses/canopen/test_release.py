@@ -217,6 +217,18 @@ def test_a_bus_that_comes_back_meanwhile_still_frees_the_drives() -> None:
     assert bench.states == [DISABLED, DISABLED]
 
 
+def test_a_bus_that_was_stopped_can_be_configured_again() -> None:
+    bench = TwoDrives()
+    assert bench.bus.stop() is True
+    bench.bus.configure(bench.plan)
+    bench.bus.start()
+    for controlword in (0x06, 0x07, 0x0F, 0x0F):
+        bench.bus.read(bench.clock.now_ns() + bench.plan.period_ns)
+        bench.bus.write(bytes((controlword, 0, 0, 0)) * 2)
+    assert bench.states == [ENABLED, ENABLED]
+    assert bench.bus.stop() is True
+
+
 def test_a_stop_that_was_interrupted_begins_anew() -> None:
     bench = TwoDrives()
     interrupted: list[Exception | None] = [None]
