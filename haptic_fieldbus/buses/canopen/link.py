@@ -59,6 +59,12 @@ class Link:
             slot.exchange = exchange
             wire.listen(slot.cob_id, slot.take)
 
+    def forget(self) -> None:
+        """Forget the feedback of an earlier start: a drive that was enabled then is not enabled now."""
+        self._latched_ns = None
+        for slot in self._slots:
+            slot.forget()
+
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
@@ -122,6 +128,11 @@ class _Slot:
         """Periods in a row in which an answer to an earlier SYNC was missing."""
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
+
+    def forget(self) -> None:
+        """Clear the data, and what is known of earlier answers."""
+        self.fresh, self.owed, self.overdue = False, 0, 0
+        self._image[self._offset : self._end] = bytes(self._size)
 
     def ask(self, most: int) -> None:
         """Expect an answer to the next SYNC; earlier ones count as lost after being missed for `most` periods."""

@@ -119,6 +119,8 @@ class CanopenBus(InSteps):
     def start(self) -> None:
         """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
         self._foreign.refuse(self._wire.name, "Nothing was enabled")
+        for link in self._links:
+            link.forget()
         for setup in self._setups:
             setup.start()
         for asking in self._askings:
