@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 
 HEADING = """The bench of the drives that `haptic-fieldbus simulate` hosts, for `haptic-fieldbus run SCENE --rig FILE`.
-A run proves the guards of the drives at its first start, and keeps that here.
-The torque constant, damping and friction are those of the simulation."""
+The first run proves the guards of the drives, and keeps the proof here."""
+"""Comment at the beginning of a rig file."""
 
 
 def simulate(

@@ -6,8 +6,9 @@ is sent meanwhile is lost. An interface that goes on failing is opened anew, bec
 that was unplugged.
 
 Where the kernel stamps frames as they arrive, a frame is served at its stamp, so that a process that was woken late
-latches what the shaft did when SYNC came, as a drive would. The stamp is of the wall clock, which may be set at any
-time; it is bounded by what was served before, and by now.
+latches what the shaft did when SYNC came, as a drive would. That holds for `LATEST_NS`: a process that slept longer
+finds several SYNCs, and a master takes the first answer for one to its last SYNC, so that an old position would be a
+jump. The stamp is of the wall clock, which may be set at any time; it is bounded by what was served before, and by now.
 """
 
 import time
@@ -25,6 +26,8 @@ REOPENED_EVERY_NS = 1_000_000_000
 RETRIED_EVERY_NS = 20_000_000
 """Pause after a failure to receive, which comes at once and would keep a processor busy."""
 
+LATEST_NS = 500_000
+"""Longest time before now at which a frame is served."""
 STAMPED = ("socketcan", "udp_multicast")
 """Interfaces whose time stamps are those of the kernel, by the wall clock of this computer."""
 
@@ -102,7 +105,7 @@ class Outlet:
         """Return the instant at which a frame that was received now arrived, not before `earliest_ns`."""
         now_ns = self._clock.now_ns()
         age_ns = round((time.time() - message.timestamp) * 1e9) if self._stamped else 0
-        return max(earliest_ns, min(now_ns, now_ns - age_ns))
+        return max(earliest_ns, now_ns - max(0, min(age_ns, LATEST_NS)))
 
     def close(self) -> None:
         """Leave the bus."""

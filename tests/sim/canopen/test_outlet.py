@@ -10,7 +10,7 @@ import pytest
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import BusError
-from haptic_fieldbus.sim.canopen.outlet import RETRIED_EVERY_NS, Outlet
+from haptic_fieldbus.sim.canopen.outlet import LATEST_NS, RETRIED_EVERY_NS, Outlet
 from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted, enabled
 
 
@@ -128,11 +128,15 @@ class TestTheInstantOfAFrame:
             return outlet.arrived_ns(can.Message(timestamp=time.time() - ago), earliest_ns)
 
     def test_is_its_stamp(self) -> None:
-        assert self._arrived(0.004, 0) == pytest.approx(6 * MS, abs=MS)
+        assert 10 * MS - LATEST_NS <= self._arrived(0.0002, 0) <= 9.8 * MS
 
     def test_is_not_before_what_was_served(self) -> None:
-        assert self._arrived(0.004, 8 * MS) == 8 * MS
-        assert self._arrived(3600.0, 8 * MS) == 8 * MS
+        assert self._arrived(0.0004, 9_900_000) == 9_900_000
+
+    def test_is_not_long_ago(self) -> None:
+        """After a long sleep answers are for the last SYNC, as a master takes them."""
+        assert self._arrived(0.004, 0) == 10 * MS - LATEST_NS
+        assert self._arrived(3600.0, 0) == 10 * MS - LATEST_NS
 
     def test_is_not_in_the_future(self) -> None:
         assert self._arrived(-3600.0, 0) == 10 * MS
