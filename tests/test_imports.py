@@ -57,7 +57,7 @@ DOES_WITHOUT = {
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
         " scenes.scene",
-        "cli.simulate": "sim.canopen.hosting sim.faults",
+        "cli.simulate": "drive.rig_text sim.canopen.host_request sim.canopen.hosting sim.faults",
         "cli.stability": "api.judging report.plot_region report.stability",
         "cli.vcan": "vcan.runner",
     },
