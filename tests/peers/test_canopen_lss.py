@@ -14,7 +14,7 @@ from canopen.lss import (
     LssMaster,
 )
 
-from tests.peers.conftest import LONG, Connect
+from tests.peers.conftest import LONG, VCAN, VCAN_MARKS, Connect
 from tests.peers.dictionary import dictionary
 from tests.peers.hosts import Reach, in_another_process, in_this_process
 
@@ -27,13 +27,13 @@ OTHER = 0x2A
 REQUESTS = (CS_INQUIRE_VENDOR_ID, CS_INQUIRE_PRODUCT_CODE, CS_INQUIRE_REVISION_NUMBER, CS_INQUIRE_SERIAL_NUMBER)
 
 
-@pytest.fixture(scope="module", params=["haptic_sim", "simulate"])
+@pytest.fixture(scope="module", params=["haptic_sim", "simulate", pytest.param("vcan", marks=VCAN_MARKS)])
 def reach(request: pytest.FixtureRequest) -> Iterator[Reach]:
     """One drive, for canopen does not expect that several answer."""
     if request.param == "haptic_sim":
         yield in_this_process(NODE, (DRIVE,))
         return
-    with in_another_process(NODE, (DRIVE,)) as there:
+    with in_another_process(NODE, (DRIVE,), VCAN if request.param == "vcan" else None) as there:
         yield there
 
 
