@@ -73,6 +73,7 @@ def test_the_way_to_operation_enabled_and_back(node: BaseNode402) -> None:
         assert node.state == state
 
 
+@pytest.mark.thorough("on every wire", quick=("haptic_sim-5",))
 def test_every_transition_that_canopen_knows_a_command_for(node: BaseNode402) -> None:
     node.op_mode = TORQUE
     node.sdo[0x605A].raw = HOLD_AFTER_QUICK_STOP
@@ -98,6 +99,7 @@ def test_the_mode_is_switched_and_confirmed(node: BaseNode402) -> None:
     assert node.op_mode == TORQUE
 
 
+@pytest.mark.thorough("on every wire", quick=("haptic_sim-5",))
 def test_every_mode_that_the_drive_says_it_has_is_taken_over_and_no_other(node: BaseNode402) -> None:
     modes = [mode for mode in OperationMode.SUPPORTED if mode != "NO MODE"]
     offered = [mode for mode in modes if node.is_op_mode_supported(mode)]

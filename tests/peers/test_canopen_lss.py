@@ -105,8 +105,8 @@ class TestLss:
         lss.configure_node_id(NO_NODE)
         lss.send_switch_state_global(lss.WAITING_STATE)
         network[NODE].nmt.send_command(130)
-        lss.RESPONSE_TIMEOUT = 0.1  # every one of the address costs this
-        for _ in range(3):  # an answer that a busy machine delays beyond it spoils a scan
+        for timeout in (0.1, 0.2, 0.4):  # an answer that a busy machine delays beyond it spoils a scan
+            lss.RESPONSE_TIMEOUT = timeout  # every one of the address costs this
             found, address = lss.fast_scan()
             if found and tuple(address) == identity:
                 break

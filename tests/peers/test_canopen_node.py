@@ -139,6 +139,7 @@ class TestPdo:
             node.rpdo[1].transmit()
             until(lambda state=state: heard[-1] & 0x4F == state & 0x4F)  # type: ignore[misc]
 
+    @pytest.mark.thorough("on every wire", quick=("haptic_sim-5",))
     def test_a_change_of_state_sends_a_tpdo_without_sync(self, node: canopen.RemoteNode) -> None:
         self._map(node, tpdo_type=255)
         heard: list[int] = []
@@ -148,6 +149,7 @@ class TestPdo:
         node.sdo[0x6040].raw = 0x06
         until(lambda: heard[-1] & 0x6F == 0x21)
 
+    @pytest.mark.thorough("on every wire", quick=("haptic_sim-5",))
     def test_a_tpdo_comes_on_request(self, node: canopen.RemoteNode) -> None:
         self._map(node, tpdo_type=253)
         heard: list[int] = []
@@ -188,6 +190,7 @@ class TestNmt:
         until(lambda: told == [0])
         assert node.sdo[0x1017].raw == 0
 
+    @pytest.mark.thorough("on every wire", quick=("haptic_sim-5-stop", "haptic_sim-5-reset communication"))
     @pytest.mark.parametrize("command", [2, 128, 130], ids=["stop", "pre-operational", "reset communication"])
     def test_a_link_that_ends_at_rest_is_no_fault(self, node: canopen.RemoteNode, command: int) -> None:
         """Whatever 6007h says, for there is no torque that a master could be missed for."""
