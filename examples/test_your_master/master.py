@@ -22,9 +22,9 @@ from canopen.emcy import EmcyError
 MASTER_ID = 0x7F
 SYNC_PERIOD = 0.01  # s
 HEARTBEAT_PERIOD = 0.02  # s
-HEARTBEAT_LIMIT = 100  # ms: without a heartbeat for so long the drive switches itself off
-SILENCE = 0.1  # s: without an answer for so long the drive counts as silent
-PATIENCE = 1.0  # s: longest time that a change of state may take
+HEARTBEAT_LIMIT = 250  # ms: without a heartbeat for so long the drive switches itself off
+SILENCE = 0.25  # s: without an answer for so long the drive counts as silent
+PATIENCE = 2.0  # s: longest time that a change of state may take
 
 NOT_VALID = 1 << 31
 DISABLE_VOLTAGE, FAULT_RESET = 0x00, 0x80
