@@ -18,8 +18,6 @@ from collections.abc import Collection, Iterator, Sequence
 from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.cycle.safety import LINK_TRIPS
-from haptic_fieldbus.cycle.trips import TRIP_ERRORS
 from haptic_fieldbus.cycle.watch import EMERGENCY, FLAGS, STATUSWORD, T_NS
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, UnprovedGuardError
@@ -28,7 +26,8 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals
-from haptic_fieldbus.running.loop import UNCONFIRMED, enabling_time, feedback_time_ns, not_enabled
+from haptic_fieldbus.running.loop import enabling_time, feedback_time_ns, not_enabled
+from haptic_fieldbus.running.torque_free import check_link, started
 from haptic_fieldbus.signals import LinkFlag
 
 BETWEEN_PROOFS = 0.2
@@ -51,8 +50,10 @@ def prove(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: End
     or SafetyTripError; by then `bus.stop` was called, and a note says so when a drive did not confirm it.
     """
     for _ in range(ATTEMPTS):
-        bus.configure(plan)
-        proofs = _once(plan, bus, clock, axes, ending)
+        with started(plan, bus, ending):
+            exchange = _ProofExchange(plan, bus, clock, axes, ending)
+            exchange.enable()
+            proofs = tuple(exchange.leave_alone())
         bus.acknowledge()
         if not any(proof.early or proof.missed for proof in proofs):
             return proofs
@@ -74,24 +75,6 @@ def _switched_off(plan: Plan, proof: Proof) -> UnprovedGuardError:
         f"{rounded(1e3 * proof.earliest)} ms: something else switches it off, such as safe torque off (STO) or an "
         "enable input. Whether its guard acts is not known. No torque was given"
     )
-
-
-def _once(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: EndSignals) -> tuple[Proof, ...]:
-    """Leave the configured drives alone once, and stop them."""
-    try:
-        bus.start()
-        exchange = _ProofExchange(plan, bus, clock, axes, ending)
-        exchange.enable()
-        proofs = tuple(exchange.leave_alone())
-    except BaseException as error:
-        if not bus.stop():
-            error.add_note(UNCONFIRMED)
-        raise
-    if not bus.stop():
-        raise BusError(f"{UNCONFIRMED} {' '.join(f'{warning}.' for warning in bus.warnings)}".rstrip())
-    if ending.signal is not None:
-        raise KeyboardInterrupt
-    return proofs
 
 
 class _Looked:
@@ -225,12 +208,7 @@ class _ProofExchange:
     def _check(self, axis: AxisPlan, feedback: Sequence[int], flags: int) -> None:
         """Raise the error of the first link fault among these flags."""
         _, found, code = feedback
-        for flag, kind in LINK_TRIPS.items():
-            if found & flags & flag:
-                raise TRIP_ERRORS[kind](
-                    f"axis {axis.name}: {axis.traffic.fault_text(flag, code)}, while its guard was proved at zero "
-                    "torque. Torque was taken away"
-                )
+        check_link(axis, found & flags, code, "while its guard was proved at zero torque. Torque was taken away")
 
     def _late(self) -> BusTimeoutError:
         return not_enabled(self._plan, {each.axis.name: each.state for each in (*self._proved, *self._others)})

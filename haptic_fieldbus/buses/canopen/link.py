@@ -18,8 +18,8 @@ from haptic_fieldbus.signals import LinkFlag, Signal
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
     int(flag) for flag in LinkFlag
 )
-MOST_OWED = 2
-"""Most TPDOs that may still come late. A lost one never comes; it must not excuse those of a second node for long."""
+LEAST_OWED = 2
+"""Periods by which a TPDO may be late at any rate of the loop."""
 
 
 class Exchange:
@@ -38,12 +38,15 @@ class Link:
     """Link to one axis: it copies TPDOs into the image and writes the header of the axis there."""
 
     def __init__(
-        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float
+        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, latest: float
     ) -> None:
         """Take the TPDOs with their offsets in the image, and the offset of the header of the axis.
 
-        `silence` is the time without a sign of life after which the node counts as gone [s].
+        `silence` is the time without a sign of life after which the node counts as gone [s]. `latest` is the number of
+        periods after which a TPDO comes no more. Until then it may, in a burst when a node or an adapter was busy; a
+        lost one must not excuse those of a second node for longer.
         """
+        self._most_owed = max(LEAST_OWED, int(min(latest, LARGEST_AGE_NS)))
         self._node = node
         self._image = image
         self._header = header
@@ -59,9 +62,7 @@ class Link:
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
-            slot.fresh = False
-            if slot.owed < MOST_OWED:
-                slot.owed += 1
+            slot.ask(self._most_owed)
         return len(self._slots)
 
     @property
@@ -81,7 +82,9 @@ class Link:
         if not flags & STALE:  # data of several TPDOs is as old as its oldest part, so all must be fresh
             self._latched_ns = latch_ns
         node = self._node
+        emergency = 0
         if node.emergency:
+            emergency = node.look_at_emergency()
             flags |= EMERGENCY
         if node.booted:
             flags |= BOOT_UP
@@ -91,7 +94,7 @@ class Link:
             flags |= NO_SIGN_OF_LIFE
         age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
         # A latch is the nominal end of SYNC, which may lie a little ahead of the clock: the age is never negative.
-        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, node.emergency)
+        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, emergency)
 
     def accuse(self, foreign: int | None, doubled: int | None) -> None:
         """Add the COB-ID of somebody else's command, else of feedback that came twice, to the header of the axis."""
@@ -106,7 +109,7 @@ class Link:
 class _Slot:
     """Place of one TPDO in the image."""
 
-    __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed", "owed")
+    __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed", "overdue", "owed")
 
     def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
         self.cob_id = cob_id
@@ -115,10 +118,20 @@ class _Slot:
         self.malformed = False
         self.owed = 0
         """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
+        self.overdue = 0
+        """Periods in a row in which an answer to an earlier SYNC was missing."""
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
 
-    def take(self, data: bytearray) -> None:
+    def ask(self, most: int) -> None:
+        """Expect an answer to the next SYNC; earlier ones count as lost after being missed for `most` periods."""
+        self.fresh = False
+        self.overdue = self.overdue + 1 if self.owed > 0 else 0
+        if self.overdue > most:
+            self.owed = self.overdue = 0
+        self.owed += 1
+
+    def take(self, data: bytes | bytearray) -> None:
         exchange = self.exchange
         if exchange.begun:
             self.owed -= 1
