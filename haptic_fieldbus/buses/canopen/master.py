@@ -141,6 +141,7 @@ class CanopenBus(InSteps):
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
         )
         self._exchange = Exchange()
+        self._exchange.now_ns = self._clock.now_ns
         for link in self._links:
             link.listen(self._wire, self._exchange)
         self._outputs = tuple(
@@ -208,7 +209,7 @@ class CanopenBus(InSteps):
     def begin(self) -> None:
         """Send SYNC; without room in the transmit queue there will be no feedback."""
         self._exchange.taking = True
-        self.latch_ns = self._clock.now_ns() + self._sync_ns
+        self.latch_ns = self._exchange.latch_ns = self._clock.now_ns() + self._sync_ns
         self._synced = self._wire.offer(self._sync)
 
     def collect(self, deadline_ns: int) -> bytearray:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.buses.canopen.foreign import OneMaster, Severity
+from haptic_fieldbus.buses.canopen.link import EXCUSED_FOR, MOST_OWED
 from haptic_fieldbus.errors import ForeignMasterError
 from haptic_fieldbus.planning.image import AXIS_HEADER
 from haptic_fieldbus.scenes.wall import Wall
@@ -151,17 +152,32 @@ class TestDuplicates:
         for _ in range(5):
             assert LinkFlag.DUPLICATE not in _header(bench)[0]
 
-    def test_lost_feedback_excuses_a_second_node_for_two_periods_at_most(self) -> None:
+    def test_a_drive_that_stood_still_may_answer_every_sync_at_once(self) -> None:
         bench = _opened()
         bench.drive.mute_tpdos = True
-        for _ in range(50):
+        for _ in range(20):
             _header(bench)
         bench.drive.mute_tpdos = False
-        flags = LinkFlag(0)
-        for _ in range(4):
+        for place in range(20):
+            self.second_node(bench, 50_000 + 10_000 * place)
+        flags = [_header(bench)[0] for _ in range(5)]
+        assert not any(LinkFlag.DUPLICATE in each for each in flags)
+
+    @pytest.mark.parametrize(("waited", "excused"), [(0, MOST_OWED), (EXCUSED_FOR + 1, 0)])
+    def test_lost_feedback_excuses_a_second_node_for_a_while(self, waited: int, excused: int) -> None:
+        bench = _opened()
+        bench.drive.mute_tpdos = True
+        for _ in range(MOST_OWED):
+            _header(bench)
+        bench.drive.mute_tpdos = False
+        for _ in range(waited):
+            _header(bench)
+        flags = []
+        for _ in range(excused + 3):
             self.second_node(bench, 50_000)
-            flags |= _header(bench)[0]
-        assert LinkFlag.DUPLICATE in flags
+            flags.append(_header(bench)[0])
+        assert LinkFlag.DUPLICATE in flags[-2] | flags[-1]
+        assert not any(LinkFlag.DUPLICATE in each for each in flags[:excused])
 
     def test_a_tpdo_on_becoming_operational_is_nothing_to_wonder_about(self) -> None:
         bench = Bench().open()
