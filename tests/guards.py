@@ -90,8 +90,8 @@ GUARDS = {
     ),
     "acceleration": _cycle(
         "watch",
-        "if change > self._jump * periods**2",
-        "if False and change > self._jump * periods**2",
+        "if change > self._jump * widest**2",
+        "if False and change > self._jump * widest**2",
         "test_a_jump_that_no_motion_can_make_trips",
     ),
     "power": _cycle("axis", "if power > limit:", "if False:", "test_power_beyond_the_limit_trips"),

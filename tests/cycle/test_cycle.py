@@ -667,8 +667,6 @@ class TestUnevenPeriods:
 
     def test_without_the_age_that_shows_it_the_same_is_one(self) -> None:
         cycle = self.run([1.0, 2.0, 3.0, 4.0])
-        assert cycle.trip is None
-        jumped = round(self.way(25.0) / COUNT)
-        cycle(image(jumped, t_ns=24_000_001))
+        cycle(image(round(self.way(25.0) / COUNT), t_ns=24_000_001))
         assert cycle.trip is not None
-        assert cycle.trip.kind is TripKind.ACCELERATION
+        assert (cycle.trip.kind, cycle.trip.t_ns) == (TripKind.ACCELERATION, 24_000_001)
