@@ -1,11 +1,8 @@
-"""The link to one axis: its process data in the input image, the age of the data, and the flags of the link.
+"""The link to one axis: its process data in the input image, the age of the data, and the flags of the link."""
 
-TPDOs are taken only between SYNC and the end of the exchange. A TPDO that arrives before SYNC belongs to the period
-before and is dropped.
-"""
+from collections.abc import Sequence
 
-from collections.abc import Callable, Sequence
-
+from haptic_fieldbus.buses.canopen.answers import Exchange, Slot
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
@@ -18,28 +15,6 @@ from haptic_fieldbus.signals import LinkFlag, Signal
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
     int(flag) for flag in LinkFlag
 )
-MOST_OWED = 32
-"""Most TPDOs that may still come late. A drive that stood still for some periods, as a simulated one on a busy computer
-does, then answers every SYNC at once; feedback that stays away for so long has ended the run."""
-EXCUSED_FOR = 64
-"""Periods for which a TPDO that was taken for lost excuses one of a second node."""
-PROMPT = 2
-"""Factor by which an answer may be slower or faster than usual, and is still taken for that of the last SYNC."""
-
-
-class Exchange:
-    """State of one exchange: the number of TPDOs still missing, and whether TPDOs are taken (from SYNC on)."""
-
-    def __init__(self) -> None:
-        self.begun = False
-        """True from the first exchange on; before it, a drive may send TPDOs as it becomes operational."""
-        self.doubled: int | None = None
-        """COB-ID of a TPDO that came more often than it was asked for; None while there was none."""
-        self.taking = False
-        self.missing = 0
-        self.latch_ns = 0
-        """Instant of the last SYNC [ns]."""
-        self.now_ns: Callable[[], int] = int
 
 
 class Link:
@@ -55,7 +30,7 @@ class Link:
         self._node = node
         self._image = image
         self._header = header
-        self._slots = tuple(_Slot(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
+        self._slots = tuple(Slot(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
         self._latched_ns: int | None = None
         self._silence_ns = round(silence * 1e9)
 
@@ -67,29 +42,22 @@ class Link:
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
-            slot.fresh = False
-            if slot.owed < MOST_OWED:
-                slot.owed += 1
-            if slot.excused:
-                slot.forgive()
+            slot.expect()
         return len(self._slots)
 
     @property
     def fresh(self) -> bool:
-        """True when all TPDOs of this period arrived."""
-        return all(slot.fresh for slot in self._slots)
+        """True when all TPDOs came since the last SYNC, be they answers to it or to earlier ones."""
+        return all(slot.fresh or slot.alone is not None for slot in self._slots)
 
     def finish(self, latch_ns: int, now_ns: int, common_flags: int) -> None:
         """Write the header of the axis: age of the data [ns], flags of the link, emergency code."""
         flags = common_flags
         for slot in self._slots:
-            if not slot.fresh:
-                flags |= STALE
-            elif slot.owed > 0:
-                slot.give_up()
+            if slot.fresh or slot.accept():
+                slot.settle(now_ns - latch_ns)
             else:
-                took_ns = now_ns - latch_ns
-                slot.usual_ns += (took_ns - slot.usual_ns) >> 4 if slot.usual_ns else took_ns
+                flags |= STALE
             if slot.malformed:
                 flags |= EXCEPTION
                 slot.malformed = False
@@ -116,71 +84,6 @@ class Link:
         if foreign is not None:
             flags, code = flags | FOREIGN, foreign
         AXIS_HEADER.pack_into(self._image, self._header, age_ns, flags, code)
-
-
-class _Slot:
-    """Place of one TPDO in the image."""
-
-    __slots__ = (
-        "_end", "_image", "_offset", "_size", "cob_id", "exchange", "excused", "excused_for", "fresh", "malformed",
-        "owed", "usual_ns",
-    )  # fmt: skip
-
-    def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
-        self.cob_id = cob_id
-        self.exchange = Exchange()
-        self.fresh = False
-        self.malformed = False
-        self.owed = 0
-        """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
-        self.excused = 0
-        """Number of answers that were taken for lost, and may still come."""
-        self.excused_for = 0
-        self.usual_ns = 0
-        """Time from SYNC to the end of an exchange with this TPDO, on average; 0 before the first."""
-        self._image = image
-        self._offset, self._end, self._size = offset, offset + size, size
-
-    def give_up(self) -> None:
-        """Take the answers that are owed for lost, because a later one has come."""
-        self.excused, self.excused_for = min(self.excused + self.owed, MOST_OWED), EXCUSED_FOR
-        self.owed = 0
-
-    def forgive(self) -> None:
-        """Go through a period in which lost answers may still come; in the end they are forgotten."""
-        self.excused_for -= 1
-        if not self.excused_for:
-            self.excused = 0
-
-    def take(self, data: bytearray) -> None:
-        exchange = self.exchange
-        if exchange.begun:
-            self.owed -= 1
-            if self.owed < 0:
-                if self.excused:
-                    self.excused, self.owed = self.excused - 1, 0
-                else:
-                    exchange.doubled = self.cob_id
-        if not exchange.taking:
-            return
-        if len(data) != self._size:
-            self.malformed = True
-            return
-        self._image[self._offset : self._end] = data
-        if not self.fresh and not (
-            (self.owed > 0 or self.excused) and self._may_be_old()
-        ):  # one that comes twice must count once
-            self.fresh = True
-            exchange.missing -= 1
-
-    def _may_be_old(self) -> bool:
-        """Return whether this is rather the answer to an earlier SYNC, to which none has come, by the time it took.
-
-        Answers come in the order of the SYNCs. An old sample with the date of a new one would show a speed that was not
-        there, and the next one several times the speed.
-        """
-        took_ns = self.exchange.now_ns() - self.exchange.latch_ns
-        return self.usual_ns > 0 and not self.usual_ns < PROMPT * took_ns < PROMPT * PROMPT * self.usual_ns
 
 
 def traffic_of(plan: Plan) -> CanTraffic:

@@ -22,11 +22,12 @@ import can
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
 from haptic_fieldbus.buses.canopen.acknowledging import acknowledge, asked_statusword
+from haptic_fieldbus.buses.canopen.answers import Exchange
 from haptic_fieldbus.buses.canopen.asking import Asking
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import proofs_of_life
-from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
+from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Link, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import Node

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from haptic_fieldbus.buses.canopen.answers import EXCUSED_FOR, MOST_OWED
 from haptic_fieldbus.buses.canopen.foreign import OneMaster, Severity
-from haptic_fieldbus.buses.canopen.link import EXCUSED_FOR, MOST_OWED
 from haptic_fieldbus.errors import ForeignMasterError
 from haptic_fieldbus.planning.image import AXIS_HEADER
 from haptic_fieldbus.scenes.wall import Wall

@@ -73,3 +73,27 @@ def test_slow_answers_are_the_usual_ones_of_a_slow_drive() -> None:
         assert drive.period([(600_000, 0)]) == (LinkFlag(0), drive.number)
     drive.period([])
     assert drive.period([(600_000, 0)]) == (LinkFlag(0), drive.number)
+
+
+def test_after_a_gap_an_old_answer_that_comes_at_the_usual_time_is_not_taken_either() -> None:
+    drive = Timed()
+    for _ in range(3):
+        drive.period([])
+    burst = [(100_000 + 60_000 * place, 3 - place) for place in range(4)]
+    assert drive.period(burst) == (LinkFlag(0), drive.number)
+
+
+def test_after_feedback_was_lost_for_long_the_next_answer_is_taken() -> None:
+    drive = Timed()
+    for _ in range(20):
+        assert drive.period([])[0] is LinkFlag.STALE
+    for _ in range(10):
+        assert drive.period([(110_000, 0)]) == (LinkFlag(0), drive.number)
+
+
+def test_answers_that_take_another_time_from_now_on_are_taken_after_some_periods() -> None:
+    drive = Timed()
+    drive.period([])
+    flags = [drive.period([(600_000, 0)])[0] for _ in range(30)]
+    assert flags[:4] == [LinkFlag.STALE] * 3 + [LinkFlag(0)]
+    assert set(flags[4:]) == {LinkFlag(0)}
