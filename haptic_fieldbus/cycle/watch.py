@@ -97,6 +97,8 @@ class AxisWatch:
         """
         limits, state = self._limits, self._state
         passed = max(elapsed_ns * 1e-9, self._period)
+        # A computer that stood still between SYNC and the answer may have kept a simulated drive from latching.
+        passed += max(0.0, age_ns * 1e-9 - self._period)
         if abs(way) > limits.speed * passed + self._resolution:
             self._trip(TripKind.SPEED, abs(way) / passed, limits.speed)
         if not self._lowest <= here <= self._highest:

@@ -6,11 +6,12 @@ each SYNC is answered, it is plain. After an answer that stayed away it was eith
 the last SYNC, or the drive was late, and it is an old one. An old sample with a new date would show a speed that was
 not there, and the next one a multiple of the speed. So, while answers are owed:
 
-- one that comes when answers usually come is taken, and those that are owed are given up;
-- after a gap of several, it is taken only if no further one follows it, since a drive that was late sends them all;
+- one that comes when answers usually come is taken if no further one follows until the end of the exchange, since a
+  drive that was late sends them all; those that are owed are given up;
 - one at another time is not taken; but the fourth in a row is, for then it is what is usual that has changed.
 
-Answers that were given up excuse a TPDO too many for a while; otherwise such a one is that of a second node.
+So an answer that was lost costs one sample, and the set-point of the period after comes later. Answers that were given
+up excuse a TPDO too many for a while; otherwise such a one is that of a second node.
 """
 
 from collections.abc import Callable
@@ -20,8 +21,6 @@ MOST_OWED = 32
 does, then answers every SYNC at once; feedback that stays away for so long has ended the run."""
 EXCUSED_FOR = 64
 """Periods for which a TPDO that was taken for lost excuses one of a second node."""
-A_GAP = 2
-"""Answers owed from which a prompt one is waited with: those of a drive that stood still follow each other closely."""
 MOST_DOUBTED = 4
 """Periods after which answers at unusual times are taken as they come."""
 PROMPT = 2
@@ -59,7 +58,7 @@ class Slot:
         self.owed = 0
         """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
         self.alone: bool | None = None
-        """True when one prompt answer came after a gap, and no more: so those that are owed are lost."""
+        """True when one prompt answer came while others are owed, and no more: so those are lost."""
         self.doubted = 0
         """Number of periods since the last sure answer in which others came."""
         self.excused = 0
@@ -121,7 +120,7 @@ class Slot:
             return  # one that comes twice must count once
         if (self.owed > 0 or self.excused) and self._may_be_old():
             self.alone = False
-        elif self.owed <= 0 or (self.owed < A_GAP and self.alone is None):
+        elif self.owed <= 0:
             self.fresh = True
             exchange.missing -= 1
         else:
