@@ -212,7 +212,7 @@ def process(
 def stolen_and_all() -> tuple[int, int]:
     """Time stolen from all processors since the computer was started, and all time, in ticks; zeros where unknown."""
     try:
-        ticks = [int(text) for text in Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()[1:]]
+        ticks = [int(text) for text in Path("/proc/stat").read_text(encoding="utf-8").splitlines()[0].split()[1:]]
     except OSError:
         return 0, 0
     return ticks[7], sum(ticks[:8])

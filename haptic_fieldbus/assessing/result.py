@@ -232,7 +232,7 @@ class Result:
                 "passivity": [each.to_json() for each in self.passivity],
                 "verdict": self.verdict,
                 "guards": [proof.to_json() for proof in self.proofs],
-                "host": [right.to_json() for right in self.host],
+                "host": [right.to_json() for right in self.host] or None,
                 "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,
             }
         )

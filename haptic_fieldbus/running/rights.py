@@ -48,7 +48,8 @@ def real_time(*, pinned: bool = True) -> Iterator[tuple[Right, ...]]:
     `pinned` asks for one processor too. Memory is that of the whole process, the rest of this thread alone.
     """
     with ExitStack() as held:
-        wishes = (_fifo, *((_one_processor,) if pinned else ()), _locked_memory, _timer_slack, _no_idle_states)
+        # The slack is first, because a thread at SCHED_FIFO cannot set it.
+        wishes = (_timer_slack, _fifo, *((_one_processor,) if pinned else ()), _locked_memory, _no_idle_states)
         yield tuple([held.enter_context(wish()) for wish in wishes])
 
 
@@ -176,7 +177,7 @@ def _memory_limit() -> int | None:
 def _status(name: str, base: int) -> int:
     """Return a number of /proc/self/status; 0 when it is not there."""
     with suppress(OSError):
-        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+        for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
             key, _, text = line.partition(":")
             if key == name:
                 return int(text.split()[0], base)
