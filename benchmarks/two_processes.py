@@ -53,7 +53,7 @@ limits = {{ speed = 10.0 }}
 """The shipped bench, on a real bus."""
 TRIP_AGE, TO_SPARE = 0.030, 0.005
 """[s]; 0.6 of the guard of 50 ms, and what of it the timer must leave for a start to count."""
-LATE_ENDS = re.compile(r"feedback.*(old|lost)|loop missed|too late")
+LATE_ENDS = re.compile(r"feedback.*(old|lost)|loop (missed|slept)")
 """Words by which a run tells that it ended on the age of data or on late periods."""
 WORST = 1.5
 """Largest lateness of the loop, as a multiple of the timer's."""
