@@ -110,6 +110,13 @@ GUARDS = {
         "if False:",
         "test_a_start_with_a_large_force_is_refused_with_the_place_that_would_do",
     ),
+    "a start without feedback": _cycle(
+        "cycle",
+        "if not all(axis.state.steps for axis in axes):",
+        "if False:",
+        "test_a_large_force_is_refused_also_when_feedback_comes_later_than_the_power_state",
+        of="tests/cycle/test_first_period.py",
+    ),
     "counts that stand still": _cycle(
         "axis",
         "if abs(effort) > holding and self.permission.cap > holding:",
@@ -221,8 +228,8 @@ GUARDS = {
     ),
     "bus-off": _bus(
         "master",
-        "flags = (BUS_OFF if wire.bus_off else 0)",
-        "flags = 0",
+        "flags = BUS_OFF * wire.error_frames.bus_off |",
+        "flags =",
         "test_master",
         "test_bus_off_is_flagged_on_every_axis",
     ),
@@ -256,8 +263,8 @@ GUARDS = {
     ),
     "life guarding begins with our requests": _bus(
         "guard",
-        "*(node.guarding_request for node in nodes if node.guarded)",
-        "*()",
+        "[node.guarding_request for node in nodes if node.guarded]",
+        "[]",
         "test_guard",
         "TestAnswers::test_answers_are_the_sign_of_life_and_the_nmt_state",
     ),
@@ -401,9 +408,27 @@ GUARDS = {
     ),
     "a guard that does not act ends the run": Guard(
         "haptic_fieldbus/assessing/proof.py",
-        "return self.off is not None and 0.0 < self.off <= self.allowed",
+        "return self.off is not None and self.earliest <= self.off <= self.allowed",
         "return True",
         (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
+    ),
+    "a guard that cannot have acted yet": Guard(
+        "haptic_fieldbus/assessing/proof.py",
+        "return self.off is not None and self.off < self.earliest",
+        "return False",
+        (f"{PROVING}::TestWhileADriveIsLeftAlone::test_a_drive_that_something_else_switched_off_has_proved_nothing",),
+    ),
+    "a handle that goes to the negative side": Guard(
+        "haptic_fieldbus/running/direction.py",
+        "if way < 0.0:",
+        "if False:",
+        ("tests/running/test_direction.py::test_a_handle_that_goes_down_is_refused_with_the_key_to_change",),
+    ),
+    "a state that nobody knows": Guard(
+        "haptic_fieldbus/drive/power.py",
+        "    PowerState.UNKNOWN,\n)",
+        ")",
+        ("tests/buses/canopen/test_release.py::test_a_drive_in_a_state_that_nobody_knows_is_not_off",),
     ),
     "zero torque while a guard is proved": Guard(
         "haptic_fieldbus/running/proving.py",

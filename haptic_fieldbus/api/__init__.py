@@ -123,7 +123,7 @@ def run(trial: Trial) -> Result:
             prove=trial.prove,
             instruct=trial.instruct,
         ),
-        site_of(selection.plan, recording, Conditions(hand, trial.seed, faults, trial.prove)),
+        site_of(selection.plan, recording, Conditions(hand, trial.seed, faults)),
     )
 
 

@@ -29,9 +29,6 @@ SIMULATIONS = {"canopen": "haptic_fieldbus.sim.canopen.site:SIMULATION"}
 BUS_GROUP, SIMULATION_GROUP = "haptic_fieldbus.buses", "haptic_fieldbus.simulations"
 """Entry point groups in which a package adds the real and the simulated half of its protocol."""
 
-PROOF_GUARDS, PROOF_TIME = 1.5, 0.5
-"""Time from the beginning of a proof of guards to the run: guards, and what configuring takes in virtual time [s]."""
-
 
 @dataclass(frozen=True)
 class Conditions:
@@ -40,8 +37,6 @@ class Conditions:
     hand: Hand | None = None
     seed: int = DEFAULT_SEED
     faults: tuple[Fault, ...] = ()
-    proved: bool = False
-    """Guards are proved before the run; the hand waits for that too, because its clock starts with the proof."""
 
 
 @contextmanager
@@ -120,10 +115,8 @@ def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, l
     """Return one simulated bus and the true motion of its drives; the hand waits until the force has faded in."""
     hand, slots = conditions.hand, []
     faults = faults_on(conditions.faults, bus.name)
-    proof = max(PROOF_GUARDS * guard.seconds + PROOF_TIME for guard in plan.guards) if conditions.proved else 0.0
     for axis in plan.on(bus).axes:
-        delay = axis.limits.fade_in + proof
-        waiting = hand.after(delay) if hand is not None and plan.scene.holds(axis.name) else None
+        waiting = hand.after(axis.limits.fade_in) if hand is not None and plan.scene.holds(axis.name) else None
         slots.append(Slot(axis.node, axis.profile, axis.rig, waiting, tuple(faults)))
     channel = bus.name if len(plan.buses) > 1 else ""
     simulation = _simulation(bus.protocol)

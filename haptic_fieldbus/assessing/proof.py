@@ -13,6 +13,8 @@ class Proof:
     axis: str
     guard: float
     """Time for which the guard of the drive is set."""
+    earliest: float
+    """Time from which on it may be its guard that acts; what is off sooner was switched off by something else."""
     allowed: float
     """Time within which it must be seen off."""
     enabled: float
@@ -24,11 +26,16 @@ class Proof:
 
     @property
     def holds(self) -> bool:
-        """True when the drive was seen off in time."""
-        return self.off is not None and 0.0 < self.off <= self.allowed
+        """True when the drive was seen off in time, and not before its guard can act."""
+        return self.off is not None and self.earliest <= self.off <= self.allowed
 
     @property
-    def doubtful(self) -> bool:
+    def early(self) -> bool:
+        """True when the drive was off before its guard can act, which says nothing about the guard."""
+        return self.off is not None and self.off < self.earliest
+
+    @property
+    def missed(self) -> bool:
         """True when this computer was late, and nobody looked at the time that matters."""
         off = self.off
         return off is not None and self.enabled <= self.allowed < off and off - self.enabled > self.between

@@ -131,7 +131,7 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
                 f"{axis.workspace.effort_name} than permitted; the limit is {axis.limits.effort:.3g} "
                 f"{axis.workspace.effort_unit}"
             )
-        if (unseen := cycle.unseen(axis.name)) is not None:
+        if report.cycles and (unseen := cycle.unseen(axis.name)) is not None:
             yield _unseen(axis, tried=unseen > 0)
         if doubts := cycle.doubts(axis.name):
             yield (

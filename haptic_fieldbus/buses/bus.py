@@ -4,10 +4,12 @@ The loop calls `open`, `read`, `write`, `stop` and `close`. The other methods ar
 group of buses calls each part on all of its buses before the next part, so that the buses work side by side.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.signals import LinkFlag
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,11 @@ class Bus(Protocol):
         """Faults that stopped nothing, one sentence each."""
 
     @property
-    def restarted(self) -> frozenset[str]:
-        """Names of the axes whose device restarted since it was configured."""
+    def causes(self) -> Mapping[str, tuple[LinkFlag, int]]:
+        """By axis, what came since `start` that explains other faults, with its code: the most telling alone.
+
+        It may have come later than the trip. What our own `stop` has caused is not among it.
+        """
 
     @property
     def fresh(self) -> bool:

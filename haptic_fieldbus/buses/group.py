@@ -25,6 +25,7 @@ from typing import TypeVar
 from haptic_fieldbus.buses.bus import Bus, DriveFacts, InSteps
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.signals import LinkFlag
 
 Returned = TypeVar("Returned")
 
@@ -48,8 +49,8 @@ class BusGroup(InSteps):
         return [*[sentence for bus in self._buses for sentence in bus.warnings], *self._failures]
 
     @property
-    def restarted(self) -> frozenset[str]:
-        return frozenset[str]().union(*(bus.restarted for bus in self._buses))
+    def causes(self) -> dict[str, tuple[LinkFlag, int]]:
+        return {axis: cause for bus in self._buses for axis, cause in bus.causes.items()}
 
     @property
     def fresh(self) -> bool:

@@ -148,7 +148,7 @@ class AxisCycle:
                 else watch.link(feedback, elapsed_ns, owner.enabled)
             )
             bits = feedback[STATUSWORD] & mask
-            if bits != bits_before and (steps or fresh_ns):
+            if bits != bits_before:
                 bits_before = bits
                 power()
             if not steps:
@@ -200,7 +200,7 @@ class AxisCycle:
                 else watch.link(feedback, elapsed_ns, owner.enabled)
             )
             bits = feedback[STATUSWORD] & mask
-            if bits != bits_before and (steps or fresh_ns):
+            if bits != bits_before:
                 bits_before = bits
                 power()
             if steps:

@@ -196,10 +196,17 @@ class Cycle:
         self.enabled = self.trip is None and all(state is PowerState.OPERATION_ENABLED for state in states)
 
     def _begin(self) -> None:
-        """Render the first period in operation enabled, and bind `_render` to the steps that the plan needs."""
-        for axis in self._axes.values():
-            axis.begin()
+        """Render the first period in operation enabled, and bind `_render` to the steps that the plan needs.
+
+        It is the first one in which every axis has feedback: zero and start are where the handles are then.
+        """
         axes = self._axes.values()
+        if not all(axis.state.steps for axis in axes):
+            for axis in axes:
+                axis.release(tripped=False)
+            return
+        for axis in axes:
+            axis.begin()
         # Coupling forces must be complete before any axis renders, and every coupling may read any sensed signal.
         before: list[Callable[[], None]] = [axis.sense for axis in axes if axis.sense is not None]
         if self._couplings:

@@ -1,7 +1,7 @@
 """Conversion of a trip to an exception, whose class names the origin and whose message gives cause, value and time."""
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
@@ -49,16 +49,29 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
 """Exception class of each kind of trip: a fault of the drive, a fault of the bus, or a limit of this package."""
 
 
-SILENCES = (TripKind.FEEDBACK_LOST, TripKind.NO_SIGN_OF_LIFE)
-"""Trips that a restarting node causes before its boot-up message arrives."""
+CONSEQUENCES = (
+    TripKind.NODE_RESET,
+    TripKind.NO_SIGN_OF_LIFE,
+    TripKind.NODE_NOT_OPERATIONAL,
+    TripKind.BUS_EXCEPTION,
+    TripKind.FEEDBACK_LOST,
+    TripKind.FEEDBACK_SPARSE,
+    TripKind.DRIVE_FAULT,
+    TripKind.DRIVE_DISABLED,
+    TripKind.SET_POINTS_DEAD,
+)
+"""Trips that may come of another fault of the link, whose message arrives after them."""
 
 
-def explained(trip: Trip, restarted: Collection[str]) -> Trip:
-    """Return the trip, as NODE_RESET when the axis fell silent and is among the `restarted`.
+def explained(trip: Trip, causes: Mapping[str, tuple[LinkFlag, int]]) -> Trip:
+    """Return the trip, or the cause of it where `causes` has one for the axis: a fault of the link with its code.
 
-    To be called after the bus was stopped, because the boot-up message may arrive later than the trip.
+    To be called after the bus was stopped, because the cause may arrive later than the trip.
     """
-    return replace(trip, kind=TripKind.NODE_RESET) if trip.kind in SILENCES and trip.axis in restarted else trip
+    flag, code = causes.get(trip.axis, (None, 0))
+    if flag is None or trip.kind not in CONSEQUENCES:
+        return trip
+    return replace(trip, kind=LINK_TRIPS[flag], value=code)
 
 
 def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticFieldbusError:

@@ -37,8 +37,9 @@ ENERGISED = (
     PowerState.OPERATION_ENABLED,
     PowerState.QUICK_STOP_ACTIVE,
     PowerState.FAULT_REACTION_ACTIVE,
+    PowerState.UNKNOWN,
 )
-"""States in which the power stage may feed the motor."""
+"""States in which the power stage may feed the motor, for all that is known of them."""
 
 
 @dataclass(frozen=True)

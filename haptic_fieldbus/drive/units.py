@@ -10,7 +10,9 @@ PERMILLE, MILLIAMPERE = "permille_of_rated_torque", "mA"
 TORQUE_UNITS = (PERMILLE, MILLIAMPERE)
 RATED_TORQUE_UNITS = {"µN·m": 1e-6, "mN·m": 1e-3, "N·m": 1.0}
 """Unit of the rated torque → size of one step [N·m]."""
-COUNTS, MILLIRADIAN = "counts", "mrad"
+COUNTS, TENTH_DEGREE = "counts", "0.1 deg"
+STEPS_PER_REVOLUTION = {"mrad": 2e3 * math.pi, TENTH_DEGREE: 3600.0}
+"""Unit of a position that is none of the encoder → number of steps in one revolution of the motor."""
 COUNTS_PER_SECOND = "counts/s"
 REVOLUTIONS_PER_SECOND = {"rpm": 1 / 60, "0.1 rpm": 1 / 600, "0.01 rpm": 1 / 6_000, "0.001 rpm": 1 / 60_000}
 """Unit of a velocity (CiA 402-2, 60A9h) → size of one step in revolutions of the motor a second."""
@@ -31,8 +33,7 @@ def needed_for(unit: str) -> str:
 
 def steps_per_revolution(unit: str, counts_per_revolution: int) -> float:
     """Return the number of position steps in one revolution of the motor."""
-    # 2π rad in steps of 1 mrad
-    return 2e3 * math.pi if unit == MILLIRADIAN else counts_per_revolution
+    return STEPS_PER_REVOLUTION.get(unit, counts_per_revolution)
 
 
 def velocity_step(unit: str, counts_per_revolution: int) -> float:

@@ -12,8 +12,6 @@ from functools import partial
 
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.cycle.safety import LINK_TRIPS
-from haptic_fieldbus.cycle.trips import TRIP_ERRORS
 from haptic_fieldbus.cycle.watch import EMERGENCY, FLAGS, STATUSWORD
 from haptic_fieldbus.documents.edits import Value, with_table
 from haptic_fieldbus.documents.replacing import edit_file
@@ -23,6 +21,7 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals
+from haptic_fieldbus.running.torque_free import check_link, started
 from haptic_fieldbus.signals import LinkFlag, Signal, Workspace
 
 ENOUGH = {Workspace.LINEAR: 0.01, Workspace.ROTARY: 0.2}
@@ -40,18 +39,20 @@ Instruct = Callable[[str], None]
 def confirm_direction(plan: Plan, bus: Bus, clock: Clock, instruct: Instruct | None, ending: EndSignals) -> list[str]:
     """Let a person show the direction of each axis whose rig does not have it; return what is to be told of it.
 
-    The bus must be started; the drives stay off. Raises UsageError when nobody moves the handle, RigError when
-    positions fall on the way to the positive side, KeyboardInterrupt after a signal, and the error of a faulty link.
+    The bus must be inspected; the drives stay off, and are stopped before the rig file is written, because a disk may
+    take longer than a guard waits. Raises UsageError when nobody moves the handle, RigError when positions fall on the
+    way to the positive side, KeyboardInterrupt after a signal, and the error of a faulty link.
     """
     due = [axis for axis in plan.axes if axis.rig.seen.direction is None]
     if instruct is None or not plan.rig.source:
         return [_unconfirmed(axis) for axis in due]
-    warnings: list[str] = []
-    exchange = _WayExchange(plan, bus, clock, ending)
-    for axis in due:
-        _show(axis, plan, exchange, instruct)
-        warnings += _kept(axis, plan)
-    return warnings
+    if not due:
+        return []
+    with started(plan, bus, ending):
+        exchange = _WayExchange(plan, bus, clock, ending)
+        for axis in due:
+            _show(axis, plan, exchange, instruct)
+    return [warning for axis in due for warning in _kept(axis, plan)]
 
 
 def _unconfirmed(axis: AxisPlan) -> str:
@@ -136,8 +137,5 @@ class _WayExchange:
         feedback = image.input.unpack_from(self._bus.read(self._deadline_ns))
         self._bus.write(self._output)
         flags = feedback[FLAGS]
-        for flag, kind in LINK_TRIPS.items():
-            if flags & flag:
-                cause = axis.traffic.fault_text(flag, feedback[EMERGENCY])
-                raise TRIP_ERRORS[kind](f"axis {axis.name}: {cause}, before operation enabled. No torque was given")
+        check_link(axis, flags, feedback[EMERGENCY], "before operation enabled. No torque was given")
         return None if flags & LinkFlag.STALE else feedback[place]

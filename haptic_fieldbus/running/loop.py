@@ -79,8 +79,8 @@ def run_loop(
         if changes is not None:
             changes.close()
     if cycle.trip is not None:
-        # After `bus.stop`, which may have received the boot-up message of a node that had fallen silent.
-        cycle.trip = explained(cycle.trip, bus.restarted)
+        # After `bus.stop`, which may have received the emergency or boot-up message of a node that had fallen silent.
+        cycle.trip = explained(cycle.trip, bus.causes)
         tripped = trip_error(cycle.trip, plan, report.enabled_at_ns)
         tripped.__cause__ = failure
         failure = tripped

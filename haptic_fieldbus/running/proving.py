@@ -7,9 +7,10 @@
 4. All drives are stopped, and the fault is cleared into which they went because of this (`Bus.acknowledge`).
 
 A drive has passed when it is seen off in time: its guard, plus two periods and a control tick for what lies between the
-event and the look at it. Otherwise it has failed, unless this computer was late and did not look when it mattered; then
-the drives are left alone once more. The measured time may be shorter than the guard by the time
-between two proofs of life, because the guard runs from the last of them.
+event and the look at it. The measured time may be shorter than the guard by the time between two proofs of life, as the
+guard runs from the last of them; a drive that is off still sooner was switched off by something else, such as STO.
+Otherwise it has failed. Where nothing was learnt, because it was off too soon or because this computer did not look
+when it mattered, the drives are left alone once more.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -17,22 +18,24 @@ from collections.abc import Collection, Iterator, Sequence
 from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.cycle.safety import LINK_TRIPS
-from haptic_fieldbus.cycle.trips import TRIP_ERRORS
 from haptic_fieldbus.cycle.watch import EMERGENCY, FLAGS, STATUSWORD, T_NS
 from haptic_fieldbus.drive.power import PowerState
-from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError
+from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, UnprovedGuardError
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals
-from haptic_fieldbus.running.loop import UNCONFIRMED, enabling_time, feedback_time_ns, not_enabled
+from haptic_fieldbus.running.loop import enabling_time, feedback_time_ns, not_enabled
+from haptic_fieldbus.running.torque_free import check_link, started
 from haptic_fieldbus.signals import LinkFlag
 
+BETWEEN_PROOFS = 0.2
+"""Longest time between two proofs of our life, in guards; a bus keeps every guard up at least so often."""
 PATIENCE = 4.0
 """Longest time for which drives are left alone, in guards."""
 ATTEMPTS = 5
-"""How often drives are left alone before a computer that is late each time is given up."""
+"""How often drives are left alone before it is given up to learn something about their guards."""
 LONGEST_QUESTION = 0.02
 """Time for asking a drive that has left the exchange, as far as it counts for the drive [s]."""
 FAULTS = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
@@ -47,33 +50,31 @@ def prove(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: End
     or SafetyTripError; by then `bus.stop` was called, and a note says so when a drive did not confirm it.
     """
     for _ in range(ATTEMPTS):
-        bus.configure(plan)
-        proofs = _once(plan, bus, clock, axes, ending)
+        with started(plan, bus, ending):
+            exchange = _ProofExchange(plan, bus, clock, axes, ending)
+            exchange.enable()
+            proofs = tuple(exchange.leave_alone())
         bus.acknowledge()
-        if not any(proof.doubtful for proof in proofs):
+        if not any(proof.early or proof.missed for proof in proofs):
             return proofs
+    for proof in proofs:
+        if proof.early:
+            raise _switched_off(plan, proof)
     raise BusError(
         f"this computer was late each of the {ATTEMPTS} times that the guards of the drives were to be proved: another "
         "process takes the processor's time, or the rate is too high for this computer"
     )
 
 
-def _once(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: EndSignals) -> tuple[Proof, ...]:
-    """Leave the configured drives alone once, and stop them."""
-    try:
-        bus.start()
-        exchange = _ProofExchange(plan, bus, clock, axes, ending)
-        exchange.enable()
-        proofs = tuple(exchange.leave_alone())
-    except BaseException as error:
-        if not bus.stop():
-            error.add_note(UNCONFIRMED)
-        raise
-    if not bus.stop():
-        raise BusError(f"{UNCONFIRMED} {' '.join(f'{warning}.' for warning in bus.warnings)}".rstrip())
-    if ending.signal is not None:
-        raise KeyboardInterrupt
-    return proofs
+def _switched_off(plan: Plan, proof: Proof) -> UnprovedGuardError:
+    """Return the error for a drive that something else than its guard switched off."""
+    axis, off = plan.axis(proof.axis), rounded(1e3 * (proof.off or 0.0))
+    return UnprovedGuardError(
+        f"axis {axis.name}: {axis.profile.title}, node {axis.node}, was off {off} ms after it was left alone, each of "
+        f"{ATTEMPTS} times, and its guard of {exactly(1e3 * proof.guard)} ms cannot act before "
+        f"{rounded(1e3 * proof.earliest)} ms: something else switches it off, such as safe torque off (STO) or an "
+        "enable input. Whether its guard acts is not known. No torque was given"
+    )
 
 
 class _Looked:
@@ -84,6 +85,7 @@ class _Looked:
         # Two looks are a period apart, and one that waits for feedback in vain ends nearly a period later.
         self.between = 2.0 * period
         self.allowed = guard + self.between + axis.profile.timing.control_period
+        self.earliest = guard - BETWEEN_PROOFS * guard - self.between
         self.state = PowerState.UNKNOWN
         self.enabled_ns = 0
         self.off_ns: int | None = None
@@ -135,7 +137,8 @@ class _Looked:
         asking = min(self._asking_ns * 1e-9, LONGEST_QUESTION)
         off = None if self.off_ns is None else (self.off_ns - alone_ns) * 1e-9
         seen = (self.enabled_ns - alone_ns) * 1e-9
-        return Proof(self.axis.name, self.guard, self.allowed + asking, seen, off, self.between + asking)
+        allowed, between = self.allowed + asking, self.between + asking
+        return Proof(self.axis.name, self.guard, self.earliest, allowed, seen, off, between)
 
 
 class _ProofExchange:
@@ -205,12 +208,7 @@ class _ProofExchange:
     def _check(self, axis: AxisPlan, feedback: Sequence[int], flags: int) -> None:
         """Raise the error of the first link fault among these flags."""
         _, found, code = feedback
-        for flag, kind in LINK_TRIPS.items():
-            if found & flags & flag:
-                raise TRIP_ERRORS[kind](
-                    f"axis {axis.name}: {axis.traffic.fault_text(flag, code)}, while its guard was proved at zero "
-                    "torque. Torque was taken away"
-                )
+        check_link(axis, found & flags, code, "while its guard was proved at zero torque. Torque was taken away")
 
     def _late(self) -> BusTimeoutError:
         return not_enabled(self._plan, {each.axis.name: each.state for each in (*self._proved, *self._others)})

@@ -181,12 +181,12 @@ def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, prepared: Prepar
         prepared.proofs = prove(plan, bus, clock, due, ending)
         prepared.warnings += proofs.keep(plan, bus.facts, prepared.proofs)
         proofs.check(plan, bus.facts, prepared.proofs, prepared.warnings)
-    bus.configure(plan)
-    bus.start()
     if not plan.simulated:
         from haptic_fieldbus.running.direction import confirm_direction
 
         prepared.warnings += confirm_direction(plan, bus, clock, request.instruct, ending)
+    bus.configure(plan)
+    bus.start()
 
 
 def _ask(request: Request, plan: Plan, bus: Bus, due: Mapping[str, str]) -> None:

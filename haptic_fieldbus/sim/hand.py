@@ -1,8 +1,8 @@
 """The simulated hand: a mass coupled to the handle by a spring and a damper, with a force acting on the mass.
 
 Theory: the force consists of pieces, each a ramp or a constant (f' = g, g' = 0) or a sine (g' = −ω²·f). So hand and
-handle are a linear system between the instants at which a piece begins. The hand's clock starts when the drive is first
-*operation enabled*; before that the hand holds the handle and exerts no force. Force is positive towards positive
+handle are a linear system between the instants at which a piece begins. The hand's clock starts at each *operation
+enabled*; while the drive is off the hand holds the handle and exerts no force. Force is positive towards positive
 positions of the workspace.
 
 On a linear mechanism, hand and handle move in metres. On a rotary one the hand holds a lever of 0.05 m, so that 1 N is

@@ -120,12 +120,12 @@ def test_a_bus_that_is_silent_until_the_deadline_does_not_make_the_other_stale()
 def test_facts_warnings_and_restarts_are_those_of_all_buses() -> None:
     bench = TwoBuses().open()
     assert {axis: facts.node for axis, facts in bench.bus.facts.items()} == {"left": NODE, "right": NODE}
-    assert bench.bus.restarted == frozenset()
+    assert bench.bus.causes == {}
     for drive in bench.drives:
         drive.restart()
         drive.aborts[0x1016, 1] = 0x0800_0022
     bench.read()
-    assert bench.bus.restarted == {"left", "right"}
+    assert bench.bus.causes == dict.fromkeys(("left", "right"), (LinkFlag.BOOT_UP, 0))
     bench.bus.stop()
     assert len([sentence for sentence in bench.bus.warnings if "its guard on" in sentence]) == 2
 

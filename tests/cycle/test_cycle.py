@@ -630,15 +630,6 @@ def test_in_a_gap_the_last_velocity_stays() -> None:
     assert cycle.row[cycle.columns.index("handle.velocity")] == pytest.approx(10 * COUNT / 0.001)
 
 
-def test_a_state_of_before_the_run_is_nobodys_state() -> None:
-    """The first exchange went without an answer, and the image still holds what an earlier one had left there."""
-    cycle = Cycle(plan_of())
-    cycle(image(1, flags=int(LinkFlag.STALE), age=240_000_000))
-    assert not cycle.enabled
-    cycle(image(3000, status=DISABLED))
-    assert (cycle.trip, cycle.enabled) == (None, False)
-
-
 class TestUnevenPeriods:
     """A loop that was late keeps to its grid, so that the period after it is shorter; the handle goes 3 mm in 1 ms."""
 

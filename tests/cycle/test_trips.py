@@ -2,9 +2,10 @@
 
 import pytest
 
-from haptic_fieldbus.cycle.safety import Trip, TripKind
-from haptic_fieldbus.cycle.trips import CAUSES, SILENCES, TRIP_ERRORS, explained, trip_error
-from haptic_fieldbus.errors import BusError, DriveFaultError, PlanError, SafetyTripError
+from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
+from haptic_fieldbus.cycle.trips import CAUSES, CONSEQUENCES, TRIP_ERRORS, explained, trip_error
+from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, PlanError, SafetyTripError
+from haptic_fieldbus.signals import LinkFlag
 from tests.builders import PROFILE, VELOCITY_ONLY, plan_of
 
 
@@ -50,8 +51,17 @@ def test_limits_are_named_with_their_units_and_the_value_that_passed_them() -> N
     assert str(trip_error(trip, plan_of(), None)) == words
 
 
+@pytest.mark.parametrize("flag", [LinkFlag.EMERGENCY, LinkFlag.BOOT_UP, LinkFlag.BUS_OFF])
 @pytest.mark.parametrize("kind", TripKind)
-def test_a_silent_node_that_turns_out_to_have_restarted_is_a_node_reset(kind: TripKind) -> None:
+def test_a_trip_that_turns_out_to_come_of_another_fault_of_the_link_names_that(kind: TripKind, flag: LinkFlag) -> None:
     trip = Trip(kind, "handle", 0, 0.0)
-    assert explained(trip, {"other"}) == trip
-    assert explained(trip, {"handle"}).kind is (TripKind.NODE_RESET if kind in SILENCES else kind)
+    assert explained(trip, {"other": (flag, 0x8130)}) == trip
+    cause = explained(trip, {"handle": (flag, 0x8130)})
+    expected = (LINK_TRIPS[flag], 0x8130) if kind in CONSEQUENCES else (kind, 0.0)
+    assert (cause.kind, cause.value) == expected
+
+
+def test_a_limit_of_ours_is_never_explained_away() -> None:
+    """Nor is a fault that is a cause itself."""
+    assert {TRIP_ERRORS[kind] for kind in CONSEQUENCES} == {BusError, BusTimeoutError, DriveFaultError}
+    assert not {TripKind.BUS_OFF, TripKind.EMERGENCY, TripKind.FOREIGN_MASTER, TripKind.CLOCK} & set(CONSEQUENCES)

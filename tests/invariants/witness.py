@@ -31,6 +31,8 @@ class Shaft:
     """(time, number) of each; negative numbers are restarts of the node."""
     targets: list[tuple[int, float]] = field(default_factory=list)
     """(time, torque [N·m])."""
+    angles: dict[int, float] = field(default_factory=dict)
+    """Angle of the shaft at the time of each target, and at the end [rad]."""
     now: State = State.NOT_READY
     """At the end."""
 
@@ -72,15 +74,16 @@ class Witness:
     """Whether proofs were asked for, or the bus is a real one."""
     must_prove: bool = False
     """Whether a guard of which nothing is known must be proved before the run."""
-    first_enabled_ns: int | None = None
-    """*Operation enabled* of an earlier part, from which the times of faults count."""
+    happened: Sequence[Any] = ()
+    """Faults that have happened in an earlier part, and happen once."""
 
     @property
     def faults(self) -> Sequence[Any]:
         """Each fault once, though every drive of a bus was given it."""
         found: list[Any] = []
         for shaft in self.shafts.values():
-            found += [fault for fault in shaft.faults or () if not any(fault is each for each in found)]
+            known = [*self.happened, *found]
+            found += [fault for fault in shaft.faults or () if not any(fault is each for each in known)]
         return found
 
     @property
@@ -104,4 +107,4 @@ class Witness:
     @property
     def faults_ns(self) -> int | None:
         """The instant from which the times of faults count; None while there was none."""
-        return self.enabled_ns if self.first_enabled_ns is None else self.first_enabled_ns
+        return self.enabled_ns

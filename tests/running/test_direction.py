@@ -12,6 +12,7 @@ from haptic_fieldbus.drive.rig import Seen
 from haptic_fieldbus.errors import RigError, UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_rig
+from haptic_fieldbus.running import direction
 from haptic_fieldbus.running.direction import confirm_direction
 from haptic_fieldbus.running.ending import EndSignals
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
@@ -41,16 +42,20 @@ def planned(source: str = "", *, rate: float = 1000.0, velocity_only: bool = Fal
     return plan_of(rate=rate, rig=rig, profile=VELOCITY_ONLY if velocity_only else PROFILE)
 
 
-def shown(plan: Plan, speed: float, ending: EndSignals | None = None) -> tuple[list[str], list[str]]:
+def shown(
+    plan: Plan, speed: float, ending: EndSignals | None = None, worlds: list[World] | None = None
+) -> tuple[list[str], list[str]]:
     """Let the handle roll at `speed` [m/s] while the drives are off; (what is to be told, what the person read)."""
     clock = VirtualClock()
     world = World(clock, can_traffic(plan).bitrate)
     (axis,) = plan.axes
     rolling = replace(axis.rig, coulomb_friction=0.0, viscous_damping=0.0)
+    if worlds is not None:
+        worlds.append(world)
     drive = world.add_drive(1, axis.profile, rolling, velocity=speed / axis.rig.mechanism.ratio).drive
     bus, read = CanopenBus(SimulatedBus(world=world), clock, owned=True), list[str]()
     try:
-        bus.open(plan)
+        bus.inspect(plan, bytearray(plan.image.input_size))
         told = confirm_direction(plan, bus, clock, read.append, ending or EndSignals())
     finally:
         bus.close()
@@ -69,6 +74,23 @@ def test_a_handle_that_goes_up_confirms_the_direction_and_the_rig_keeps_it(tmp_p
     kept = load_rig(path)
     assert kept.axis["handle"].seen.direction == "confirmed"
     assert path.read_text(encoding="utf-8").startswith(RIG), "every octet stays"
+
+
+def test_the_rig_is_written_when_no_guard_waits_for_us_any_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk may take seconds."""
+    path, guards = tmp_path / "rig.toml", list[object]()
+    path.write_text(RIG, encoding="utf-8")
+
+    def written(*_: object) -> None:
+        (world,) = worlds
+        guards.append(world.slave(1).drive.dictionary.find(0x1016, 1).value)
+
+    worlds: list[World] = []
+    monkeypatch.setattr(direction, "edit_file", written)
+    shown(planned(str(path)), 0.05, worlds=worlds)
+    assert guards == [0]
 
 
 def test_a_handle_that_goes_down_is_refused_with_the_key_to_change(tmp_path: Path) -> None:

@@ -210,6 +210,30 @@ class TestWhileADriveIsLeftAlone:
         assert bench.losses() == [], "it was freed long before its guard would have done it"
         assert "proved" not in rig.read_text()
 
+    @pytest.mark.parametrize("always", [False, pytest.param(True, marks=pytest.mark.thorough("five proofs"))])
+    def test_a_drive_that_something_else_switched_off_has_proved_nothing(self, always: bool, rig: Path) -> None:
+        """Safe torque off opens for a moment 12 ms after each set-point that asked for operation enabled, or once."""
+        bench = GuardBench(rig).put([DEAD])
+        enabled, due = False, list[int]()
+
+        def tapped(t_ns: int, can_id: int, data: bytes) -> None:
+            nonlocal enabled
+            before, drive = enabled, bench.world.slave(1).drive
+            enabled = drive.objects.statusword.value & 0x6F == 0x27
+            if enabled and not before and (always or not due):
+                due.append(t_ns + 12 * MS)
+            elif enabled and due and 0 <= t_ns - due[-1] < MS:
+                drive.sto(True, t_ns)
+                drive.sto(False, t_ns)
+
+        bench.world.tap(tapped)
+        of = r"was off [\d.]+ ms after it was left alone, each of 5 times.*Whether its guard acts is not known"
+        with pytest.raises(UnprovedGuardError, match=of if always else "was never seen off"):
+            bench.run()
+        assert len(due) == (5 if always else 1)
+        assert ('guard = "none"' in rig.read_text()) is not always
+        assert bench.is_free()
+
     def test_a_computer_that_was_late_looks_again(self, rig: Path) -> None:
         bench = GuardBench(rig).put()
 

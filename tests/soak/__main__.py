@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import subprocess
 import sys
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from time import perf_counter
 
@@ -24,8 +24,9 @@ PROJECT = Path(__file__).resolve().parents[2]
 FOLDER = PROJECT / "build" / "soak"
 PAGE = PROJECT / "docs" / "reference" / "soak.md"
 PROCESSES = 2
-CHUNKS_A_PROCESS = 40
-"""A process is replaced after so many, so that what one leaves behind in it does not reach the others."""
+CHUNKS_A_BATCH = 80
+"""The processes are replaced after so many, so that what one leaves behind in them does not reach the others. A pool
+that replaces its processes by itself (`max_tasks_per_child`) stands still in the end (python/cpython#115634)."""
 
 
 def commit() -> str:
@@ -53,20 +54,18 @@ def soak(runs: int, file: Path) -> list[Found]:
     columns = (TextColumn("{task.description:28}"), BarColumn(), MofNCompleteColumn())
     bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=Console(stderr=True))
     context = multiprocessing.get_context("spawn")
-    workers = ProcessPoolExecutor(PROCESSES, context, max_tasks_per_child=CHUNKS_A_PROCESS)
-    with bar, workers as pool, file.open("a") as log:
+    with bar, file.open("a") as log:
         task = bar.add_task("soak", total=len(todo) + len(done), completed=len(done))
-        pending = {pool.submit(worked, chunk) for chunk in todo}
-        while pending:
-            finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-            for future in finished:
-                each = future.result()
-                found.append(each)
-                log.write(json.dumps(each) + "\n")
-                log.flush()
-                bar.update(task, advance=1, description=each["part"])
-                for sentence in each["broken"]:
-                    bar.console.print(f"BROKEN {sentence}", markup=False, highlight=False)
+        for batch in (todo[first : first + CHUNKS_A_BATCH] for first in range(0, len(todo), CHUNKS_A_BATCH)):
+            with ProcessPoolExecutor(PROCESSES, context) as pool:
+                for future in as_completed([pool.submit(worked, chunk) for chunk in batch]):
+                    each = future.result()
+                    found.append(each)
+                    log.write(json.dumps(each) + "\n")
+                    log.flush()
+                    bar.update(task, advance=1, description=each["part"])
+                    for sentence in each["broken"]:
+                        bar.console.print(f"BROKEN {sentence}", markup=False, highlight=False)
     return found
 
 

@@ -16,11 +16,6 @@ up excuse a TPDO too many for a while; otherwise such a one is that of a second 
 
 from collections.abc import Callable
 
-MOST_OWED = 32
-"""Most TPDOs that may still come late. A drive that stood still for some periods, as a simulated one on a busy computer
-does, then answers every SYNC at once; feedback that stays away for so long has ended the run."""
-EXCUSED_FOR = 64
-"""Periods for which a TPDO that was taken for lost excuses one of a second node."""
 MOST_DOUBTED = 4
 """Periods after which answers at unusual times are taken as they come."""
 PROMPT = 2
@@ -39,7 +34,8 @@ class Exchange:
         self.missing = 0
         self.latch_ns = 0
         """Instant of the last SYNC [ns]."""
-        self.now_ns: Callable[[], int] = int
+        self.arrived_ns: Callable[[], int] = int
+        """Instant at which the frame arrived that is handled at present [ns]."""
 
 
 class Slot:
@@ -47,7 +43,7 @@ class Slot:
 
     __slots__ = (
         "_end", "_image", "_offset", "_size", "alone", "cob_id", "doubted", "exchange", "excused", "excused_for",
-        "fresh", "malformed", "owed", "usual_ns",
+        "fresh", "malformed", "overdue", "owed", "usual_ns",
     )  # fmt: skip
 
     def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
@@ -57,6 +53,8 @@ class Slot:
         self.malformed = False
         self.owed = 0
         """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
+        self.overdue = 0
+        """Periods in a row in which an answer to an earlier SYNC was missing."""
         self.alone: bool | None = None
         """True when one prompt answer came while others are owed, and no more: so those are lost."""
         self.doubted = 0
@@ -64,20 +62,27 @@ class Slot:
         self.excused = 0
         """Number of answers that were taken for lost, and may still come."""
         self.excused_for = 0
-        """Number of periods for which they still excuse others."""
+        """Number of periods for which they have excused others."""
         self.usual_ns = 0
         """Time from SYNC to the end of an exchange with this TPDO, on average; 0 before the first."""
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
 
-    def expect(self) -> None:
-        """Begin a period: one more answer is owed, and those that were given up are forgotten in the end."""
+    def forget(self) -> None:
+        """Take what came in an earlier exchange out of the image, and expect nothing of it."""
+        self._image[self._offset : self._end] = bytes(self._size)
+        self.owed = self.overdue = self.excused = self.doubted = self.usual_ns = 0
+
+    def expect(self, most: int) -> None:
+        """Begin a period: one more answer is owed. What has been missed for `most` periods is lost, and forgotten."""
         self.fresh, self.alone = False, None
-        if self.owed < MOST_OWED:
-            self.owed += 1
+        self.overdue = self.overdue + 1 if self.owed > 0 else 0
+        if self.overdue > most:
+            self.owed = self.overdue = 0
+        self.owed += 1
         if self.excused:
-            self.excused_for -= 1
-            if not self.excused_for:
+            self.excused_for += 1
+            if self.excused_for > most:
                 self.excused = 0
 
     def accept(self) -> bool:
@@ -93,14 +98,14 @@ class Slot:
         """End an exchange that took so long with its sample; answers that are still owed are lost."""
         self.doubted = 0
         if self.owed > 0:
-            self.excused, self.excused_for = min(self.excused + self.owed, MOST_OWED), EXCUSED_FOR
+            self.excused, self.excused_for = self.excused + self.owed, 0
             self.owed = 0
         elif self.usual_ns:
             self.usual_ns += (min(took_ns, PROMPT * self.usual_ns) - self.usual_ns) >> 4
         else:
             self.usual_ns = max(1, took_ns)
 
-    def take(self, data: bytearray) -> None:
+    def take(self, data: bytes | bytearray) -> None:
         """Copy a TPDO into the image, and tell whether it is the sample of this period."""
         exchange = self.exchange
         if exchange.begun:
@@ -128,5 +133,5 @@ class Slot:
 
     def _may_be_old(self) -> bool:
         """Return whether this is rather the answer to an earlier SYNC, by the time it took."""
-        took_ns = self.exchange.now_ns() - self.exchange.latch_ns
+        took_ns = self.exchange.arrived_ns() - self.exchange.latch_ns
         return self.usual_ns > 0 and not self.usual_ns < PROMPT * took_ns < PROMPT * PROMPT * self.usual_ns

@@ -16,7 +16,7 @@ from struct import pack_into
 
 from haptic_fieldbus.buses.canopen.expedited import ABORTED, EXPEDITED, UPLOAD_DONE, address, request
 from haptic_fieldbus.buses.canopen.node import Node
-from haptic_fieldbus.buses.canopen.wire import Wire, frame
+from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.numerals import percent
@@ -58,7 +58,7 @@ class Asking:
         self._node, self._wire, self._entry, self._warn = node, wire, entry, warn
         self._image, self._offset = image, offset
         self._now_ns = wire.clock.now_ns
-        self._question = frame(SDO_REQUEST_COB_ID + node.id, request(entry, None))
+        self._question = SDO_REQUEST_COB_ID + node.id, request(entry, None)
         self._address = address(entry)
         self._patience_ns, self._every_ns = round(answer_time(period) * 1e9), round(ASK_EVERY * 1e9)
         self._writes = 0
@@ -85,7 +85,7 @@ class Asking:
         if self._asked is None:
             self._asked = self._writes
         self._asked_ns = now_ns
-        self._wire.offer(self._question)
+        self._wire.offer(*self._question)
 
     def _wait_ns(self) -> int:
         """Return how long after the last question the next one may be sent [ns]."""
@@ -93,7 +93,7 @@ class Asking:
             return self._patience_ns
         return LATEST * self._patience_ns if self._repeated else self._every_ns
 
-    def _answered(self, data: bytearray) -> None:
+    def _answered(self, data: bytes | bytearray) -> None:
         if self._asked is None or len(data) != 8 or data[1:4] != self._address:
             self._node.on_response(data)
             return

@@ -101,7 +101,7 @@ class ForeignMaster:
                 f"{advice((self.cob_id,), self._one.master_node)}. {done}"
             )
 
-    def _heard(self, can_id: int, data: bytearray) -> None:
+    def _heard(self, can_id: int, data: bytes | bytearray) -> None:
         weight = self._one.weigh(can_id, data)
         if weight is Severity.COMMAND and self.cob_id is None:
             self.cob_id = can_id

@@ -17,10 +17,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, cycle
 
-import can
-
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
-from haptic_fieldbus.buses.canopen.wire import frame
+from haptic_fieldbus.buses.canopen.ports import Received
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.beside import PROOFS_PER_GUARD
@@ -85,13 +83,14 @@ class Guard:
             ) from error
 
 
-def proofs_of_life(traffic: CanTraffic, nodes: Sequence[Node]) -> Iterator[tuple[can.Message, ...]]:
+def proofs_of_life(traffic: CanTraffic, nodes: Sequence[Node]) -> Iterator[tuple[Received, ...]]:
     """Return the proofs of our life of each period for ever: at first all, so that every guard is on, then in turn.
 
     Requests are spread over the periods; each comes as often as our heartbeat.
     """
-    heartbeat = frame(HEARTBEAT_COB_ID + traffic.master_node, bytes((NmtState.OPERATIONAL,)))
-    proofs = [*([heartbeat] if traffic.beats else []), *(node.guarding_request for node in nodes if node.guarded)]
+    heartbeat = HEARTBEAT_COB_ID + traffic.master_node, bytes((NmtState.OPERATIONAL,))
+    proofs: list[Received] = [heartbeat] if traffic.beats else []
+    proofs += [node.guarding_request for node in nodes if node.guarded]
     every = traffic.heartbeat_every
     rounds = [tuple(proofs[place::every]) for place in range(every)]
     return chain((tuple(proofs),), rounds[1:], cycle(rounds))

@@ -15,18 +15,23 @@ from haptic_fieldbus.signals import LinkFlag, Signal
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
     int(flag) for flag in LinkFlag
 )
+LEAST_OWED = 2
+"""Periods by which a TPDO may be late at any rate of the loop."""
 
 
 class Link:
     """Link to one axis: it copies TPDOs into the image and writes the header of the axis there."""
 
     def __init__(
-        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float
+        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, latest: float
     ) -> None:
         """Take the TPDOs with their offsets in the image, and the offset of the header of the axis.
 
-        `silence` is the time without a sign of life after which the node counts as gone [s].
+        `silence` is the time without a sign of life after which the node counts as gone [s]. `latest` is the number of
+        periods after which a TPDO comes no more. Until then it may, in a burst when a node or an adapter was busy; a
+        lost one must not excuse those of a second node for longer.
         """
+        self._most_owed = max(LEAST_OWED, int(min(latest, LARGEST_AGE_NS)))
         self._node = node
         self._image = image
         self._header = header
@@ -35,14 +40,21 @@ class Link:
         self._silence_ns = round(silence * 1e9)
 
     def listen(self, wire: Wire, exchange: Exchange) -> None:
+        exchange.arrived_ns = lambda: wire.arrived_ns
         for slot in self._slots:
             slot.exchange = exchange
             wire.listen(slot.cob_id, slot.take)
 
+    def forget(self) -> None:
+        """Forget the feedback of an earlier exchange: a state of before is not the state of the drive."""
+        self._latched_ns = None
+        for slot in self._slots:
+            slot.forget()
+
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
-            slot.expect()
+            slot.expect(self._most_owed)
         return len(self._slots)
 
     @property
@@ -64,7 +76,9 @@ class Link:
         if not flags & STALE:  # data of several TPDOs is as old as its oldest part, so all must be fresh
             self._latched_ns = latch_ns
         node = self._node
+        emergency = 0
         if node.emergency:
+            emergency = node.look_at_emergency()
             flags |= EMERGENCY
         if node.booted:
             flags |= BOOT_UP
@@ -74,7 +88,7 @@ class Link:
             flags |= NO_SIGN_OF_LIFE
         age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
         # A latch is the nominal end of SYNC, which may lie a little ahead of the clock: the age is never negative.
-        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, node.emergency)
+        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, emergency)
 
     def accuse(self, foreign: int | None, doubled: int | None) -> None:
         """Add the COB-ID of somebody else's command, else of feedback that came twice, to the header of the axis."""

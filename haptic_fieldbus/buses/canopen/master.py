@@ -33,13 +33,14 @@ from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.release import Parting, Release
 from haptic_fieldbus.buses.canopen.setup import Setup
-from haptic_fieldbus.buses.canopen.wire import Wire, frame
+from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, placed
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
+from haptic_fieldbus.signals import LinkFlag
 
 SYNC_BITS = 48
 """Bits of the SYNC frame 080h without data, from start of frame to end of frame, with its four stuff bits."""
@@ -71,7 +72,6 @@ class CanopenBus(InSteps):
         self._can_bus = can_bus if owned else None
         self._clock = clock
         self._wire = Wire(can_bus, clock, can_bus.channel_info, log, echoes=echoes)
-        self._sync = frame(SYNC_COB_ID)
         self._plan: Plan | None = None
         self._setups: tuple[Setup, ...] = ()
         self._links: tuple[Link, ...] = ()
@@ -93,6 +93,7 @@ class CanopenBus(InSteps):
         """
         # Frames from before must reach no handler: an old boot-up message would be taken for a restart.
         self._wire.mute()
+        self._wire.unfocus()
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
         traffic = traffic_of(plan)
         guarded = [member.traffic.node for member in traffic.members if member.traffic.life_guarding]
@@ -101,8 +102,7 @@ class CanopenBus(InSteps):
         heard.refuse(traffic.master_node)
         self._bind(plan, image)
         self._foreign = ForeignMaster(self._wire, one, self.warnings.append)
-        told = heard.sentence()
-        self.facts = {setup.axis.name: replace(setup.inspect(), listened=told) for setup in self._setups}
+        self.facts = {each.axis.name: replace(each.inspect(), listened=heard.sentence()) for each in self._setups}
 
     def configure(self, plan: Plan) -> None:
         """Configure all inspected drives; raises BusError, ForeignMasterError when somebody else commands meanwhile."""
@@ -113,7 +113,8 @@ class CanopenBus(InSteps):
         # Until the first exchange a drive may send TPDOs as it becomes operational; our proofs of life are due at once.
         self._exchange.begun, self._refused_writes = False, 0
         self._proofs = proofs_of_life(traffic_of(plan), [setup.node for setup in self._setups])
-        for setup in self._setups:
+        for setup, link in zip(self._setups, self._links, strict=True):
+            link.forget()
             setup.configure()
 
     def start(self) -> None:
@@ -123,6 +124,7 @@ class CanopenBus(InSteps):
             setup.start()
         for asking in self._askings:
             asking.listen()
+        self._wire.focus(1 + len(self._outputs) + 2 * len(self._setups))
 
     def _bind(self, plan: Plan, image: bytearray) -> None:
         """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
@@ -138,11 +140,11 @@ class CanopenBus(InSteps):
                 places.header,
                 self._image,
                 traffic.silence_of(setup.axis.name),
+                setup.axis.limits.age / plan.period,
             )
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
         )
         self._exchange = Exchange()
-        self._exchange.now_ns = self._clock.now_ns
         for link in self._links:
             link.listen(self._wire, self._exchange)
         self._outputs = tuple(
@@ -159,16 +161,14 @@ class CanopenBus(InSteps):
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
 
     def _setup_of(self, axis: AxisPlan, traffic: CanTraffic, member: BusMember, *, real: bool) -> Setup:
-        label = f"node {axis.node} (axis {axis.name})"
-        node = Node(self._wire, axis.node, label, guarded=member.traffic.life_guarding)
+        node = Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})", guarded=member.traffic.life_guarding)
         return Setup(node, axis, traffic, member, TorqueLimits(node, axis, self.warnings.append, real))
 
     def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:
         """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
         offset = start + sum(pdo.size for pdo in setup.member.traffic.tpdos)
         target = setup.member.profile.torque.target.entry
-        warn = self.warnings.append
-        return Asking(setup.node, self._wire, target, self._image, offset, period=period, warn=warn)
+        return Asking(setup.node, self._wire, target, self._image, offset, period=period, warn=self.warnings.append)
 
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
         """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
@@ -183,8 +183,7 @@ class CanopenBus(InSteps):
         )
 
     def _word_at(self, place: int) -> Callable[[], int]:
-        image = self._image
-        return lambda: image[place] | image[place + 1] << 8
+        return lambda: self._image[place] | self._image[place + 1] << 8
 
     def _sync_once(self, deadline_ns: int) -> None:
         self.prepare(deadline_ns)
@@ -211,7 +210,7 @@ class CanopenBus(InSteps):
         """Send SYNC; without room in the transmit queue there will be no feedback."""
         self._exchange.taking = True
         self.latch_ns = self._exchange.latch_ns = self._clock.now_ns() + self._sync_ns
-        self._synced = self._wire.offer(self._sync)
+        self._synced = self._wire.offer(SYNC_COB_ID)
 
     def collect(self, deadline_ns: int) -> bytearray:
         """Receive until every TPDO is in or the deadline [ns] is reached, write the headers, return the input image."""
@@ -220,7 +219,7 @@ class CanopenBus(InSteps):
             while exchange.missing and wire.pump(deadline_ns):
                 pass
         exchange.taking = False
-        flags = (BUS_OFF if wire.bus_off else 0) | (EXCEPTION if self._refused_writes >= REFUSED_WRITES else 0)
+        flags = BUS_OFF * wire.error_frames.bus_off | EXCEPTION * (self._refused_writes >= REFUSED_WRITES)
         now_ns = self._clock.now_ns()
         HEADER.pack_into(self._image, 0, latch_ns)
         for link in self._links:
@@ -234,10 +233,10 @@ class CanopenBus(InSteps):
         """Send the RPDOs, then the proofs of our life that are due; raises BusError only when the bus is dead."""
         accepted = True
         for cob_id, start, end in self._outputs:
-            accepted &= self._wire.offer(frame(cob_id, image[start:end]))
+            accepted &= self._wire.offer(cob_id, image[start:end])
         self._refused_writes = 0 if accepted else self._refused_writes + 1
         for proof in next(self._proofs):
-            self._wire.offer(proof)
+            self._wire.offer(*proof)
         for asking in self._askings:
             asking.ask()
 
@@ -273,22 +272,23 @@ class CanopenBus(InSteps):
         told = [
             *self._release.warnings,
             *(REPEATED.format(setup.node) for setup in self._setups if setup.node.repeated),
+            *self._wire.sentences,
         ]
-        if self._wire.refusal is not None:
-            told.append(str(self._wire.refusal))
         self.warnings += [sentence for sentence in told if sentence not in self.warnings]
         self._plan = None
         return confirmed
 
     @property
-    def restarted(self) -> frozenset[str]:
-        """Names of the axes whose node sent a boot-up message since it was configured."""
-        return frozenset(setup.axis.name for setup in self._setups if setup.node.booted)
+    def causes(self) -> dict[str, tuple[LinkFlag, int]]:
+        """By axis, what came that explains other faults of the link, with its code."""
+        off = (LinkFlag.BUS_OFF, 0) if self._wire.error_frames.bus_off else None
+        found = {setup.axis.name: off or setup.node.cause for setup in self._setups}
+        return {axis: cause for axis, cause in found.items() if cause is not None}
 
     @property
     def fresh(self) -> bool:
         """True when all feedback of the last exchange arrived and the controller is not bus-off."""
-        return not self._wire.bus_off and all(link.fresh for link in self._links)
+        return not self._wire.error_frames.bus_off and all(link.fresh for link in self._links)
 
     def close(self) -> None:
         """Stop unless already stopped, and shut down the python-can bus if it is owned; raises no BusError."""

@@ -40,6 +40,8 @@ class TorqueLimits:
     notes: "Notes | None" = None
     before: dict[ObjectEntry, int] = field(default_factory=dict)
     """The value of each limit that is to be changed, before any run of ours changed it."""
+    left: dict[ObjectEntry, int] = field(default_factory=dict)
+    """What a run that was killed left behind in them, where it is still there."""
     sentences: list[str] = field(default_factory=list)
     """Sentences for people about each change."""
 
@@ -63,16 +65,17 @@ class TorqueLimits:
             held = read(entry)
             if held is None:
                 continue
-            ours, original = noted.get(str(entry), (None, held))
-            left = held == ours
-            if not left:
+            ours, original = noted.get(str(entry), ([], held))
+            if held in ours:
+                self.left[entry] = held
+            else:
                 original = held
             if held == original == self.wanted:
                 continue
             if original < self.wanted and not self.axis.rig.raise_max_torque:
                 raise self._too_low(entry, original)
             self.before[entry] = original
-            self.sentences.append(self._words(entry, original, held if left else None))
+            self.sentences.append(self._words(entry, original))
 
     def configure(self) -> None:
         """Write the limits and read them back; warn where the drive does not let one be lowered.
@@ -87,12 +90,16 @@ class TorqueLimits:
             except BusConfigurationError as error:
                 if original < self.wanted:
                     raise
-                del self.before[entry]
+                if self.node.read(entry) == original:
+                    del self.before[entry]
                 self.warn(f"{error}: the drive keeps its own limit, and only the loop holds that of the axis")
 
     def _note(self, notes: "Notes") -> None:
+        """Write down both what is there and what comes, as this run may be killed before it writes to the drive."""
         try:
-            notes.write({str(entry): (self.wanted, was) for entry, was in self.before.items()})
+            notes.write(
+                {str(each): ([self.wanted, self.left.get(each, self.wanted)], was) for each, was in self.before.items()}
+            )
         except OSError as error:
             self.warn(
                 f"{notes.path} cannot be written ({error.strerror}): a run that is killed leaves its torque limit"
@@ -104,22 +111,25 @@ class TorqueLimits:
         return tuple(self.before.items())
 
     def restored(self) -> None:
-        """Forget the changes, since the drive has confirmed that they are undone."""
-        if self.before and self.notes is not None:
+        """Forget the changes, since the drive has confirmed that they are undone, or holds values of its own."""
+        if self.notes is not None:
             self.notes.remove()
 
-    def _words(self, entry: ObjectEntry, original: int, left: int | None) -> str:
-        """Return the sentence about a change; `left` is the value that a run which was killed left behind."""
+    def _words(self, entry: ObjectEntry, original: int) -> str:
+        """Return the sentence about a change."""
         change = "lowered" if original >= self.wanted else "raised, as the rig says,"
         words = f"{entry} is {change} from {_share(original)} to {_share(self.wanted)} of rated torque until the end"
+        left = self.left.get(entry)
         return words if left is None else f"{words}; a run that did not end in order left it at {_share(left)}"
 
     def _too_low(self, entry: ObjectEntry, held: int) -> BusConfigurationError:
         unit, limit = self.axis.workspace.effort_unit, self.axis.limits.effort
         allowed = held * 1e-3 * self.axis.rated_effort
+        left = self.left.get(entry)
+        told = "" if left is None else f", after a run that did not end in order left it at {left} ‰"
         return BusConfigurationError(
-            f"{self.node.label}: {entry} is {held} ‰ of rated torque ({in_unit(allowed, unit)}), the axis may ask for "
-            f"{self.wanted} ‰ ({in_unit(limit, unit)}): force would be cut without a word. Say "
+            f"{self.node.label}: {entry} is {held} ‰ of rated torque ({in_unit(allowed, unit)}){told}, the axis may "
+            f"ask for {self.wanted} ‰ ({in_unit(limit, unit)}): force would be cut without a word. Say "
             f"axis.{self.axis.name}.raise_max_torque = true in the rig, which raises it for each run, or set "
             f"axis.{self.axis.name}.limits.effort"
         )
@@ -130,23 +140,23 @@ def _share(permille: int) -> str:
 
 
 class Notes:
-    """The file that says what was changed in one drive: for each entry the value that was set, and the one before."""
+    """The file that says what was changed in one drive: for each entry the values that we set, and the drive's own."""
 
     def __init__(self, drive: str) -> None:
         """`drive` is unique to a drive, and a file name."""
         state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
         self.path = Path(state) / "haptic-fieldbus" / "torque-limits" / f"{drive}.json"
 
-    def read(self) -> dict[str, tuple[int, int]]:
+    def read(self) -> dict[str, tuple[list[int], int]]:
         """Return the changes that were not undone; nothing when there is no file, or one that is not ours."""
         try:
             with self.path.open("rb") as file:
                 told = json.loads(file.read(10_000))
-            return {str(entry): (int(ours), int(before)) for entry, (ours, before) in told.items()}
+            return {str(entry): ([int(each) for each in ours], int(own)) for entry, (ours, own) in told.items()}
         except (OSError, ValueError, TypeError, AttributeError):
             return {}
 
-    def write(self, changes: dict[str, tuple[int, int]]) -> None:
+    def write(self, changes: dict[str, tuple[list[int], int]]) -> None:
         """Write the changes, before they are made; raises OSError."""
         aside = self.path.with_suffix(f".{os.getpid()}")
         self.path.parent.mkdir(parents=True, exist_ok=True)

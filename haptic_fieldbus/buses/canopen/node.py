@@ -18,7 +18,9 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.constants import ABORT_GENERAL_ERROR, REQUEST_ABORTED
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
-from haptic_fieldbus.buses.canopen.wire import Wire, frame, remote_frame
+from haptic_fieldbus.buses.canopen.frames import REMOTE_FLAG
+from haptic_fieldbus.buses.canopen.ports import Received
+from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
@@ -30,6 +32,7 @@ from haptic_fieldbus.protocols.canopen.cob_ids import (
 )
 from haptic_fieldbus.protocols.canopen.emergency import RESET_CLASS
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
+from haptic_fieldbus.signals import LinkFlag
 
 SDO_TIMEOUT = 0.3
 """[s]."""
@@ -95,7 +98,7 @@ class WireNetwork(canopen.Network):
         self._wire = wire
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        self._wire.send(frame(can_id, bytes(data)))
+        self._wire.send(can_id, bytes(data))
 
 
 class Node:
@@ -108,7 +111,7 @@ class Node:
         self.id = node_id
         self.label = label
         self.guarded = guarded
-        self.guarding_request = remote_frame(HEARTBEAT_COB_ID + node_id, 1)
+        self.guarding_request: Received = REMOTE_FLAG | HEARTBEAT_COB_ID + node_id, bytes(1)
         self.repeated = 0
         """Number of answers to node guarding that repeated the toggle bit of the answer before."""
         self.state: int | None = None
@@ -117,7 +120,14 @@ class Node:
         self.booted = False
         """True once a boot-up message came; stays so until it is reset before configuration."""
         self.emergency = 0
-        """Error code of the last emergency message; 0 when there was none, or an error reset followed."""
+        """Error code of the first emergency message; 0 when there was none, or an error reset followed.
+
+        One that is reset between two looks stays until the second, so that none passes unseen: `look_at_emergency`.
+        """
+        self._emergency_seen = self._emergency_over = False
+        self._first_emergency = 0
+        """Of those since the node was told to go operational; after another command they may be our own doing."""
+        self._operating = False
         self._wire = wire
         self._toggle: int | None = None
         request_id, response_id = SDO_REQUEST_COB_ID + node_id, SDO_RESPONSE_COB_ID + node_id
@@ -129,7 +139,7 @@ class Node:
         wire.listen(HEARTBEAT_COB_ID + node_id, self._on_heartbeat)
         wire.listen(EMCY_COB_ID + node_id, self._on_emergency)
 
-    def on_response(self, data: bytearray) -> None:
+    def on_response(self, data: bytes | bytearray) -> None:
         """Take an SDO response for the request that waits for one."""
         if len(data) == 8:  # as every SDO response has (CiA 301 7.2.4); SdoClient would fail on a shorter one
             self._responses.put(bytes(data))
@@ -183,7 +193,10 @@ class Node:
 
     def command(self, state: NmtState) -> None:
         """Command an NMT state; only a heartbeat shows that it is reached, see `confirm`. Raises BusError."""
-        self._wire.send(frame(NMT_COB_ID, bytes((NMT_COMMANDS[state], self.id))))
+        self._wire.send(NMT_COB_ID, bytes((NMT_COMMANDS[state], self.id)))
+        self._operating = state is NmtState.OPERATIONAL
+        if self._operating:
+            self._first_emergency = 0
         self.state = None  # so that `confirm` takes no heartbeat from before the command
 
     def confirm(self, state: NmtState, timeout: float) -> None:
@@ -194,7 +207,7 @@ class Node:
         deadline_ns = self.now_ns() + round(timeout * 1e9)
         while self.state != state and self.now_ns() < deadline_ns:
             if self.guarded:
-                self._wire.send(self.guarding_request)
+                self._wire.send(*self.guarding_request)
                 self._await(state, min(self.now_ns() + GUARDING_NS, deadline_ns))
             else:
                 self._await(state, deadline_ns)
@@ -224,10 +237,10 @@ class Node:
         while self._wire.pump(deadline_ns):
             pass
 
-    def _on_heartbeat(self, data: bytearray) -> None:
+    def _on_heartbeat(self, data: bytes | bytearray) -> None:
         if not data or (self.guarded and self._repeats(data[0])):
             return
-        self.heartbeat_ns = self._wire.clock.now_ns()
+        self.heartbeat_ns = self._wire.arrived_ns
         self.state = data[0] & HEARTBEAT_STATE
         self.booted = self.booted or self.state == NmtState.BOOT_UP
 
@@ -242,10 +255,32 @@ class Node:
         self.repeated += 1
         return True
 
-    def _on_emergency(self, data: bytearray) -> None:
-        if len(data) >= 2:
-            code = data[0] | data[1] << 8
-            self.emergency = 0 if code >> 8 == RESET_CLASS else code
+    def _on_emergency(self, data: bytes | bytearray) -> None:
+        if len(data) < 2:
+            return
+        code = data[0] | data[1] << 8
+        self._emergency_over = code >> 8 == RESET_CLASS
+        if self._emergency_over:
+            self.emergency = 0 if self._emergency_seen else self.emergency
+            return
+        self._emergency_seen = self._emergency_seen and self.emergency != 0
+        self.emergency = self.emergency or code
+        if self._operating:
+            self._first_emergency = self._first_emergency or code
+
+    def look_at_emergency(self) -> int:
+        """Return `emergency`, and forget it from then on when an error reset has followed."""
+        seen, self._emergency_seen = self.emergency, True
+        if self._emergency_over:
+            self.emergency = 0
+        return seen
+
+    @property
+    def cause(self) -> tuple[LinkFlag, int] | None:
+        """What the node told since it went operational that explains a silence or a fault, with its code."""
+        if self._first_emergency:
+            return LinkFlag.EMERGENCY, self._first_emergency
+        return (LinkFlag.BOOT_UP, 0) if self.booted else None
 
 
 def _shown(value: int) -> str:

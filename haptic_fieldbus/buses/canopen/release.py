@@ -25,7 +25,7 @@ from haptic_fieldbus.buses.canopen.expedited import ABORTED, DOWNLOAD_DONE, UPLO
 from haptic_fieldbus.buses.canopen.link import Link
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, STATUSWORD
-from haptic_fieldbus.buses.canopen.wire import Wire, frame
+from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED
 from haptic_fieldbus.protocols.canopen.cob_ids import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
@@ -100,9 +100,9 @@ class Parting:
 
     def _send(self, command: Command, now_ns: int) -> None:
         self._sent, self._waiting_until_ns = command, now_ns + PATIENCE_NS
-        self._wire.send(frame(SDO_REQUEST_COB_ID + self.node.id, request(*command)))
+        self._wire.send(SDO_REQUEST_COB_ID + self.node.id, request(*command))
 
-    def _answered(self, data: bytearray) -> None:
+    def _answered(self, data: bytes | bytearray) -> None:
         """Take an SDO response; one to an earlier request, which names another entry, is passed over."""
         if self._sent is None or len(data) != 8 or bytes(data[1:4]) != address(self._sent[0]):
             return
@@ -144,7 +144,7 @@ class Release:
         self.warnings: list[str] = []
         self._wire, self._clock = wire, wire.clock
         self._partings = tuple(partings)
-        self._torque_free = tuple((cob_id, frame(cob_id, bytes(size))) for cob_id, size in set_points)
+        self._torque_free = tuple((cob_id, bytes(size)) for cob_id, size in set_points)
         self._sync = sync
         self._slice_ns = round(max(SLICE, 2.0 * feedback_time) * 1e9)
         self._longest_ns = round((guard + GRACE) * 1e9)
@@ -207,8 +207,8 @@ class Release:
 
     def _send_set_points(self) -> None:
         """Send target torque 0 and controlword *disable voltage*, which both consist of zero octets."""
-        for cob_id, message in self._torque_free:
-            self._try(f"torque-free set-point {cob_id:03X}h was not sent", partial(self._wire.send, message))
+        for cob_id, data in self._torque_free:
+            self._try(f"torque-free set-point {cob_id:03X}h was not sent", partial(self._wire.send, cob_id, data))
 
     def _listen(self, deadline_ns: int) -> None:
         self._try("the drives were not asked by SYNC", partial(self._sync, deadline_ns))

@@ -88,6 +88,7 @@ class Setup:
 
     def configure(self) -> None:
         """Write all entries and read each back; the node is then pre-operational and torque-free. Raises BusError."""
+        self.node.take_answers()  # an earlier `stop` took them for its own requests
         self.node.booted = False  # restarts from before do not count
         self.node.command(NmtState.PRE_OPERATIONAL)
         self.guard.hear()

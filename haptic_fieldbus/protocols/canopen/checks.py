@@ -3,7 +3,7 @@
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.cia402 import ECHOES
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.units import COUNTS, PERMILLE, RATED_TORQUE_UNITS, VELOCITY_UNITS
+from haptic_fieldbus.drive.units import COUNTS, PERMILLE, RATED_TORQUE_UNITS, TENTH_DEGREE, VELOCITY_UNITS
 
 # The types and units that the master can scale, by the key of the profile.
 _TYPES = {
@@ -18,7 +18,7 @@ _UNITS = {
     ("torque", "actual"): (PERMILLE,),
     ("torque", "demand"): (PERMILLE,),
     ("torque", "rated"): tuple(RATED_TORQUE_UNITS),
-    ("position", "actual"): (COUNTS,),
+    ("position", "actual"): (COUNTS, TENTH_DEGREE),
     ("velocity", "actual"): VELOCITY_UNITS,
 }
 _OPTIONS = (("link_loss", "abort_connection_option"), ("link_loss", "fault_reaction_option"))

@@ -20,7 +20,7 @@ from haptic_fieldbus.drive.cia402 import (
 )
 from haptic_fieldbus.drive.objects import NAMES, DataType
 from haptic_fieldbus.drive.profile import DriveSection, TimingSection
-from haptic_fieldbus.drive.units import COUNTS_PER_SECOND, PERMILLE
+from haptic_fieldbus.drive.units import COUNTS, COUNTS_PER_SECOND, PERMILLE, TENTH_DEGREE
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
 from haptic_fieldbus.errors import EdsError, Fault
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection
@@ -38,6 +38,8 @@ NEEDED: Mapping[int, tuple[EdsType, ...]] = {
 """Objects without which no force can be rendered → types that each may have; 606Ch may replace 6064h."""
 MAPPED = {0x6040: "received", 0x6041: "sent", 0x6064: "sent", 0x6071: "received"}
 """Objects that the cycle maps → direction as the drive sees it."""
+POSITION_UNIT_CODES = {0: COUNTS, 0x00B5_0000: COUNTS, 0xFF41_0000: TENTH_DEGREE}
+"""Value of 60A8h → unit; 0 says nothing, and the octets are prefix and numerator (B5h counts, 41h degrees)."""
 VELOCITY_UNIT_CODES = {
     0x00B4_4700: "rpm",
     0xFFB4_4700: "0.1 rpm",
@@ -83,7 +85,8 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
     `mode` is the mode of operation; None: a torque mode of 6502h.
     """
     velocity = _velocity(eds)
-    faults = [Fault("", f"not usable for force: {lack}", line) for lack, line in _lacks(eds, mode, velocity)]
+    position = None if velocity else _position(eds)
+    faults = [Fault("", f"not usable for force: {lack}", line) for lack, line in _lacks(eds, mode, velocity, position)]
     if faults:
         raise EdsError(eds.source, faults)
     device = eds.device
@@ -100,7 +103,7 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
         ),
         identity=_identity(eds),
         torque=_torque(eds, mode or _torque_mode(eds)),
-        position=None if velocity else PositionSection(MappedObject(0x6064, DataType.INT32, unit="counts")),
+        position=position,
         velocity=velocity,
         pdo=_pdos(eds),
         link_loss=link_loss,
@@ -122,7 +125,9 @@ def pdo_count(eds: Eds, communication: int) -> int:
     return count
 
 
-def _lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) -> Iterator[tuple[str, int | None]]:
+def _lacks(
+    eds: Eds, mode: int | None, velocity: VelocitySection | None, position: PositionSection | None
+) -> Iterator[tuple[str, int | None]]:
     """Yield each lack in words, with the line of the file that shows it; None when there is no such line."""
     for index, types in NEEDED.items():
         entry = eds.find(index)
@@ -135,6 +140,9 @@ def _lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) -> Iter
             yield f"{_named(index)} is {found}, expected {' or '.join(type.name for type in types)}", entry.line
         elif index in MAPPED and not (entry.mappable and entry.access in _ways(MAPPED[index])):
             yield f"{_named(index)} cannot be {MAPPED[index]} in a PDO", entry.line
+    if velocity is None and position is None:
+        code = (_number(eds, 0x60A8) or 0) & 0xFFFF_FFFF
+        yield f"60A8h SI unit position is {code:08X}h, expected 00B50000h (counts) or FF410000h (0.1 degrees)", None
     for communication, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
         if not pdo_count(eds, communication):
             yield f"there is no {name} ({communication:04X}h and {communication + 0x200:04X}h)", None
@@ -221,6 +229,13 @@ def _mapped(entry: EdsEntry | None, unit: str) -> MappedObject | None:
     return MappedObject(entry.index, found, unit=unit) if entry is not None and found is not None else None
 
 
+def _position(eds: Eds) -> PositionSection | None:
+    """Return the position section; None when 60A8h names a unit that is not known."""
+    # Without 60A8h, counts are assumed. The mask makes a default that is written with a sign unsigned.
+    unit = POSITION_UNIT_CODES.get((_number(eds, 0x60A8) or 0) & 0xFFFF_FFFF)
+    return None if unit is None else PositionSection(MappedObject(0x6064, DataType.INT32, unit=unit))
+
+
 def _velocity(eds: Eds) -> VelocitySection | None:
     """Return the velocity section, for a drive with 606Ch and without 6064h; None when its unit is unknown."""
     actual = eds.find(0x606C)
@@ -270,7 +285,8 @@ def _sources(eds: Eds, link_loss: LinkLossSection, velocity: VelocitySection | N
     file = Path(eds.source).name
     assumed = "as CiA 402-2 has it: ASSUMED, an EDS names no units"
     absent = {name: f"left out: not in {file}" for name, value in vars(link_loss).items() if value is None}
-    motion = {"position.actual": f"{file}, 6064h; in counts: ASSUMED, 608Fh and the factor group are not looked at"}
+    unit = "60A8h" if _number(eds, 0x60A8) else "in counts: ASSUMED"
+    motion = {"position.actual": f"{file}, 6064h and {unit}; 608Fh and the factor group are not looked at"}
     if velocity is not None:
         unit = "60A9h" if 0x60A9 in eds else "in counts/s: ASSUMED, there is no 60A9h"
         motion = {"velocity.actual": f"{file}, 606Ch and {unit}; there is no 6064h"}

@@ -65,8 +65,8 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
     match fault:
         case faults.Emergency(code=code):
             slave.error(code, t_ns)
-        case faults.DriveFault(code=code):
-            slave.drive.fault(code, t_ns)
+        case faults.DriveFault():
+            _inject_fault(fault, slave, plan, t_ns)
         case faults.SafeTorqueOff(duration=duration):
             slave.drive.sto(True, t_ns)
             if duration is not None:
@@ -87,6 +87,17 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
             slave.duplicate()
         case _:
             _inject_motor(fault, slave, t_ns)
+
+
+def _inject_fault(fault: faults.DriveFault, slave: Slave, plan: Plan, t_ns: int) -> None:
+    """Apply a fault that the drive detects, whose cause may last."""
+    errors = slave.node.emergencies
+    slave.drive.fault(fault.code, t_ns)
+    if fault.duration == 0.0:
+        return
+    errors.raise_error(fault.code, fault)
+    if fault.duration is not None:
+        plan(until(t_ns, fault.duration), lambda _t_ns: errors.clear(fault.code, fault))
 
 
 def _inject_motor(fault: faults.DriveFaultKind, slave: Slave, t_ns: int) -> None:

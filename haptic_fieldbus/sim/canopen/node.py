@@ -18,7 +18,7 @@ from haptic_fieldbus.sim.canopen.services.alarms import Alarms, Handler
 from haptic_fieldbus.sim.canopen.services.bit_timing import BitTiming
 from haptic_fieldbus.sim.canopen.services.cob_id import ID, INVALID
 from haptic_fieldbus.sim.canopen.services.communication import NodeObjects
-from haptic_fieldbus.sim.canopen.services.emergency import HEARTBEAT_LOST, Emergencies
+from haptic_fieldbus.sim.canopen.services.emergency import DISCONNECTED, HEARTBEAT_LOST, Emergencies
 from haptic_fieldbus.sim.canopen.services.guarding import Guarding
 from haptic_fieldbus.sim.canopen.services.heartbeat import HEARTBEAT_ID, Consumers, Producer
 from haptic_fieldbus.sim.canopen.services.lss import BIT_RATES, UNCONFIGURED, LssSlave
@@ -120,8 +120,7 @@ class Node:
 
     def reset(self, t_ns: int, boot_ns: int | None = None) -> None:
         """Reset the node as at power-on; the boot-up message follows after `boot_ns`, None: the model's reset time."""
-        self.now_ns = t_ns
-        self._application.link_lost(t_ns)
+        # 6007h makes no difference: the power-on state has no torque and no fault.
         self._initialise(t_ns, t_ns + (self._options.reset_ns if boot_ns is None else boot_ns), power_on=True)
 
     def lose_rpdos(self, count: int | None) -> None:
@@ -142,7 +141,7 @@ class Node:
     # States.
 
     def _reset_communication(self) -> None:
-        self._application.link_lost(self.now_ns)
+        self._application.link_lost(DISCONNECTED, self.now_ns)
         self._initialise(self.now_ns, self.now_ns + self._options.reset_ns, power_on=False)
 
     def _initialise(self, t_ns: int, boot_ns: int | None, *, power_on: bool) -> None:
@@ -184,9 +183,12 @@ class Node:
         self._enter(NmtState.PRE_OPERATIONAL)
 
     def _enter(self, state: NmtState) -> None:
-        before, self.state = self.state, state
-        if state is before:
+        if state is self.state:
             return
+        if state is NmtState.STOPPED:
+            # Before the state is entered, in which no emergency is sent.
+            self._application.link_lost(DISCONNECTED, self.now_ns)
+        self.state = state
         if state is NmtState.OPERATIONAL:
             self.process.start(self.now_ns)
         else:
@@ -195,8 +197,6 @@ class Node:
             self.sdo.reset()
             self._sdo_alarm.off()
         self._route()
-        if state is NmtState.STOPPED:
-            self._application.link_lost(self.now_ns)
 
     def _route(self) -> None:
         """Rebuild the handlers for the present state and parameters."""
@@ -269,7 +269,7 @@ class Node:
     def _link_lost(self, t_ns: int) -> None:
         """Handle the loss of a monitored node or of the guarding master: emergency, 6007h, and 1029h."""
         self.emergencies.raise_error(HEARTBEAT_LOST)
-        self._application.link_lost(t_ns)
+        self._application.link_lost(HEARTBEAT_LOST, t_ns)
         self._enter(nmt.AFTER_ERROR.get((self._objects.error_behaviour, self.state), self.state))
 
     def _link_back(self) -> None:

@@ -5,7 +5,7 @@ the encoder's zero within a count, boot time) is drawn from the seed.
 """
 
 import heapq
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from random import Random
@@ -15,9 +15,10 @@ from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.injection import Line, faulty_hand, inject, inject_line, install_fault
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.link.wire import Port
+from haptic_fieldbus.sim.canopen.schedule import FaultSchedule, TimedFault
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive.settings import DriveSettings
-from haptic_fieldbus.sim.faults import DriveFaultKind, HandFault, HostFault, LastingFault, LineFault, faults_of
+from haptic_fieldbus.sim.faults import HandFault, HostFault, LastingFault, LineFault, faults_of
 from haptic_fieldbus.sim.slot import Slot
 
 _START_JITTER_NS = 40_000
@@ -39,8 +40,7 @@ class Rack:
         self._line = line
         self._longest = longest
         self._agenda: list[tuple[int, int, Callable[[int], None]]] = []
-        self._of_line: list[LineFault | HostFault] = []
-        """Faults of the bus and of the host that are planned."""
+        self._schedule = FaultSchedule(self.plan)
         # Orders actions of the same instant by age; callables cannot be compared.
         self._planned = 0
 
@@ -51,7 +51,7 @@ class Rack:
         hand = faulty_hand(slot.hand, faults_of(slot.faults, slot.node))
         slave = Slave(slot.node, slot.profile, slot.axis, port.send, hand, settings, t_ns=t_ns)
         slave.drive.plant.recorder.longest = self._longest
-        timed: list[DriveFaultKind | LineFault | HostFault] = []
+        timed: list[TimedFault] = []
         for fault in slot.faults:
             if isinstance(fault, LineFault | HostFault):
                 timed.append(fault)
@@ -61,8 +61,9 @@ class Rack:
                 install_fault(fault, slave)
             elif not isinstance(fault, HandFault):
                 timed.append(fault)
-        # The time of a fault counts from the drive's first *operation enabled*, which is not known yet.
-        slave.drive.on_enabled = partial(self._plan_faults, timed, slave)
+        # The time of a fault counts from *operation enabled*, which is not known yet.
+        slave.drive.on_enabled = partial(self._schedule.begin, timed, slot.node, partial(self._action, slave))
+        slave.drive.on_freed = lambda _t_ns: self._schedule.freed(slot.node)
         self.slaves[slot.node] = slave
         self.attached.append((port, slave))
         slave.power_on(t_ns, booted=slot.booted)
@@ -103,18 +104,11 @@ class Rack:
         self._planned += 1
         heapq.heappush(self._agenda, (t_ns, self._planned, action))
 
-    def _plan_faults(self, faults: Iterable[DriveFaultKind | LineFault | HostFault], slave: Slave, t_ns: int) -> None:
-        """Plan the faults of a drive that has entered *operation enabled* for the first time: `at` counts from here.
-
-        Those of the bus and of the host count from the first drive of the bus.
-        """
-        for fault in faults:
-            at_ns = t_ns + round(fault.at * 1e9)
-            if not isinstance(fault, LineFault | HostFault):
-                self.plan(at_ns, partial(inject, fault, slave, self.plan))
-            elif not any(fault is each for each in self._of_line):
-                self._of_line.append(fault)
-                self.plan(at_ns, partial(inject_line, fault, self._line, self.plan))
+    def _action(self, slave: Slave, fault: TimedFault) -> Callable[[int], None]:
+        """Return what a fault does, to its drive or to the line."""
+        if isinstance(fault, LineFault | HostFault):
+            return partial(inject_line, fault, self._line, self.plan)
+        return partial(inject, fault, slave, self.plan)
 
 
 def _drawn(seed: int | str, node: int) -> DriveSettings:

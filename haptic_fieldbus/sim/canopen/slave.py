@@ -12,6 +12,7 @@ from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.model.options import node_options
 from haptic_fieldbus.sim.canopen.model.quirks import install_quirks, with_quirks
 from haptic_fieldbus.sim.canopen.node import Node
+from haptic_fieldbus.sim.canopen.services.emergency import DRIVE
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from haptic_fieldbus.sim.hand import Hand
@@ -39,6 +40,7 @@ class Slave:
         dictionary = self.drive.dictionary
         self.node = Node(number, dictionary, self.drive, self._send, node_options(number, model, settings))
         self.not_taken_over = install_quirks(dictionary, model, number)
+        self.drive.units.follow()
         """Notes on the parts of a vendor's file that this drive cannot take over."""
 
     def duplicate(self) -> None:
@@ -80,12 +82,16 @@ class Slave:
     def error(self, code: int, t_ns: int) -> None:
         """Send an emergency message."""
         self.node.now_ns = t_ns
-        self.node.emergencies.raise_error(code)
+        self.node.emergencies.raise_error(code, DRIVE)
+
+    def persists(self) -> bool:
+        """Return whether the cause of an error of the drive is present."""
+        return self.node.emergencies.persists(DRIVE)
 
     def clear_errors(self, t_ns: int) -> None:
-        """Send *error reset* after a fault reset, unless an error of communication persists."""
+        """Send *error reset* after a fault reset, unless another error remains."""
         self.node.now_ns = t_ns
-        self.node.emergencies.clear_all()
+        self.node.emergencies.clear_all(DRIVE)
 
     def _send(self, frame: Frame) -> None:
         if self.node.now_ns >= self.silent_until_ns:

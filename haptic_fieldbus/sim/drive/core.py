@@ -1,10 +1,11 @@
 """A simulated CiA 402 drive: its automaton, and the actions of its power stage.
 
 Theory (CiA 402-2): in *operation enabled* the mode of operation determines the motion (see `operation`), in *quick stop
-active* and *fault reaction active* the slowing down. 6007h determines the reaction to a lost link, 605Ah to a quick
-stop, 605Eh to a fault. 605Bh and 605Ch determine whether *shutdown* and *disable operation* slow down first. If they
-do, the state stays *operation enabled* until the motor stands, without following commands, and *enable operation*
-cancels the stop. Every other state frees the shaft at once.
+active* and *fault reaction active* the slowing down. 6007h determines the reaction to a lost link, which is a fault
+only where torque could be made, 605Ah to a quick stop, 605Eh to a fault. 605Bh and 605Ch determine whether *shutdown*
+and *disable operation* slow down first. If they do, the state stays *operation enabled* until the motor stands, without
+following commands, and *enable operation* cancels the stop. Every other state frees the shaft at once. A fault cannot
+be reset while its cause is there.
 
 Safe torque off is no event of the standard's automaton. Here torque ends at once, as by *disable voltage*; *switch on
 disabled* is not left until safe torque off is closed; bit 3 of 60FDh (*interlock*) shows it. With `sto_error` in the
@@ -49,10 +50,11 @@ _SLOW_DOWN = 1
 # Numbers of the transitions that 605Ch and 605Bh may defer.
 _DISABLE_OPERATION, _SHUTDOWN = 5, 8
 _ENERGISED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+_UNDER_POWER = (*_ENERGISED, State.FAULT_REACTION_ACTIVE)
 _INTERLOCK = 1 << 3
 """Bit 3 of 60FDh."""
-LINK_LOST, FOLLOWING_ERROR = 0x8130, 0x8611
-"""Error codes in 603Fh."""
+FOLLOWING_ERROR = 0x8611
+"""Error code in 603Fh."""
 
 # CiA 402-2, 6007h: reaction to a lost link by option code; 0 is no action.
 _LINK_LOSS = {1: Cause.FAULT, 2: Cause.DISABLE_VOLTAGE, 3: Cause.QUICK_STOP}
@@ -63,6 +65,9 @@ class DriveLink(Protocol):
 
     def error(self, code: int, t_ns: int) -> None:
         """Report an error that the drive has detected."""
+
+    def persists(self) -> bool:
+        """Return whether something outside of the drive is still wrong that has put it into *fault*."""
 
     def clear_errors(self, t_ns: int) -> None:
         """Report that a fault was reset."""
@@ -83,7 +88,9 @@ class Drive:
         """Build the drive at `t_ns`, without voltage yet; `restart` is its power-on."""
         self.settings = settings
         self.on_enabled: Callable[[int], None] = lambda _t_ns: None
-        """Called once, with the time of the first *operation enabled*."""
+        """Called with the time of each *operation enabled*."""
+        self.on_freed: Callable[[int], None] = lambda _t_ns: None
+        """Called with the time at which torque ends because the power stage is switched off."""
         # The order below is that of dependence: objects need the dictionary, units the objects, the stage all of them.
         self.power = PowerAutomaton()
         self.dictionary = Dictionary()
@@ -110,7 +117,9 @@ class Drive:
             self.stage, self.objects, modes, self.event_period_ns, settings.mode_change_ns, self._show_status
         )
         self._link = link
-        self._enabled_once = False
+        self._sto_fault = False
+        """Whether safe torque off was a fault the last time that it was opened."""
+        self.power.has_fault = lambda: (self._sto_fault and self.power.locked) or link.persists()
         self._state = self.power.state
         self._controlword = self.objects.controlword
         self._word = -1
@@ -133,7 +142,8 @@ class Drive:
         if not open_:
             return
         # Before *disable voltage*, after which the state no longer shows that torque was made.
-        if self.settings.sto_error and self._state in _ENERGISED:
+        self._sto_fault = self.settings.sto_error != 0 and self._state in _ENERGISED
+        if self._sto_fault:
             self.fault(self.settings.sto_error, t_ns)
         self.power.event(
             Cause.REACTION_COMPLETE if self._state is State.FAULT_REACTION_ACTIVE else Cause.DISABLE_VOLTAGE
@@ -173,11 +183,13 @@ class Drive:
             self._command(word, t_ns)
         self.operation.act(t_ns)
 
-    def link_lost(self, t_ns: int) -> None:
-        """React to a lost link as 6007h requires."""
+    def link_lost(self, code: int, t_ns: int) -> None:
+        """React to a lost link as 6007h requires; `code` is its error code, if it is a fault."""
         cause = _LINK_LOSS.get(self.objects.abort_connection_option.value)
         if cause is Cause.FAULT:
-            self._fail(LINK_LOST, t_ns)
+            # A link that ends while no torque can be made is no fault: nothing was aborted.
+            if self._state in _ENERGISED:
+                self.fault(code, t_ns)
         elif cause is not None:
             self.power.event(cause)
             self._follow(t_ns)
@@ -245,7 +257,7 @@ class Drive:
         # The same controlword may have another meaning in the new state.
         self._word, self._leaving = -1, False
         if state is State.OPERATION_ENABLED:
-            self._first_enabled(t_ns)
+            self._start(t_ns, before)
             self.operation.enable(t_ns)
         elif state is State.QUICK_STOP_ACTIVE:
             self._slow_down(self.objects.row(0x605A).value, t_ns)
@@ -255,16 +267,19 @@ class Drive:
             self._slow_down(self.objects.fault_reaction_option.value if can_brake else _DISABLE, t_ns)
         else:
             self.operation.disable(t_ns)
+            if before in _UNDER_POWER:
+                self.plant.rest_hand()
+                self.on_freed(t_ns)
             if before is State.FAULT:
                 self.objects.error_code.value = 0
                 self._link.clear_errors(t_ns)
         self._show_status()
 
-    def _first_enabled(self, t_ns: int) -> None:
+    def _start(self, t_ns: int, before: State) -> None:
+        """Start what counts from *operation enabled*, unless a quick stop was only interrupted."""
         # Bring the plant to this instant, at which the modes start from its speed and angle.
         self.servo.advance(t_ns)
-        if not self._enabled_once:
-            self._enabled_once = True
+        if before is not State.QUICK_STOP_ACTIVE:
             self.plant.start_hand()
             self.on_enabled(t_ns)
 

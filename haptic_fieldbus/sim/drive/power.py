@@ -3,12 +3,13 @@
 Theory (CiA 402-2, 8.2): bits 0, 1, 2, 3 and 7 of the controlword form a command. A command or an event makes a numbered
 transition where the table has one from the present state; otherwise it has no effect. Transitions 0 and 1 follow by
 themselves at power-on, 13 from any state on a fault, 14 when the fault reaction is complete, 12 also when a quick stop
-is complete. *Switch on and enable operation* from *ready to switch on* makes 3 and then 4. A transition that an option
+is complete. A fault reset makes 15 only when no cause of the fault is present any more; it asks for a new rising edge
+then. *Switch on and enable operation* from *ready to switch on* makes 3 and then 4. A transition that an option
 code defers until the motor stands (5 by 605Ch, 8 by 605Bh) is held, and made by `complete`. While the power stage is
 locked (safe torque off), *switch on disabled* is not left. Only `_make` changes the state.
 """
 
-from collections.abc import Container
+from collections.abc import Callable, Container
 from dataclasses import dataclass
 from enum import Enum
 
@@ -125,6 +126,8 @@ class PowerAutomaton:
         """Whether 605Ah allows transition 16."""
         self.locked = False
         """Whether the power stage cannot be switched on: transition 2 is not made."""
+        self.has_fault: Callable[[], bool] = lambda: False
+        """Whether a cause of a fault is present, so that transition 15 is not made."""
         self.deferred: Container[int] = ()
         """Numbers of the transitions that a controlword only announces; `complete` makes them."""
         self.held: Transition | None = None
@@ -171,7 +174,11 @@ class PowerAutomaton:
         return self._make(transition)
 
     def _allowed(self, number: int) -> bool:
-        return not (number == 16 and not self.stays_in_quick_stop) and not (number == 2 and self.locked)
+        if number == 2:
+            return not self.locked
+        if number == 15:
+            return not self.has_fault()
+        return number != 16 or self.stays_in_quick_stop
 
     def _make(self, transition: Transition) -> tuple[int, ...]:
         self.held = None

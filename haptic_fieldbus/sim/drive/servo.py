@@ -89,8 +89,12 @@ class Servo:
         self.encoder_factor *= factor
 
     def impair(self, largest: float, sign: float = 1.0) -> None:
-        """Let the current loop reach no more than `largest` [N·m], and the motor turn by `sign` of what it should."""
-        self._largest, self.torque_sign, self._sound = largest, sign, False
+        """Let the current loop reach no more than `largest` [N·m], and the motor turn by `sign` of what it should.
+
+        What is broken already stays broken: a second fault mends nothing of the first.
+        """
+        self._largest, self.torque_sign = min(self._largest, largest), min(self.torque_sign, sign)
+        self._sound = False
         self.plant.set_target(self._made(self._target))
 
     def _made(self, torque: float) -> float:

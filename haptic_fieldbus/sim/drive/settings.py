@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from haptic_fieldbus.drive.cia402 import Cia402Profile
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis, RotaryMechanism, default_axis
-from haptic_fieldbus.drive.units import COUNTS_PER_SECOND, velocity_step
+from haptic_fieldbus.drive.units import COUNTS, COUNTS_PER_SECOND, steps_per_revolution, velocity_step
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.object_table import Defaults
 from haptic_fieldbus.sim.drive.objects import Objects
@@ -53,6 +53,8 @@ class DriveSettings:
     """Shaft angle at power-on [rad]."""
     velocity: float = 0.0
     """Shaft speed at power-on [rad/s]."""
+    velocity_unit: str | None = None
+    """Unit of velocity after power-on, None: that of the profile."""
 
 
 def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
@@ -96,12 +98,14 @@ def build_gains(profile: Cia402Profile, axis: RigAxis, tick: float) -> Gains:
 def build_units(profile: Cia402Profile, axis: RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
     """Return the factor group of this drive, with its own unit of velocity if the profile names one."""
     counts_per_radian = axis.encoder_counts_per_revolution / (2 * math.pi)
-    unit = _velocity_unit(profile)
+    unit = _velocity_unit(profile, DriveSettings())
     own = velocity_step(unit, axis.encoder_counts_per_revolution) if unit != COUNTS_PER_SECOND else None
     return Units(counts_per_radian, objects.table, dictionary, own)
 
 
-def _velocity_unit(profile: Cia402Profile) -> str:
+def _velocity_unit(profile: Cia402Profile, settings: DriveSettings) -> str:
+    if settings.velocity_unit is not None:
+        return settings.velocity_unit
     return profile.velocity.actual.unit if profile.velocity is not None else COUNTS_PER_SECOND
 
 
@@ -113,14 +117,14 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     """
     inertia, _, rated = known_mechanics(axis)
     counts = axis.encoder_counts_per_revolution
-    acceleration = 0.5 * rated / inertia * counts / (2 * math.pi)
-    in_counts = 2 * math.pi / counts / velocity_step(_velocity_unit(profile), counts)
+    acceleration = 0.5 * rated / inertia
+    steps = steps_per_revolution(profile.position.actual.unit if profile.position is not None else COUNTS, counts)
     return Defaults(
         max_torque_permille=settings.max_torque_permille,
         rated_current_ma=round(settings.rated_current * 1e3),
         counts_per_revolution=counts,
-        velocity=_whole(_RAMP * acceleration * in_counts),
-        acceleration=_whole(acceleration),
+        velocity=_whole(_RAMP * acceleration / velocity_step(_velocity_unit(profile, settings), counts)),
+        acceleration=_whole(acceleration * steps / (2 * math.pi)),
     )
 
 

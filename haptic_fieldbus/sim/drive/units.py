@@ -1,16 +1,18 @@
 """The factor group: conversion between encoder counts, position and velocity units, and the shaft in SI.
 
-Theory (CiA 402-2, 607Eh, 608Fh, 6091h, 6092h). Position [position units] = counts · feed constant / (encoder resolution
-· gear ratio). A velocity unit is one position unit a second, or the drive's own unit whatever the factors (60A9h, r/min
-and parts of it). An acceleration unit is a position unit per second squared. Bit 7 of the polarity reverses positions,
-bit 6 velocities. In a drive without feed constant, positions are counts at the driving shaft: the feed constant is its
-encoder resolution.
+Theory (CiA 402-2, 607Eh, 608Fh, 6091h, 6092h, 60A8h, 60A9h). Position [position units] = counts · feed constant /
+(encoder resolution · gear ratio). A velocity unit is one position unit a second, or the drive's own unit whatever the
+factors. A drive that has 60A8h or 60A9h counts in the units that these name: where 60A8h is an angle, the feed constant
+is the number of its units in a revolution; 60A9h is of the motor. An acceleration unit is a position unit per second
+squared. Bit 7 of the polarity reverses positions, bit 6 velocities. In a drive without feed constant, positions are
+counts at the driving shaft: the feed constant is its encoder resolution.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from fractions import Fraction
 
-from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Dictionary, Entry, Refused
 
 WRAP, HALF = 1 << 32, 1 << 31
 """Of a position, which turns over."""
@@ -19,6 +21,34 @@ _LOWEST, _HIGHEST = -0x8000_0000, 0x7FFF_FFFF
 _POSITION_POLARITY, _VELOCITY_POLARITY = 0x80, 0x40
 
 _RESOLUTION, _GEAR, _FEED = 0x608F, 0x6091, 0x6092
+_POSITION_UNIT, _VELOCITY_UNIT = 0x60A8, 0x60A9
+# CiA 303-2: notation of units. Numerators that are angles, as revolutions; denominators, as seconds.
+_COUNTS = 0xB5
+_REVOLUTIONS = {0xB4: Fraction(1), 0x41: Fraction(1, 360), 0x10: Fraction(1 / (2 * math.pi))}
+_SECONDS = {0x03: 1, 0x47: 60}
+
+
+def revolutions_of(code: int) -> Fraction | None:
+    """Return the unit of a position [rev] that a value of 60A8h names; None for counts, and for no known unit."""
+    numerator = _REVOLUTIONS.get(code >> 16 & 0xFF)
+    return None if numerator is None or code & 0xFFFF else numerator * _power_of_ten(code)
+
+
+def velocity_of(code: int, counts_per_radian: float) -> float | None:
+    """Return the unit of a velocity [rad/s of the motor] that a value of 60A9h names; None for no known unit."""
+    numerator, seconds = code >> 16 & 0xFF, _SECONDS.get(code >> 8 & 0xFF)
+    if seconds is None or code & 0xFF:
+        return None
+    if numerator == _COUNTS:
+        return float(_power_of_ten(code)) / counts_per_radian / seconds
+    angle = _REVOLUTIONS.get(numerator)
+    return None if angle is None else float(angle * _power_of_ten(code)) * 2 * math.pi / seconds
+
+
+def _power_of_ten(code: int) -> Fraction:
+    """Return the prefix of a unit, which is the exponent of ten as an INTEGER8."""
+    exponent = code >> 24 & 0xFF
+    return Fraction(10) ** (exponent - 256 if exponent > 127 else exponent)
 
 
 def fit(value: float) -> int:
@@ -55,6 +85,18 @@ class Units:
         self._dictionary = dictionary
         self.update()
 
+    def follow(self) -> None:
+        """Take over 60A8h and 60A9h from now on, of a dictionary that has them; they refuse unknown units then."""
+        known: dict[int, Callable[[int], bool]] = {
+            _POSITION_UNIT: lambda code: code == _COUNTS << 16 or revolutions_of(code) is not None,
+            _VELOCITY_UNIT: lambda code: velocity_of(code, self.counts_per_radian) is not None,
+        }
+        for index, accepts in known.items():
+            if index in self._dictionary:
+                entry = self._dictionary.find(index)
+                entry.accept, entry.changed = _only(accepts), self.update
+        self.update()
+
     def update(self) -> None:
         """Take over the values of the objects; a factor of 0 counts as 1."""
         feed_constant = self._feed if _FEED in self._dictionary else self._resolution
@@ -62,12 +104,17 @@ class Units:
             (pair[0].value or 1, pair[1].value or 1) for pair in (self._resolution, self._gear, feed_constant)
         )
         polarity = self._polarity.value
+        unit = revolutions_of(self._dictionary.value(_POSITION_UNIT) & 0xFFFF_FFFF)
+        if unit is not None:
+            feed, per = unit.denominator, unit.numerator
         self._numerator = feed * turns * shaft * (-1 if polarity & _POSITION_POLARITY else 1)
         self._denominator = per * counts * motor
         self.plain = self._numerator == self._denominator
         per_radian = self._numerator / self._denominator * self.counts_per_radian
         self.angle = 1 / per_radian
-        self.speed = math.copysign(self._velocity_unit or self.angle, -1 if polarity & _VELOCITY_POLARITY else 1)
+        own = velocity_of(self._dictionary.value(_VELOCITY_UNIT) & 0xFFFF_FFFF, self.counts_per_radian)
+        own = own or self._velocity_unit
+        self.speed = math.copysign(own or self.angle, -1 if polarity & _VELOCITY_POLARITY else 1)
 
     def position(self, counts: int) -> int:
         """Return counts as position units, rounded and wrapped to 32 bits."""
@@ -82,3 +129,11 @@ class Units:
     def velocity(self, speed: float) -> int:
         """Return a speed of the shaft [rad/s] in velocity units, bounded to an INTEGER32."""
         return fit(speed / self.speed)
+
+
+def _only(known: Callable[[int], bool]) -> Callable[[int], None]:
+    def accept(code: int) -> None:
+        if not known(code & 0xFFFF_FFFF):
+            raise Refused(AbortCode.INVALID_VALUE)
+
+    return accept

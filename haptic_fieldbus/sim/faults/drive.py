@@ -20,12 +20,16 @@ class Emergency(Concern):
 
 @dataclass(frozen=True)
 class DriveFault(Concern):
-    """A fault that the drive detects: emergency message, fault reaction, *fault*."""
+    """A fault that the drive detects: emergency message, fault reaction, *fault*.
+
+    Its cause lasts for `duration` [s], for which the fault cannot be reset; 0: for an instant.
+    """
 
     kind: Literal["drive_fault"]
     at: NonNegativeTime
     # 2310h: continuous over current.
     code: ErrorCode = 0x2310
+    duration: NonNegativeTime | None = 0.0
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 
 from haptic_fieldbus.sim.hand import Grip, Piece
-from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, SPEED, STRETCH, TARGET, TORQUE, State
+from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, HAND_SPEED, SPEED, STRETCH, TARGET, TORQUE, State
 from haptic_fieldbus.sim.mechanics.trajectory import Recorder
 
 
@@ -26,6 +26,8 @@ class Body(ABC):
         self.state = state
         self.recorder = Recorder(recorded)
         self._agenda: deque[tuple[int, Piece | None]] = deque()
+        self._hand: Grip | None = None
+        """The hand that has let go; None while none has."""
 
     @property
     def position(self) -> float:
@@ -50,7 +52,12 @@ class Body(ABC):
             self._continue((*self.state[:TARGET], torque, *self.state[TARGET + 1 :]))
 
     def start_hand(self) -> None:
-        """Start the hand's clock now; without a hand, do nothing."""
+        """Start the hand's clock now, at its beginning; a hand that has let go takes hold again."""
+        self._agenda.clear()
+        if self._grip is None and self._hand is not None:
+            # At the place of the handle, and as fast as it.
+            self.state = (*self.state[:STRETCH], 0.0, self.velocity, 0.0, 0.0, *self.state[TARGET:])
+            self._hold(self._hand)
         if self._grip is not None:
             release = self._grip.release
             # A hand that has let go is gone: the pieces after that never begin.
@@ -60,6 +67,16 @@ class Body(ABC):
                 self._agenda.append((self.t_ns + round(release * 1e9), None))
             # A piece at 0 s begins at once.
             self.advance(self.t_ns)
+
+    def rest_hand(self) -> None:
+        """Let the hand come to a halt until it is started again: it still holds the handle, without a force of its own.
+
+        Its mass may be that of a hand that nothing deflects, which would go on by itself.
+        """
+        self._agenda.clear()
+        if self._grip is not None and any(self.state[HAND_SPEED:TARGET]):
+            self.state = (*self.state[:HAND_SPEED], 0.0, 0.0, 0.0, *self.state[TARGET:])
+            self._hold(self._grip)
 
     def advance(self, t_ns: int) -> None:
         """Move to `t_ns`, which must not be before the body's own time."""
@@ -74,6 +91,7 @@ class Body(ABC):
         if piece is not None:
             self._continue((*self.state[:FORCE], piece.force, piece.slope, *self.state[TARGET:]))
         else:
+            self._hand = self._grip
             self.state = (*self.state[:STRETCH], 0.0, 0.0, 0.0, 0.0, *self.state[TARGET:])
             self._hold(None)
 

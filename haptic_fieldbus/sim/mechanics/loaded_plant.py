@@ -45,6 +45,7 @@ class LoadedPlant(Body):
         state = (position, velocity, 0.0, 0.0, velocity if grip else 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, behind)
         self._load = load
         self._torques = Torques(load)
+        self._legs: dict[tuple[bool, bool, int, int], Leg] = {}
         super().__init__(t_ns, state, ORDER + TERMS * len(self._torques.rows))
         self._flank = 0 if load.half_play else 1
         self._parting = 0
@@ -57,7 +58,6 @@ class LoadedPlant(Body):
 
     def _hold(self, grip: Grip | None) -> None:
         self._grip = grip
-        self._legs: dict[tuple[bool, int, int], Leg] = {}
         self._pull = {flank: self._load.pull(grip, flank) for flank in (-1, 0, 1)}
         self._fewest = self._fewest_halvings()
         speed = self.state[SPEED]
@@ -118,7 +118,7 @@ class LoadedPlant(Body):
 
     def _leg_of(self, halvings: int) -> Leg:
         sticking = self._direction == 0
-        key = (sticking, self._flank, halvings)
+        key = (self._grip is not None, sticking, self._flank, halvings)
         leg = self._legs.get(key)
         if leg is None:
             load, flank = self._load, self._flank

@@ -48,13 +48,17 @@ class Plant(Body):
         self._coulomb = shaft.coulomb
         self._threshold = shaft.coulomb * _BREAKAWAY
         self._longest_ns = MAX_STEP_NS if shaft.coulomb > 0 else NEVER_NS
+        self._motions: dict[bool, tuple[Motion, Motion]] = {}
+        """Slipping and sticking, by whether a hand holds the handle."""
         self._hold(grip)
 
     def _hold(self, grip: Grip | None) -> None:
         self._grip = grip
         self._stiffness, self._damping = (grip.stiffness, grip.damping) if grip is not None else (0.0, 0.0)
-        self._slipping = Motion(self._shaft, grip, sticking=False)
-        self._sticking = Motion(self._shaft, grip, sticking=True)
+        held = grip is not None
+        if held not in self._motions:
+            self._motions[held] = (Motion(self._shaft, grip, sticking=False), Motion(self._shaft, grip, sticking=True))
+        self._slipping, self._sticking = self._motions[held]
         speed = self.state[SPEED]
         if speed == 0.0:
             self._from_rest()

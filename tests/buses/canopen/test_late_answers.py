@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from haptic_fieldbus.planning.image import AXIS_HEADER
+from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.signals import LinkFlag
 from tests.buses.canopen.benches import TPDO, Bench
 
@@ -97,3 +97,19 @@ def test_answers_that_take_another_time_from_now_on_are_taken_after_some_periods
     flags = [drive.period([(600_000, 0)])[0] for _ in range(30)]
     assert flags[:4] == [LinkFlag.STALE] * 3 + [LinkFlag(0)]
     assert set(flags[4:]) == {LinkFlag(0)}
+
+
+def test_what_an_earlier_exchange_left_in_the_image_is_no_state_of_the_drive() -> None:
+    """After the proof of a guard, whose last state was operation enabled; the first answer of the run stays away."""
+    bench = Bench().open()
+    assert bench.bus.read(bench.clock.now_ns() + 800_000)[bench.plan.image.axes[0].inputs[0] :] != bytes(8)
+    bench.bus.stop()
+    bench.bus.configure(bench.plan)
+    bench.bus.start()
+    bench.drive.mute_tpdos = True
+    image = bench.bus.read(bench.clock.now_ns() + 800_000)
+    places = bench.plan.image.axes[0]
+    assert set(image[places.inputs[0] : sum(places.inputs)]) == {0}
+    age_ns, flags, _ = AXIS_HEADER.unpack_from(image, places.header)
+    assert age_ns == LARGEST_AGE_NS
+    assert LinkFlag.STALE in LinkFlag(flags)

@@ -23,18 +23,25 @@ def _state(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
-def half_plan(*, raised: bool = False, real: bool = False) -> Plan:
-    """A wall on an axis that may use half of the rated torque."""
-    effort = 0.5 * plan_of().axes[0].rated_effort
+def half_plan(*, raised: bool = False, real: bool = False, wanted: float = 0.5) -> Plan:
+    """A wall on an axis that may use half of the rated torque, or another share."""
+    effort = wanted * plan_of().axes[0].rated_effort
     rig = rig_of(WALL, limits=Limits(effort=effort), raise_max_torque=raised)
     if real:
         rig = replace(rig, bus={"bus": CanSection("socketcan", "can0")})
     return plan_of(rig=rig)
 
 
-def bench_of(held: int, *, raised: bool = False, real: bool = False, entry: tuple[int, int] = MAX_TORQUE) -> Bench:
+def bench_of(
+    held: int,
+    *,
+    raised: bool = False,
+    real: bool = False,
+    wanted: float = 0.5,
+    entry: tuple[int, int] = MAX_TORQUE,
+) -> Bench:
     """A bench whose drive holds a limit [‰ of rated torque]."""
-    bench = Bench(half_plan(raised=raised, real=real))
+    bench = Bench(half_plan(raised=raised, real=real, wanted=wanted))
     bench.drive.objects[entry] = held.to_bytes(2, "little")
     return bench
 
@@ -85,6 +92,22 @@ def test_a_limit_that_cannot_be_lowered_is_a_warning_and_one_that_cannot_be_rais
     assert low.drive.value(*MAX_TORQUE) == 100
 
 
+def test_a_limit_that_the_drive_sets_to_another_value_is_put_back_all_the_same() -> None:
+    """It rounds what it is given, or has a floor."""
+    bench = bench_of(3000)
+    store = bench.drive._store
+
+    def floored(key: tuple[int, int], data: bytes) -> None:
+        store(key, (600).to_bytes(2, "little") if key == MAX_TORQUE and data != (3000).to_bytes(2, "little") else data)
+
+    bench.drive._store = floored  # type: ignore[method-assign]
+    bench.open()
+    assert "only the loop holds that of the axis" in bench.bus.warnings[0]
+    assert bench.drive.value(*MAX_TORQUE) == 600
+    assert bench.bus.stop() is True
+    assert bench.drive.value(*MAX_TORQUE) == 3000
+
+
 def test_a_limit_that_the_drive_does_not_keep_is_found_by_reading_back() -> None:
     bench = bench_of(100, raised=True)
     bench.drive.forgets.add(MAX_TORQUE)
@@ -126,6 +149,27 @@ class TestKilled:
         bench_of(100, raised=True, real=True).open()
         with pytest.raises(BusConfigurationError, match="6072h:00 max torque is 100 ‰"):
             bench_of(HALF, real=True).open()
+
+    def test_a_raised_limit_that_was_left_is_told_where_it_is_refused(self) -> None:
+        bench_of(100, raised=True, real=True).open()
+        with pytest.raises(BusConfigurationError, match=r"is 100 ‰.*a run that did not end in order left it at 500 ‰"):
+            bench_of(HALF, real=True).open()
+
+    def test_a_second_run_that_is_killed_before_it_writes_forgets_nothing(self, tmp_path: Path) -> None:
+        """It wants another limit, has noted it, and the drive still holds what the first run left."""
+        bench_of(3000, real=True).open()
+        second = bench_of(HALF, real=True, wanted=0.4)
+        second.drive.forgets.add(MAX_TORQUE)
+        second.open()
+        after = bench_of(HALF, real=True).open()
+        after.bus.stop()
+        assert (after.drive.value(*MAX_TORQUE), notes(tmp_path)) == (3000, [])
+
+    def test_what_is_noted_of_a_value_that_is_there_no_more_is_dropped(self, tmp_path: Path) -> None:
+        """Somebody sets the drive to what an earlier run had, after a run that found it at another value."""
+        bench_of(3000, real=True).open()
+        bench_of(3000, real=True, wanted=3.0).open().bus.stop()
+        assert notes(tmp_path) == []
 
     def test_a_drive_that_was_switched_off_since_has_its_own_limit_again(self) -> None:
         bench_of(3000, real=True).open()

@@ -119,6 +119,15 @@ def test_a_drive_that_stays_enabled_keeps_its_guard_and_hears_nothing_of_us_any_
     assert bench.bus.warnings == ["node 1 (axis left) did not confirm that its motor is off"]
 
 
+def test_a_drive_in_a_state_that_nobody_knows_is_not_off() -> None:
+    """0067h: the bits of operation enabled, with that of switch on disabled."""
+    bench = TwoDrives()
+    bench.drives[0].power_stays = 0x67
+    assert bench.bus.stop() is False
+    assert bench.drives[0].value(*GUARD) != 0
+    assert bench.drives[1].value(*GUARD) == 0
+
+
 def test_a_drive_that_its_guard_has_disabled_is_confirmed() -> None:
     """It obeys nothing, and falls into *fault* when our heartbeat stays away."""
     bench = TwoDrives()
@@ -206,6 +215,18 @@ def test_a_bus_that_comes_back_meanwhile_still_frees_the_drives() -> None:
         pass
     assert bench.bus.leave() is True
     assert bench.states == [DISABLED, DISABLED]
+
+
+def test_a_bus_that_was_stopped_can_be_configured_again() -> None:
+    bench = TwoDrives()
+    assert bench.bus.stop() is True
+    bench.bus.configure(bench.plan)
+    bench.bus.start()
+    for controlword in (0x06, 0x07, 0x0F, 0x0F):
+        bench.bus.read(bench.clock.now_ns() + bench.plan.period_ns)
+        bench.bus.write(bytes((controlword, 0, 0, 0)) * 2)
+    assert bench.states == [ENABLED, ENABLED]
+    assert bench.bus.stop() is True
 
 
 def test_a_stop_that_was_interrupted_begins_anew() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import can
 import pytest
 
-from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire, frame
+from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from tests.buses.canopen.fake_can import FakeCan
 from tests.peers.hosts import GROUP, free_port, require_multicast
@@ -46,6 +46,11 @@ def test_a_flood_of_frames_ends_at_the_deadline() -> None:
     assert clock.now_ns() <= 60_000
 
 
+def frame(can_id: int, data: bytes = b"") -> can.Message:
+    """A frame of another program."""
+    return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+
+
 class Heard:
     """What reaches the handlers and the log of a wire."""
 
@@ -70,7 +75,7 @@ def test_our_own_frames_that_an_interface_gives_back_marked_are_not_heard(interf
         can.Bus(interface=interface, channel=channel) as theirs,
     ):
         heard = Heard(ours, MonotonicClock())
-        heard.wire.send(frame(0x080))
+        heard.wire.send(0x080)
         theirs.send(frame(0x77F, b"\x05"))
         heard.receive_for(0.1)
         assert heard.handled == [0x77F]
@@ -92,8 +97,8 @@ class TestUdpMulticast:
         with can.Bus(**options) as bus:
             heard = Heard(bus, MonotonicClock(), echoes=True)
             for _ in range(100):
-                heard.wire.send(frame(0x080))
-                heard.wire.send(frame(0x77F, b"\x05"))
+                heard.wire.send(0x080)
+                heard.wire.send(0x77F, b"\x05")
             heard.receive_for(0.3)
             assert heard.handled == []
             assert len(heard.logged) == 200
@@ -103,8 +108,8 @@ class TestUdpMulticast:
         with can.Bus(**options) as ours, can.Bus(**options) as theirs, can.Bus(**options) as plain:
             heard, others = (Heard(bus, MonotonicClock(), echoes=True) for bus in (ours, theirs))
             for _ in range(20):
-                heard.wire.send(frame(0x080))
-                others.wire.send(frame(0x080))
+                heard.wire.send(0x080)
+                others.wire.send(0x080)
                 plain.send(frame(0x080))
             heard.receive_for(0.3)
             assert heard.handled == [0x080] * 40
@@ -114,7 +119,7 @@ class TestUdpMulticast:
         with can.Bus(**options) as ours, can.Bus(**options) as theirs:
             heard = Heard(ours, MonotonicClock(), echoes=True)
             for _ in range(5000):
-                heard.wire.send(frame(0x080))
+                heard.wire.send(0x080)
             heard.receive_for(0.3)
             theirs.send(frame(0x080))
             heard.receive_for(0.3)

@@ -178,6 +178,23 @@ def test_vendors_name_units_of_velocity_that_are_known(name: str, unit: str) -> 
     assert velocity.actual.unit == unit
 
 
+@pytest.mark.parametrize(
+    ("code", "unit"), [(None, "counts"), (0, "counts"), (0x00B5_0000, "counts"), (0xFF41_0000, "0.1 deg")]
+)
+def test_the_position_is_in_the_unit_of_60a8h(code: int | None, unit: str) -> None:
+    eds = generic() if code is None else changed(generic(), 0x60A8, type=EdsType.UNSIGNED32, default=code)
+    profile = profile_from_eds(eds)
+    assert profile.position is not None
+    assert profile.position.actual.unit == unit
+    assert ("ASSUMED" in profile.sources["position.actual"]) is (not code)
+
+
+def test_a_position_in_another_unit_is_refused() -> None:
+    metres = changed(generic(), 0x60A8, type=EdsType.UNSIGNED32, default=0x0001_0000)
+    (refused,) = refusals(metres)
+    assert "60A8h SI unit position is 00010000h, expected 00B50000h (counts)" in refused
+
+
 @pytest.mark.parametrize("changes", [{"mappable": False}, {"type": EdsType.REAL32}])
 def test_an_actual_torque_that_cannot_be_sent_is_left_out(changes: dict[str, object]) -> None:
     assert profile_from_eds(changed(generic(), 0x6077, **changes)).torque.actual is None

@@ -219,7 +219,7 @@ class ToyBus(InSteps):
     drives: dict[int, ToyDrive]
     facts: dict[str, DriveFacts] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-    restarted: frozenset[str] = frozenset()
+    causes: dict[str, tuple[LinkFlag, int]] = field(default_factory=dict)
     fresh: bool = True
     latch_ns: int = 0
     plan: Plan | None = None

@@ -4,6 +4,7 @@ import pytest
 
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.link.frame import Frame
+from haptic_fieldbus.sim.canopen.services.emergency import DRIVE
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.sim.bench import MS, NODE, DriveBench, Refusal, profile
 
@@ -408,9 +409,9 @@ class TestErrorsThatOutlive:
         bench = DriveBench()
         for code in (0x3210, 0x8130):
             bench.node.emergencies.raise_error(code)
-        bench.node.emergencies.clear_all()
+        bench.node.emergencies.clear_all(DRIVE)
         assert bench.take(EMERGENCY)[-1] == bytes.fromhex("00 00 11 00 00 00 00 00")
-        bench.node.emergencies.clear_all()
+        bench.node.emergencies.clear_all(DRIVE)
         assert bench.take(EMERGENCY) == []
 
     def test_writing_the_life_time_while_the_master_is_lost_ends_the_error(self) -> None:

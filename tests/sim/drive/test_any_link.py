@@ -1,6 +1,6 @@
 """A simulated drive reached without any bus: its dictionary is written, its errors are told to the link."""
 
-from haptic_fieldbus.sim.drive.core import FOLLOWING_ERROR, LINK_LOST, Drive
+from haptic_fieldbus.sim.drive.core import FOLLOWING_ERROR, Drive
 from haptic_fieldbus.sim.drive.power import STATUS_BITS, State
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.sim.bench import MS, axis, profile
@@ -14,11 +14,15 @@ class Told:
 
     def __init__(self) -> None:
         self.errors: list[tuple[int | None, int]] = []
+        self.persisting = False
         self.drive = Drive(profile(), axis(), self, None, DriveSettings())
         self.drive.restart(0)
 
     def error(self, code: int, t_ns: int) -> None:
         self.errors.append((code, t_ns))
+
+    def persists(self) -> bool:
+        return self.persisting
 
     def clear_errors(self, t_ns: int) -> None:
         self.errors.append((None, t_ns))
@@ -60,8 +64,25 @@ def test_a_fault_and_its_reset_are_told_with_their_times() -> None:
     assert told.errors == [(FOLLOWING_ERROR, 3 * MS), (None, 2000 * MS)]
 
 
-def test_a_lost_link_is_a_fault_that_the_link_itself_knows_of() -> None:
-    told = Told().enabled()
-    told.drive.link_lost(4 * MS)
-    assert told.drive.dictionary.value(0x603F) == LINK_LOST
+def test_a_lost_link_is_a_fault_of_this_code_where_torque_could_be_made() -> None:
+    told = Told()
+    told.drive.link_lost(0x8130, 3 * MS)
     assert told.errors == []
+    assert told.state is State.SWITCH_ON_DISABLED
+    told.enabled().drive.link_lost(0x8130, 4 * MS)
+    assert told.drive.dictionary.value(0x603F) == 0x8130
+    assert told.errors == [(0x8130, 4 * MS)]
+
+
+def test_a_fault_stays_while_its_cause_does_and_then_asks_for_a_new_edge() -> None:
+    told = Told().enabled()
+    told.drive.objects.fault_reaction_option.value = 0
+    told.drive.fault(0x4310, 3 * MS)
+    told.persisting = True
+    states = []
+    for number, (controlword, persisting) in enumerate([(RESET, True), (RESET, False), (0, False), (RESET, False)]):
+        told.persisting = persisting
+        told.write(0x6040, controlword, (4 + number) * MS)
+        states.append(told.state)
+    assert states == [*[State.FAULT] * 3, State.SWITCH_ON_DISABLED]
+    assert told.errors == [(0x4310, 3 * MS), (None, 7 * MS)]

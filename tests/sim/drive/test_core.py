@@ -436,18 +436,58 @@ class TestLinkLoss:
 
 
 class TestHandsClock:
-    """The hand starts with the first operation enabled."""
+    """The hand starts with each operation enabled, and rests while the drive is off."""
 
-    def test_the_first_time_is_told_once(self) -> None:
+    def test_each_time_is_told_and_each_end(self) -> None:
         bench = DriveBench()
-        told: list[int] = []
-        bench.drive.on_enabled = told.append
+        told: list[tuple[str, int]] = []
+        bench.drive.on_enabled = lambda t_ns: told.append(("enabled", t_ns))
+        bench.drive.on_freed = lambda t_ns: told.append(("freed", t_ns))
         bench.run(7 * MS)
         bench.enable()
+        bench.run(2 * MS)
+        bench.control(VOLTAGE_OFF)
+        bench.run(1 * MS)
         bench.control(SHUTDOWN)
         bench.control(ENABLE)
         assert bench.status() & 0x6F == 0x27
-        assert told == [7 * MS]
+        assert told == [("enabled", 7 * MS), ("freed", 9 * MS), ("enabled", 10 * MS)]
+
+    def test_a_quick_stop_that_is_taken_back_starts_nothing_anew(self) -> None:
+        bench = DriveBench()
+        told: list[int] = []
+        assert bench.write(0x605A, 0, 6, "h") is None
+        bench.enable()
+        bench.drive.on_enabled = bench.drive.on_freed = told.append
+        bench.control(QUICK_STOP)
+        assert bench.status() & 0x6F == 0x07
+        bench.control(ENABLE)
+        assert bench.status() & 0x6F == 0x27
+        assert told == []
+
+    @pytest.mark.parametrize("name", [name for name, hand in HANDS.items() if hand is not None])
+    def test_a_hand_rests_while_the_drive_is_off_and_does_the_same_again(self, name: str) -> None:
+        """What a hand does in 2.5 s is what it does in the next 2.5 s, and nothing moves by itself meanwhile."""
+        bench = DriveBench(hand=HANDS[name])
+        bench.operational()
+        forces = []
+        for _ in range(2):
+            for controlword in (SHUTDOWN, ENABLE):
+                bench.control(controlword)
+            start_ns = bench.t_ns
+            bench.run(2500 * MS)
+            bench.control(VOLTAGE_OFF)
+            trajectory = Trajectory(bench.drive.plant.recorder, bench.t_ns)
+            forces.append(trajectory.hand_force(start_ns + np.arange(0, 2499, 7) * MS))
+            bench.run(3000 * MS)
+            bench.drive.measure(bench.t_ns)
+            place = bench.drive.plant.position
+            bench.run(1000 * MS)
+            bench.drive.measure(bench.t_ns)
+            assert bench.drive.plant.position == place
+            assert bench.drive.plant.velocity == 0.0
+        assert np.abs(forces[0]).max() > 0.0
+        assert forces[1] == pytest.approx(forces[0], abs=1e-12)
 
     def test_the_hand_pushes_from_then_on(self) -> None:
         bench = DriveBench(hand=HANDS["push"])

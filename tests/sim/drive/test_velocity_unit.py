@@ -1,4 +1,4 @@
-"""A simulated drive whose profile names a unit of velocity, and one that offers velocity only."""
+"""A simulated drive whose profile or file names units of position and velocity, and one that offers velocity only."""
 
 import math
 from dataclasses import replace
@@ -7,9 +7,12 @@ import pytest
 
 from haptic_fieldbus.drive.cia402 import MappedObject, VelocitySection
 from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.eds import EdsType
+from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.sim.drive.settings import DriveSettings
-from tests.sim.bench import MS, DriveBench, axis, profile
+from tests.eds.sheets import changed, generic
+from tests.sim.bench import MS, DriveBench, Refusal, axis, profile
 from tests.sim.drive.sentences import read
 
 PROFILE_VELOCITY, ENABLE = 3, (0x06, 0x07, 0x0F)
@@ -63,3 +66,58 @@ def test_a_drive_that_offers_velocity_only_shows_no_position() -> None:
 def test_its_second_tpdo_carries_the_velocity_after_power_on() -> None:
     bench = turning("rpm", 0.0, position=False)
     assert [bench.read(0x1A01, subindex) for subindex in (1, 2)] == [0x6041_0010, 0x606C_0020]
+
+
+def of_a_file(speed: float = 0.0, **codes: int) -> DriveBench:
+    """The drive of a vendor's file with these values of 60A8h (`position`) and 60A9h (`velocity`)."""
+    eds = generic()
+    for name, code in codes.items():
+        eds = changed(eds, {"position": 0x60A8, "velocity": 0x60A9}[name], type=EdsType.UNSIGNED32, default=code)
+    free = axis(viscous_damping=0.0, coulomb_friction=0.0)
+    return DriveBench(profile_from_eds(eds), free, settings=DriveSettings(velocity=speed))
+
+
+class TestUnitsOfAFile:
+    """60A8h and 60A9h by the notation of CiA 303-2: prefix, numerator, denominator, 0."""
+
+    @pytest.mark.parametrize(
+        ("code", "per_turn"),
+        [
+            (0x00B4_4700, 60.0),
+            (0xFDB4_4700, 60_000.0),
+            (0x00B4_0300, 1.0),
+            (0xFD10_0300, 2000.0 * math.pi),
+            (0x00B5_0300, 4096.0),
+            (0x0000_3131, 4096.0),
+        ],
+        ids=["r/min", "0.001 r/min", "r/s", "mrad/s", "counts/s", "unknown"],
+    )
+    def test_606ch_is_in_the_unit_of_60a9h(self, code: int, per_turn: float) -> None:
+        assert read(of_a_file(2 * math.pi * -7.3, velocity=code), 0x606C) == round(-7.3 * per_turn)
+
+    def test_60a9h_can_be_written_and_unknown_units_are_refused(self) -> None:
+        bench = of_a_file(4 * math.pi, velocity=0x00B4_4700)
+        assert bench.write(0x60A9, 0, 0xFFB4_4700, "I") is None
+        assert read(bench, 0x606C) == 1200
+        assert bench.write(0x60A9, 0, 0x0001_0300, "I") == Refusal(0x0609_0030)
+        assert read(bench, 0x606C) == 1200
+
+    @pytest.mark.parametrize(("code", "per_turn"), [(0xFF41_0000, 3600), (0x00B5_0000, 4096), (0, 4096)])
+    def test_6064h_is_in_the_unit_of_60a8h(self, code: int, per_turn: int) -> None:
+        bench = of_a_file(2 * math.pi * 2.0, position=code)
+        bench.run(1000 * MS)
+        assert read(bench, 0x6064) == pytest.approx(2 * per_turn, abs=1)
+
+    def test_the_profile_velocity_after_power_on_is_the_same_speed_in_any_unit(self) -> None:
+        turns = read(of_a_file(velocity=0x00B4_4700), 0x6081) / 60
+        assert turns == pytest.approx(read(of_a_file(velocity=0x00B5_0300), 0x6081) / 4096, rel=0.01)
+
+    def test_a_target_velocity_is_in_the_unit_of_60a9h(self) -> None:
+        bench = of_a_file(velocity=0x00B4_4700)
+        bench.operational()
+        assert bench.write(0x6060, 0, PROFILE_VELOCITY, "b") is None
+        assert bench.write(0x60FF, 0, 120, "i") is None
+        for word in ENABLE:
+            assert bench.write(0x6040, 0, word, "H") is None
+        bench.run(1000 * MS)
+        assert bench.drive.plant.velocity == pytest.approx(4 * math.pi, rel=0.01)

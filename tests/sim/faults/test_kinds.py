@@ -178,6 +178,13 @@ class TestDrive:
         assert _torques(master)[-1] == 30
         assert master.read(NODE, 0x6077) == 30
 
+    def test_a_second_fault_of_a_motor_mends_nothing_of_the_first(self) -> None:
+        weak, whole = (faults.TorqueSaturated("torque_saturated", 2 * AT, share) for share in (0.03, 1.0))
+        dead = faults.TorqueDead("torque_dead", AT)
+        reversed_ = faults.TorqueReversed("torque_reversed", AT)
+        assert _torques(_played(dead, whole, target=100))[-1] == 0
+        assert _torques(_played(reversed_, weak, target=100))[-1] == -30
+
     def test_a_motor_that_turns_the_other_way_shows_the_current_that_was_commanded(self) -> None:
         master = _played(faults.TorqueReversed("torque_reversed", AT), target=100)
         assert _torques(master)[-1] == -100

@@ -7,7 +7,7 @@ built. The master never reads this section, so it meets the quirk unprepared, as
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
+from haptic_fieldbus.protocols.canopen.from_eds import VELOCITY_UNIT_CODES, EdsProfile
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.sim.canopen.model.vendor import extend
 from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
@@ -84,6 +84,7 @@ def with_quirks(profile: CanopenProfile, settings: DriveSettings) -> tuple[Canop
         settings,
         without=settings.without | absent | _not_in_file(profile),
         modes=_modes(profile) if settings.modes is None else settings.modes,
+        velocity_unit=_velocity_unit(profile),
         mode_change_ns=max(settings.mode_change_ns, round(quirks.mode_change_time * _NS)),
         start_delay_ns=settings.start_delay_ns + boot_ns,
         reset_ns=settings.reset_ns + boot_ns,
@@ -144,6 +145,13 @@ def _not_in_file(profile: CanopenProfile) -> frozenset[int]:
     if not isinstance(profile, EdsProfile):
         return frozenset()
     return frozenset(index for index in _APPLICATION if index not in profile.eds)
+
+
+def _velocity_unit(profile: CanopenProfile) -> str | None:
+    """Return the unit of 60A9h in a vendor's file; None when it names none that is known."""
+    entry = profile.eds.find(0x60A9) if isinstance(profile, EdsProfile) else None
+    value = entry.value(1) if entry is not None else None
+    return VELOCITY_UNIT_CODES.get(value & 0xFFFF_FFFF) if isinstance(value, int) else None
 
 
 def _modes(profile: CanopenProfile) -> frozenset[int] | None:

@@ -18,7 +18,7 @@ from haptic_fieldbus.sim.canopen.services.pdo import Rpdo
 class Deadline:
     """The deadline of one RPDO."""
 
-    def __init__(self, rpdo: Rpdo, alarms: Alarms, emergencies: Emergencies, lost: Callable[[int], None]) -> None:
+    def __init__(self, rpdo: Rpdo, alarms: Alarms, emergencies: Emergencies, lost: Callable[[int, int], None]) -> None:
         self.alarm: Alarm = alarms.new(self._rings)
         self._rpdo = rpdo
         self._emergencies = emergencies
@@ -56,13 +56,13 @@ class Deadline:
             return
         self._armed = False
         self._emergencies.raise_error(RPDO_TIMEOUT, self._rpdo)
-        self._lost(t_ns)
+        self._lost(RPDO_TIMEOUT, t_ns)
 
 
 class Deadlines:
     """The deadlines of all RPDOs that have one."""
 
-    def __init__(self, alarms: Alarms, emergencies: Emergencies, lost: Callable[[int], None]) -> None:
+    def __init__(self, alarms: Alarms, emergencies: Emergencies, lost: Callable[[int, int], None]) -> None:
         self._alarms = alarms
         self._emergencies = emergencies
         self._lost = lost

@@ -1,8 +1,9 @@
 """Errors of a simulated node: emergency messages, the error register and the error history.
 
 Reference: CiA 301 4.2, 7.2.7 (EMCY), 7.5.2.2 (1001h), 7.5.2.4 (1003h), 7.5.2.18 (1015h). An error is active from
-`raise_error` to `clear`, which sends *error reset* with the errors that remain in the register. Messages that follow
-within the inhibit time of another wait, up to `HISTORY` of them.
+`raise_error` to `clear`, which sends *error reset* with the errors that remain in the register. An error may have
+several causes, and lasts until all are gone; one of them is the *fault* of the drive, which its reset ends. Messages
+that follow within the inhibit time of another wait, up to `HISTORY` of them.
 """
 
 import struct
@@ -16,11 +17,15 @@ from haptic_fieldbus.sim.canopen.services.alarms import Alarms
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused, one_of
 
 HISTORY = 8
+DISCONNECTED = 0x8100
+"""Communication, generic error: the master has ended the connection while the drive could make torque."""
 HEARTBEAT_LOST = 0x8130
 PDO_TOO_SHORT = 0x8210
 PDO_TOO_LONG = 0x8220
 SYNC_LENGTH = 0x8240
 RPDO_TIMEOUT = 0x8250
+DRIVE = "drive"
+"""Cause of the errors of the drive, which its fault reset ends."""
 
 _GENERIC = 0x01
 # CiA 301, tables 26 and 46: bit of the error register by the class of the code. Every active error sets the generic bit
@@ -75,20 +80,37 @@ class Emergencies:
             self._active.remove(code)
             self._report(0)
 
-    def clear_all(self) -> None:
-        """End all errors after a fault reset, except those of communication, which last until it works again."""
-        remaining = [code for code in self._active if code in _MONITORING]
+    def persists(self, cause: object) -> bool:
+        """Return whether an error of this cause has another one as well, which is still there."""
+        return any(cause in causes and len(causes) > 1 for causes in self._causes.values())
+
+    def clear_all(self, cause: object) -> None:
+        """End all errors after a fault reset, except those of communication that have another cause than this."""
+        for causes in self._causes.values():
+            causes.discard(cause)
+        remaining = [code for code in self._active if code in _MONITORING and self._causes[code]]
         if remaining != self._active:
             self._keep(remaining)
             self._report(0)
 
     def restart(self, *, power_on: bool) -> None:
-        """Reset without a message: empty history; errors of the device survive a reset of communication."""
-        self._keep([] if power_on else [code for code in self._active if code not in _MONITORING])
+        """Reset without a message; errors of the device survive a reset of communication, also in the history."""
+        survives = [code for code in self._active if not power_on and self._outlives_reset(code)]
+        self._keep(survives)
+        past = [code for code in self._history if code in survives]
         self._history.clear()
+        self._history.extend(past)
         self._waiting.clear()
         self._inhibit.off()
         self._show()
+
+    def _outlives_reset(self, code: int) -> bool:
+        """Return whether an error is none of communication, or one that has put the drive into *fault*."""
+        causes = self._causes[code]
+        if code in _MONITORING and DRIVE in causes:
+            # What was monitored is monitored anew after the reset.
+            causes.intersection_update({DRIVE})
+        return code not in _MONITORING or DRIVE in causes
 
     def _keep(self, codes: list[int]) -> None:
         self._active = codes

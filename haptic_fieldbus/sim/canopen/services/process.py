@@ -34,8 +34,11 @@ class Application(Protocol):
     def act(self, t_ns: int) -> None:
         """Act on received entries."""
 
-    def link_lost(self, t_ns: int) -> None:
-        """Handle an event of 6007h: heartbeat, life guarding or RPDO deadline missed, *stopped* entered, or a reset."""
+    def link_lost(self, code: int, t_ns: int) -> None:
+        """Handle an event of 6007h: heartbeat, life guarding or RPDO deadline missed, or the link ended by the master.
+
+        `code` is its error code.
+        """
 
     def restart(self, t_ns: int) -> None:
         """Return to the power-on state."""

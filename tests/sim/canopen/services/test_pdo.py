@@ -360,6 +360,7 @@ class TestDeadline:
 
     def test_a_pdo_that_is_taken_away_has_none(self) -> None:
         bench = self._bench()
+        assert bench.write(0x6007, 0, 0, "h") is None
         bench.run(20 * MS)
         assert bench.read(0x1001) == 0x11
         assert bench.write(0x1400, 1, INVALID | RPDO1, "I") is None
