@@ -88,6 +88,20 @@ def test_without_any_feedback_the_age_is_the_largest() -> None:
     assert _header(bench, _read(bench)) == (LARGEST_AGE_NS, LinkFlag.STALE, 0)
 
 
+def test_a_drive_that_was_enabled_before_a_new_start_is_not_enabled_now() -> None:
+    """As after the proof of a guard, on a computer that is late for the first exchange of the run."""
+    bench = Bench().open()
+    _enable(bench)
+    assert _payload(bench, _read(bench))[0] & 0x6F == 0x27
+    bench.bus.stop()
+    bench.bus.configure(bench.plan)
+    bench.bus.start()
+    bench.drive.mute_tpdos = True
+    image = _read(bench)
+    assert _payload(bench, image) == (0, 0)
+    assert _header(bench, image) == (LARGEST_AGE_NS, LinkFlag.STALE, 0)
+
+
 def test_reading_ends_at_its_deadline() -> None:
     bench = Bench().open()
     bench.drive.mute_tpdos = True
