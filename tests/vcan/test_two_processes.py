@@ -148,7 +148,7 @@ def test_a_drive_that_is_gone_is_told_and_gets_no_torque_any_more(vcan: Link, ri
 
 @pytest.mark.parametrize("soon", [True, False], ids=["up again soon", "down until the end"])
 def test_an_interface_that_goes_down_is_named_and_the_drive_is_free(vcan: Link, rig: Path, *, soon: bool) -> None:
-    """Down until the end, the guard of the drive alone frees it. Up again soon, it may confirm. Nothing enables again."""
+    """Down until the end, its guard alone frees the drive. Up again soon, it may confirm. Nothing enables again."""
 
     def body(run: Rendering) -> None:
         vcan.down()
