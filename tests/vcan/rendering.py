@@ -29,7 +29,7 @@ PUSHING = 30
 OPERATION_ENABLED, STATE = 0x27, 0x6F
 STARTS_WITHIN = 120.0
 """[s] A Python process, in a guest kernel on a busy machine."""
-RATES = (200.0, 200.0, 100.0, 50.0, 25.0)
+RATES = (200.0, 200.0, 200.0, 100.0, 100.0, 50.0, 50.0, 25.0)
 """[Hz] of one attempt after the other, on a machine so busy that the loop ends before anything happens to it."""
 BUSY = {"feedback lost", "feedback lost too often", "periods missed", "emergency"}
 """Ends of a run on a machine that lets a process wait for longer than the deadlines of the run."""
