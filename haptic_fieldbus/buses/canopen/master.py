@@ -86,9 +86,8 @@ class CanopenBus(InSteps):
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
 
-        `image` is the input image; later exchanges fill in the part of this bus. Raises ForeignMasterError before
-        anything was sent, BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another
-        protocol.
+        Exchanges fill the part of this bus in the input `image`. Raises ForeignMasterError before anything was sent,
+        BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
         """
         # Frames from before must reach no handler: an old boot-up message would be taken for a restart.
         self._wire.mute()
@@ -119,9 +118,8 @@ class CanopenBus(InSteps):
     def start(self) -> None:
         """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
         self._foreign.refuse(self._wire.name, "Nothing was enabled")
-        for link in self._links:
+        for setup, link in zip(self._setups, self._links, strict=True):
             link.forget()
-        for setup in self._setups:
             setup.start()
         for asking in self._askings:
             asking.listen()
