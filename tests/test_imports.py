@@ -59,6 +59,7 @@ DOES_WITHOUT = {
         " scenes.scene",
         "cli.simulate": "drive.rig_text sim.canopen.host_request sim.canopen.hosting sim.faults",
         "cli.stability": "api.judging report.plot_region report.stability",
+        "cli.vcan": "vcan.runner",
     },
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
         "api": "api.sites running.changes running.session",
