@@ -61,6 +61,7 @@ DOES_WITHOUT = {
         "cli.stability": "api.judging report.plot_region report.stability",
         "cli.vcan": "vcan.runner",
     },
+    "import haptic_fieldbus.pytest_plugin": {"pytest_plugin": "testing"},
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
         "api": "api.sites running.changes running.session",
         "api.judging": "numerics.estimators",

@@ -1,9 +1,11 @@
 """Process group that ends with its runner, even when that is killed."""
 
 import os
+import selectors
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from math import inf
 from pathlib import Path
 from time import monotonic
@@ -13,18 +15,24 @@ from haptic_fieldbus.errors import VcanError
 CANNOT_RUN, SIGNALLED = 126, 128
 """Exit statuses, as env(1) and the shell have them; to the second the number of the signal is added."""
 
-# Standard input ends with the runner, which alone can write to it. $1: a folder to remove then.
+# Standard input brings the program's process number and ends with the runner, which alone can write to it. $1: a folder
+# to remove then. User-Mode Linux puts itself into another process group, and its helpers outlive it.
 WATCHER = """
 trap '' HUP INT TERM
-read -r _
+read -r program && read -r _
+[ -z "$program" ] || kill -s KILL -- "-$program"
 [ -z "$1" ] || rm -rf "$1"
 kill -s KILL 0
 """
 
 
-def seconds_until(deadline: float) -> float | None:
-    """Time until then by the monotonic clock [s], as `select` takes it: at least 0, None for ever."""
-    return None if deadline == inf else max(0.0, deadline - monotonic())
+def waited(selector: selectors.BaseSelector, deadline: float, wakeup: int) -> set[int]:
+    """Wait until a time of the monotonic clock [s], and return what can be read; `wakeup` is emptied."""
+    seconds = None if deadline == inf else max(0.0, deadline - monotonic())
+    ready = {key.fd for key, _ in selector.select(seconds)}
+    if wakeup in ready:
+        os.read(wakeup, 1024)
+    return ready
 
 
 class Group:
@@ -65,6 +73,7 @@ class Group:
         except OSError as error:
             self._end_watcher()
             raise VcanError(f"{words[0]} cannot be started: {error.strerror}", CANNOT_RUN) from error
+        os.write(self._lifeline, f"{self._process.pid}\n".encode())
         self.ended = os.pidfd_open(self._process.pid)
         """Readable once the program has ended."""
 
@@ -79,6 +88,9 @@ class Group:
 
     def close(self) -> None:
         """Kill what is left of the group."""
+        if self._process.returncode is None:  # else its number may be that of another process by now
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
         self._end_watcher()
         self._process.wait()
         os.close(self.ended)

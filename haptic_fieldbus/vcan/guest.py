@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from haptic_fieldbus.errors import VcanError
-from haptic_fieldbus.vcan.group import Group, seconds_until
+from haptic_fieldbus.vcan.group import Group, waited
 from haptic_fieldbus.vcan.needs import KERNEL, program
 
 MEMORY_MB = 1024
@@ -63,6 +63,7 @@ class Guest:
         """
         environment = {"PATH": os.environ.get("PATH", os.defpath), "TMPDIR": memory_folder(), "HOME": str(folder)}
         self.heard = Heard()
+        self._wakeup = wakeup
         self._sinks: dict[int, Sink] = {}
         self._selector = selectors.DefaultSelector()
         status, out, err, kernel = map(self._pipe, (self.heard.hear, output, error, self.heard.hear_kernel))
@@ -96,7 +97,7 @@ class Guest:
 
     def turn(self, deadline: float) -> bool:
         """Pass on what comes until a time of the monotonic clock [s] or a signal; False once the guest has ended."""
-        ready = {key.fd for key, _ in self._selector.select(seconds_until(deadline))}
+        ready = waited(self._selector, deadline, self._wakeup)
         for descriptor in ready & self._sinks.keys():
             self._pass_on(descriptor)
         return self._group.ended not in ready

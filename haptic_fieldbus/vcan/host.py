@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.vcan.group import Group, seconds_until
+from haptic_fieldbus.vcan.group import Group, waited
 
 NET = Path("/sys/class/net")
 UP = 0x1
@@ -80,6 +80,7 @@ class HostCommand:
     ready = True
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str], wakeup: int) -> None:
+        self._wakeup = wakeup
         self._group = Group(command, environment)
         self._selector = selectors.DefaultSelector()
         for descriptor in (self._group.ended, wakeup):
@@ -92,7 +93,7 @@ class HostCommand:
 
     def turn(self, deadline: float) -> bool:
         """Wait until a time of the monotonic clock [s] or a signal; False once the command has ended."""
-        ready = {key.fd for key, _ in self._selector.select(seconds_until(deadline))}
+        ready = waited(self._selector, deadline, self._wakeup)
         return self._group.ended not in ready
 
     def send(self, number: signal.Signals) -> None:

@@ -7,7 +7,6 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from enum import Enum
 from math import inf
 from pathlib import Path
 from time import monotonic
@@ -85,32 +84,41 @@ def run(request: Request, note: Callable[[str], None]) -> int:
             return _attend(guest, request.limit_s, arrived)
 
 
-class Phase(Enum):
-    """Of a command: not started yet, running, or asked to end."""
-
-    STARTING = "starting"
-    RUNNING = "running"
-    ENDING = "ending"
-
-
 def _attend(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
-    """Wait for the end of the command, and return its exit status; end it on a second signal or when time is up."""
-    phase, deadline, given = Phase.STARTING, monotonic() + BOOT_LIMIT_S, None
-    while place.turn(deadline) and place.status is None:
-        late = monotonic() >= deadline
-        if place.ready and phase is Phase.STARTING:
-            phase, deadline = Phase.RUNNING, monotonic() + limit_s
-        elif phase is Phase.RUNNING and (arrived or late):
-            number, given = (arrived[0], SIGNALLED + arrived.pop(0)) if arrived else (signal.SIGTERM, TIMED_OUT)
-            place.send(number)
-            phase, deadline = Phase.ENDING, monotonic() + GRACE_S
-        elif arrived or (phase is Phase.ENDING and late):
-            return given or SIGNALLED + arrived[0]
-        elif late:
-            raise VcanError(f"the guest kernel was not ready within {BOOT_LIMIT_S:g} s{place.last_words()}")
+    """Wait for the end of the command, and return its exit status.
+
+    A signal, or SIGTERM when time is up, is passed on to it; a second one, or too long an end, ends it.
+    """
+    lives = place.ready or _wait(place, BOOT_LIMIT_S, arrived, lambda: place.ready)
+    if arrived and not place.ready:
+        return SIGNALLED + arrived[0]
+    if lives and not place.ready:
+        raise VcanError(f"the guest kernel was not ready within {BOOT_LIMIT_S:g} s{place.last_words()}")
+    if lives and _wait(place, limit_s, arrived) and place.status is None:
+        return _end(place, limit_s, arrived)
     if place.status is None:
         raise VcanError(f"the guest kernel ended before the command did{place.last_words()}")
-    return TIMED_OUT if given == TIMED_OUT else place.status
+    return place.status
+
+
+def _wait(place: Place, seconds: float, arrived: list[signal.Signals], enough: Callable[[], bool] = bool) -> bool:
+    """Wait until the command ends, a signal arrives, a time [s] is over or it is enough; False when the place ended."""
+    deadline = monotonic() + seconds
+    while place.status is None and not arrived and not enough() and monotonic() < deadline:
+        if not place.turn(deadline):
+            return False
+    return True
+
+
+def _end(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
+    """Ask the command to end, and return its exit status, or that of the signal that it did not obey in time."""
+    timed_out = not arrived
+    asked = signal.SIGTERM if timed_out else arrived.pop(0)
+    place.send(asked)
+    _wait(place, GRACE_S, arrived)
+    if timed_out:
+        raise VcanError(f"the command was ended after {limit_s:g} s, its time limit", TIMED_OUT)
+    return SIGNALLED + asked if place.status is None else place.status
 
 
 @contextmanager
@@ -159,7 +167,7 @@ def _writable(folders: Sequence[Path]) -> str:
     """Say where a command in a guest can write to."""
     if not folders:
         return "it can write to $TMPDIR, and to no folder of the host without --out"
-    return f"it can write to $TMPDIR, and on the host to {', '.join(map(str, folders))}"
+    return f"it can write to $TMPDIR, and on the host to {', '.join(str(folder.resolve()) for folder in folders)}"
 
 
 def _writer(descriptor: int) -> Callable[[bytes], None]:
