@@ -25,7 +25,7 @@ HEALTHY_WITHIN = 60.0
 COMPOSERS = (["docker", "compose"], ["docker-compose"], ["podman", "compose"], ["podman-compose"])
 SLIM = "docker.io/library/python:3.13-slim"
 STARTS_AND_ENDS = {0, 3}
-"""Exit statuses of the loop: rendered for its time; or, on a machine without rights of real time, a trip that is told."""
+"""Of the loop: it rendered for its time; or, on a machine without rights of real time, a trip that is told."""
 
 
 def services(*files: str) -> dict[str, dict[str, Any]]:

@@ -26,7 +26,7 @@ READS_LIKE_A_SHELL = 'it\'s "a" $HOME `b` *\\\n end'
 @pytest.fixture(autouse=True)
 def _needs() -> None:
     try:
-        needs.check()
+        needs.require_guest()
     except VcanError as error:
         pytest.skip(str(error))
 
