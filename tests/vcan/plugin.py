@@ -42,7 +42,7 @@ class Vcan:
                 item.add_marker(pytest.mark.xdist_group(GROUP), append=False)
 
     @pytest.hookimpl(tryfirst=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> bool | None:
+    def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
         """Replace what pytest would do with a test that runs in the guest."""
         if not item.get_closest_marker("vcan") or self._on_host():
             return None
@@ -51,6 +51,8 @@ class Vcan:
             report.nodeid = item.nodeid
             item.ihook.pytest_runtest_logreport(report=report)
         item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+        # What the test before it has left for others of its module is torn down when this was the last one.
+        item.session._setupstate.teardown_exact(nextitem)
         return True
 
     def pytest_sessionfinish(self) -> None:
