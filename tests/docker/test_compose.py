@@ -4,7 +4,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -133,10 +134,10 @@ class TestBuildah:
     """The same commands, checks and mounts as compose has them, without compose."""
 
     def test_the_demo_is_rendered_and_drawn_by_a_user_who_is_not_root(
-        self, buildah: Buildah, record_property: Callable[[str, object], None]
+        self, buildah: Buildah, request: pytest.FixtureRequest
     ) -> None:
         bases = [base for base in (SLIM, HOST_BASE) if base in buildah.call("images", "--format", "{{.Name}}:{{.Tag}}")]
-        record_property("base", bases)  # in the JUnit file
+        request.node.user_properties.extend(("base", base) for base in bases)  # in the JUnit file
         buildah.call("from", "--name", "demo", "demo")
         process = buildah.start(
             "demo", ["sh", "-c", "haptic-fieldbus run wall --duration 1 --plot demo.png && ls"], {}, []
@@ -150,18 +151,18 @@ class TestBuildah:
         port = free_port()
         require_multicast(port)
         both = services("compose.yaml")
-        started = {}
-        for name in ("drive", "loop"):
-            service = both[name]
-            buildah.call("from", "--name", name, "can")
-            assert not buildah.holds(name, check_of(service)), "healthy before it has begun"
-            environment = {**service.get("environment", {}), "CAN_CONFIG": f'{{"port": {port}}}'}
-            started[name] = buildah.start(name, words(service), environment, mounts_of(service))
-            await_health(buildah, name, both[name], started[name])
-        said, _ = started["loop"].communicate(timeout=120.0)
-        assert started["loop"].returncode == 0 or ENDED_EARLY in said
-        assert "result" in said
-        started["drive"].terminate()
+        with ExitStack() as ended:
+            started = {}
+            for name in ("drive", "loop"):
+                buildah.call("from", "--name", name, "can")
+                assert not buildah.holds(name, check_of(both[name])), "healthy before it has begun"
+                environment = {**both[name].get("environment", {}), "CAN_CONFIG": f'{{"port": {port}}}'}
+                started[name] = buildah.start(name, words(both[name]), environment, mounts_of(both[name]))
+                ended.callback(started[name].terminate)
+                await_health(buildah, name, both[name], started[name])
+            said, _ = started["loop"].communicate(timeout=120.0)
+            assert started["loop"].returncode == 0 or ENDED_EARLY in said
+            assert "result" in said
         said, _ = started["drive"].communicate(timeout=60.0)
         assert said.startswith("ready      maxon_epos4, node 1")
 
