@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptic_fieldbus.assessing.passivity import Passivity
 from haptic_fieldbus.assessing.proof import Proof
+from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
@@ -150,6 +151,16 @@ class Trace:
 
 
 @dataclass(frozen=True, eq=False)
+class PeriodTimes:
+    """How late each period began, and how old its feedback was when it was used [s]; all of shape `(n_periods,)`."""
+
+    times: Array
+    """[s from *operation enabled*]"""
+    lateness: Array
+    age: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Result:
     """Figures of a run at `rate` [Hz]; None or () stands for a figure that does not apply or is not known."""
 
@@ -184,6 +195,10 @@ class Result:
     """Reason for which the recording ended before the run; None when it is complete, or none was asked for."""
     proofs: tuple[Proof, ...] = ()
     """Guards that were proved before the run."""
+    host: tuple[Right, ...] = ()
+    """What a run in real time asked of this computer, and what it got; () in virtual time."""
+    periods: PeriodTimes | None = None
+    """Lateness and age of each period, for plots; None in virtual time. Not part of the JSON object."""
     elapsed: float | None = None
     """Wall-clock time of the loop [s]; for people, not part of the JSON object."""
 
@@ -217,6 +232,7 @@ class Result:
                 "passivity": [each.to_json() for each in self.passivity],
                 "verdict": self.verdict,
                 "guards": [proof.to_json() for proof in self.proofs],
+                "host": [right.to_json() for right in self.host] or None,
                 "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,
             }
         )
@@ -259,7 +275,14 @@ def known_before(
         cycles=report.cycles,
         missed_cycles=report.missed,
         duration=report.duration,
+        periods=None if plan.simulated else _periods(report),
     )
+
+
+def _periods(report: "LoopReport") -> PeriodTimes:
+    lengths, end = report.sample("period_ns"), report.duration
+    times = end - np.cumsum(lengths[::-1])[::-1] * 1e-9
+    return PeriodTimes(times, report.sample("lateness_ns") * 1e-9, report.sample("age_ns") * 1e-9)
 
 
 def _trips(report: "LoopReport", trip: safety.Trip | None, message: str) -> Iterator[TripRecord]:

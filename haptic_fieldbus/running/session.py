@@ -1,7 +1,7 @@
 """One run at a site: configure, ask for confirmation, render, record, and end torque-free whatever happens."""
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -14,6 +14,7 @@ from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Result, known_before
+from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, notices
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.buses.group import BusGroup
@@ -88,8 +89,9 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     recordings: list[str] = []
     prepared = Preparation(request)
     started = perf_counter()
+    host: tuple[Right, ...] = ()
     try:
-        with ended_by_signals() as ending, place as site:
+        with ended_by_signals() as ending, place as site, _rights(plan) as host:
             recordings = site.faults
             bus = _one_of(site.buses)
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
@@ -116,7 +118,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
         # A run that fails has a result too: the command line prints it beside the error.
         error.result = known_before(request.selection, report, cycle.trip, str(error))
         known, seen = tuple(notices(plan, cycle, report)), tuple(passivities(plan, cycle, report.cycles))
-        error.result = replace(error.result, warnings=known, passivity=seen, proofs=prepared.proofs)
+        error.result = replace(error.result, warnings=known, passivity=seen, proofs=prepared.proofs, host=host)
         raise
     finally:
         rows.close()
@@ -127,7 +129,16 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     fault = next(iter(recordings), None)
     told = [] if fault is None else [f"the recording {request.record} ended before the run: {fault}"]
     warnings = (*bus.warnings, *prepared.warnings, *told, *result.warnings)
-    return replace(result, warnings=warnings, recording_fault=fault, proofs=prepared.proofs)
+    return replace(result, warnings=warnings, recording_fault=fault, proofs=prepared.proofs, host=host)
+
+
+def _rights(plan: Plan) -> AbstractContextManager[tuple[Right, ...]]:
+    """Return the rights of a run in real time; virtual time needs none."""
+    if plan.simulated:
+        return nullcontext(())
+    from haptic_fieldbus.running.rights import real_time
+
+    return real_time()
 
 
 def _one_of(buses: Mapping[str, Bus]) -> Bus:
