@@ -57,7 +57,7 @@ DOES_WITHOUT = {
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
         " scenes.scene",
-        "cli.simulate": "sim.canopen.hosting sim.faults",
+        "cli.simulate": "running.rights sim.canopen.hosting sim.faults",
         "cli.stability": "api.judging report.plot_region report.stability",
     },
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
@@ -84,7 +84,7 @@ DOES_WITHOUT = {
         "api": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.element_forces": "assessing.virtual_states",
-        "running.session": "running.direction running.proofs running.proving",
+        "running.session": "running.direction running.proofs running.proving running.rights",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
     },
 }

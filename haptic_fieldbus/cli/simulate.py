@@ -42,7 +42,6 @@ def simulate(
     as_json: JsonOption = False,
 ) -> None:
     """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
-    from haptic_fieldbus.assessing.rights import rights_texts
     from haptic_fieldbus.running.rights import real_time
     from haptic_fieldbus.sim.canopen.hosting import HostRequest, host, resolve
     from haptic_fieldbus.sim.faults import load_faults
@@ -51,8 +50,7 @@ def simulate(
     name, slots = resolve(HostRequest(drive or [DEFAULT_DRIVE], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
     # A loop beside us takes a processor for itself, so the drives stay free to move to another.
-    with _until_asked_to_stop() as stopped, real_time(pinned=False) as rights:
-        show([("host", text) for text in rights_texts(rights)], sys.stderr)
+    with _until_asked_to_stop() as stopped, real_time(pinned=False):
         lost = host(name, slots, seed, _teller(name.text, as_json), stopped)
     if lost:
         show([("note", f"{lost} frames could not be sent: the transmit queue was full")], sys.stderr)

@@ -38,8 +38,8 @@ class Exchange:
         """Instant at which the frame arrived that is handled at present [ns]."""
 
 
-class Slot:
-    """Place of one TPDO in the image."""
+class Answers:
+    """One TPDO: its place in the image, and which of its frames are answers to which SYNC."""
 
     __slots__ = (
         "_end", "_image", "_offset", "_size", "alone", "cob_id", "doubted", "exchange", "excused", "excused_for",

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from haptic_fieldbus.buses.canopen.answers import Exchange, Slot
+from haptic_fieldbus.buses.canopen.answers import Answers, Exchange
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
@@ -35,7 +35,7 @@ class Link:
         self._node = node
         self._image = image
         self._header = header
-        self._slots = tuple(Slot(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
+        self._slots = tuple(Answers(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
         self._latched_ns: int | None = None
         self._silence_ns = round(silence * 1e9)
 
