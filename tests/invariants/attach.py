@@ -188,8 +188,7 @@ def watched(*, keep: bool = False) -> Iterator[Findings]:
 
 def _simulated(bus: Any) -> Any:
     """The simulated bus of a master; None where it has another."""
-    sends = getattr(bus._wire._port, "_send", None)
-    owner = getattr(sends, "__self__", None)
+    owner = getattr(bus._wire._port, "_bus", None)
     return owner if hasattr(owner, "world") and hasattr(owner, "_controller") else None
 
 

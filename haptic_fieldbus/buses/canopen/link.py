@@ -15,23 +15,25 @@ from haptic_fieldbus.signals import LinkFlag, Signal
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
     int(flag) for flag in LinkFlag
 )
-LEAST_OWED = 2
-"""Periods by which a TPDO may be late at any rate of the loop."""
+LOST_AFTER = 1.0
+"""Time with answers after which one that is still missing counts as lost [s].
+
+Until then a node or an adapter that was busy may send it, in a burst. After it, a lost one must not excuse that of a
+second node.
+"""
 
 
 class Link:
     """Link to one axis: it copies TPDOs into the image and writes the header of the axis there."""
 
     def __init__(
-        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, latest: float
+        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, period: float
     ) -> None:
         """Take the TPDOs with their offsets in the image, and the offset of the header of the axis.
 
-        `silence` is the time without a sign of life after which the node counts as gone [s]. `latest` is the number of
-        periods after which a TPDO comes no more. Until then it may, in a burst when a node or an adapter was busy; a
-        lost one must not excuse those of a second node for longer.
+        `silence` is the time without a sign of life after which the node counts as gone, `period` that of the loop [s].
         """
-        self._most_owed = max(LEAST_OWED, int(min(latest, LARGEST_AGE_NS)))
+        self._window = round(LOST_AFTER / period)
         self._node = node
         self._image = image
         self._header = header
@@ -40,13 +42,13 @@ class Link:
         self._silence_ns = round(silence * 1e9)
 
     def listen(self, wire: Wire, exchange: Exchange) -> None:
-        exchange.arrived_ns = lambda: wire.arrived_ns
+        exchange.now_ns = wire.clock.now_ns
         for slot in self._slots:
             slot.exchange = exchange
             wire.listen(slot.cob_id, slot.take)
 
     def forget(self) -> None:
-        """Forget the feedback of an earlier exchange: a state of before is not the state of the drive."""
+        """Forget what was received: the node is configured anew, and what it said before is true no more."""
         self._latched_ns = None
         for slot in self._slots:
             slot.forget()
@@ -54,7 +56,7 @@ class Link:
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
-            slot.expect(self._most_owed)
+            slot.ask(self._window)
         return len(self._slots)
 
     @property
