@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptic_fieldbus.assessing.passivity import Passivity
+from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.cycle import safety
@@ -151,16 +152,6 @@ class Trace:
 
 
 @dataclass(frozen=True, eq=False)
-class PeriodTimes:
-    """How late each period began, and how old its feedback was when it was used [s]; all of shape `(n_periods,)`."""
-
-    times: Array
-    """[s from *operation enabled*]"""
-    lateness: Array
-    age: Array
-
-
-@dataclass(frozen=True, eq=False)
 class Result:
     """Figures of a run at `rate` [Hz]; None or () stands for a figure that does not apply or is not known."""
 
@@ -275,14 +266,8 @@ def known_before(
         cycles=report.cycles,
         missed_cycles=report.missed,
         duration=report.duration,
-        periods=None if plan.simulated else _periods(report),
+        periods=None if plan.simulated else PeriodTimes.of(report),
     )
-
-
-def _periods(report: "LoopReport") -> PeriodTimes:
-    lengths, end = report.sample("period_ns"), report.duration
-    times = end - np.cumsum(lengths[::-1])[::-1] * 1e-9
-    return PeriodTimes(times, report.sample("lateness_ns") * 1e-9, report.sample("age_ns") * 1e-9)
 
 
 def _trips(report: "LoopReport", trip: safety.Trip | None, message: str) -> Iterator[TripRecord]:

@@ -17,7 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
-from haptic_fieldbus.assessing.result import Array, PeriodTimes, Result, Trace
+from haptic_fieldbus.assessing.period_times import PeriodTimes
+from haptic_fieldbus.assessing.result import Array, Result, Trace
 from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.report.words import key_figures
 from haptic_fieldbus.scenes.wall import Wall

@@ -81,29 +81,39 @@ REAL_TIME = {getattr(os, name): name for name in ("SCHED_FIFO", "SCHED_RR", "SCH
 
 @contextmanager
 def _one_processor() -> Iterator[Right]:
-    """Ask for the last processor of several, where no other is chosen: the first ones serve most interrupts.
-
-    Without SCHED_FIFO a thread that may move finds a free processor sooner. A choice that somebody has made stays.
-    """
+    """Ask for one processor, where a thread at SCHED_FIFO has many to choose from."""
     if not hasattr(os, "sched_setaffinity"):
         yield Right("processor", "one processor", "any", False)
         return
     before = os.sched_getaffinity(0)
-    if len(before) == 1 or len(before) < (os.cpu_count() or 1) or os.sched_getscheduler(0) not in REAL_TIME:
-        allowed = f"processor {max(before)}" if len(before) == 1 else f"{len(before)} processors"
-        yield Right("processor", "as allowed", allowed, True)
+    chosen = processor_of(before, os.cpu_count() or 1) if os.sched_getscheduler(0) in REAL_TIME else None
+    if chosen is None:
+        allowed = f"processor {max(before)}" if len(before) == 1 else f"any of {len(before)} processors"
+        yield Right("processor", allowed, allowed, True)
         return
-    chosen = max(before)
+    wished = f"processor {chosen}"
     try:
         os.sched_setaffinity(0, {chosen})
     except OSError:
-        yield Right("processor", f"processor {chosen}", "any", False)
+        yield Right("processor", wished, "any", False)
         return
     try:
-        yield Right("processor", f"processor {chosen}", f"processor {chosen}", True)
+        yield Right("processor", wished, wished, True)
     finally:
         with suppress(OSError):  # a processor may have gone meanwhile
             os.sched_setaffinity(0, before)
+
+
+MANY = 4
+"""Processors from which one is taken for the loop alone; with fewer, others that go before us would find it there."""
+
+
+def processor_of(allowed: set[int], count: int) -> int | None:
+    """Return the processor for a loop that may run on these of `count`; None: leave it free to move.
+
+    It is the last one, because the first ones serve most interrupts. What somebody has chosen already stays.
+    """
+    return max(allowed) if len(allowed) == count >= MANY else None
 
 
 @contextmanager

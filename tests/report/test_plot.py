@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.assessing.result import Array, PeriodTimes, Result, TorqueError, Trace
+from haptic_fieldbus.assessing.period_times import PeriodTimes
+from haptic_fieldbus.assessing.result import Array, Result, TorqueError, Trace
 from haptic_fieldbus.report.plot import BINS, ZOOM_AFTER, ZOOM_BEFORE, cut, draw_axis, first_force, held, plot_run, thin
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.running import rights
-from haptic_fieldbus.running.rights import PRIORITY, TIMER_SLACK_NS, real_time
+from haptic_fieldbus.running.rights import PRIORITY, TIMER_SLACK_NS, processor_of, real_time
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux")
 
@@ -98,6 +98,14 @@ class TestProcessor:
         finally:
             os.sched_setaffinity(0, before)
         assert next(right.got for right in got if right.name == "processor") == f"processor {min(before)}"
+
+    @pytest.mark.parametrize(
+        ("allowed", "count", "chosen"),
+        [({0}, 1, None), ({0, 1}, 2, None), ({0, 1, 2, 3}, 4, 3), (set(range(64)), 64, 63), ({2, 3}, 4, None)],
+        ids=["one", "two", "four", "many", "chosen by somebody"],
+    )
+    def test_one_of_many_is_taken_and_none_of_few(self, allowed: set[int], count: int, chosen: int | None) -> None:
+        assert processor_of(allowed, count) == chosen
 
     def test_drives_that_are_simulated_beside_a_loop_are_not_pinned(self) -> None:
         before = os.sched_getaffinity(0)

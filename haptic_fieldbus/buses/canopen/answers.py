@@ -4,18 +4,21 @@ TPDOs are taken only between SYNC and the end of the exchange. One that arrives 
 and is dropped. Answers come in the order of the SYNCs, and nothing in them tells to which one they belong. As long as
 each SYNC is answered, it is plain. After an answer that stayed away it was either lost, and the next TPDO is that of
 the last SYNC, or the drive was late, and it is an old one. An old sample with a new date would show a speed that was
-not there, and the next one a multiple of the speed. So, while answers are owed:
+not there, and the next one a multiple of the speed. So, while answers are pending:
 
 - one that comes when answers usually come is taken if no further one follows until the end of the exchange, since a
-  drive that was late sends them all; those that are owed are given up;
+  drive that was late sends them all; those that are pending are given up;
 - one at another time is not taken; but the fourth in a row is, for then it is what is usual that has changed.
 
-So an answer that was lost costs one sample, and the set-point of the period after comes later. Answers that were given
-up excuse a TPDO too many for a while; otherwise such a one is that of a second node.
+So an answer that was lost costs one sample, and the set-point of the period after comes later. Apart from that all
+answers are counted: one more than was ever asked for is that of a second node. What was owed at the end of each of many
+periods is lost, and excuses none any more.
 """
 
 from collections.abc import Callable
 
+WARY = 32
+"""Periods for which answers at unusual times are doubted, after some were taken for lost."""
 MOST_DOUBTED = 4
 """Periods after which answers at unusual times are taken as they come."""
 PROMPT = 2
@@ -34,16 +37,15 @@ class Exchange:
         self.missing = 0
         self.latch_ns = 0
         """Instant of the last SYNC [ns]."""
-        self.arrived_ns: Callable[[], int] = int
-        """Instant at which the frame arrived that is handled at present [ns]."""
+        self.now_ns: Callable[[], int] = int
 
 
-class Slot:
-    """Place of one TPDO in the image."""
+class Answers:
+    """One TPDO: its place in the image, and which of its frames are answers to which SYNC."""
 
     __slots__ = (
-        "_end", "_image", "_offset", "_size", "alone", "cob_id", "doubted", "exchange", "excused", "excused_for",
-        "fresh", "malformed", "overdue", "owed", "usual_ns",
+        "_end", "_image", "_offset", "_size", "alone", "answered", "cob_id", "doubted", "exchange", "fresh", "least",
+        "malformed", "owed", "pending", "periods", "usual_ns", "wary",
     )  # fmt: skip
 
     def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
@@ -53,37 +55,43 @@ class Slot:
         self.malformed = False
         self.owed = 0
         """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
-        self.overdue = 0
-        """Periods in a row in which an answer to an earlier SYNC was missing."""
+        self.least = 0
+        """Smallest `owed` in the window, which consists of `periods` with answers."""
+        self.periods = 0
+        self.answered = False
+        self.pending = 0
+        """Number of SYNCs whose answers are still waited for."""
         self.alone: bool | None = None
-        """True when one prompt answer came while others are owed, and no more: so those are lost."""
+        """True when one prompt answer came while others are pending, and no more: so those are lost."""
         self.doubted = 0
         """Number of periods since the last sure answer in which others came."""
-        self.excused = 0
-        """Number of answers that were taken for lost, and may still come."""
-        self.excused_for = 0
-        """Number of periods for which they have excused others."""
+        self.wary = 0
+        """Number of periods in which answers that were taken for lost may still come."""
         self.usual_ns = 0
         """Time from SYNC to the end of an exchange with this TPDO, on average; 0 before the first."""
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
 
     def forget(self) -> None:
-        """Take what came in an earlier exchange out of the image, and expect nothing of it."""
+        """Forget what was received; as a node becomes operational it may send a TPDO that nobody asked for."""
         self._image[self._offset : self._end] = bytes(self._size)
-        self.owed = self.overdue = self.excused = self.doubted = self.usual_ns = 0
+        self.owed, self.least, self.periods, self.answered = 1, 1, 0, False
+        self.pending = self.doubted = self.wary = self.usual_ns = 0
 
-    def expect(self, most: int) -> None:
-        """Begin a period: one more answer is owed. What has been missed for `most` periods is lost, and forgotten."""
+    def ask(self, window: int) -> None:
+        """Expect an answer to the next SYNC; what was owed at the end of each of `window` periods is lost."""
         self.fresh, self.alone = False, None
-        self.overdue = self.overdue + 1 if self.owed > 0 else 0
-        if self.overdue > most:
-            self.owed = self.overdue = 0
+        self.least = min(self.least, self.owed)
+        if self.answered:
+            self.answered = False
+            self.periods += 1
+            if self.periods >= window:
+                self.owed -= max(0, self.least)
+                self.periods, self.least = 0, self.owed
         self.owed += 1
-        if self.excused:
-            self.excused_for += 1
-            if self.excused_for > most:
-                self.excused = 0
+        self.pending += 1
+        if self.wary:
+            self.wary -= 1
 
     def accept(self) -> bool:
         """At the end of an exchange without a sure answer: return whether one that came is taken after all."""
@@ -97,9 +105,8 @@ class Slot:
     def settle(self, took_ns: int) -> None:
         """End an exchange that took so long with its sample; answers that are still owed are lost."""
         self.doubted = 0
-        if self.owed > 0:
-            self.excused, self.excused_for = self.excused + self.owed, 0
-            self.owed = 0
+        if self.pending:
+            self.pending, self.wary = 0, WARY
         elif self.usual_ns:
             self.usual_ns += (min(took_ns, PROMPT * self.usual_ns) - self.usual_ns) >> 4
         else:
@@ -110,11 +117,11 @@ class Slot:
         exchange = self.exchange
         if exchange.begun:
             self.owed -= 1
+            self.answered = True
             if self.owed < 0:
-                if self.excused:
-                    self.excused, self.owed = self.excused - 1, 0
-                else:
-                    exchange.doubled = self.cob_id
+                exchange.doubled = self.cob_id
+            if self.pending:
+                self.pending -= 1
         if not exchange.taking:
             return
         if len(data) != self._size:
@@ -123,9 +130,9 @@ class Slot:
         self._image[self._offset : self._end] = data
         if self.fresh:
             return  # one that comes twice must count once
-        if (self.owed > 0 or self.excused) and self._may_be_old():
+        if (self.pending or self.wary) and self._may_be_old():
             self.alone = False
-        elif self.owed <= 0:
+        elif not self.pending:
             self.fresh = True
             exchange.missing -= 1
         else:
@@ -133,5 +140,5 @@ class Slot:
 
     def _may_be_old(self) -> bool:
         """Return whether this is rather the answer to an earlier SYNC, by the time it took."""
-        took_ns = self.exchange.arrived_ns() - self.exchange.latch_ns
+        took_ns = self.exchange.now_ns() - self.exchange.latch_ns
         return self.usual_ns > 0 and not self.usual_ns < PROMPT * took_ns < PROMPT * PROMPT * self.usual_ns

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from haptic_fieldbus.buses.canopen.answers import Exchange, Slot
+from haptic_fieldbus.buses.canopen.answers import Answers, Exchange
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
@@ -37,18 +37,18 @@ class Link:
         self._node = node
         self._image = image
         self._header = header
-        self._slots = tuple(Slot(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
+        self._slots = tuple(Answers(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
         self._latched_ns: int | None = None
         self._silence_ns = round(silence * 1e9)
 
     def listen(self, wire: Wire, exchange: Exchange) -> None:
-        exchange.arrived_ns = lambda: wire.taken_ns
+        exchange.now_ns = wire.clock.now_ns
         for slot in self._slots:
             slot.exchange = exchange
             wire.listen(slot.cob_id, slot.take)
 
     def forget(self) -> None:
-        """Forget the feedback of an earlier exchange: a state of before is not the state of the drive."""
+        """Forget what was received: the node is configured anew, and what it said before is true no more."""
         self._latched_ns = None
         for slot in self._slots:
             slot.forget()
@@ -56,7 +56,7 @@ class Link:
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
-            slot.expect(self._window)
+            slot.ask(self._window)
         return len(self._slots)
 
     @property
