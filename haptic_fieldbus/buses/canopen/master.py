@@ -87,9 +87,8 @@ class CanopenBus(InSteps):
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
 
-        `image` is the input image; later exchanges fill in the part of this bus. Raises ForeignMasterError before
-        anything was sent, BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another
-        protocol.
+        Exchanges fill the part of this bus in the input `image`. Raises ForeignMasterError before anything was sent,
+        BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
         """
         # Frames from before must reach no handler: an old boot-up message would be taken for a restart.
         self._wire.mute()

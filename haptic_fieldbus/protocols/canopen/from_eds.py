@@ -20,10 +20,11 @@ from haptic_fieldbus.drive.cia402 import (
 )
 from haptic_fieldbus.drive.objects import NAMES, DataType
 from haptic_fieldbus.drive.profile import DriveSection, TimingSection
-from haptic_fieldbus.drive.units import COUNTS, COUNTS_PER_SECOND, PERMILLE, TENTH_DEGREE
+from haptic_fieldbus.drive.units import COUNTS_PER_SECOND, PERMILLE
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
 from haptic_fieldbus.errors import EdsError, Fault
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection
+from haptic_fieldbus.protocols.canopen.si_units import POSITION_UNIT_CODES, VELOCITY_UNIT_CODES
 
 CYCLIC_TORQUE, PROFILE_TORQUE = 10, 4
 """Modes of operation (6060h)."""
@@ -38,17 +39,6 @@ NEEDED: Mapping[int, tuple[EdsType, ...]] = {
 """Objects without which no force can be rendered → types that each may have; 606Ch may replace 6064h."""
 MAPPED = {0x6040: "received", 0x6041: "sent", 0x6064: "sent", 0x6071: "received"}
 """Objects that the cycle maps → direction as the drive sees it."""
-POSITION_UNIT_CODES = {0: COUNTS, 0x00B5_0000: COUNTS, 0xFF41_0000: TENTH_DEGREE}
-"""Value of 60A8h → unit; 0 says nothing, and the octets are prefix and numerator (B5h counts, 41h degrees)."""
-VELOCITY_UNIT_CODES = {
-    0x00B4_4700: "rpm",
-    0xFFB4_4700: "0.1 rpm",
-    0xFEB4_4700: "0.01 rpm",
-    0xFDB4_4700: "0.001 rpm",
-    0x00B5_0300: COUNTS_PER_SECOND,
-}
-"""Value of 60A9h → unit; the octets are prefix, numerator (B4h revolutions, B5h counts), denominator (47h minutes, 03h
-seconds)."""
 _RECEIVED, _SENT = ("rw", "rww", "wo"), ("ro", "rw", "rwr", "const")
 """Access types with which an object may be mapped into an RPDO, and into a TPDO."""
 _TYPES: Mapping[EdsType | None, DataType] = {

@@ -7,8 +7,9 @@ built. The master never reads this section, so it meets the quirk unprepared, as
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from haptic_fieldbus.protocols.canopen.from_eds import VELOCITY_UNIT_CODES, EdsProfile
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.si_units import VELOCITY_UNIT_CODES
 from haptic_fieldbus.sim.canopen.model.vendor import extend
 from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
