@@ -254,7 +254,7 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
         ),
         ('type = "int16"', 'type = "int8"', 'line 9: torque.target.type: "int8"; expected "int16" or "int32"'),
         ('type = "int32"', 'type = "int16"', 'line 11: position.actual.type: "int16"; expected "int32"'),
-        (', unit = "counts"', "", 'line 11: position.actual.unit: missing; expected "counts"'),
+        (', unit = "counts"', "", 'line 11: position.actual.unit: missing; expected "counts" or "0.1 deg"'),
         (
             'unit = "permille_of_rated_torque"',
             'unit = "mA"',
