@@ -6,7 +6,7 @@ drive is refused. The profile of a drive that lacks what force needs is not usab
 missing; such a drive can still be simulated.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -32,13 +32,13 @@ from haptic_fieldbus.protocols.canopen.vendor.lacks import (
     torque_mode,
 )
 from haptic_fieldbus.protocols.canopen.vendor.pdos import pdo_section
+from haptic_fieldbus.protocols.canopen.vendor.sources import sources_of
 from haptic_fieldbus.protocols.canopen.vendor.values import (
     SENT,
     WRITABLE,
     data_type,
     identity,
     is_mappable,
-    number_of,
     position_unit,
     velocity_unit,
 )
@@ -69,8 +69,8 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
         raise EdsError(eds.source, faults)
     velocity = _velocity(eds)
     lacks = tuple(force_lacks(eds, mode, velocity))
-    device, link_loss = eds.device, _link_loss(eds)
-    return EdsProfile(
+    device = eds.device
+    profile = EdsProfile(
         schema=1,
         name=Path(eds.source).stem,
         source=eds.source,
@@ -87,13 +87,13 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
         position=None if velocity else PositionSection(MappedObject(0x6064, DataType.INT32, unit=_position_unit(eds))),
         velocity=velocity,
         pdo=pdo_section(eds),
-        link_loss=link_loss,
-        # Usual figures for servo drives: an EDS has none. `_sources` declares them as assumed.
+        link_loss=_link_loss(eds),
+        # Usual figures for servo drives: an EDS has none. `sources_of` declares them as assumed.
         timing=TimingSection(torque_bandwidth=1000.0, control_period=0.0005),
-        sources=_sources(eds, link_loss, velocity, lacks),
         eds=eds,
         lacks=lacks,
     )
+    return replace(profile, sources=sources_of(profile, eds, lacks))
 
 
 def _position_unit(eds: Eds) -> str:
@@ -172,33 +172,3 @@ def _link_loss(eds: Eds) -> LinkLossSection:
 def _is_writable(eds: Eds, index: int, subindex: int = 0) -> bool:
     entry = eds.find(index, subindex)
     return entry is not None and entry.access in WRITABLE
-
-
-def _sources(
-    eds: Eds, link_loss: LinkLossSection, velocity: VelocitySection | None, lacks: tuple[Lack, ...]
-) -> dict[str, str]:
-    """Return the source of each value, by key; assumptions are marked as ASSUMED."""
-    file = Path(eds.source).name
-    assumed = "as CiA 402-2 has it: ASSUMED, an EDS names no units"
-    absent = {name: f"left out: not in {file}" for name, value in vars(link_loss).items() if value is None}
-    unit = "60A8h" if number_of(eds, 0x60A8) else "in counts: ASSUMED"
-    motion = {"position.actual": f"{file}, 6064h and {unit}; 608Fh and the factor group are not looked at"}
-    if velocity is not None:
-        unit = "60A9h" if 0x60A9 in eds else "in counts/s: ASSUMED, there is no 60A9h"
-        motion = {"velocity.actual": f"{file}, 606Ch and {unit}; there is no 6064h"}
-    reason = {"drive.usable": "; ".join(lack for lack, _ in lacks)} if lacks else {}
-    return {
-        **reason,
-        "identity": f"{file}, 1018h or [DeviceInfo]",
-        "torque.mode_of_operation": f"{file}, 6502h; where it says nothing, 10 (cyclic synchronous torque) is ASSUMED",
-        "torque.target": f"{file}, 6071h; unit {assumed}",
-        "torque.actual": f"{file}, 6077h; unit {assumed}",
-        "torque.rated": f"{file}, 6076h; unit {assumed}",
-        "torque.demand": f"{file}, 6074h; unit {assumed}",
-        "torque.echo": f"{file}: the first of 6074h and 6077h that a TPDO can carry, else 6071h where it is readable",
-        **motion,
-        "pdo": f"{file}, 1400h to 1BFFh; transmission types as in CiA 301 4.2.0, 7.5.2.35 and 7.5.2.37",
-        "link_loss": f"{file}; values as in CiA 402-2, deadline chosen here",
-        **{f"link_loss.{name}": text for name, text in absent.items()},
-        "timing": "ASSUMED: usual figures for servo drives; to be measured on the bench",
-    }

@@ -26,8 +26,8 @@ class PdoSection:
     rpdo_types: Annotated[tuple[TransmissionType, ...], Len(1)]
     rpdo_acts: Literal["reception", "next_sync", "unknown"] = "unknown"
     """Event at which the content of an event-driven RPDO becomes the target of the drive."""
-    tpdos: Annotated[int, Ge(1), Le(512)] = 4
-    rpdos: Annotated[int, Ge(1), Le(512)] = 4
+    tpdos: Annotated[int, Ge(0), Le(512)] = 4
+    rpdos: Annotated[int, Ge(0), Le(512)] = 4
     entries: Annotated[int, Ge(1), Le(64)] = 8
     """Number of mapping entries of one PDO."""
     tpdo_entries: tuple[Entries, ...] = ()
