@@ -113,7 +113,11 @@ def _bind_actual(
     axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
 ) -> PeriodStep:
     """Compare with the target that must be in force by now, after the lag of the torque loop."""
-    sign, tolerance, lag = axis.rig.mechanism.sign * _ratio(axis.shown_unit, axis), doubt.tolerance, axis.delay.torque_loop
+    sign, tolerance, lag = (
+        axis.rig.mechanism.sign * _ratio(axis.shown_unit, axis),
+        doubt.tolerance,
+        axis.delay.torque_loop,
+    )
     late = min(axis.delay.transport, period)
     # From the sample before on, the target before the last was in force, then the last one.
     kept, own = math.exp(-period / lag), 1.0 - math.exp(-(period - late) / lag)

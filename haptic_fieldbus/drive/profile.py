@@ -17,7 +17,6 @@ from haptic_fieldbus.drive.fields import STRICT, Frequency, NonNegativeTime, Tim
 from haptic_fieldbus.drive.objects import DataType, Order
 from haptic_fieldbus.signals import Signal
 
-
 ASSUMED = "ASSUMED"
 """Word in the source of a value for which none was found."""
 

@@ -225,6 +225,8 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         inertia=4.0e-5,
         viscous_damping=1.0e-4,
         coulomb_friction=2.0e-3,
+        # The limits of a simulated drive are nobody's settings.
+        raise_max_torque=True,
         # Above the speed that the simulated hand reaches in free space, where only damping holds back its 6 N.
         limits=Limits(speed=10.0 if workspace is Workspace.LINEAR else 1.0e4),
         # A test per profile proves it.

@@ -154,7 +154,11 @@ def draft_axis(
     couplings = tuple(coupling for coupling in scene.couplings if scene_axis.name in coupling.axes)
     _check_coupled(scene_axis.name, couplings, profile)
     incoming = _incoming((*elements, *couplings), scene_axis.name, profile)
-    effort_unit, rated, steps = _torque_unit(Signal.TARGET_TORQUE, profile, axis), _rated_effort(axis), _steps(profile, axis)
+    effort_unit, rated, steps = (
+        _torque_unit(Signal.TARGET_TORQUE, profile, axis),
+        _rated_effort(axis),
+        _steps(profile, axis),
+    )
     unproved = profile.echo is None or unguarded(profile, axis)
     protocol, plant = _protocol(profile, rig, axis), _plant(axis, profile, steps)
     return AxisPlan(

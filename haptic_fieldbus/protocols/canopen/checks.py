@@ -3,7 +3,14 @@
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.cia402 import ECHOES
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.units import COUNTS, MILLIAMPERE, RATED_TORQUE_UNITS, TENTH_DEGREE, TORQUE_UNITS, VELOCITY_UNITS
+from haptic_fieldbus.drive.units import (
+    COUNTS,
+    MILLIAMPERE,
+    RATED_TORQUE_UNITS,
+    TENTH_DEGREE,
+    TORQUE_UNITS,
+    VELOCITY_UNITS,
+)
 
 # The types and units that the master can scale, by the key of the profile.
 _TYPES = {

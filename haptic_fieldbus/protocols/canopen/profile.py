@@ -14,6 +14,8 @@ from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
 
+AccessType = Literal["ro", "wo", "rw", "rwr", "rww", "const"]
+"""Access types of an EDS (CiA 306-1)."""
 TransmissionType = Annotated[int, Ge(0), Le(255)]
 
 
@@ -112,7 +114,7 @@ class SimulatedObject:
     absent: bool = False
     type: DataType | None = None
     """Needed for an object that the simulated drive does not have otherwise."""
-    access: Literal["ro", "wo", "rw", "rwr", "rww", "const"] | None = None
+    access: AccessType | None = None
     value: int | str | None = None
     low: int | None = None
     high: int | None = None

@@ -30,7 +30,7 @@ NO_MODE = 0
 NO_ACTION, FAULT = 0, 1
 """6007h of a drive without it: no reaction to a lost link, or a fault where its profile says that it reacts."""
 DISABLE, SLOW_DOWN = 0, 2
-"""605Eh of a drive without it: free at once where its profile says that it reacts by itself, else the quick stop ramp."""
+"""605Eh of a drive without it: free at once where its profile says that it reacts, else the quick stop ramp."""
 # CiA 402-2, 6502h: the bit of a mode is its number minus one; manufacturer-specific modes are negative and have bits 16
 # on.
 _FIRST_MANUFACTURER_BIT = 16

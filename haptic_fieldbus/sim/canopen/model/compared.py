@@ -5,10 +5,11 @@ describes. Values that the drive measures, or that describe the bench rather tha
 """
 
 from collections.abc import Callable
+from typing import cast
 
 from haptic_fieldbus.eds import Eds, EdsEntry, NodeOffset
 from haptic_fieldbus.protocols.canopen.from_eds import data_type
-from haptic_fieldbus.protocols.canopen.profile import SimulatedObject
+from haptic_fieldbus.protocols.canopen.profile import AccessType, SimulatedObject
 from haptic_fieldbus.sim.canopen.model.described import ACCESS, WAYS
 from haptic_fieldbus.sim.canopen.model.vendor import BENCH_VALUES, SHOWN_VALUES
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable
@@ -49,13 +50,18 @@ def _whole(other: EdsEntry) -> SimulatedObject:
     if low is not None and high is not None and low >= high:
         low = high = None  # limits without room are a slip of the file, or mean a value that cannot be changed
     return SimulatedObject(
-        type=type, access=_access(other), value=value, low=low, high=high, mappable=other.mappable or None
+        type=type,
+        access=cast(AccessType, other.access),
+        value=value,
+        low=low,
+        high=high,
+        mappable=other.mappable or None,
     )
 
 
 def _change(entry: Entry, other: EdsEntry, node: int) -> SimulatedObject:
     """Return what a file says otherwise of an entry of the same type."""
-    access = _access(other)
+    access = cast(AccessType, other.access)
     ways = WAYS[access] if other.mappable else Mappable.NO
     same_access = ACCESS[access] is entry.access or (ACCESS[access] in _READ_ONLY and entry.access in _READ_ONLY)
     whole = _whole(other)
@@ -79,15 +85,11 @@ def _compared(entry: Entry, other: EdsEntry) -> bool:
     return not measured or entry.index in SHOWN_VALUES
 
 
-def _access(other: EdsEntry) -> str:
-    return other.access
-
-
 def _given(other: EdsEntry) -> int | str | None:
     formula = other.formula
     if isinstance(formula, NodeOffset):
         return f"$NODEID+0x{formula.offset:X}"
-    return _number(other.default)
+    return _number(formula)
 
 
 def _number(value: object) -> int | None:
