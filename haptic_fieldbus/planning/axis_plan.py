@@ -70,6 +70,10 @@ class AxisPlan:
     limits: EffortLimits
     effort_unit: float
     """One step of the drive's target torque in the workspace [N or N·m]."""
+    shown_unit: float
+    """One step of the drive's torque actual value in the workspace [N or N·m]; that of the target where it has none."""
+    demand_unit: float
+    """One step of the drive's torque demand in the workspace [N or N·m]; that of the target where it has none."""
     rated_effort: float
     """Effort at the motor's rated torque, in the workspace [N or N·m]."""
     steps_per_revolution: float
@@ -150,7 +154,11 @@ def draft_axis(
     couplings = tuple(coupling for coupling in scene.couplings if scene_axis.name in coupling.axes)
     _check_coupled(scene_axis.name, couplings, profile)
     incoming = _incoming((*elements, *couplings), scene_axis.name, profile)
-    effort_unit, rated, steps = _effort_unit(profile, axis), _rated_effort(axis), _steps(profile, axis)
+    effort_unit, rated, steps = (
+        _torque_unit(Signal.TARGET_TORQUE, profile, axis),
+        _rated_effort(axis),
+        _steps(profile, axis),
+    )
     unproved = profile.echo is None or unguarded(profile, axis)
     protocol, plant = _protocol(profile, rig, axis), _plant(axis, profile, steps)
     return AxisPlan(
@@ -167,6 +175,8 @@ def draft_axis(
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
         limits=limits_of(axis, rated, plant, scene_axis.workspace, proved=not unproved),
         effort_unit=effort_unit,
+        shown_unit=_torque_unit(Signal.TORQUE_ACTUAL, profile, axis),
+        demand_unit=_torque_unit(Signal.TORQUE_DEMAND, profile, axis),
         rated_effort=rated,
         steps_per_revolution=steps,
         delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
@@ -251,9 +261,13 @@ def _protocol(profile: DriveProfile, rig: Rig, axis: RigAxis) -> FieldbusProtoco
     return protocol
 
 
-def _effort_unit(profile: DriveProfile, axis: RigAxis) -> float:
-    """Return one step of target torque in the workspace [N or N·m]; raises PlanError when the rig lacks its scale."""
-    unit = profile.offers()[Signal.TARGET_TORQUE].unit
+def _torque_unit(signal: Signal, profile: DriveProfile, axis: RigAxis) -> float:
+    """Return one step of a torque in the workspace [N or N·m], that of the target when the drive does not offer it.
+
+    Raises PlanError when the rig lacks its scale.
+    """
+    offered = profile.offers()
+    unit = offered.get(signal, offered[Signal.TARGET_TORQUE]).unit
     if unit not in TORQUE_UNITS:
         raise PlanError(f"{profile.title}: torque unit {unit!r} is not supported")
     step = torque_step(unit, axis)
@@ -287,5 +301,5 @@ def _plant(axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None:
         damping=axis.viscous_damping / ratio**2,
         coulomb=axis.coulomb_friction / ratio,
         resolution=2 * math.pi * ratio / steps,
-        torque_lag=1.0 / (2 * math.pi * profile.timing.torque_bandwidth),
+        torque_lag=profile.torque_lag,
     )

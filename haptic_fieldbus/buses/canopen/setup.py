@@ -14,6 +14,7 @@ from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
+from haptic_fieldbus.buses.canopen.preparing import commissioned, prepare
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
@@ -83,7 +84,7 @@ class Setup:
             serial=serial,
             rated_torque=self._check_rated_torque(),
             link_loss=self._link_loss_words(),
-            changes=tuple(self.torque_limits.sentences),
+            changes=(*self.torque_limits.sentences, *commissioned(self.node, self.member.profile)),
         )
 
     def configure(self) -> None:
@@ -96,6 +97,7 @@ class Setup:
         self._disable()
         self._guard_link()
         self.torque_limits.configure()
+        prepare(self.node, self.member.profile, self.bus.rate)
         self._set_mode()
         self._map_pdos()
 
@@ -283,8 +285,9 @@ class Setup:
             self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT32, subindex), entry.mapping)
         self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), len(pdo.entries))
         self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT8, 2), pdo.transmission_type)
-        if pdo.direction is Direction.TPDO and not pdo.synchronous:
-            self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)  # no inhibit time
+        # By CiA 301 an inhibit time does not delay a synchronous TPDO; not every drive is known to keep to it.
+        if pdo.direction is Direction.TPDO and (not pdo.synchronous or self.member.profile.pdo.inhibit_time_default):
+            self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)
         valid = pdo.cob_id | (cob_id & COB_ID_NO_RTR)
         self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT32, 1), valid)
 

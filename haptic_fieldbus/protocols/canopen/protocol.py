@@ -12,9 +12,10 @@ from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen import bus, checks
 from haptic_fieldbus.protocols.canopen.pdo import SYNCHRONOUS_TYPES, Direction, lay_out
 from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic, asked_signals
+from haptic_fieldbus.protocols.canopen.periods import period_objects
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
-from haptic_fieldbus.protocols.cia402 import CIA402
+from haptic_fieldbus.protocols.cia402 import with_mode_bits
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
 from haptic_fieldbus.protocols.traffic import AxisTraffic
 from haptic_fieldbus.signals import Signal
@@ -52,7 +53,7 @@ class Canopen(FieldbusProtocol):
         return bus.in_place_of(bus.can_section(section), named, channel)
 
     def power_table(self, profile: DriveProfile) -> PowerTable:
-        return CIA402
+        return with_mode_bits(canopen_profile(profile).torque.controlword)
 
     def axis_traffic(
         self, axis: RigAxis, profile: DriveProfile, incoming: Sequence[Signal], outgoing: Sequence[Signal]
@@ -84,6 +85,8 @@ class Canopen(FieldbusProtocol):
         own = tuple(
             BusMember(name, canopen_profile(profile), _pdos(traffic)) for name, (profile, traffic) in members.items()
         )
+        for member in own:
+            period_objects(member.profile, rate)  # refuses a period that the drive cannot take
         can_bus = bus.can_section(section)
         if any(member.traffic.node == can_bus.master_node for member in own):
             raise PlanError(f"master_node {can_bus.master_node} of the bus is the node-ID of one of its drives")

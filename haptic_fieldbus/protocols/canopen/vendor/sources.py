@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode
+from haptic_fieldbus.drive.profile import ASSUMED
 from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, PdoSection
@@ -11,8 +12,6 @@ from haptic_fieldbus.protocols.canopen.vendor.lacks import Lack
 from haptic_fieldbus.protocols.canopen.vendor.pdos import COMMUNICATION, MAPPING, pdo_shape
 from haptic_fieldbus.protocols.canopen.vendor.values import number_of, supported_modes
 
-ASSUMED = "ASSUMED"
-"""Word in the source of a value that no EDS can give, and for which nothing better is known yet."""
 LEFT_OUT = "left out"
 """Beginning of the source of a key that a profile does not give."""
 _NO_UNIT = f"{ASSUMED}: as CiA 402-2 has it; an EDS names no units"

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.canopen.vendor.values import number_of, velocity_unit
+from haptic_fieldbus.sim.canopen.model.described import install_described
 from haptic_fieldbus.sim.canopen.model.vendor import extend
 from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
@@ -66,6 +67,21 @@ QUIRKS = (
         "the boot-up message comes only after this time, and nothing is answered before",
         "ros-industrial/ros2_canopen issue 370 (1 s asked for, as 20 ms did not do)",
     ),
+    Quirk(
+        "modes",
+        "the modes of operation that the drive has, and no others; 6502h shows them",
+        "every drive lacks some of the standard's modes",
+    ),
+    Quirk(
+        "objects",
+        "access, type, limits, mappability and power-on value of objects, and objects beyond those of the simulation",
+        "every shipped profile of a drive whose vendor's file was read",
+    ),
+    Quirk(
+        "differs",
+        "none: the reasons for which the simulated drive differs from the vendor's file",
+        "profiles check",
+    ),
 )
 """All keys. Inhibit times of TPDOs after power-on are set by `pdo.inhibit_time_default` instead."""
 
@@ -118,6 +134,7 @@ def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -
     notes = extend(dictionary, profile.eds, node) if isinstance(profile, EdsProfile) else ()
     for index in quirks.absent:
         dictionary.remove(index)
+    install_described(dictionary, quirks.objects, node)
     for index, value in ((0x6072, quirks.max_torque), (0x6502, quirks.supported_modes)):
         if value is not None and index in dictionary:
             _start_with(dictionary.find(index), value)
@@ -158,10 +175,12 @@ def _velocity_unit(profile: CanopenProfile) -> str | None:
 
 
 def _modes(profile: CanopenProfile) -> frozenset[int] | None:
-    """Return the modes of operation that a vendor's file offers; None for a profile without such a file.
+    """Return the modes of operation of the profile, else those of a vendor's file; None when there is neither.
 
-    Where 6502h says nothing, a mode is taken to be there when its target is.
+    Where 6502h of the file says nothing, a mode is taken to be there when its target is.
     """
+    if profile.simulation.modes is not None:
+        return frozenset(profile.simulation.modes)
     if not isinstance(profile, EdsProfile):
         return None
     value = number_of(profile.eds, 0x6502)

@@ -1,0 +1,54 @@
+"""Preparation of a drive beyond what all drives need: values that its profile asks for, and what its tool has set.
+
+What is written is read back. A value that is there already is not written, so that a constant that is right is no
+fault. Nothing is stored: 1010h is never written, and a drive that is switched off forgets all of it.
+"""
+
+from collections.abc import Iterator
+
+from haptic_fieldbus.buses.canopen.node import Node
+from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.protocols.canopen.periods import period_objects
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+
+FIRST_ENABLING = "the first enabling may turn the shaft while the drive looks for its commutation: hands off until then"
+
+
+def prepare(node: Node, profile: CanopenProfile, rate: float) -> None:
+    """Make the drive hold what its profile needs before the mode is set, and the period; raises BusError."""
+    for each in profile.setup.writes:
+        hold(node, each.entry, each.value)
+    for entry, value in period_objects(profile, rate):
+        hold(node, entry, value)
+    slope = profile.torque.slope
+    if slope is not None:
+        hold(node, slope.entry, slope.value)
+
+
+def hold(node: Node, entry: ObjectEntry, value: int) -> None:
+    """Write an entry unless it has this value already, and read it back; raises BusError."""
+    if node.read(entry) != value:
+        node.write(entry, value)
+
+
+def commissioned(node: Node, profile: CanopenProfile) -> Iterator[str]:
+    """Yield a sentence with what the vendor's tool has set, and one for a commutation search.
+
+    Raises BusConfigurationError when a value is missing without which torque means nothing.
+    """
+    section = profile.commissioning
+    shown: list[str] = []
+    for each in section.shown:
+        value = node.optional(each.entry)
+        if each.needed and not value:
+            raise BusConfigurationError(
+                f"{node.label}: {each.name} ({each.entry.object:04X}h:{each.entry.subindex:02X}) is not set, so the "
+                f"drive does not know its motor. Commission it with {section.tool or 'the tool of its vendor'} first"
+            )
+        if value is not None:
+            shown.append(f"{each.name} {value}{f' {each.unit}' if each.unit else ''}")
+    if shown:
+        yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
+    if profile.drive.commutation_search:
+        yield FIRST_ENABLING
