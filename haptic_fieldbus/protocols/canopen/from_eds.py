@@ -17,14 +17,16 @@ from haptic_fieldbus.drive.cia402 import (
     PositionSection,
     TorqueSection,
     VelocitySection,
+    WrittenObject,
 )
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.profile import DriveSection, TimingSection
 from haptic_fieldbus.drive.units import COUNTS, PERMILLE
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
 from haptic_fieldbus.errors import EdsError, Fault
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SyncSection
 from haptic_fieldbus.protocols.canopen.vendor.lacks import (
+    PROFILE_TORQUE,
     TORQUE_TYPES,
     Lack,
     automaton_lacks,
@@ -34,16 +36,22 @@ from haptic_fieldbus.protocols.canopen.vendor.lacks import (
 from haptic_fieldbus.protocols.canopen.vendor.pdos import pdo_section
 from haptic_fieldbus.protocols.canopen.vendor.sources import sources_of
 from haptic_fieldbus.protocols.canopen.vendor.values import (
+    READABLE,
     SENT,
     WRITABLE,
     data_type,
     identity,
     is_mappable,
+    number_of,
     position_unit,
     velocity_unit,
 )
 
 TARGET = 0x6071
+POWERS = (-3, -4, -5, -6)
+"""Powers of ten of the interpolation time period that are tried, the usual one first."""
+STEEPEST = 1_000_000
+"""Torque slope [‰ of rated torque per s]: rated torque in 1 ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +95,7 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
         position=None if velocity else PositionSection(MappedObject(0x6064, DataType.INT32, unit=_position_unit(eds))),
         velocity=velocity,
         pdo=pdo_section(eds),
+        sync=_sync(eds),
         link_loss=_link_loss(eds),
         # Usual figures for servo drives: an EDS has none. `sources_of` declares them as assumed.
         timing=TimingSection(torque_bandwidth=1000.0, control_period=0.0005),
@@ -116,6 +125,7 @@ def _torque(eds: Eds, mode: int) -> TorqueSection:
         rated=_mapped(eds.find(0x6076), "mN·m"),
         demand=demand,
         echo=_echo(eds, demand, actual),
+        slope=_slope(eds, mode),
     )
 
 
@@ -167,6 +177,47 @@ def _link_loss(eds: Eds) -> LinkLossSection:
         abort_connection_option=OptionCode(0x6007, 2) if _is_writable(eds, 0x6007) else None,
         fault_reaction_option=OptionCode(0x605E, 0) if _is_writable(eds, 0x605E) else None,
     )
+
+
+def _sync(eds: Eds) -> SyncSection:
+    """Return the objects that tell the drive the period, with the values that the limits of the file leave."""
+    cycle_period = 0x1006 if _is_written_back(eds, 0x1006) else None
+    value, power = eds.find(0x60C2, 1), eds.find(0x60C2, 2)
+    if value is None or power is None or not all(_is_written_back(eds, 0x60C2, each) for each in (1, 2)):
+        return SyncSection(cycle_period=cycle_period)
+    low, high = (_limit(value.low, 1), _limit(value.high, 255))
+    powers = [each for each in POWERS if _limit(power.low, each) <= each <= _limit(power.high, each)]
+    return SyncSection(
+        interpolation_time=0x60C2,
+        # Without limits only the power after power-on is known to be taken.
+        powers=tuple(powers) if power.low is not None and powers else (_default_power(eds),),
+        values=(max(low, 1), high) if max(low, 1) < high <= 255 else (1, 255),
+        cycle_period=cycle_period,
+    )
+
+
+def _default_power(eds: Eds) -> int:
+    power = number_of(eds, 0x60C2, 2)
+    return power if power in POWERS else POWERS[0]
+
+
+def _limit(limit: int | float | None, otherwise: int) -> int:
+    return limit if isinstance(limit, int) else otherwise
+
+
+def _slope(eds: Eds, mode: int) -> WrittenObject | None:
+    """Return the steepest torque slope, for profile torque mode alone; None for a drive that has none to be written."""
+    entry = eds.find(0x6087)
+    type = data_type(entry) if entry is not None and _is_written_back(eds, 0x6087) else None
+    if mode != PROFILE_TORQUE or entry is None or type is None:
+        return None
+    return WrittenObject(0x6087, type, min(_limit(entry.high, STEEPEST), type.limits[1], STEEPEST))
+
+
+def _is_written_back(eds: Eds, index: int, subindex: int = 0) -> bool:
+    """Return whether an entry can be written and read back."""
+    entry = eds.find(index, subindex)
+    return entry is not None and entry.access in WRITABLE and entry.access in READABLE
 
 
 def _is_writable(eds: Eds, index: int, subindex: int = 0) -> bool:

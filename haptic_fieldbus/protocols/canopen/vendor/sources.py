@@ -27,6 +27,7 @@ def sources_of(profile: CanopenProfile, eds: Eds, lacks: tuple[Lack, ...]) -> di
         **dict(_torque(profile, eds, found)),
         **dict(_motion(profile, eds, found)),
         **dict(_pdos(profile.pdo, eds, found)),
+        **dict(_sync(profile, found)),
         **dict(_link_loss(profile, found)),
         "timing.torque_bandwidth": f"{ASSUMED}: a usual figure for current loops; to be measured on the bench",
         "timing.control_period": f"{ASSUMED}: a usual figure for servo drives; to be measured on the bench",
@@ -61,6 +62,10 @@ def _torque(profile: CanopenProfile, eds: Eds, found: str) -> Iterator[Source]:
         else:
             why = f"[{index:04X}] cannot be sent in a PDO" if index in eds else f"{index:04X}h is not in the file"
             yield f"torque.{name}", f"{LEFT_OUT}: {found}, {why}"
+    if section.slope is not None:
+        yield "torque.slope.object", f"{found}, [6087]"
+        yield "torque.slope.type", f"{found}, [6087] DataType"
+        yield "torque.slope.value", f"{ASSUMED}: in ‰ of rated torque per s, as CiA 402-2 has it; rated torque in 1 ms"
     yield "torque.echo", f"{found}: the first of 6074h and 6077h that a TPDO can carry, else 6071h where it is readable"
 
 
@@ -100,6 +105,17 @@ def _pdos(section: PdoSection, eds: Eds, found: str) -> Iterator[Source]:
 
 def _span(first: int, numbers: list[int], otherwise: str) -> str:
     return f"[{first + numbers[0]:04X}] to [{first + numbers[-1]:04X}]" if numbers else otherwise
+
+
+def _sync(profile: CanopenProfile, found: str) -> Iterator[Source]:
+    section = profile.sync
+    given = f"{LEFT_OUT}: {found} has no 60C2h that can be written and read"
+    yield "sync.interpolation_time", f"{found}, [60C2]" if section.interpolation_time else given
+    if section.interpolation_time:
+        yield "sync.powers", f"{found}, [60C2sub2]: within its limits, else its default"
+        yield "sync.values", f"{found}, [60C2sub1]: within its limits, else 1 to 255"
+    period = f"{LEFT_OUT}: {found} has no 1006h that can be written and read"
+    yield "sync.cycle_period", f"{found}, [1006]" if section.cycle_period else period
 
 
 def _link_loss(profile: CanopenProfile, found: str) -> Iterator[Source]:
