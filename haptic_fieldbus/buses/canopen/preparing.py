@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.planning.enabling import first_enabling
 from haptic_fieldbus.protocols.canopen.periods import period_objects
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-
-FIRST_ENABLING = "the first enabling may turn the shaft while the drive looks for its commutation: hands off until then"
 
 
 def prepare(node: Node, profile: CanopenProfile, rate: float) -> None:
@@ -50,5 +49,6 @@ def commissioned(node: Node, profile: CanopenProfile) -> Iterator[str]:
             shown.append(f"{each.name} {value}{f' {each.unit}' if each.unit else ''}")
     if shown:
         yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
-    if profile.drive.commutation_search:
-        yield FIRST_ENABLING
+    warning = first_enabling(profile)
+    if warning:
+        yield warning
