@@ -14,8 +14,8 @@ def first_enabling(profile: DriveProfile) -> str:
     timing = profile.timing
     longest = exactly(timing.enabling_timeout + timing.mode_change_timeout)
     return (
-        "the first enabling after power-on may turn the shaft, while the drive looks for its commutation: hands off, and "
-        f"room to move, for up to {longest} s"
+        "the first enabling after power-on may turn the shaft, while the drive looks for its commutation: hands off, "
+        f"and room to move, for up to {longest} s"
     )
 
 
