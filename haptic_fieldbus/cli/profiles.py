@@ -1,4 +1,4 @@
-"""Commands `profiles list|show|check`: the drive profiles, and the source of each value."""
+"""Commands `profiles list|show|check|new`: the drive profiles, and the source of each value."""
 
 import sys
 from collections.abc import Iterator, Mapping
@@ -14,6 +14,7 @@ import typer
 from haptic_fieldbus.cli.checking import check_files, faults_to_json, faults_told
 from haptic_fieldbus.cli.options import JsonOption, ProfilesOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.cli.vendor_files import check_against, write_draft
 from haptic_fieldbus.errors import EdsError, UsageError
 from haptic_fieldbus.numerals import exactly
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
     from haptic_fieldbus.drive.profile import DriveProfile
 
-app = typer.Typer(help="The drive profiles: list, show, check.", no_args_is_help=True)
+app = typer.Typer(help="The drive profiles: list, show, check, draft.", no_args_is_help=True)
 
 # Order of the sections in `profiles show`.
 SECTIONS = ("identity", "torque", "position", "velocity", "pdo", "link_loss", "timing", "simulation")
@@ -96,12 +97,21 @@ def check_profiles(
         list[str] | None,
         typer.Argument(metavar="[NAME]...", help="Names or paths; all shipped and own ones unless given."),
     ] = None,
+    eds: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Prove one profile against the EDS or DCF of its vendor."),
+    ] = None,
     profiles: ProfilesOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Check profiles or vendors' EDS files, and list all faults of each with line and key."""
     from haptic_fieldbus.protocols.folders import known_names
 
+    if eds is not None:
+        if not names or len(names) != 1:
+            raise UsageError("--eds FILE proves one profile; expected its name or its path before it")
+        check_against(names[0], eds, profiles, as_json)
+        return
     known = known_names(profiles)
     check_files(names or known, partial(_check_profile, profiles), as_json)
 
@@ -115,8 +125,22 @@ def _check_profile(profiles: str | None, name: str) -> None:
     from haptic_fieldbus.protocols.catalogue import load_profile
 
     profile = load_profile(name, profiles)
-    if isinstance(profile, EdsProfile) and profile.eds.faults:
-        raise EdsError(name, list(profile.eds.faults))
+    if isinstance(profile, EdsProfile) and profile.faults():
+        raise EdsError(name, profile.faults())
+
+
+@app.command("new")
+def new_profile(
+    eds: Annotated[Path, typer.Option(metavar="FILE", help="The EDS or DCF of the drive's vendor.")],
+    name: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Name of the profile, and of its file here; from the EDS if left out."),
+    ] = None,
+    output: Annotated[Path | None, typer.Option(metavar="FILE", help="The file to write instead.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Draft a profile from a vendor's EDS: each value with its section, and what no EDS can know marked assumed."""
+    write_draft(eds, name, output, as_json)
 
 
 def _write_eds(profile: "DriveProfile", path: Path) -> None:

@@ -255,21 +255,24 @@ class Setup:
         )
 
     def _map_pdos(self) -> None:
-        available = self.member.profile.pdo
-        for direction, number, pdos in (
-            (Direction.TPDO, available.tpdos, self.member.traffic.tpdos),
-            (Direction.RPDO, available.rpdos, self.member.traffic.rpdos),
+        for direction, pdos in (
+            (Direction.TPDO, self.member.traffic.tpdos),
+            (Direction.RPDO, self.member.traffic.rpdos),
         ):
             used = {pdo.number: pdo for pdo in pdos}
-            for at in range(1, number + 1):
-                cob_id = self._switch_off(direction, at)
-                if at in used:
-                    self._map(used[at], cob_id)
+            for number, room in self.member.profile.pdo.room(direction).items():
+                # A PDO without room for a mapping may not be there at all.
+                read = self.node.read if room else self.node.optional
+                cob_id = self._switch_off(direction, number, read)
+                if number in used:
+                    self._map(used[number], cob_id)
 
-    def _switch_off(self, direction: Direction, number: int) -> int:
+    def _switch_off(self, direction: Direction, number: int, read: Callable[[ObjectEntry], int | None]) -> int:
         """Make the PDO invalid if it is not, and return its COB-ID as the drive then holds it."""
         entry = _communication(direction, number, DataType.UINT32, 1)
-        cob_id = self.node.read(entry)
+        cob_id = read(entry)
+        if cob_id is None:
+            return COB_ID_INVALID
         if not cob_id & COB_ID_INVALID:
             cob_id |= COB_ID_INVALID
             self.node.write(entry, cob_id)

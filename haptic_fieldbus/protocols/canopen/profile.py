@@ -13,10 +13,12 @@ from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.canopen.pdo import Direction
 
 AccessType = Literal["ro", "wo", "rw", "rwr", "rww", "const"]
 """Access types of an EDS (CiA 306-1)."""
 TransmissionType = Annotated[int, Ge(0), Le(255)]
+Entries = Annotated[int, Ge(0), Le(64)]
 
 
 @dataclass(frozen=True)
@@ -27,13 +29,24 @@ class PdoSection:
     rpdo_types: Annotated[tuple[TransmissionType, ...], Len(1)]
     rpdo_acts: Literal["reception", "next_sync", "unknown"] = "unknown"
     """Event at which the content of an event-driven RPDO becomes the target of the drive."""
-    tpdos: Annotated[int, Ge(1), Le(512)] = 4
-    rpdos: Annotated[int, Ge(1), Le(512)] = 4
+    tpdos: Annotated[int, Ge(0), Le(512)] = 4
+    rpdos: Annotated[int, Ge(0), Le(512)] = 4
     entries: Annotated[int, Ge(1), Le(64)] = 8
     """Number of mapping entries of one PDO."""
+    tpdo_entries: tuple[Entries, ...] = ()
+    """Number of mapping entries of TPDO 1, 2, 3 … where they are not all `entries`; 0: there is no such TPDO, or its
+    mapping is fixed."""
+    rpdo_entries: tuple[Entries, ...] = ()
+    """The same for RPDOs."""
     inhibit_time_default: Annotated[float, Ge(0), Le(6.5535)] = 0.0
     """Inhibit time of a TPDO after power-on [s]; 1800h:03 has 16 bits of 100 µs."""
     __pydantic_config__: ClassVar = STRICT
+
+    def room(self, direction: Direction) -> dict[int, int]:
+        """Return the number of mapping entries of each PDO of a direction, by the number of the PDO."""
+        sent = direction is Direction.TPDO
+        listed = self.tpdo_entries if sent else self.rpdo_entries
+        return dict(enumerate(listed or (self.entries,) * (self.tpdos if sent else self.rpdos), start=1))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -73,10 +73,10 @@ class Canopen(FieldbusProtocol):
         rpdo_type = max(event_driven) if event_driven else min(pdo.rpdo_types)
         return PdoTraffic(
             axis.node,
-            lay_out(Direction.TPDO, entries, mapped, node=axis.node, transmission_type=1, pdos=pdo.tpdos,
-                    entries=pdo.entries),
-            lay_out(Direction.RPDO, entries, outgoing, node=axis.node, transmission_type=rpdo_type, pdos=pdo.rpdos,
-                    entries=pdo.entries),
+            lay_out(Direction.TPDO, entries, mapped, node=axis.node, transmission_type=1,
+                    room=pdo.room(Direction.TPDO)),
+            lay_out(Direction.RPDO, entries, outgoing, node=axis.node, transmission_type=rpdo_type,
+                    room=pdo.room(Direction.RPDO)),
             asked=asked_signals(own) if len(mapped) < len(incoming) else (),
             life_guarding=own.link_loss.life_guarding,
         )  # fmt: skip

@@ -8,7 +8,9 @@ from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCo
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsType, eds_text
 from haptic_fieldbus.errors import EdsError
-from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, data_type, profile_from_eds
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds
+from haptic_fieldbus.protocols.canopen.pdo import Direction
+from haptic_fieldbus.protocols.canopen.vendor.values import data_type
 from haptic_fieldbus.protocols.catalogue import load_profile
 from tests.builders import canopen
 from tests.eds.sheets import changed, generic, without, without_member
@@ -18,9 +20,15 @@ PERMILLE = "permille_of_rated_torque"
 
 
 def refusals(eds: Eds, mode: int | None = None) -> list[str]:
-    with pytest.raises(EdsError) as caught:
-        profile_from_eds(eds, mode)
-    return [fault.message.removeprefix("not usable for force: ") for fault in caught.value.faults]
+    """What is told of a file that describes no drive of CiA 402, or one that is not usable for force."""
+    try:
+        profile = profile_from_eds(eds, mode)
+    except EdsError as error:
+        return [fault.message.removeprefix("no CiA 402 drive: ") for fault in error.faults]
+    lacks = [lack for lack, _ in profile.lacks]
+    assert profile.drive.usable is not bool(lacks)
+    assert profile.sources.get("drive.usable", "") == "; ".join(lacks)
+    return lacks
 
 
 def test_the_profile_says_what_the_file_says() -> None:
@@ -97,9 +105,10 @@ def test_a_missing_object_is_named(index: int, name: str) -> None:
 
 
 def test_all_that_is_missing_is_told_at_once() -> None:
-    eds = changed(without(generic(), 0x6040, 0x1400, 0x1A00), 0x6502, default=1)
+    eds = without(generic(), 0x6071, *range(0x1400, 0x1404), *range(0x1A00, 0x1A04))
+    eds = changed(eds, 0x6502, default=1)
     assert refusals(eds) == [
-        "there is no 6040h controlword",
+        "there is no 6071h target torque",
         "there is no RPDO (1400h and 1600h)",
         "there is no TPDO (1800h and 1A00h)",
         "6502h supported drive modes 1h names no torque mode",
@@ -218,12 +227,51 @@ def test_the_identity_is_that_of_1018h_or_of_the_device() -> None:
     assert (profile.drive.vendor, profile.drive.model) == ("unknown vendor", "unknown model")
 
 
-def test_the_pdos_are_those_with_both_records_and_the_room_of_the_smallest() -> None:
-    eds = without_member(without(generic(), 0x1A02), 0x1601, 8)
-    eds = changed(changed(eds, 0x1800, 3, default=1000), 0x1801, 3, default=300)
-    pdo = profile_from_eds(eds).pdo
-    assert (pdo.rpdos, pdo.tpdos, pdo.entries) == (4, 2, 7)
+def test_pdos_of_one_room_are_told_by_their_number() -> None:
+    pdo = profile_from_eds(changed(changed(generic(), 0x1800, 3, default=1000), 0x1801, 3, default=300)).pdo
+    assert (pdo.rpdos, pdo.tpdos, pdo.entries, pdo.rpdo_entries, pdo.tpdo_entries) == (4, 4, 8, (), ())
     assert pdo.inhibit_time_default == pytest.approx(0.1)
+
+
+def test_each_pdo_has_its_own_room_and_a_missing_one_is_no_end_of_the_list() -> None:
+    eds = without_member(without(generic(), 0x1801), 0x1601, 8)
+    for subindex in range(2, 9):
+        eds = without_member(eds, 0x1A03, subindex)
+    pdo = profile_from_eds(eds).pdo
+    assert (pdo.rpdos, pdo.tpdos, pdo.entries) == (4, 3, 8)
+    assert pdo.rpdo_entries == (8, 7, 8, 8)
+    assert pdo.tpdo_entries == (8, 0, 8, 1)
+    assert pdo.room(Direction.TPDO) == {1: 8, 2: 0, 3: 8, 4: 1}
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "changes"),
+    [
+        (0x1A00, 0, {"access": "ro"}),
+        (0x1A00, 1, {"access": "const"}),
+        (0x1800, 1, {"access": "ro"}),
+    ],
+)
+def test_a_mapping_that_cannot_be_written_has_no_room(index: int, subindex: int, changes: dict[str, object]) -> None:
+    pdo = profile_from_eds(changed(generic(), index, subindex, **changes)).pdo
+    assert pdo.tpdo_entries == (0, 8, 8, 8)
+
+
+def test_the_number_of_entries_may_be_limited() -> None:
+    assert profile_from_eds(changed(generic(), 0x1A01, 0, high=2)).pdo.tpdo_entries == (8, 2, 8, 8)
+
+
+def test_a_drive_whose_mappings_are_all_fixed_is_not_usable_for_force() -> None:
+    eds = generic()
+    for number in range(4):
+        eds = changed(eds, 0x1A00 + number, 0, access="const")
+    assert refusals(eds) == ["no TPDO can be mapped anew: its records are not writable (1800h and 1A00h and on)"]
+
+
+def test_transmission_types_are_those_of_the_standard_within_the_limits_and_those_of_the_file() -> None:
+    eds = changed(generic(), 0x1800, 2, low=0, high=254, default=253)
+    pdo = profile_from_eds(eds).pdo
+    assert (pdo.tpdo_types, pdo.rpdo_types) == ((1, 253, 254, 255), (1, 254, 255))
 
 
 def test_types_without_a_name_in_profiles_have_none() -> None:
@@ -278,6 +326,9 @@ UNUSABLE = {
     "trinamic_tmcm_1270.eds": NO_TARGET,
     "xeryon_xla_5.eds": NO_TARGET,
 }
+
+NO_DRIVE = {"roboteq_v60.eds"}
+"""Files without the objects of CiA 402."""
 
 
 @needs_files

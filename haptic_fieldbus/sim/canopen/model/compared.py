@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import cast
 
 from haptic_fieldbus.eds import Eds, EdsEntry, NodeOffset
-from haptic_fieldbus.protocols.canopen.from_eds import data_type
 from haptic_fieldbus.protocols.canopen.profile import AccessType, SimulatedObject
+from haptic_fieldbus.protocols.canopen.vendor.values import data_type
 from haptic_fieldbus.sim.canopen.model.described import ACCESS, WAYS
 from haptic_fieldbus.sim.canopen.model.vendor import BENCH_VALUES, SHOWN_VALUES
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable

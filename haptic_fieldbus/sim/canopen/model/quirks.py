@@ -7,8 +7,9 @@ built. The master never reads this section, so it meets the quirk unprepared, as
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from haptic_fieldbus.protocols.canopen.from_eds import VELOCITY_UNIT_CODES, EdsProfile
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.vendor.values import number_of, velocity_unit
 from haptic_fieldbus.sim.canopen.model.described import install_described
 from haptic_fieldbus.sim.canopen.model.vendor import extend
 from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
@@ -88,6 +89,8 @@ _NS = 1_000_000_000
 _HEARTBEAT_CONSUMER = 0x1016
 _APPLICATION = range(0x6000, 0x6800)
 _FIRST_MANUFACTURER_BIT = 16
+_TARGETS = {1: 0x607A, 3: 0x60FF, 4: 0x6071, 6: 0x6098, 8: 0x607A, 9: 0x60FF, 10: 0x6071}
+"""Mode of operation → the object that commands it (CiA 402-2)."""
 _PDO_COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
 
 
@@ -166,17 +169,21 @@ def _not_in_file(profile: CanopenProfile) -> frozenset[int]:
 
 def _velocity_unit(profile: CanopenProfile) -> str | None:
     """Return the unit of 60A9h in a vendor's file; None when it names none that is known."""
-    entry = profile.eds.find(0x60A9) if isinstance(profile, EdsProfile) else None
-    value = entry.value(1) if entry is not None else None
-    return VELOCITY_UNIT_CODES.get(value & 0xFFFF_FFFF) if isinstance(value, int) else None
+    if not isinstance(profile, EdsProfile) or number_of(profile.eds, 0x60A9) is None:
+        return None
+    return velocity_unit(profile.eds)
 
 
 def _modes(profile: CanopenProfile) -> frozenset[int] | None:
-    """Return the modes of operation of the profile, else those in 6502h of a vendor's file; None when neither does."""
+    """Return the modes of operation of the profile, else those of a vendor's file; None when there is neither.
+
+    Where 6502h of the file says nothing, a mode is taken to be there when its target is.
+    """
     if profile.simulation.modes is not None:
         return frozenset(profile.simulation.modes)
-    entry = profile.eds.find(0x6502) if isinstance(profile, EdsProfile) else None
-    value = entry.value(1) if entry is not None else None
-    if not isinstance(value, int) or not value:
+    if not isinstance(profile, EdsProfile):
         return None
+    value = number_of(profile.eds, 0x6502)
+    if not value:
+        return frozenset(mode for mode, target in _TARGETS.items() if target in profile.eds)
     return frozenset(bit + 1 for bit in range(_FIRST_MANUFACTURER_BIT) if value >> bit & 1)
