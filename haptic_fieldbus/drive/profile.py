@@ -105,11 +105,6 @@ class DriveProfile(ABC):
         """Keys whose values rest on no source but an assumption, in the order of the file."""
         return tuple(key for key, source in self.sources.items() if ASSUMED in source)
 
-    def assumed_in(self, section: str) -> tuple[str, ...]:
-        """Keys of one section that are assumed, without its name; all of them where the section has one source."""
-        keys = [key.partition(".") for key in self.assumed if key == section or key.startswith(f"{section}.")]
-        return tuple(name for _, _, name in keys)
-
     @property
     def guarded(self) -> bool:
         """True when the drive can take the torque away by itself as soon as nothing comes from its master any more."""

@@ -9,33 +9,38 @@ from collections.abc import Iterator
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.enabling import first_enabling
 from haptic_fieldbus.protocols.canopen.periods import period_objects
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 
-FIRST_ENABLING = "the first enabling may turn the shaft while the drive looks for its commutation: hands off until then"
+RATED_TOLERANCE = 0.02
+"""Of a rated value in the rig; what a drive holds may differ by its rounding."""
 
 
 def prepare(node: Node, profile: CanopenProfile, rate: float) -> None:
     """Make the drive hold what its profile needs before the mode is set, and the period; raises BusError."""
     for each in profile.setup.writes:
-        hold(node, each.entry, each.value)
+        ensure(node, each.entry, each.value)
     for entry, value in period_objects(profile, rate):
-        hold(node, entry, value)
+        ensure(node, entry, value)
     slope = profile.torque.slope
     if slope is not None:
-        hold(node, slope.entry, slope.value)
+        ensure(node, slope.entry, slope.value)
 
 
-def hold(node: Node, entry: ObjectEntry, value: int) -> None:
+def ensure(node: Node, entry: ObjectEntry, value: int) -> None:
     """Write an entry unless it has this value already, and read it back; raises BusError."""
     if node.read(entry) != value:
         node.write(entry, value)
 
 
-def commissioned(node: Node, profile: CanopenProfile) -> Iterator[str]:
+def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterator[str]:
     """Yield a sentence with what the vendor's tool has set, and one for a commutation search.
 
-    Raises BusConfigurationError when a value is missing without which torque means nothing.
+    Raises BusConfigurationError when a value is missing without which torque means nothing, or when the rated current,
+    by which every command is scaled, is not that of the rig.
     """
     section = profile.commissioning
     shown: list[str] = []
@@ -48,7 +53,19 @@ def commissioned(node: Node, profile: CanopenProfile) -> Iterator[str]:
             )
         if value is not None:
             shown.append(f"{each.name} {value}{f' {each.unit}' if each.unit else ''}")
+    if profile.torque.rated_current is not None:
+        _check_rated_current(node, profile.torque.rated_current.entry, axis)
     if shown:
         yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
-    if profile.drive.commutation_search:
-        yield FIRST_ENABLING
+    warning = first_enabling(profile)
+    if warning:
+        yield warning
+
+
+def _check_rated_current(node: Node, entry: ObjectEntry, axis: AxisPlan) -> None:
+    rated, expected = node.read(entry) * 1e-3, axis.rig.rated_current
+    if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
+        raise BusConfigurationError(
+            f"{node.label}: its rated current is {exactly(rated)} A ({entry}), the rig says {exactly(expected)} A "
+            f"(axis.{axis.name}.rated_current); every command would be off by that"
+        )

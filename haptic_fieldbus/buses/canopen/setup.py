@@ -14,7 +14,7 @@ from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
-from haptic_fieldbus.buses.canopen.preparing import commissioned, prepare
+from haptic_fieldbus.buses.canopen.preparing import RATED_TOLERANCE, commissioned, prepare
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
@@ -42,10 +42,9 @@ COB_ID_NO_RTR = 0x4000_0000
 """Bit 30 of a TPDO's COB-ID: no remote frames. It keeps its value, since many drives have it fixed."""
 SYNC_PRODUCER = 0x4000_0000  # bit 30 of 1005h: the device sends SYNC itself
 COB_ID_MASK = 0x7FF
-SHAFT_BRAKES = 3  # abort connection option code (6007h): quick stop command
-SHAFT_WORDS = {1: "the drive faults", 2: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
+SHAFT_FREE, SHAFT_BRAKES = 2, 3  # abort connection option codes (6007h): disable voltage, quick stop
+SHAFT_WORDS = {1: "the drive faults", SHAFT_FREE: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
 NO_ANSWER_ADVICE = "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
-RATED_TORQUE_TOLERANCE = 0.02  # of the value in the rig
 HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
 POLL_NS = 5_000_000
 DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
@@ -84,7 +83,7 @@ class Setup:
             serial=serial,
             rated_torque=self._check_rated_torque(),
             link_loss=self._link_loss_words(),
-            changes=(*self.torque_limits.sentences, *commissioned(self.node, self.member.profile)),
+            changes=(*self.torque_limits.sentences, *commissioned(self.node, self.member.profile, self.axis)),
         )
 
     def configure(self) -> None:
@@ -176,7 +175,7 @@ class Setup:
             raise BusConfigurationError(f"{self.member.profile.title}: {wrong}")
         rated = self.node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
         expected = self.axis.rig.rated_torque
-        if expected is not None and abs(rated - expected) > RATED_TORQUE_TOLERANCE * expected:
+        if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
             raise BusConfigurationError(
                 f"{self.node.label}: its rated torque is {exactly(rated)} N·m ({mapped.entry}), the rig says "
                 f"{exactly(expected)} N·m (axis.{self.axis.name}.rated_torque); every command would be off by that"
@@ -241,7 +240,8 @@ class Setup:
         if not self.member.profile.guarded:
             return "on link loss the motor keeps its torque until its power is cut"
         option = self.member.profile.link_loss.abort_connection_option
-        reaction = 0 if option is None else self._reaction(option)
+        # Without 6007h a lost link is a fault, after which 605Eh says the same of the shaft.
+        reaction = SHAFT_FREE if option is None else self._reaction(option)
         words = SHAFT_WORDS.get(reaction, f"the drive reacts as it was set up ({reaction})")
         return f"on link loss {words} within {self._deadline_ms} ms"
 

@@ -62,6 +62,8 @@ class Objects:
     """One step of the torque actual value [N·m]."""
     demand_unit: float
     """One step of the torque demand [N·m]."""
+    mode_bits: int
+    """Bits of the controlword without which the drive's own torque mode gives no torque; 0: none."""
     table: dict[tuple[int, int], Entry]
     """The entries of `object_table`, by index and sub-index."""
 
@@ -139,6 +141,7 @@ def add_objects(
         torque_unit=step(target.unit),
         actual_unit=step((actual or target).unit),
         demand_unit=step(demand.unit) if demand is not None else rated * PERMILLE,
+        mode_bits=profile.torque.controlword,
         table=table,
     )
 

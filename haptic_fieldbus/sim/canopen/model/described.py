@@ -14,6 +14,8 @@ from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mapp
 
 NODE_ID = re.compile(r"\$NODEID\s*\+\s*(0x[0-9A-Fa-f]+|\d+)")
 """A value that contains the node-ID."""
+OCTETS = 256
+"""Capacity of an entry without a type."""
 ACCESS = {access.value: access for access in Access} | {"rwr": Access.RW, "rww": Access.RW}
 """Access type of an EDS → access of an entry."""
 WAYS = {
@@ -27,7 +29,7 @@ def install_described(dictionary: Dictionary, objects: Mapping[str, SimulatedObj
     """Make the dictionary hold the described objects, for this node-ID."""
     present = {(entry.index, entry.subindex): entry for entry in dictionary}
     for name, described in objects.items():
-        for index, subindex in places(name):
+        for index, subindex in entries_of(name):
             entry = present.get((index, subindex))
             if described.absent:
                 dictionary.remove(index, subindex)
@@ -37,7 +39,7 @@ def install_described(dictionary: Dictionary, objects: Mapping[str, SimulatedObj
                 _change(entry, described, node)
 
 
-def places(name: str) -> Iterator[tuple[int, int]]:
+def entries_of(name: str) -> Iterator[tuple[int, int]]:
     """Yield index and sub-index of each entry that a key of [simulation.objects] names.
 
     All numbers are hexadecimal, and each may be a range: "6007", "60C2:01", "1400-1403:01-02".
@@ -52,9 +54,10 @@ def _range(text: str) -> range:
 
 
 def _stored(index: int, subindex: int, described: SimulatedObject, node: int) -> Entry:
-    """Return an entry that only stores its value; a text without a type is read-only octets."""
+    """Return an entry that only stores its value; without a type it stores octets."""
     access = described.access or "ro"
-    entry = Entry(index, subindex, described.type, access=ACCESS[access], mappable=_ways(access, described.mappable))
+    ways = _ways(access, described.mappable)
+    entry = Entry(index, subindex, described.type, access=ACCESS[access], mappable=ways, capacity=OCTETS)
     _set_limits(entry, described)
     _set_value(entry, described.value if described.value is not None else max(entry.low, min(entry.high, 0)), node)
     return entry
@@ -80,6 +83,8 @@ def _set_limits(entry: Entry, described: SimulatedObject) -> None:
     if entry.type is not None:
         entry.low = entry.low if described.low is None else described.low
         entry.high = entry.high if described.high is None else described.high
+        # A value of the bench, such as a ramp, may be beyond them.
+        entry.value = entry.default = max(entry.low, min(entry.high, entry.default))
 
 
 def _set_value(entry: Entry, value: int | str, node: int) -> None:
