@@ -27,7 +27,8 @@ NOT_SHOWN = {
     "torque.echo", "torque.controlword", "torque.slope.value", "torque.target.unit", "torque.actual.unit",
     "torque.demand.unit", "torque.rated_current.unit", "position.actual.unit", "setup.writes.value",
     "pdo.rpdo_acts", "pdo.tpdo_types", "pdo.rpdo_types", "sync.shortest_period", "commissioning.tool",
-    "commissioning.shown.name", "commissioning.shown.unit", "commissioning.shown.needed", "link_loss.deadline", "link_loss.reacts",
+    "commissioning.shown.name", "commissioning.shown.unit", "commissioning.shown.needed",
+    "link_loss.deadline", "link_loss.reacts",
     "link_loss.abort_connection_option.value", "link_loss.fault_reaction_option.value",
 }  # fmt: skip
 """Keys whose right value no EDS and no object of a drive can show: units of torque, choices, what a person knows.

@@ -60,7 +60,8 @@ def plain() -> Eds:
 
 def test_a_profile_agrees_with_the_file_of_its_own_simulated_drive() -> None:
     found = proved(plain())
-    assert found.faults == found.known == ()
+    assert not found.faults
+    assert not found.known
     assert {"torque.target", "position.actual", "pdo.entries", "link_loss.heartbeat_consumer"} <= {
         each.key for each in found.agreed
     }
