@@ -16,7 +16,7 @@ _STANDARD = (range(0x1000, 0x1F00), range(0x6000, 0x6800))
 CiA 302."""
 
 
-def prove(profile: CanopenProfile, eds: Eds) -> Comparison:
+def proof_of(profile: CanopenProfile, eds: Eds) -> Comparison:
     """Return what the file shows of the profile, and of its simulated drive where the profile describes that."""
     return compare(profile, eds, tuple(_simulated(profile, eds)) if profile.simulation.objects else ())
 

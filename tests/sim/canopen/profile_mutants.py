@@ -19,7 +19,7 @@ from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.sim.canopen.proof import prove
+from haptic_fieldbus.sim.canopen.proof import proof_of
 from tests.builders import WALL, rig_of, unproved
 
 SHOWN = ("identity", "torque", "position", "velocity", "pdo", "setup", "sync", "commissioning", "link_loss")
@@ -141,7 +141,7 @@ def told_by(mutant: Mutant, original: CanopenProfile, eds: Eds, folder: Path) ->
         profile = canopen_profile(load_profile(path))
     except HapticFieldbusError:
         return "load"
-    if prove(profile, eds).faults:
+    if proof_of(profile, eds).faults:
         return "check"
     try:
         configure(profile, original.name)

@@ -20,7 +20,7 @@ from haptic_fieldbus.protocols.canopen.profile import (
 from haptic_fieldbus.protocols.canopen.vendor.check import Comparison
 from haptic_fieldbus.protocols.catalogue import profile_names
 from haptic_fieldbus.protocols.folders import profile_file
-from haptic_fieldbus.sim.canopen.proof import prove
+from haptic_fieldbus.sim.canopen.proof import proof_of
 from tests.builders import canopen
 from tests.eds.sheets import changed, generic, without, without_member
 from tests.eds.vendor_files import FILES, needs_files, vendor_eds
@@ -45,7 +45,7 @@ EVERY = [(profile, name) for profile, names in ITS_FILES.items() for name in nam
 
 def proved(eds: Eds, **changes: object) -> Comparison:
     profile = replace(canopen(GENERIC), **changes)  # type: ignore[arg-type]
-    return prove(profile, replace(eds, source="own.eds"))
+    return proof_of(profile, replace(eds, source="own.eds"))
 
 
 def told(eds: Eds, **changes: object) -> dict[str, str]:
@@ -216,7 +216,7 @@ def test_an_option_of_a_second_axis_is_the_same_object() -> None:
 def test_a_drive_that_is_not_usable_is_not_asked_for_torque() -> None:
     eds = without(plain(), 0x6071)
     profile = profile_from_eds(replace(eds, source="own.eds"))
-    assert prove(profile, eds).faults == ()
+    assert proof_of(profile, eds).faults == ()
 
 
 def test_the_simulated_drive_is_compared_where_the_profile_describes_it() -> None:
@@ -242,7 +242,7 @@ def test_every_shipped_profile_of_a_drive_has_its_file_here() -> None:
 @pytest.mark.thorough("every profile with every file of its drive", quick=2)
 @pytest.mark.parametrize(("name", "file"), EVERY)
 def test_a_shipped_profile_has_no_fault_beside_its_vendors_file_but_for_those_it_explains(name: str, file: str) -> None:
-    found = prove(canopen(name), vendor_eds(file))
+    found = proof_of(canopen(name), vendor_eds(file))
     assert [str(fault) for fault in found.faults] == []
     assert len(found.agreed) > 25
     assert all(known.reason for known in found.known)
@@ -254,7 +254,7 @@ def test_a_shipped_profile_has_no_fault_beside_its_vendors_file_but_for_those_it
 def test_a_profile_made_from_a_file_has_no_fault_beside_it(file: str) -> None:
     if file != "roboteq_v60.eds":
         eds = vendor_eds(file)
-        assert [str(fault) for fault in prove(profile_from_eds(eds), eds).faults] == []
+        assert [str(fault) for fault in proof_of(profile_from_eds(eds), eds).faults] == []
 
 
 UNNOTICED = {
@@ -265,7 +265,7 @@ UNNOTICED = {
 
 def unnoticed(name: str, profile: CanopenProfile, eds: Eds, folder: Path) -> tuple[int, list[str]]:
     """Number of mutants of a profile, and those that nobody noticed."""
-    assert prove(profile, eds).faults == ()
+    assert proof_of(profile, eds).faults == ()
     configure(profile, name)
     by = [(mutant, told_by(mutant, profile, eds, folder)) for mutant in mutants(profile_file(name).read_text())]
     assert {"load", "check"} <= Counter(who for _, who in by).keys()

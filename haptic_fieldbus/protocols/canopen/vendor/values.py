@@ -45,7 +45,7 @@ def number_of(eds: Eds, index: int, subindex: int = 0) -> int | None:
     return value if isinstance(value, int) else None
 
 
-def named(index: int) -> str:
+def object_name(index: int) -> str:
     """Return index and name of an object, as messages write it."""
     return f"{index:04X}h {NAMES[index]}"
 
