@@ -56,11 +56,13 @@ DOES_WITHOUT = {
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
         " scenes.scene",
-        "cli.simulate": "sim.canopen.hosting sim.faults",
+        "cli.simulate": "drive.rig_text running.rights sim.canopen.host_request sim.canopen.hosting sim.faults",
         "cli.vendor_files": "documents eds protocols.canopen.from_eds protocols.canopen.profile"
         " protocols.canopen.vendor.draft protocols.catalogue sim.canopen.proof",
         "cli.stability": "api.judging report.plot_region report.stability",
+        "cli.vcan": "vcan.runner",
     },
+    "import haptic_fieldbus.pytest_plugin": {"pytest_plugin": "testing"},
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
         "api": "api.sites running.changes running.session",
         "api.judging": "numerics.estimators",
@@ -85,7 +87,7 @@ DOES_WITHOUT = {
         "api": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.element_forces": "assessing.virtual_states",
-        "running.session": "running.direction running.proofs running.proving",
+        "running.session": "running.direction running.proofs running.proving running.rights",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
     },
 }

@@ -1,11 +1,8 @@
-"""The link to one axis: its process data in the input image, the age of the data, and the flags of the link.
-
-TPDOs are taken only between SYNC and the end of the exchange. A TPDO that arrives before SYNC belongs to the period
-before and is dropped.
-"""
+"""The link to one axis: its process data in the input image, the age of the data, and the flags of the link."""
 
 from collections.abc import Sequence
 
+from haptic_fieldbus.buses.canopen.answers import Answers, Exchange
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
@@ -18,63 +15,62 @@ from haptic_fieldbus.signals import LinkFlag, Signal
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
     int(flag) for flag in LinkFlag
 )
-LEAST_OWED = 2
-"""Periods by which a TPDO may be late at any rate of the loop."""
+LOST_AFTER = 1.0
+"""Time with answers after which one that is still missing counts as lost [s].
 
-
-class Exchange:
-    """State of one exchange: the number of TPDOs still missing, and whether TPDOs are taken (from SYNC on)."""
-
-    def __init__(self) -> None:
-        self.begun = False
-        """True from the first exchange on; before it, a drive may send TPDOs as it becomes operational."""
-        self.doubled: int | None = None
-        """COB-ID of a TPDO that came more often than it was asked for; None while there was none."""
-        self.taking = False
-        self.missing = 0
+Until then a node or an adapter that was busy may send it, in a burst. After it, a lost one must not excuse that of a
+second node.
+"""
 
 
 class Link:
     """Link to one axis: it copies TPDOs into the image and writes the header of the axis there."""
 
     def __init__(
-        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, latest: float
+        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, period: float
     ) -> None:
         """Take the TPDOs with their offsets in the image, and the offset of the header of the axis.
 
-        `silence` is the time without a sign of life after which the node counts as gone [s]. `latest` is the number of
-        periods after which a TPDO comes no more. Until then it may, in a burst when a node or an adapter was busy; a
-        lost one must not excuse those of a second node for longer.
+        `silence` is the time without a sign of life after which the node counts as gone, `period` that of the loop [s].
         """
-        self._most_owed = max(LEAST_OWED, int(min(latest, LARGEST_AGE_NS)))
+        self._window = round(LOST_AFTER / period)
         self._node = node
         self._image = image
         self._header = header
-        self._slots = tuple(_Slot(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
+        self._slots = tuple(Answers(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
         self._latched_ns: int | None = None
         self._silence_ns = round(silence * 1e9)
 
     def listen(self, wire: Wire, exchange: Exchange) -> None:
+        exchange.now_ns = wire.clock.now_ns
         for slot in self._slots:
             slot.exchange = exchange
             wire.listen(slot.cob_id, slot.take)
 
+    def forget(self) -> None:
+        """Forget what was received: the node is configured anew, and what it said before is true no more."""
+        self._latched_ns = None
+        for slot in self._slots:
+            slot.forget()
+
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
-            slot.ask(self._most_owed)
+            slot.ask(self._window)
         return len(self._slots)
 
     @property
     def fresh(self) -> bool:
-        """True when all TPDOs of this period arrived."""
-        return all(slot.fresh for slot in self._slots)
+        """True when all TPDOs came since the last SYNC, be they answers to it or to earlier ones."""
+        return all(slot.fresh or slot.alone is not None for slot in self._slots)
 
     def finish(self, latch_ns: int, now_ns: int, common_flags: int) -> None:
         """Write the header of the axis: age of the data [ns], flags of the link, emergency code."""
         flags = common_flags
         for slot in self._slots:
-            if not slot.fresh:
+            if slot.fresh or slot.accept():
+                slot.settle(now_ns - latch_ns)
+            else:
                 flags |= STALE
             if slot.malformed:
                 flags |= EXCEPTION
@@ -104,48 +100,6 @@ class Link:
         if foreign is not None:
             flags, code = flags | FOREIGN, foreign
         AXIS_HEADER.pack_into(self._image, self._header, age_ns, flags, code)
-
-
-class _Slot:
-    """Place of one TPDO in the image."""
-
-    __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed", "overdue", "owed")
-
-    def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
-        self.cob_id = cob_id
-        self.exchange = Exchange()
-        self.fresh = False
-        self.malformed = False
-        self.owed = 0
-        """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
-        self.overdue = 0
-        """Periods in a row in which an answer to an earlier SYNC was missing."""
-        self._image = image
-        self._offset, self._end, self._size = offset, offset + size, size
-
-    def ask(self, most: int) -> None:
-        """Expect an answer to the next SYNC; earlier ones count as lost after being missed for `most` periods."""
-        self.fresh = False
-        self.overdue = self.overdue + 1 if self.owed > 0 else 0
-        if self.overdue > most:
-            self.owed = self.overdue = 0
-        self.owed += 1
-
-    def take(self, data: bytes | bytearray) -> None:
-        exchange = self.exchange
-        if exchange.begun:
-            self.owed -= 1
-            if self.owed < 0:
-                exchange.doubled = self.cob_id
-        if not exchange.taking:
-            return
-        if len(data) != self._size:
-            self.malformed = True
-            return
-        self._image[self._offset : self._end] = data
-        if not self.fresh:  # a TPDO that comes twice in a period must count once
-            self.fresh = True
-            exchange.missing -= 1
 
 
 def traffic_of(plan: Plan) -> CanTraffic:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import can
 import pytest
-import yaml  # type: ignore[import-untyped]
+import yaml
 
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
