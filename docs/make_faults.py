@@ -41,7 +41,7 @@ Everything that a `[[fault]]` of `run --faults FILE` can be. How to use them:
 | key of every kind | what it is |
 |---|---|
 | `kind` | one of those below |
-| `at` | s after the drive's first *operation enabled*; kinds of *From power-on* have none |
+| `at` | s after *operation enabled* (the latest, as long as nothing has happened); kinds of *From power-on* have none |
 | `node` | node-ID of the drive that is meant; without it every drive. For frames: whose frames |
 | `bus` | the bus of a rig that is meant; without it every bus |
 

@@ -35,3 +35,6 @@ DEFAULT_MOTION_DURATION = 1.0
 
 DEFAULT_REPORT = "report"
 """Folder of the report."""
+
+DEFAULT_VCAN = "vcan0"
+"""Virtual CAN interface of a command."""

@@ -19,6 +19,7 @@ HapticFieldbusError
 │   └── BusConfigurationError
 ├── DriveFaultError              the drive itself: emergency, fault state, restart
 ├── SafetyTripError              a limit of this package; the drive is already torque-free
+├── VcanError                    no virtual CAN for a command, or no such command
 └── UsageError (ValueError)      a wrong name or value in a call or on the command line
 """
 
@@ -73,6 +74,14 @@ class FaultFileError(DocumentError):
 
 class EdsError(DocumentError):
     """An electronic data sheet (EDS, DCF) without usable content."""
+
+
+class VcanError(HapticFieldbusError):
+    """A command that could not be run beside virtual CAN; `status` is the exit status that tells so."""
+
+    def __init__(self, message: str, status: int = 125) -> None:
+        self.status = status
+        super().__init__(message)
 
 
 class UsageError(HapticFieldbusError, ValueError):

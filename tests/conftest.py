@@ -11,6 +11,7 @@ from xdist.scheduler import LoadGroupScheduling
 
 from tests.invariants.plugin import Invariants
 from tests.lanes import Lane, Part, slow_markers
+from tests.vcan import plugin as vcan
 
 # The folder of whoever runs the tests is no part of them. Nothing of the package is imported here: what is imported
 # before `tests.tracing` begins would not be counted as covered.
@@ -26,11 +27,13 @@ settings.register_profile("quick", settings.get_profile("default"), max_examples
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("lanes")
     group.addoption("--lane", choices=[lane.value for lane in Lane], default=Lane.ALL.value, help="which tests to run")
+    vcan.pytest_addoption(parser)
     group.addoption("--part", type=Part.read, default="0/1", help="K/N: the K-th of N shares of the lane, from 0")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(Invariants())
+    vcan.pytest_configure(config)
     settings.load_profile("quick" if config.getoption("lane") == Lane.QUICK.value else "thorough")
 
 

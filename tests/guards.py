@@ -30,6 +30,7 @@ def _bus(file: str, text: str, instead: str, of: str, *tests: str) -> Guard:
 
 PROVING = "tests/running/test_proving.py"
 SAFETY, ECHO = "tests/cycle/test_safety.py", "tests/cycle/test_echo.py"
+SIGN, SIGN_WATCH, TIED = "tests/cycle/test_sign.py", "tests/cycle/test_sign_watch.py", "tests/cycle/test_tied_axes.py"
 
 GUARDS = {
     "torque only in operation enabled": _cycle(
@@ -137,7 +138,7 @@ GUARDS = {
         "state.holding = worst",
         "pass",
         "test_axes_that_a_coupling_ties_fade_together",
-        of="tests/cycle/test_tied_axes.py",
+        of=TIED,
     ),
     "effort limit": _cycle(
         "safety",
@@ -173,6 +174,68 @@ GUARDS = {
         "if False:",
         "test_back_in_contact_the_force_stays_below_that_before_the_gap",
         of=SAFETY,
+    ),
+    "little force until the sign is seen": _cycle(
+        "safety",
+        "force = permission.proof(force)",
+        "pass",
+        "test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled",
+        of=TIED,
+    ),
+    "a wrong sign": _cycle(
+        "sign",
+        "self._trip(TripKind.SIGN, 0.5 * pair, stage.effort)",
+        "pass",
+        "test_the_shipped_bench_decides_within_a_tenth_of_a_second",
+        of=SIGN,
+    ),
+    "every pulse must agree": _cycle(
+        "sign",
+        "elif not self._agree(math.copysign(1.0, first)):",
+        "elif False:",
+        "test_a_hand_that_goes_to_and_fro_rigidly_decides_nothing",
+        of=SIGN,
+    ),
+    "motion against the torque while the scene runs": _cycle(
+        "sign_watch",
+        "self._doubt()",
+        "pass",
+        "test_a_right_sign_is_never_doubted_and_a_wrong_one_within_a_tenth_of_a_second",
+        of=SIGN_WATCH,
+    ),
+    "one sign that is unseen of several": _cycle(
+        "cycle",
+        "if all(each.sign.proof is None",
+        "if True or all(each.sign.proof is None",
+        "test_forces_of_two_axes_wait_until_both_signs_are_seen",
+        of=SIGN_WATCH,
+    ),
+    "a handle that goes to the other side": Guard(
+        "haptic_fieldbus/running/direction.py",
+        "if way < 0.0:",
+        "if False:",
+        ("tests/running/test_direction.py::test_a_handle_that_goes_down_is_refused_with_the_key_to_change",),
+    ),
+    "contact while the sign is looked for": _cycle(
+        "safety",
+        "permission.contact_left(force, least):",
+        "permission.contact_left(permission.before, least):",
+        "test_a_proof_of_the_sign_leaves_no_contact",
+        of=SAFETY,
+    ),
+    "the cap of all axes after a doubt": _cycle(
+        "sign",
+        "self._doubted()",
+        "pass",
+        "test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled",
+        of=TIED,
+    ),
+    "the cap of an axis whose sign is known": _cycle(
+        "cycle",
+        "if any(axis.sign.proof for axis in axes):",
+        "if False:",
+        "test_an_axis_whose_sign_is_known_waits_for_that_of_the_other",
+        of=TIED,
     ),
     "set-points that do not act": _cycle(
         "echo",
@@ -395,10 +458,16 @@ GUARDS = {
     ),
     "credit ends with its contact": _cycle(
         "energy",
-        "energy, settles = 0.0, reason is not None or ledger.changing",
-        "settles = reason is not None or ledger.changing",
+        "energy, settles = 0.0, ledger.reason is not None or ledger.changing",
+        "settles = ledger.reason is not None or ledger.changing",
         "test_credit_does_not_outlive_a_contact",
         of="tests/cycle/test_energy.py",
+    ),
+    "a change that no ledger can judge": Guard(
+        "haptic_fieldbus/planning/live_changes.py",
+        "if math.isfinite(axis.limits.energy):",
+        "if False:",
+        ("tests/planning/test_live_changes.py::test_a_change_to_what_no_ledger_can_judge_is_refused",),
     ),
     "the question before torque": Guard(
         "haptic_fieldbus/running/session.py",

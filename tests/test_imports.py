@@ -57,9 +57,11 @@ DOES_WITHOUT = {
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
         " scenes.scene",
-        "cli.simulate": "sim.canopen.hosting sim.faults",
+        "cli.simulate": "drive.rig_text sim.canopen.host_request sim.canopen.hosting sim.faults",
         "cli.stability": "api.judging report.plot_region report.stability",
+        "cli.vcan": "vcan.runner",
     },
+    "import haptic_fieldbus.pytest_plugin": {"pytest_plugin": "testing"},
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
         "api": "api.sites running.changes running.session",
         "api.judging": "numerics.estimators",

@@ -11,6 +11,7 @@ from haptic_fieldbus.cli.response import response
 from haptic_fieldbus.cli.run import run
 from haptic_fieldbus.cli.simulate import simulate
 from haptic_fieldbus.cli.stability import stability
+from haptic_fieldbus.cli.vcan import vcan
 
 app = typer.Typer(
     name="haptic-fieldbus",
@@ -48,5 +49,6 @@ app.command()(stability)
 app.command()(response)
 app.command()(report)
 app.command()(simulate)
+app.command(context_settings={"allow_interspersed_args": False})(vcan)
 app.add_typer(profiles.app, name="profiles")
 app.add_typer(scenes.app, name="scenes")

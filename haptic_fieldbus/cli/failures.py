@@ -12,6 +12,7 @@ from haptic_fieldbus.errors import (
     PlanError,
     SafetyTripError,
     UsageError,
+    VcanError,
 )
 
 
@@ -30,6 +31,7 @@ OUTCOMES: dict[type[HapticFieldbusError], ExitStatus] = {
     DocumentError: ExitStatus(2, None),
     SafetyTripError: ExitStatus(3, "tripped"),
     PlanError: ExitStatus(4, "refused"),
+    VcanError: ExitStatus(125, "failed"),
 }
 """Outcome of each class of errors; a subclass without an entry has that of its nearest base."""
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from haptic_fieldbus.cli.options import (
     HANDS,
+    OUTPUT,
     SIMULATION,
     JsonOption,
     ProfilesOption,
@@ -18,9 +19,16 @@ from haptic_fieldbus.cli.options import (
 )
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
+from haptic_fieldbus.errors import UsageError
 
 if TYPE_CHECKING:
+    from haptic_fieldbus.drive.rig import Rig
     from haptic_fieldbus.sim.slot import Slot
+
+
+HEADING = """The bench of the drives that `haptic-fieldbus simulate` hosts, for `haptic-fieldbus run SCENE --rig FILE`.
+The first run proves the guards of the drives, and keeps the proof here."""
+"""Comment at the beginning of a rig file."""
 
 
 def simulate(
@@ -39,19 +47,45 @@ def simulate(
     hand: Annotated[str, option("NAME", HANDS, SIMULATION, default=DEFAULT_HOSTED_HAND)] = DEFAULT_HOSTED_HAND,
     seed: Annotated[int, option("N", "Of all that is random.", SIMULATION, default=DEFAULT_SEED)] = DEFAULT_SEED,
     faults: Annotated[Path | None, option("FILE", "Faults of the drives.", SIMULATION)] = None,
+    write_rig: Annotated[
+        Path | None, option("FILE", "Write the rig file with which `run` finds these drives.", OUTPUT)
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
-    from haptic_fieldbus.sim.canopen.hosting import HostRequest, host, resolve
+    from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve, rig_of
+    from haptic_fieldbus.sim.canopen.hosting import host
     from haptic_fieldbus.sim.faults import load_faults
 
     known_faults = load_faults(faults) if faults is not None else ()
     name, slots = resolve(HostRequest(drive or [DEFAULT_DRIVE], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
+    if write_rig is not None:
+        _write(write_rig, rig_of(name, slots))
     with _until_asked_to_stop() as stopped:
-        lost = host(name, slots, seed, _teller(name.text, as_json), stopped)
+        lost = host(name, slots, seed, _teller(name.text, as_json), stopped, _note)
     if lost:
-        show([("note", f"{lost} frames could not be sent: the transmit queue was full")], sys.stderr)
+        _note(f"{lost} frames could not be sent: the transmit queue was full")
+
+
+def _write(path: Path, rig: "Rig") -> None:
+    """Write a rig file; raises UsageError when there is a file already, or it cannot be written."""
+    from haptic_fieldbus.drive.rig_text import rig_text
+
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(rig_text(rig, HEADING))
+    except FileExistsError as error:
+        raise UsageError(
+            f"{path} is there already, and is not overwritten: a run keeps what was proved in it. Leave out "
+            "--write-rig to host the same drives again, or name another file"
+        ) from error
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _note(sentence: str) -> None:
+    show([("note", sentence)], sys.stderr)
 
 
 @contextmanager

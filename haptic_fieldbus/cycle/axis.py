@@ -45,7 +45,8 @@ class AxisCycle:
         """How often counts stood still under torque for so long that the limit fell."""
         self._owner, self._axis, self._period = owner, axis, period
         self._watch = AxisWatch(axis, self.state, period, self._trip)
-        self.sign = Sign(axis, period, self.state, self.permission, self._trip, owner.sign_seen)
+        signs = self._trip, owner.sign_seen, owner.sign_doubted
+        self.sign = Sign(axis, period, self.state, self.permission, *signs)
         self._image, self._output = image, output
         self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
@@ -130,7 +131,8 @@ class AxisCycle:
         """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
         state, axis, owner, watch = self.state, self._axis, self._owner, self._watch
         unpack, power = self._image.input.unpack_from, self._power
-        unit, mask, place = axis.position_unit, axis.power.mask, self._place(Signal.POSITION)
+        unit, mask = axis.position_unit, axis.power.mask
+        place = self._place(Signal.VELOCITY if axis.integrates else Signal.POSITION)
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
@@ -183,30 +185,15 @@ class AxisCycle:
         """Return `observe` for a drive that offers velocity only, from which the position is integrated."""
         from haptic_fieldbus.cycle.tachometer import bind_follow  # a drive with a position does without it
 
-        state, owner, watch = self.state, self._owner, self._watch
-        unpack, power = self._image.input.unpack_from, self._power
-        mask, stall_ns, place = self._axis.power.mask, self._axis.limits.stall * 1e9, self._place(Signal.VELOCITY)
+        state, stall_ns, place = self.state, self._axis.limits.stall * 1e9, self._place(Signal.VELOCITY)
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
-        shortest, longest = in_time(self._period)
-        bits_before, fresh_ns = -1, 0
+        # Without an encoder there is no zero, so that the other closure does all but take counts for a position.
+        decode = self._bind_observe()
 
         def observe(image: bytes | bytearray) -> None:
-            nonlocal bits_before, fresh_ns
-            self._feedback = feedback = unpack(image)
-            elapsed_ns = feedback[T_NS] - fresh_ns
-            state.steps = steps = (
-                1
-                if shortest < elapsed_ns < longest and not feedback[FLAGS] and not state.missing
-                else watch.link(feedback, elapsed_ns, owner.enabled)
-            )
-            bits = feedback[STATUSWORD] & mask
-            if bits != bits_before:
-                bits_before = bits
-                power()
-            if steps:
-                fresh_ns = feedback[T_NS]
+            decode(image)
             if state.begun:
-                before = state.position
+                feedback, before, steps = self._feedback, state.position, state.steps
                 follow(feedback[T_NS], feedback[place])
                 if state.position != before:
                     state.moved_ns = feedback[T_NS]
@@ -257,7 +244,7 @@ class AxisCycle:
         effort_unit, sign = axis.effort_unit, axis.rig.mechanism.sign
         limit, hold = (
             bind_limiter(axis.limits, self._period, permission, effort_unit),
-            bind_hold(self._period, permission),
+            bind_hold(self._period, permission, axis.limits.holding),
         )
         pack_into, output, offset = self._image.output.pack_into, self._output, self._image.outputs[0]
 

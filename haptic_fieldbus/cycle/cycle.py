@@ -190,6 +190,11 @@ class Cycle:
             for each in self._axes.values():
                 each.sign.permit(self.t_ns)
 
+    def sign_doubted(self) -> None:
+        """Let no axis give more than a hand may hold while the sign of one is looked for: a coupling acts on two."""
+        for each in self._axes.values():
+            each.sign.hold()
+
     def update_enabled(self) -> None:
         """Set `enabled` after a power state has changed."""
         states = [axis.state.power for axis in self._axes.values()]
@@ -207,6 +212,8 @@ class Cycle:
             return
         for axis in axes:
             axis.begin()
+        if any(axis.sign.proof for axis in axes):
+            self.sign_doubted()
         # Coupling forces must be complete before any axis renders, and every coupling may read any sensed signal.
         before: list[Callable[[], None]] = [axis.sense for axis in axes if axis.sense is not None]
         if self._couplings:

@@ -28,7 +28,8 @@ because their force also changes while the handle stands still.
 
 A live change fades from one set of elements to another, and the stored energy with them: what it grows by where the
 handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. While the limit fades in,
-and under a cap after a gap, the force follows no law that is passive; what it gives then is booked, not judged.
+and under a cap after a gap, the force follows no law that is passive; what it gives then, beyond
+what is stored, is booked by the contact, and not judged; an account of its own begins when the law is followed again.
 
 Controller. A scene with passivity = "controller" also has its excess taken back, by damping: each period
 
@@ -53,7 +54,6 @@ from haptic_fieldbus.planning.energy import (
     MemoryTerms,
     axis_terms,
     bind_stored,
-    energy_limit,
     larger_of,
     memory_terms,
 )
@@ -114,10 +114,12 @@ class Ledger:
     ) -> None:
         self.ports, self.period = tuple(ports), period
         self.axes = tuple(port.axis for port in ports)
-        self.tally = Tally(max(energy_limit(axis) for axis in self.axes))
+        self.tally = Tally(self.axes[0].limits.energy)
         self._trip = trip
         self._ramp, self._done = 0, 0
         self._origin = 0.0
+        self.reason: str | None = None
+        """Reason for which the open account is booked, and not judged."""
         self.reopen: PeriodStep = lambda: None
         """Makes the bound step follow a change that begins; the step itself sets it."""
         self.terms, self.memory, self._after = self._of(elements, couplings)
@@ -171,9 +173,27 @@ class Ledger:
                 return FADE_IN if permission.fade < 1.0 else GAP
         return None
 
+    @property
+    def lawful(self) -> bool:
+        """Whether the force has followed its law since the account was opened, and does now."""
+        return self.reason is None and self.unsettled() is None
+
+    @property
+    def settles(self) -> bool:
+        """Whether the force follows its law again, which it did not when the account was opened."""
+        return self.reason is not None and self.unsettled() is None
+
     def open(self, positions: Sequence[float]) -> None:
         """Open an account at these positions."""
-        self._origin = self.stored(positions)
+        self._origin, self.reason = self.stored(positions), self.unsettled()
+
+    def close(self, energy: float, positions: Sequence[float]) -> None:
+        """Judge the open account, which shows `energy` [J]; book it where the force did not follow its law."""
+        reason = self.reason or self.unsettled()
+        if reason is not None:
+            self.tally.book(reason, energy + self.stored(positions) - self._origin)
+        elif energy > self.tally.largest:
+            self.judge(energy, positions)
 
     def judge(self, energy: float, positions: Sequence[float]) -> float:
         """Return what of `energy` [J] remains above the stored energy that was given back; trip above the limit."""
@@ -209,6 +229,7 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
     early, late = share * unit, (1.0 - share) * unit
     last, older, energy, side, kept, settles = state.position, 0, 0.0, 0, 0, True
     leak = active = limit = 0.0
+    ledger.open((last,))
 
     def step() -> None:
         nonlocal last, older, energy
@@ -228,34 +249,31 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
         render()
 
     def begin(before: int) -> None:
-        """Contact is left, or begins: open an account, as often as the force does not follow its law."""
+        """Contact is left, or begins, or its force follows the law again: open another account."""
         nonlocal energy, side, kept, settles, leak, active, limit
         if ledger.changing:
             ledger.tick((last,))
             leak, active = ledger.terms[0].damping / ledger.period, ledger.terms[0].active
-            if before * kept > 0:
+            if before * kept > 0 and ledger.reason is None:
                 side, settles = 0 if ledger.changing else kept, ledger.changing
                 return
-        reason = ledger.unsettled()
-        if reason is not None:
-            ledger.tally.book(reason, energy)
-        elif energy > ledger.tally.largest:
-            ledger.judge(energy, (last,))
-        energy, settles = 0.0, reason is not None or ledger.changing
-        side, kept = 0 if settles else before, 0 if reason is not None else before
+        if ledger.reason and before * kept > 0 and not ledger.settles:
+            return
+        ledger.close(energy, (last,))
+        ledger.open((last,))
+        energy, settles = 0.0, ledger.reason is not None or ledger.changing
+        side, kept = 0 if settles else before, before
         leak, active = ledger.terms[0].damping / ledger.period, ledger.terms[0].active
         limit = ledger.tally.limit + ledger.memory.reserve
-        ledger.open((last,))
 
     def judge() -> None:
-        nonlocal energy
-        reason = ledger.unsettled()
-        if reason is None:
+        nonlocal energy, side, settles
+        if ledger.lawful:
             energy = ledger.judge(energy, (last,))
-        else:
-            ledger.tally.book(reason, energy)
-            energy = 0.0
-            ledger.open((last,))
+            return
+        ledger.close(energy, (last,))
+        ledger.open((last,))
+        energy, side, settles = 0.0, 0, True
 
     def reopen() -> None:
         nonlocal side, kept, settles

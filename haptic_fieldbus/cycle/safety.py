@@ -137,13 +137,14 @@ def bind_limiter(
     def beyond(force: float) -> float:
         if not math.isfinite(force):
             return math.nan
+        # Contact is that of the scene: a pulse of the proof, or its pause, leaves none.
+        if permission.cap < math.inf and permission.contact_left(force, least):
+            permission.cap = math.inf
         fade = 1.0
         if permission.proof is not None:
             force = permission.proof(force)
         elif permission.fade < 1.0:
             fade = permission.fade = min(1.0, permission.fade + growth)
-        if permission.cap < math.inf and permission.contact_left(force, least):
-            permission.cap = math.inf
         permission.unchanged = fade >= 1.0 and permission.proof is None and permission.cap == math.inf
         bound = min(effort * fade, permission.cap)
         if not -bound <= force <= bound:
@@ -158,8 +159,11 @@ def bind_limiter(
     return limit
 
 
-def bind_hold(period: float, permission: Permission) -> Callable[[int], float]:
-    """Return what gives the permitted force of a period without feedback, by how many have been missing in a row."""
+def bind_hold(period: float, permission: Permission, holding: float) -> Callable[[int], float]:
+    """Return what gives the permitted force of a period without feedback, by how many have been missing in a row.
+
+    While the sign is looked for, the cap of a gap is `holding`, because the force before it may be that of a pulse.
+    """
     fading = fade_periods(period)
 
     def hold(missing: int) -> float:
@@ -167,9 +171,9 @@ def bind_hold(period: float, permission: Permission) -> Callable[[int], float]:
             permission.held = permission.before
             return permission.before
         if missing == 2:
-            permission.cap_at(min(permission.cap, abs(permission.held)), math.copysign(1.0, permission.held))
-            if permission.held == 0.0:
-                permission.side = 0.0
+            pulses, held = permission.proof is not None, permission.held
+            side = 0.0 if pulses or held == 0.0 else math.copysign(1.0, held)
+            permission.cap_at(min(permission.cap, holding if pulses else abs(held)), side)
         share = max(0.0, 1.0 - (missing - 1) / fading)
         permission.before = permission.held * share
         return permission.before

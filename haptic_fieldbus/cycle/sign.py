@@ -5,7 +5,8 @@ all its pulses and pairs agree; then the sign is seen, or the run ends. As soon 
 little, the next stage begins.
 
 After the last stage the scene goes on within `holding` for a second, and the last stage is tried again. Missing
-feedback begins a stage anew. In a scene of several axes force rises when the sign of all has been seen.
+feedback begins a stage anew. In a scene of several axes force rises when the sign of all has been seen, and a doubt
+about one of them limits all.
 """
 
 import math
@@ -34,7 +35,8 @@ def thue_morse(number: int) -> float:
 class Sign:
     """The sign of one axis: known, looked for, seen, or in doubt and looked for again.
 
-    `seen` is called after each proof, `trip` when the sign is wrong.
+    `seen` is called after each proof, `doubted` when another one begins while the scene runs, `trip` when the sign is
+    wrong.
     """
 
     def __init__(
@@ -45,11 +47,12 @@ class Sign:
         permission: Permission,
         trip: TripOff,
         seen: Callable[[], None],
+        doubted: Callable[[], None],
     ) -> None:
         self.doubts = 0
         """How often the motion went against the torque."""
         self._axis, self._period, self._state, self._permission = axis, period, state, permission
-        self._trip, self._seen = trip, seen
+        self._trip, self._seen, self._doubted = trip, seen, doubted
         probe = sign_probe(axis, period)
         self.proof = None if probe is None else self._prove(probe)
         """None where the sign is known."""
@@ -60,8 +63,15 @@ class Sign:
         return proof
 
     def begin(self, t_ns: int) -> None:
-        """Note when force begins to rise, in the first rendered period; not yet where the sign is looked for."""
-        self._state.permitted_ns = None if self.proof else t_ns
+        """Note when force begins to rise, in the first rendered period, unless `hold` follows."""
+        self._state.permitted_ns = t_ns
+
+    def hold(self) -> None:
+        """Permit no more than a hand may hold: the sign of this axis or of another one is unseen."""
+        self._state.permitted_ns, self._permission.unchanged = None, False
+        if self._permission.proof is None:
+            holding = self._axis.limits.holding
+            self._permission.proof = lambda force: max(-holding, min(holding, force))
 
     def permit(self, t_ns: int) -> None:
         """Let the force rise to its limit, from what a hand may hold on: the sign of all axes is seen."""
@@ -71,11 +81,11 @@ class Sign:
             self._permission.fade = min(1.0, limits.holding / limits.effort)
 
     def doubt(self) -> None:
-        """Permit no more than a hand may hold, and look for the sign again: the motion went against the torque."""
+        """Look for the sign again, while no axis gives more than a hand may hold: motion went against the torque."""
         self.doubts += 1
         self.proof = self._prove(probe_of(self._axis, self._period))
         self.proof.begin()
-        self._permission.unchanged, self._state.permitted_ns = False, None
+        self._doubted()
 
 
 class SignProof:

@@ -84,6 +84,7 @@ class _Account:
         self._ledger, self._sides = ledger, sides
         self._given = self._granted = 0.0
         self._silent = 0
+        ledger.open(self._positions)
 
     def take(self, work: float) -> None:
         """Book the work of a period, judge the account, and open another one when contact is left."""
@@ -101,7 +102,7 @@ class _Account:
         if energy > self._ledger.tally.largest + self._ledger.memory.reserve:
             self._judge(energy)
         for side in self._sides:
-            if side.acting * side.direction > 0.0:
+            if side.acting * side.direction > 0.0 and not self._ledger.settles:
                 break
         else:  # no axis has a force any more in the direction in which the account was opened
             self._begin()
@@ -130,28 +131,26 @@ class _Account:
         return [side.last for side in self._sides]
 
     def _judge(self, energy: float) -> None:
-        reason = self._ledger.unsettled()
-        if reason is None:
+        if self._ledger.lawful:
             self._given = self._granted + self._ledger.judge(energy, self._positions)
         else:
-            self._ledger.tally.book(reason, energy)
+            self._ledger.close(energy, self._positions)
             self._given = self._granted = 0.0
             self._ledger.open(self._positions)
 
     def _begin(self) -> None:
         """Drop the credit; that of elements which do not state what they hold ends with a silence."""
-        ledger, reason = self._ledger, self._ledger.unsettled()
+        ledger = self._ledger
         forced = any(side.acting for side in self._sides)
         self._silent = 0 if forced or any(side.way for side in self._sides) else self._silent + 1
         if not ledger.memory.silence or self._silent >= ledger.memory.silence:
-            if reason is not None:
-                ledger.tally.book(reason, self._given - self._granted)
+            ledger.close(self._given - self._granted, self._positions)
             self._given = 0.0
         else:
             self._given = min(self._given, 0.0)
         self._granted = 0.0
         for side in self._sides:
-            side.direction = 0.0 if reason is not None else side.acting
+            side.direction = side.acting
         ledger.open(self._positions)
 
 

@@ -32,6 +32,8 @@ class Owner(Protocol):
 
     def sign_seen(self) -> None: ...
 
+    def sign_doubted(self) -> None: ...
+
 
 class TripOff(Protocol):
     """Takes the torque away."""

@@ -33,18 +33,18 @@ def with_table(text: str, path: Sequence[str], values: Mapping[str, Value]) -> s
     before = tomllib.loads(text)
     # The parent must be there, else the new table would create what somebody has taken out.
     if not isinstance(_found(before, path[:-1]), dict):
-        raise ValueError(f"there is no [{_name(path[:-1])}] any more")
+        raise ValueError(f"there is no [{table_name(path[:-1])}] any more")
     expected = _with(before, path, dict(values))
-    for changed in _candidates(text, f"[{_name(path)}]", values):
+    for changed in _candidates(text, f"[{table_name(path)}]", values):
         with suppress(tomllib.TOMLDecodeError):
             if tomllib.loads(changed) == expected:
                 return changed
-    raise ValueError(f"[{_name(path)}] cannot be written by lines into a file of this form")
+    raise ValueError(f"[{table_name(path)}] cannot be written by lines into a file of this form")
 
 
 def table_text(path: Sequence[str], values: Mapping[str, Value]) -> str:
     """Return a table as it would be written."""
-    return "\n".join([f"[{_name(path)}]", *(_line(key, value) for key, value in values.items())])
+    return "\n".join([f"[{table_name(path)}]", *(_line(key, value) for key, value in values.items())])
 
 
 def _candidates(text: str, header: str, values: Mapping[str, Value]) -> Iterator[str]:
@@ -82,17 +82,18 @@ def _with(data: dict[str, object], path: Sequence[str], table: dict[str, Value])
     return {**data, key: {**{name: each for name, each in within.items() if isinstance(each, dict)}, **table}}
 
 
-def _name(path: Sequence[str]) -> str:
-    return ".".join(key if _BARE.fullmatch(key) else _quoted(key) for key in path)
+def table_name(path: Sequence[str]) -> str:
+    """Return the name of a table as its header has it."""
+    return ".".join(key if _BARE.fullmatch(key) else quoted(key) for key in path)
 
 
 def _line(key: str, value: Value) -> str:
     """Return a line of a table; whole numbers are names of something, and are written in hexadecimal."""
-    written = _quoted(value) if isinstance(value, str) else f"0x{value:08X}" if isinstance(value, int) else repr(value)
+    written = quoted(value) if isinstance(value, str) else f"0x{value:08X}" if isinstance(value, int) else repr(value)
     return f"{key} = {written}"
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     """Return a TOML basic string."""
     escaped = "".join(
         f"\\u{ord(each):04X}" if ord(each) < 0x20 or ord(each) == 0x7F else each

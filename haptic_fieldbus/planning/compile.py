@@ -5,13 +5,14 @@ and what safety always needs, which is the position and the echo of the set-poin
 neither mapped nor decoded nor estimated.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
-from haptic_fieldbus.planning.energy import has_ledger
+from haptic_fieldbus.planning.energy import unbounded, with_energy_limits
 from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
@@ -45,7 +46,8 @@ def compile_plan(
     drafts = [draft_axis(scene, axis, rig, profiles, method, estimator) for axis in scene.axes]
     buses = _buses(drafts, rig, rate)
     traffic = {axis: bus.traffic for bus in buses for axis in bus.axes}
-    axes = with_verdicts([on_bus(draft, traffic[draft.name], period) for draft in drafts], period)
+    seen = [on_bus(draft, traffic[draft.name], period) for draft in drafts]
+    axes = with_energy_limits(with_verdicts(seen, period), scene.couplings)
     return Plan(
         scene=scene,
         rig=rig,
@@ -101,7 +103,7 @@ def _steps(axis: AxisPlan, prefix: str, period: float, *, controlled: bool) -> I
     probe = sign_probe(axis, period)
     if probe is not None:
         yield f"{prefix}sign: {sign_text(axis, probe)}"
-    if has_ledger((axis,)):
+    if math.isfinite(axis.limits.energy):
         yield f"{prefix}energy: what is given against what was stored and what the hold leaks"
     for element in (*axis.elements, *axis.couplings):
         how = f", {axis.method}" if isinstance(element, DynamicElement) else ""
@@ -161,6 +163,8 @@ def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
         why = unguarded(axis.profile, axis.rig)
         if why:
             yield LeftOut("guard", f"{why}; {CAPPED}, and a person must cut the power (emergency_stop of the rig)")
+    for name in dict.fromkeys(name for axis in axes for name in unbounded(axis)):
+        yield LeftOut("energy ledger", f"{name} may give any force by itself, so no energy can be called too much")
     if not any(axis.method for axis in axes):
         remembers = any(isinstance(element, MemoryElement) for axis in axes for element in axis.elements)
         why = "what elements remember, they step by themselves" if remembers else "no element has virtual states"

@@ -5,7 +5,7 @@ The theory is at the beginning of `cycle.energy`.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,11 +92,24 @@ NEVER = 2**62
 """Periods of a silence that does not come."""
 
 
+def with_energy_limits(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> tuple[AxisPlan, ...]:
+    """Return the axes with the energy that each may give, together with those that couplings tie to it."""
+    limits = {
+        axis.name: max(energy_limit(each) for each in group) if has_ledger(group) else math.inf
+        for group in _groups(axes, couplings)
+        for axis in group
+    }
+    return tuple(replace(axis, limits=replace(axis.limits, energy=limits[axis.name])) for axis in axes)
+
+
 def judged_groups(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> list[tuple[AxisPlan, ...]]:
     """Return the axes of each ledger: those that couplings tie together, or one."""
+    return [group for group in _groups(axes, couplings) if math.isfinite(group[0].limits.energy)]
+
+
+def _groups(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> list[tuple[AxisPlan, ...]]:
     named = {axis.name: axis for axis in axes}
-    groups = [tuple(named[name] for name in names) for names in connected(named, couplings)]
-    return [group for group in groups if has_ledger(group)]
+    return [tuple(named[name] for name in names) for names in connected(named, couplings)]
 
 
 def ledger_elements(
@@ -110,9 +123,13 @@ def ledger_elements(
 
 def has_ledger(axes: Sequence[AxisPlan]) -> bool:
     """Return whether the energy of these axes can be judged: they have an element, and each is bounded."""
-    elements = [each for axis in axes for each in (*axis.elements, *axis.couplings)]
-    bounded = (each.strongest for each in elements if isinstance(each, Active))
-    return bool(elements) and all(math.isfinite(strongest) for strongest in bounded)
+    return any(axis.elements or axis.couplings for axis in axes) and not any(unbounded(axis) for axis in axes)
+
+
+def unbounded(axis: AxisPlan) -> list[str]:
+    """Return the names of the elements on this axis that may give any force by themselves."""
+    active = (each for each in (*axis.elements, *axis.couplings) if isinstance(each, Active))
+    return [each.name for each in active if not math.isfinite(each.strongest)]
 
 
 def bind_stored(

@@ -11,7 +11,6 @@ from enum import Enum
 
 from haptic_fieldbus.numerals import exactly, in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.energy import energy_limit, has_ledger
 from haptic_fieldbus.planning.limits import START_SHARE
 from haptic_fieldbus.planning.sign_probe import sign_probe
 
@@ -52,7 +51,7 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         LimitRow("acceleration", limits.acceleration, f"{length}/s²", Reaction.DISABLE),
         LimitRow("jump in a period", limits.jump(period, axis.resolution), length, Reaction.DISABLE),
         LimitRow("power", limits.power, "W", Reaction.DISABLE),
-        LimitRow("energy of its own", energy_limit(axis) if has_ledger((axis,)) else math.inf, "J", Reaction.DISABLE),
+        LimitRow("energy of its own", limits.energy, "J", Reaction.DISABLE),
         *_range(axis),
         LimitRow("drift", limits.drift if axis.integrates else math.inf, length, Reaction.DISABLE),
     )

@@ -90,6 +90,8 @@ class EffortLimits:
     """[s]; oldest feedback with which force is rendered."""
     echo: float = math.inf
     """[s] for which the drive may show another torque than it was sent; infinity where it shows none."""
+    energy: float = math.inf
+    """[J] that this axis and those that couplings tie to it may give of their own together; infinity: not judged."""
 
     def jump(self, period: float, resolution: float) -> float:
         """Return the largest second difference of the position [m or rad] that motion and encoder can make.

@@ -1,9 +1,10 @@
 """New values for a scene that runs: checked, compiled and judged as for a new run, before anything changes.
 
-The signals that a run maps, estimates and counts were decided before its first period. A change that needs further ones
-is refused, because it needs a new run.
+The signals that a run maps, estimates and counts were decided before its first period, and so was whether its energy is
+judged. A change that needs further ones, or could not be judged, is refused, because it needs a new run.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,7 @@ from haptic_fieldbus.margins.transition import SHARES, mixed
 from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.energy import unbounded
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import check_stable
 from haptic_fieldbus.planning.settings import settled
@@ -92,8 +94,11 @@ def _compiled(running: Plan, scene: Scene) -> Plan:
 
 
 def _beyond(running: Plan, plan: Plan) -> Iterator[str]:
-    """Yield a sentence for each signal that an element needs and the running loop lacks."""
+    """Yield a sentence for each signal that an element needs and the running loop lacks, and for each lost guard."""
     for axis, wanted in zip(running.axes, plan.axes, strict=True):
+        if math.isfinite(axis.limits.energy):
+            for name in unbounded(wanted):
+                yield f"{name} may then give any force by itself, and this run judges the energy that it gives"
         for element in _forces(wanted):
             for signal in element.needs:
                 if signal not in axis.needs and signal in MISSING:

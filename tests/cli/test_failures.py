@@ -39,6 +39,7 @@ STATUS = {
     "UnstableSceneError": 4,
     "ForeignMasterError": 4,
     "UnprovedGuardError": 4,
+    "VcanError": 125,
 }
 
 

@@ -1,11 +1,17 @@
 """`simulate`: one line a drive when ready, until it is asked to stop."""
 
 import json
+import shutil
 import signal
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
+from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.catalogue import load_rig, profile_folder
+from haptic_fieldbus.sim.canopen import hosting
+from haptic_fieldbus.sim.slot import Slot
 from tests.cli.command import Command
 from tests.peers.hosts import STARTS_WITHIN, free_port, line_of, require_multicast, start
 
@@ -75,3 +81,56 @@ def test_it_says_a_line_a_drive_and_ends_cleanly_when_asked_to(number: signal.Si
             f"ready      maxon_epos4, node 9, on {bus}\n",
             f"ready      generic_cia402, node 1, on {bus}\n",
         ]
+
+
+class TestWriteRig:
+    """`--write-rig` on a bus of this process, ended at once."""
+
+    @pytest.fixture
+    def hosted(self, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+        """The drives that would be hosted; they are ready at once, and it ends."""
+        told: list[str] = []
+
+        def host(bus: BusName, slots: Sequence[Slot], seed: int, ready: Callable[[Slot], None], *_: object) -> int:
+            for slot in slots:
+                told.append(slot.axis.profile)
+                ready(slot)
+            return 0
+
+        monkeypatch.setattr(hosting, "host", host)
+        return told
+
+    def test_a_rig_of_several_drives_with_an_own_profile_can_be_planned_as_it_is(
+        self, command: Command, hosted: list[str], tmp_path: Path
+    ) -> None:
+        shutil.copy(profile_folder() / "generic_cia402.toml", tmp_path / "mine.toml")
+        path = tmp_path / "rig.toml"
+        drives = ("--drive", "mine@9", "--drive", "maxon_epos4", "--profiles", str(tmp_path))
+        finished = command("simulate", *drives, "--bus", "socketcan:can0@500000", "--write-rig", str(path))
+        assert finished.status == 0, finished.err
+        assert hosted == ["mine", "maxon_epos4"]
+        rig = load_rig(path)
+        assert [(name, axis.node, axis.profile) for name, axis in rig.axis.items()] == [
+            ("handle", 9, str(tmp_path / "mine.toml")),
+            ("handle2", 1, "maxon_epos4"),
+        ]
+        planned = command("plan", "wall", "--rig", str(path), "--json")
+        assert planned.status == 0, planned.err
+        assert "500 kbit/s" in command("plan", "wall", "--rig", str(path)).out
+
+    def test_a_file_that_is_there_is_not_overwritten_and_nothing_is_hosted(
+        self, command: Command, hosted: list[str], tmp_path: Path
+    ) -> None:
+        path = tmp_path / "rig.toml"
+        path.write_text("mine", encoding="utf-8")
+        finished = command("simulate", "--bus", "socketcan:can0@500000", "--write-rig", str(path))
+        assert finished.status == 2
+        assert "is not overwritten" in finished.err
+        assert path.read_text(encoding="utf-8") == "mine"
+        assert hosted == []
+
+    def test_a_file_that_cannot_be_written_is_told(self, command: Command, hosted: list[str], tmp_path: Path) -> None:
+        finished = command("simulate", "--bus", "socketcan:can0", "--write-rig", str(tmp_path / "no" / "rig.toml"))
+        assert finished.status == 2
+        assert "cannot write" in finished.err
+        assert hosted == []

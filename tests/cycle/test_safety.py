@@ -1,6 +1,7 @@
 """The gates between a scene and a hand, against their definitions."""
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
@@ -12,10 +13,19 @@ from haptic_fieldbus.planning.limits import HOLD_FADE, EffortLimits
 
 PERIOD = 0.001
 FADED_IN = 1.0
+HOLDING = 0.25
+"""What a hand may hold while the sign is looked for."""
 
 
 def limits(effort: float = 5.0, slew: float = 1e9, fade_in: float = PERIOD) -> EffortLimits:
     return EffortLimits(effort=effort, speed=1.0, slew=slew, fade_in=fade_in)
+
+
+def bound(
+    permission: Permission, of: EffortLimits | None = None
+) -> tuple[Callable[[float], float], Callable[[int], float]]:
+    """The limiter of an axis, and what it gives without feedback."""
+    return bind_limiter(of or limits(slew=1000.0), PERIOD, permission), bind_hold(PERIOD, permission, HOLDING)
 
 
 def test_the_limit_fades_in_linearly_from_the_first_period() -> None:
@@ -62,7 +72,7 @@ Step = tuple[float, int]
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.integers(0, 40)), min_size=2, max_size=30))
 def test_no_input_and_no_gap_passes_effort_or_slew(steps: list[Step]) -> None:
     permission = Permission()
-    limit, hold = bind_limiter(limits(slew=1000.0, fade_in=0.02), PERIOD, permission), bind_hold(PERIOD, permission)
+    limit, hold = bound(permission, limits(slew=1000.0, fade_in=0.02))
     permitted = [0.0]
     for asked, missing in steps:
         permitted += [hold(number + 1) for number in range(missing)]
@@ -74,7 +84,7 @@ def test_no_input_and_no_gap_passes_effort_or_slew(steps: list[Step]) -> None:
 def after_contact(force: float) -> tuple[Permission, list[float]]:
     """A faded-in axis that gave this force, and then had no feedback for 20 periods."""
     permission = Permission()
-    limit, hold = bind_limiter(limits(slew=1000.0), PERIOD, permission), bind_hold(PERIOD, permission)
+    limit, hold = bound(permission)
     for _ in range(10):
         limit(force)
     return permission, [hold(number + 1) for number in range(20)]
@@ -115,11 +125,50 @@ def test_a_gap_outside_of_contact_gives_no_force_until_contact_is_left() -> None
 
 def test_a_second_gap_never_raises_the_cap() -> None:
     permission, _ = after_contact(-4.0)
-    limit, hold = bind_limiter(limits(slew=1000.0), PERIOD, permission), bind_hold(PERIOD, permission)
+    limit, hold = bound(permission)
     limit(-9.0)
     for number in range(5):
         hold(number + 1)
     assert max(abs(limit(-9.0)) for _ in range(20)) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("pulse", [0.0, 0.2, -0.2])
+def test_a_proof_of_the_sign_leaves_no_contact(pulse: float) -> None:
+    """A gap, then a doubt, whose pulses are no force and force to both sides while the scene pushes on."""
+    permission, _ = after_contact(-2.0)
+    limit, _ = bound(permission)
+    permission.proof = lambda force: pulse
+    for _ in range(20):
+        limit(-4.0)
+    permission.proof = None
+    assert [limit(-4.0) for _ in range(9)][-1] == -2.0
+    limit(0.0)
+    assert [limit(-4.0) for _ in range(9)][-1] == -4.0
+
+
+def test_a_cap_ends_when_the_scene_leaves_contact_while_the_sign_is_looked_for() -> None:
+    permission, _ = after_contact(-2.0)
+    limit, _ = bound(permission)
+    permission.proof = lambda force: 0.2
+    limit(1.0)
+    permission.proof = None
+    assert [limit(-4.0) for _ in range(9)][-1] == -4.0
+
+
+@pytest.mark.parametrize("pulse", [0.0, 0.2, -0.2])
+def test_a_gap_while_the_sign_is_looked_for_caps_at_what_a_hand_may_hold(pulse: float) -> None:
+    """Whatever the pulse was in which it came: it says neither where contact is nor how large its force."""
+    permission = Permission()
+    limit, hold = bound(permission)
+    permission.proof = lambda force: pulse
+    limit(-4.0)
+    for number in range(5):
+        hold(number + 1)
+    limit(-4.0)
+    permission.proof = None
+    assert [limit(-4.0) for _ in range(9)][-1] == -HOLDING
+    limit(0.0)
+    assert [limit(-4.0) for _ in range(9)][-1] == -4.0
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

@@ -77,7 +77,7 @@ def test_a_doubt_permits_little_until_pulses_have_decided(sign: float) -> None:
     def trip(kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
         trips.append(kind)
 
-    subject = Sign(AXIS, PERIOD, handle.state, permission, trip, lambda: seen.append(True))
+    subject = Sign(AXIS, PERIOD, handle.state, permission, trip, lambda: seen.append(True), lambda: subject.hold())
     subject.doubt()
     assert (subject.doubts, handle.state.permitted_ns, permission.unchanged) == (1, None, False)
     given = []

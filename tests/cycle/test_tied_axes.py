@@ -1,6 +1,7 @@
 """Two axes that a coupling ties: what one of them misses, both must bear."""
 
 import struct
+from dataclasses import replace
 
 import pytest
 
@@ -15,11 +16,21 @@ TURNED = 400
 """Encoder counts by which the left handle is turned against the right one."""
 
 
-class Shaft:
-    """A spring between two handles in a running cycle."""
+FAR = 1200
+"""Encoder counts at which the shaft asks for twice as much as a hand may hold."""
+HOLDING = 50
+"""Target torque that a hand may hold: 5 % of the rated one."""
+SLEWING = 5
+"""Periods in which a target torque falls from the rated one to zero."""
 
-    def __init__(self) -> None:
-        self.cycle = Cycle(plan_of(scene_of(Coupling(("left", "right"), 400.0))))
+
+class Shaft:
+    """A spring between two handles in a running cycle; of the axes in `unseen` the sign is not known."""
+
+    def __init__(self, *unseen: str) -> None:
+        plan = plan_of(scene_of(Coupling(("left", "right"), 400.0)))
+        axes = tuple(replace(axis, sign_known=axis.name not in unseen) for axis in plan.axes)
+        self.cycle = Cycle(replace(plan, axes=axes))
         self.t_ns = 0
         for period in range(FADED_IN):
             self.torques(min(TURNED, 2 * period))
@@ -54,3 +65,32 @@ def test_back_after_a_gap_neither_is_pushed_harder_than_before_it() -> None:
         left, right = shaft.torques(TURNED + 2 * more)
         assert abs(left) <= abs(before)
         assert abs(right) <= abs(before)
+
+
+def test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled() -> None:
+    shaft = Shaft()
+    for counts in range(TURNED, FAR, 2):
+        before = shaft.torques(counts)
+    assert min(map(abs, before)) > 2 * HOLDING
+    shaft.cycle._axes["left"].sign.doubt()
+    for period in range(200):
+        targets = shaft.torques(FAR)
+        assert period < SLEWING or max(map(abs, targets)) <= HOLDING
+    assert [shaft.cycle.doubts(axis) for axis in ("left", "right")] == [1, 0]
+    assert [shaft.cycle.unseen(axis) is None for axis in ("left", "right")] == [False, True]
+    shaft.cycle._axes["left"].sign.proof.seen = True  # type: ignore[union-attr]
+    shaft.cycle.sign_seen()
+    targets = shaft.torques(FAR)
+    assert max(map(abs, targets)) <= HOLDING + 2, "it fades in from there"
+    for _ in range(FADED_IN):
+        targets = shaft.torques(FAR)
+    assert targets == (-targets[1], targets[1])
+    assert targets[1] > 2 * HOLDING
+
+
+@pytest.mark.parametrize("unseen", ["left", "right"])
+def test_an_axis_whose_sign_is_known_waits_for_that_of_the_other(unseen: str) -> None:
+    shaft = Shaft(unseen)
+    for counts in range(TURNED, FAR, 2):
+        assert max(map(abs, shaft.torques(counts))) <= HOLDING
+    assert [shaft.cycle.permitted_ns(axis) for axis in ("left", "right")] == [None, None]

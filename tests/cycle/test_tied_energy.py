@@ -84,8 +84,11 @@ class TiedBench:
 
 
 def test_what_a_shaft_gives_while_the_limit_fades_in_is_booked_and_not_judged() -> None:
-    """Pulled out by hand against half of its force, and pulled back by all of it: half of K·s² more comes back."""
-    bench, stretch, periods = TiedBench(Permission(fade=0.5)), 0.01, 200
+    """Pulled out by hand against half of its force, and pulled back by all of it: K·s²/4 more comes back.
+
+    So slowly that the leak is small.
+    """
+    bench, stretch, periods = TiedBench(Permission(fade=0.5)), 0.01, 2000
     for k in range(periods + 1):
         out = 2 * k <= periods
         position = stretch * (2 * k if out else 2 * (periods - k)) / periods
@@ -93,4 +96,4 @@ def test_what_a_shaft_gives_while_the_limit_fades_in_is_booked_and_not_judged() 
     for _ in range(20):
         bench.move(0.0, 0.0)
     assert bench.ledger.tally.largest == 0.0
-    assert bench.ledger.tally.booked["fade-in"] >= 0.25 * STIFFNESS * stretch**2
+    assert bench.ledger.tally.booked["fade-in"] == pytest.approx(0.25 * STIFFNESS * stretch**2, rel=0.05)

@@ -83,6 +83,7 @@ class Watch:
         del witness.frames[:-KEPT_FRAMES]
         for shaft in witness.shafts.values():
             del shaft.targets[:-KEPT_FRAMES]
+            shaft.angles = {t_ns: shaft.angles[t_ns] for t_ns, _ in shaft.targets}
 
     def released(self, bus: Any) -> None:
         """A master was told to let go."""
@@ -107,6 +108,7 @@ class Watch:
             drive = world.slave(node).drive
             drive.servo.advance(witness.seen_ns)
             shaft.now = State(drive.power.state.value)
+            shaft.angles[witness.seen_ns] = float(drive.plant.state[0])
         self.findings.runs += 1
         self.findings.broken += proofs.broken(witness)
         self.judged.append(witness)
@@ -186,8 +188,7 @@ def watched(*, keep: bool = False) -> Iterator[Findings]:
 
 def _simulated(bus: Any) -> Any:
     """The simulated bus of a master; None where it has another."""
-    wire = getattr(getattr(bus, "_wire", None), "_send", None)
-    owner = getattr(wire, "__self__", None)
+    owner = getattr(bus._wire._port, "_bus", None)
     return owner if hasattr(owner, "world") and hasattr(owner, "_controller") else None
 
 
@@ -203,6 +204,7 @@ def _shaft(world: Any, node: int) -> Shaft:
         drive.objects.torque_unit,
         _faults(slave),
         targets=[(world._now_ns, drive.servo._target)],
+        angles={world._now_ns: float(drive.plant.state[0])},
     )
     make, start, target = power._make, power.start, recorder.target
 
@@ -216,6 +218,7 @@ def _shaft(world: Any, node: int) -> Shaft:
 
     def targeted(t_ns: int, torque: float) -> None:
         shaft.targets.append((t_ns, torque))
+        shaft.angles[t_ns] = float(drive.plant.state[0])
         target(t_ns, torque)
 
     power._make, power.start, recorder.target = made, started, targeted

@@ -2,9 +2,8 @@
 
 Energy after a fault. From the event of a fault that takes the way to zero (`causes.FADES`) torque is held, fades, or
 ends; so its amount is at most τ, the largest of the event's own two periods, and the motor turns at most at the speed
-limit ω of the plan, for at most the stated time D. The energy that it can give to the hand is then at most τ·ω·D. The
-law checks what that follows from: the bound of τ here, the speed and D by the other laws. Where torque may follow the
-scene until the fault is seen, τ is the torque limit.
+limit ω of the plan, for at most the stated time D. The energy that it can give to the hand is then at most τ·ω·D. Both
+are checked: that torque does not grow beyond τ, and the work ∫τ dφ along the true way of the shaft, from the event on.
 """
 
 import math
@@ -150,6 +149,10 @@ def energy_after_a_fault_bounded(witness: Witness) -> Iterator[str]:
             most = float(np.abs(around).max(initial=0.0)) + shaft.unit
             if float(np.abs(after).max(initial=0.0)) > most:
                 yield f"{axis.name}: {np.abs(after).max():.4g} N·m after {fault.kind}, {most:.4g} N·m at the event"
+            work = work_after(witness, shaft, event_ns)
+            permitted = most * axis.speed * causes.allowed(cause, witness.faults, witness.stated)
+            if work > permitted:
+                yield f"{axis.name}: {work:.4g} J given after {fault.kind}, at most {permitted:.4g} J"
 
 
 def a_wrong_sign_gets_no_force(witness: Witness) -> Iterator[str]:
@@ -228,6 +231,16 @@ def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int
     last = max(at, 0) + int(pushing[-1])
     end_ns = float(times[last + 1]) if last + 1 < len(times) else float(witness.seen_ns)
     return max(0.0, (end_ns - event_ns) * 1e-9) + axis.lag * math.log(abs(float(torques[last])) / zero)
+
+
+def work_after(witness: Witness, shaft: Shaft, event_ns: int) -> float:
+    """Work of the motor after an event [J]: its target, held, along the way of the shaft."""
+    times, torques = motor_of(shaft)
+    at = max(0, int(np.searchsorted(times, event_ns)) - 1)
+    known_ns = np.array(sorted(shaft.angles), dtype=np.float64)
+    angles = np.array([shaft.angles[int(t_ns)] for t_ns in known_ns])
+    ends_ns = np.append(np.maximum(times[at:], event_ns), witness.seen_ns)
+    return float(torques[at:] @ np.diff(np.interp(ends_ns, known_ns, angles)))
 
 
 def lasted(witness: Witness, node: int, event_ns: int) -> float:

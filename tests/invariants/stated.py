@@ -51,7 +51,7 @@ class StatedAxis:
     fade_in: float
     age: float
     speed: float
-    """[m/s or rad/s] of the handle."""
+    """[rad/s] of the motor shaft."""
     jump: float
     """Smallest second difference of the position that is surely noticed, in counts."""
     lag: float
@@ -146,7 +146,7 @@ def _axis(
         limits["slew"] * ratio,
         limits["fade-in of the limit"],
         limits["age of feedback"],
-        limits["speed"],
+        limits["speed"] / ratio,
         limits.get("jump in a period", float("inf")) / (ratio * 6.283185307179586 / counts),
         lag,
         None if probe is None else _probe(probe, ratio),

@@ -1,5 +1,6 @@
 """Each law finds what was tampered with in the evidence of a sound run, and nothing else does."""
 
+import math
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
@@ -13,7 +14,7 @@ from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.sim import faults
 from tests.invariants import causes, outcome
 from tests.invariants.attach import watched
-from tests.invariants.laws import LAWS, ending, lasted
+from tests.invariants.laws import LAWS, ending, lasted, work_after
 from tests.invariants.outcome import Ended
 from tests.invariants.proofs import PROOF_LAWS, broken
 from tests.invariants.witness import MASTER, STRANGER, Witness
@@ -158,6 +159,19 @@ def test_torque_that_grows_after_a_fault_is_found() -> None:
     ((_, _, event_ns),) = ending(witness)
     shaft = witness.shafts[1]
     shaft.targets = sorted([*shaft.targets, (event_ns + 5 * MS, 0.3)])
+    assert "energy after a fault bounded" in laws_broken(witness)
+
+
+def test_work_after_a_fault_that_no_torque_and_time_explain_is_found() -> None:
+    """A shaft that was driven on for a hundred turns by the torque of the event."""
+    witness = evidence(faults.Silence("silence", EVENT))
+    ((_, _, event_ns),) = ending(witness)
+    shaft = witness.shafts[1]
+    held = next(torque for t_ns, torque in reversed(shaft.targets) if t_ns < event_ns)
+    shaft.angles[event_ns] = shaft.angles[max(t_ns for t_ns in shaft.angles if t_ns <= event_ns)]
+    for t_ns in [each for each in shaft.angles if each > event_ns]:
+        shaft.angles[t_ns] += math.copysign(100.0 * math.tau, held)
+    assert work_after(witness, shaft, event_ns) == pytest.approx(100.0 * math.tau * abs(held), rel=0.01)
     assert "energy after a fault bounded" in laws_broken(witness)
 
 

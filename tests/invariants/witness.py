@@ -31,6 +31,8 @@ class Shaft:
     """(time, number) of each; negative numbers are restarts of the node."""
     targets: list[tuple[int, float]] = field(default_factory=list)
     """(time, torque [N·m])."""
+    angles: dict[int, float] = field(default_factory=dict)
+    """Angle of the shaft at the time of each target, and at the end [rad]."""
     now: State = State.NOT_READY
     """At the end."""
 

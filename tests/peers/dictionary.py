@@ -20,6 +20,7 @@ VARIABLES = {
     0x603F: ("error code", U16, "ro"),
     0x6040: ("controlword", U16, "rw"),
     0x6041: ("statusword", U16, "ro"),
+    0x605A: ("quick stop option code", I16, "rw"),
     0x6060: ("modes of operation", I8, "rw"),
     0x6061: ("modes of operation display", I8, "ro"),
     0x6064: ("position actual value", I32, "ro"),

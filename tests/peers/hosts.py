@@ -1,4 +1,4 @@
-"""How a foreign master reaches simulated drives: in its own process on `haptic_sim`, or in another one on UDP."""
+"""How a foreign master reaches simulated drives: in its own process on `haptic_sim`, or in another one on a wire."""
 
 import os
 import random
@@ -39,16 +39,24 @@ def in_this_process(node: int, drives: Sequence[str] = DRIVES) -> Reach:
 
 
 @contextmanager
-def in_another_process(node: int, drives: Sequence[str] = DRIVES) -> Iterator[Reach]:
-    """`haptic-fieldbus simulate` on UDP multicast, until the end; then it must end by itself, with status 0."""
-    port = free_port()
-    require_multicast(port)
+def in_another_process(node: int, drives: Sequence[str] = DRIVES, vcan: str | None = None) -> Iterator[Reach]:
+    """`haptic-fieldbus simulate`, until the end; then it must end by itself, with status 0.
+
+    It is on the SocketCAN interface `vcan`, without one on UDP multicast.
+    """
     named = [word for drive in drives for word in ("--drive", drive)]
-    process = start("simulate", *named, "--bus", f"udp_multicast:{GROUP}", "--seed", str(SEED), port=port)
+    port = free_port()
+    if vcan is None:
+        require_multicast(port)
+        options = {"interface": "udp_multicast", "channel": GROUP, "port": port}
+    else:
+        options = {"interface": "socketcan", "channel": vcan}
+    bus = f"{options['interface']}:{options['channel']}"
+    process = start("simulate", *named, "--bus", bus, "--seed", str(SEED), port=None if vcan else port)
     try:
         for drive in drives:
             assert f"{drive.partition('@')[0]}, node {drive.partition('@')[2]}" in line_of(process)
-        yield Reach({"interface": "udp_multicast", "channel": GROUP, "port": port}, node)
+        yield Reach(options, node)
         assert process.poll() is None, f"simulate ended early: {process.stderr.read() if process.stderr else ''}"
         process.send_signal(signal.SIGINT)
         assert process.wait(STARTS_WITHIN) == 0
@@ -57,12 +65,13 @@ def in_another_process(node: int, drives: Sequence[str] = DRIVES) -> Iterator[Re
         process.communicate()
 
 
-def start(*words: str, port: int) -> "subprocess.Popen[str]":
+def start(*words: str, port: int | None) -> "subprocess.Popen[str]":
     """The command line in a process of its own; the bus name cannot say the port, python-can's environment can."""
+    wire = {} if port is None else {"CAN_CONFIG": f'{{"port": {port}}}'}
     return subprocess.Popen(
         [sys.executable, "-m", "haptic_fieldbus", *words],
         cwd=PROJECT,
-        env={**os.environ, "CAN_CONFIG": f'{{"port": {port}}}'},
+        env={**os.environ, **wire},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import canopen
 import pytest
-from canopen.profiles.p402 import BaseNode402
+from canopen.profiles.p402 import BaseNode402, OperationMode, State402
 
 from tests.peers.conftest import LONG, Connect
 from tests.peers.dictionary import dictionary
@@ -20,6 +20,12 @@ pytestmark = pytest.mark.xdist_group("peers")
 SYNC_PERIOD = 0.01
 TORQUE = "CYCLIC SYNCHRONOUS TORQUE"
 MASTER = 0x7F
+VALUE_RANGE = 0x0609_0030
+"""SDO abort code: the value is out of range."""
+BY_THEMSELVES = ("START", "NOT READY TO SWITCH ON", "FAULT REACTION ACTIVE", "FAULT")
+"""States that are left without a command, or that no command reaches."""
+HOLD_AFTER_QUICK_STOP = 6
+"""605Ah: slow down on the quick stop ramp, and stay in *quick stop active*."""
 
 
 @pytest.fixture
@@ -67,6 +73,19 @@ def test_the_way_to_operation_enabled_and_back(node: BaseNode402) -> None:
         assert node.state == state
 
 
+@pytest.mark.thorough("on every wire", quick=("haptic_sim-5",))
+def test_every_transition_that_canopen_knows_a_command_for(node: BaseNode402) -> None:
+    node.op_mode = TORQUE
+    node.sdo[0x605A].raw = HOLD_AFTER_QUICK_STOP
+    commanded = [(*states, word) for states, word in State402.TRANSITIONTABLE.items() if states[0] not in BY_THEMSELVES]
+    assert len(commanded) == 12
+    for start, end, controlword in commanded:
+        node.state = start
+        assert node.state == start
+        node.controlword = controlword
+        _until_state(node, {end})
+
+
 def test_a_quick_stop_ends_where_the_drive_cannot_turn(node: BaseNode402) -> None:
     node.state = "OPERATION ENABLED"
     node.controlword = 0x02
@@ -78,6 +97,23 @@ def test_the_mode_is_switched_and_confirmed(node: BaseNode402) -> None:
     assert node.is_op_mode_supported(TORQUE)
     node.op_mode = TORQUE
     assert node.op_mode == TORQUE
+
+
+@pytest.mark.thorough("on every wire", quick=("haptic_sim-5",))
+def test_every_mode_that_the_drive_says_it_has_is_taken_over_and_no_other(node: BaseNode402) -> None:
+    modes = [mode for mode in OperationMode.SUPPORTED if mode != "NO MODE"]
+    offered = [mode for mode in modes if node.is_op_mode_supported(mode)]
+    assert TORQUE in offered
+    for mode in offered:
+        node.op_mode = mode
+        assert node.op_mode == mode
+    for mode in set(modes) - set(offered):
+        with pytest.raises(TypeError, match=f"Operation mode {mode} not"):
+            node.op_mode = mode
+        with pytest.raises(canopen.SdoAbortedError) as caught:
+            node.sdo[0x6060].raw = OperationMode.NAME2CODE[mode]
+        assert caught.value.code == VALUE_RANGE
+        assert node.sdo[0x6061].raw == OperationMode.NAME2CODE[offered[-1]]
 
 
 def test_torque_turns_the_shaft_and_no_torque_lets_it_run_out(node: BaseNode402) -> None:

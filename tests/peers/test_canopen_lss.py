@@ -14,7 +14,7 @@ from canopen.lss import (
     LssMaster,
 )
 
-from tests.peers.conftest import LONG, Connect
+from tests.peers.conftest import LONG, VCAN, VCAN_MARKS, Connect
 from tests.peers.dictionary import dictionary
 from tests.peers.hosts import Reach, in_another_process, in_this_process
 
@@ -27,13 +27,13 @@ OTHER = 0x2A
 REQUESTS = (CS_INQUIRE_VENDOR_ID, CS_INQUIRE_PRODUCT_CODE, CS_INQUIRE_REVISION_NUMBER, CS_INQUIRE_SERIAL_NUMBER)
 
 
-@pytest.fixture(scope="module", params=["haptic_sim", "simulate"])
+@pytest.fixture(scope="module", params=["haptic_sim", "simulate", pytest.param("vcan", marks=VCAN_MARKS)])
 def reach(request: pytest.FixtureRequest) -> Iterator[Reach]:
     """One drive, for canopen does not expect that several answer."""
     if request.param == "haptic_sim":
         yield in_this_process(NODE, (DRIVE,))
         return
-    with in_another_process(NODE, (DRIVE,)) as there:
+    with in_another_process(NODE, (DRIVE,), VCAN if request.param == "vcan" else None) as there:
         yield there
 
 
@@ -105,8 +105,8 @@ class TestLss:
         lss.configure_node_id(NO_NODE)
         lss.send_switch_state_global(lss.WAITING_STATE)
         network[NODE].nmt.send_command(130)
-        lss.RESPONSE_TIMEOUT = 0.1  # every one of the address costs this
-        for _ in range(3):  # an answer that a busy machine delays beyond it spoils a scan
+        for timeout in (0.1, 0.2, 0.4):  # an answer that a busy machine delays beyond it spoils a scan
+            lss.RESPONSE_TIMEOUT = timeout  # every one of the address costs this
             found, address = lss.fast_scan()
             if found and tuple(address) == identity:
                 break

@@ -15,6 +15,8 @@ from tests.peers.hosts import Reach
 pytestmark = pytest.mark.xdist_group("peers")
 
 MASTER = 0x7F
+OPERATIONAL = 1
+"""NMT command."""
 STATES = {"STOPPED": 4, "OPERATIONAL": 5, "PRE-OPERATIONAL": 127}
 """CiA 301, 7.2.8.3.2: the octet of a heartbeat."""
 
@@ -30,6 +32,17 @@ def until(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.002)
+
+
+def answers(node: canopen.RemoteNode) -> bool:
+    """Whether it takes requests; it takes none while it is reset."""
+    node.sdo.RESPONSE_TIMEOUT = 0.2
+    try:
+        return bool(node.sdo[0x1000].raw)
+    except canopen.SdoCommunicationError:
+        return False
+    finally:
+        node.sdo.RESPONSE_TIMEOUT = LONG
 
 
 class TestSdo:
@@ -126,13 +139,33 @@ class TestPdo:
             node.rpdo[1].transmit()
             until(lambda state=state: heard[-1] & 0x4F == state & 0x4F)  # type: ignore[misc]
 
-    def _map(self, node: canopen.RemoteNode) -> None:
-        for pdo, type_, indices in ((node.tpdo[1], 1, (0x6041, 0x6064)), (node.rpdo[1], 255, (0x6040, 0x6071))):
+    @pytest.mark.thorough("on every wire", quick=("haptic_sim-5",))
+    def test_a_change_of_state_sends_a_tpdo_without_sync(self, node: canopen.RemoteNode) -> None:
+        self._map(node, tpdo_type=255)
+        heard: list[int] = []
+        node.tpdo[1].add_callback(lambda pdo: heard.append(pdo[0x6041].raw))
+        node.nmt.state = "OPERATIONAL"
+        until(lambda: bool(heard))
+        node.sdo[0x6040].raw = 0x06
+        until(lambda: heard[-1] & 0x6F == 0x21)
+
+    @pytest.mark.thorough("on every wire", quick=("haptic_sim-5",))
+    def test_a_tpdo_comes_on_request(self, node: canopen.RemoteNode) -> None:
+        self._map(node, tpdo_type=253)
+        heard: list[int] = []
+        node.tpdo[1].add_callback(lambda pdo: heard.append(pdo[0x6041].raw))
+        node.nmt.state = "OPERATIONAL"
+        for count in (1, 2):
+            node.tpdo[1].remote_request()
+            until(lambda count=count: len(heard) == count)  # type: ignore[misc]
+
+    def _map(self, node: canopen.RemoteNode, tpdo_type: int = 1) -> None:
+        for pdo, type_, indices in ((node.tpdo[1], tpdo_type, (0x6041, 0x6064)), (node.rpdo[1], 255, (0x6040, 0x6071))):
             pdo.read()
             pdo.clear()
             for index in indices:
                 pdo.add_variable(index)
-            pdo.trans_type, pdo.enabled = type_, True
+            pdo.trans_type, pdo.enabled, pdo.rtr_allowed = type_, True, type_ == 253
             pdo.save()
 
 
@@ -156,6 +189,23 @@ class TestNmt:
         node.nmt.send_command(command)
         until(lambda: told == [0])
         assert node.sdo[0x1017].raw == 0
+
+    @pytest.mark.thorough("on every wire", quick=("haptic_sim-5-stop", "haptic_sim-5-reset communication"))
+    @pytest.mark.parametrize("command", [2, 128, 130], ids=["stop", "pre-operational", "reset communication"])
+    def test_a_link_that_ends_at_rest_is_no_fault(self, node: canopen.RemoteNode, command: int) -> None:
+        """Whatever 6007h says, for there is no torque that a master could be missed for."""
+        said: list[EmcyError] = []
+        node.emcy.add_callback(said.append)
+        for option in (0, 1, 2, 3):
+            node.sdo[0x6007].raw = option
+            node.nmt.send_command(OPERATIONAL)
+            node.nmt.send_command(command)
+            node.nmt.send_command(128)
+            until(lambda: answers(node))
+            assert node.sdo[0x6041].raw & 0x4F == 0x40, f"6007h = {option}"
+            assert (node.sdo[0x603F].raw, node.sdo[0x1001].raw, node.sdo[0x1003][0].raw) == (0, 0, 0)
+        node.sdo[0x6007].raw = 2
+        assert not said
 
     def test_node_guarding(self, node: canopen.RemoteNode, network: canopen.Network, reach: Reach) -> None:
         octets: list[int] = []

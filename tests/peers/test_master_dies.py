@@ -93,11 +93,22 @@ class Drive:
 
 
 @contextmanager
-def pushing_master(rig: Path, profile: str) -> Iterator[tuple["subprocess.Popen[str]", Drive]]:
-    """A drive in `simulate`, pushed into a wall by `run`, both in processes of their own."""
+def pushing_master(
+    rig: Path, profile: str, faults: str | None = None
+) -> Iterator[tuple["subprocess.Popen[str]", Drive]]:
+    """A drive in `simulate`, pushed into a wall by `run`, both in processes of their own; `faults` is a file."""
     port = free_port()
     require_multicast(port)
-    hosted = ("simulate", "--drive", f"{profile}@{NODE}", "--bus", BUS, "--hand", "push")
+    hosted = (
+        "simulate",
+        "--drive",
+        f"{profile}@{NODE}",
+        "--bus",
+        BUS,
+        "--hand",
+        "push",
+        *(("--faults", faults) if faults else ()),
+    )
     rig.write_text(RIG.replace(PROFILES[0], profile), encoding="utf-8")
     rendered = ("run", "wall", "--rig", str(rig), "--yes", "--json")
     options = ("--rate", f"{RATE:g}", "--duration", "60", "--set", "=".join(SETTING))

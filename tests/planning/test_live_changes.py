@@ -18,6 +18,7 @@ from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.damped_sprung_mass import DampedSprungMass
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.friction import Friction
+from haptic_fieldbus.scenes.inertia import Inertia
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
@@ -41,6 +42,21 @@ def test_a_change_is_the_plan_with_the_new_values_and_all_else_kept() -> None:
     assert found.plan.axes[0].elements[1] is friction
     assert found.plan.axes[0].stability != plan.axes[0].stability
     assert [axis.traffic for axis in found.plan.axes] == [axis.traffic for axis in plan.axes]
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("tied", [(), (Coupling(("left", "right"), 400.0),)])
+def test_a_change_to_what_no_ledger_can_judge_is_refused(tied: tuple[Coupling, ...], force: bool) -> None:
+    """A mass that is larger on one side may give any force by itself; the ledger would grant it, and be blind."""
+    plan = plan_of(scene_of(Inertia("right", mass=0.1), *tied))
+    with pytest.raises(PlanError, match=r"inertia may then give any force by itself.*: start a new run"):
+        plan_change(plan, plan, {"inertia.negative_coefficient": 0.5}, force=force)
+    assert plan_change(plan, plan, {"inertia.mass": 0.05}, force=force)
+
+
+def test_where_nothing_was_judged_a_change_needs_no_ledger() -> None:
+    plan = plan_of(scene_of(Inertia("right", mass=0.1, negative_coefficient=0.5)))
+    assert plan_change(plan, plan, {"inertia.negative_coefficient": 0.8})
 
 
 def test_units_and_parts_of_the_limit_are_understood_as_in_a_setting() -> None:

@@ -119,6 +119,29 @@ def test_a_disturbed_frame_is_no_reason_to_stop() -> None:
     assert _run((faults.ErrorFrame("error_frame", CONTACT),)).cycles == 1000
 
 
+@pytest.mark.thorough("a run for each of 16 rates and instants", quick=1)
+@pytest.mark.parametrize("after", [0.0, 13.7e-3, 50.3e-3, 91.1e-3])
+@pytest.mark.parametrize("rate", [333.0, 1000.0, 170.0, 50.0])
+def test_a_lost_heartbeat_is_noticed_within_its_time_give_or_take_a_period(rate: float, after: float) -> None:
+    """Counted from the end of the last heartbeat on the wire, which the master does not see before its next period."""
+    wire, plan = Frames(), plan_of(rate=rate)
+    with pytest.raises(BusTimeoutError, match="the heartbeat of node 1 stayed away"):
+        _run((faults.HeartbeatLost("heartbeat_lost", CONTACT + after),), wire, plan=plan, cycles=10_000)
+    noticed_ns = next(
+        t_ns
+        for t_ns, can_id, data in wire.frames
+        if can_id == RPDO and t_ns > _enabled_ns(wire) and data == TORQUE_FREE
+    )
+    last_ns = max(t_ns for t_ns, can_id, _ in wire.frames if can_id == 0x701 and t_ns < noticed_ns)
+    traffic = can_traffic(plan)
+    noticed_ns -= plan.compute_ns + round(traffic.sending_ns)
+    assert abs(noticed_ns - last_ns - 300_000_000) <= plan.period_ns
+
+
+def _enabled_ns(wire: Frames) -> int:
+    return next(t_ns for t_ns, can_id, data in wire.frames if can_id == RPDO and data[:2] == b"\x0f\x00")
+
+
 LASTING: dict[str, tuple[faults.Fault, type[Exception], str]] = {
     "missing node": (faults.MissingNode("missing_node"), BusTimeoutError, "node 1 .*does not answer"),
     "wrong vendor": (faults.WrongIdentity("wrong_identity", vendor_id=0x9A), BusConfigurationError, "0000009Ah"),

@@ -1,6 +1,7 @@
 """The wheel that is shipped, installed where there is nothing else, and used from another folder."""
 
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -39,7 +40,8 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = call(sys.executable, "-m", "venv", folder, cwd=folder)
     assert made.returncode == 0, made.stderr
     project = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]
-    needed = [*project["dependencies"], *project["optional-dependencies"]["plot"]]
+    extra = project["optional-dependencies"]
+    needed = [*project["dependencies"], *extra["plot"], *(each for each in extra["test"] if each.startswith("pytest>"))]
     pip = (folder / "bin" / "python", "-m", "pip", "--disable-pip-version-check", "install", "--quiet")
     fetched = call(*pip, *needed, cwd=folder)
     if fetched.returncode != 0:
@@ -99,6 +101,14 @@ def test_python_can_finds_the_simulated_bus_of_the_wheel(environment: Path, tmp_
     program = "import can; assert 'haptic_sim' in can.VALID_INTERFACES"
     finished = call(environment / "python", "-c", program, cwd=tmp_path)
     assert finished.returncode == 0, finished.stderr
+
+
+@pytest.mark.thorough("installs into a clean environment")
+def test_pytest_finds_the_fixtures_of_the_wheel(environment: Path, tmp_path: Path) -> None:
+    example = shutil.copytree(PROJECT / "examples" / "test_your_master", tmp_path / "example")
+    finished = call(environment / "python", "-W", "error", "-m", "pytest", "-k", "enabled", cwd=example)
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    assert "warning" not in finished.stdout
 
 
 @pytest.mark.thorough("installs into a clean environment")

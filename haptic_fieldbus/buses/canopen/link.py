@@ -18,8 +18,12 @@ from haptic_fieldbus.signals import LinkFlag, Signal
 STALE, EMERGENCY, BOOT_UP, NO_SIGN_OF_LIFE, NOT_OPERATIONAL, BUS_OFF, EXCEPTION, FOREIGN, DUPLICATE = (
     int(flag) for flag in LinkFlag
 )
-LEAST_OWED = 2
-"""Periods by which a TPDO may be late at any rate of the loop."""
+LOST_AFTER = 1.0
+"""Time with answers after which one that is still missing counts as lost [s].
+
+Until then a node or an adapter that was busy may send it, in a burst. After it, a lost one must not excuse that of a
+second node.
+"""
 
 
 class Exchange:
@@ -38,15 +42,13 @@ class Link:
     """Link to one axis: it copies TPDOs into the image and writes the header of the axis there."""
 
     def __init__(
-        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, latest: float
+        self, node: Node, tpdos: Sequence[tuple[Pdo, int]], header: int, image: bytearray, silence: float, period: float
     ) -> None:
         """Take the TPDOs with their offsets in the image, and the offset of the header of the axis.
 
-        `silence` is the time without a sign of life after which the node counts as gone [s]. `latest` is the number of
-        periods after which a TPDO comes no more. Until then it may, in a burst when a node or an adapter was busy; a
-        lost one must not excuse those of a second node for longer.
+        `silence` is the time without a sign of life after which the node counts as gone, `period` that of the loop [s].
         """
-        self._most_owed = max(LEAST_OWED, int(min(latest, LARGEST_AGE_NS)))
+        self._window = round(LOST_AFTER / period)
         self._node = node
         self._image = image
         self._header = header
@@ -59,10 +61,16 @@ class Link:
             slot.exchange = exchange
             wire.listen(slot.cob_id, slot.take)
 
+    def forget(self) -> None:
+        """Forget what was received: the node is configured anew, and what it said before is true no more."""
+        self._latched_ns = None
+        for slot in self._slots:
+            slot.forget()
+
     def begin(self) -> int:
         """Begin a period and return the number of TPDOs that must arrive."""
         for slot in self._slots:
-            slot.ask(self._most_owed)
+            slot.ask(self._window)
         return len(self._slots)
 
     @property
@@ -109,7 +117,20 @@ class Link:
 class _Slot:
     """Place of one TPDO in the image."""
 
-    __slots__ = ("_end", "_image", "_offset", "_size", "cob_id", "exchange", "fresh", "malformed", "overdue", "owed")
+    __slots__ = (
+        "_end",
+        "_image",
+        "_offset",
+        "_size",
+        "answered",
+        "cob_id",
+        "exchange",
+        "fresh",
+        "least",
+        "malformed",
+        "owed",
+        "periods",
+    )
 
     def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
         self.cob_id = cob_id
@@ -118,23 +139,35 @@ class _Slot:
         self.malformed = False
         self.owed = 0
         """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
-        self.overdue = 0
-        """Periods in a row in which an answer to an earlier SYNC was missing."""
+        self.least = 0
+        """Smallest `owed` in the window, which consists of `periods` with answers."""
+        self.periods = 0
+        self.answered = False
         self._image = image
         self._offset, self._end, self._size = offset, offset + size, size
 
-    def ask(self, most: int) -> None:
-        """Expect an answer to the next SYNC; earlier ones count as lost after being missed for `most` periods."""
+    def forget(self) -> None:
+        """Forget what was received; as a node becomes operational it may send a TPDO that nobody asked for."""
+        self._image[self._offset : self._end] = bytes(self._size)
+        self.owed, self.least, self.periods, self.answered = 1, 1, 0, False
+
+    def ask(self, window: int) -> None:
+        """Expect an answer to the next SYNC; what was owed at the end of each of `window` periods is lost."""
         self.fresh = False
-        self.overdue = self.overdue + 1 if self.owed > 0 else 0
-        if self.overdue > most:
-            self.owed = self.overdue = 0
+        self.least = min(self.least, self.owed)
+        if self.answered:
+            self.answered = False
+            self.periods += 1
+            if self.periods >= window:
+                self.owed -= max(0, self.least)
+                self.periods, self.least = 0, self.owed
         self.owed += 1
 
     def take(self, data: bytes | bytearray) -> None:
         exchange = self.exchange
         if exchange.begun:
             self.owed -= 1
+            self.answered = True
             if self.owed < 0:
                 exchange.doubled = self.cob_id
         if not exchange.taking:

@@ -110,10 +110,10 @@ class CanopenBus(InSteps):
         self._wire.drain(self._clock.now_ns() + plan.period_ns)
         self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
-        # Until the first exchange a drive may send TPDOs as it becomes operational; our proofs of life are due at once.
         self._exchange.begun, self._refused_writes = False, 0
         self._proofs = proofs_of_life(traffic_of(plan), [setup.node for setup in self._setups])
-        for setup in self._setups:
+        for setup, link in zip(self._setups, self._links, strict=True):
+            link.forget()
             setup.configure()
 
     def start(self) -> None:
@@ -139,7 +139,7 @@ class CanopenBus(InSteps):
                 places.header,
                 self._image,
                 traffic.silence_of(setup.axis.name),
-                setup.axis.limits.age / plan.period,
+                plan.period,
             )
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
         )
@@ -201,11 +201,10 @@ class CanopenBus(InSteps):
         self._exchange.missing = sum([link.begin() for link in self._links])
 
     def _begin_watch(self) -> None:
-        """Begin to miss nodes that answer only when they are asked, which the loop does from now on."""
+        """Begin to miss nodes: from now on the loop looks regularly, and asks those that answer only then."""
         self._exchange.begun = True
         for setup in self._setups:
-            if setup.node.guarded:
-                setup.node.heartbeat_ns = self._clock.now_ns()
+            setup.node.heartbeat_ns = self._clock.now_ns()
 
     def begin(self) -> None:
         """Send SYNC; without room in the transmit queue there will be no feedback."""

@@ -1,25 +1,19 @@
 """One remote node: its object dictionary by SDO, its NMT state by heartbeat or node guarding, its emergencies.
 
-canopen's SdoClient implements the SDO protocol. Its queue of responses is replaced by a queue that receives from the
-wire itself, so that no thread is needed and all waiting is measured on our clock.
-
 Answers to node guarding alternate in their toggle bit. One that repeats the bit of the answer before is handled as if
 it had not been received, so that a node which repeats itself shows no sign of life.
 
 Reference: CiA 301 7.2.4 (SDO), 7.2.7 (EMCY), 7.2.8 (NMT, 7.2.8.3.2.1 node guarding, 7.2.8.3.2.2 heartbeat).
 """
 
-import queue
-from collections import deque
 from enum import IntEnum
 
 import canopen
-from canopen.sdo.client import SdoClient
-from canopen.sdo.constants import ABORT_GENERAL_ERROR, REQUEST_ABORTED
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
 from haptic_fieldbus.buses.canopen.frames import REMOTE_FLAG
 from haptic_fieldbus.buses.canopen.ports import Received
+from haptic_fieldbus.buses.canopen.sdo_client import PumpedResponses, PumpedSdoClient, WireNetwork
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError
@@ -54,51 +48,6 @@ GUARDING_NS = 10_000_000
 """Time between two requests of node guarding, while an NMT state is waited for."""
 ABSENT = (0x0602_0000, 0x0609_0011)
 """SDO abort codes: object, or sub-index, does not exist."""
-
-
-class PumpedResponses(queue.Queue[bytes]):
-    """Response queue of an SdoClient; `get` receives from the wire until a response is there or the time is over."""
-
-    def __init__(self, wire: Wire) -> None:
-        super().__init__()
-        self._wire = wire
-        self._responses: deque[bytes] = deque()
-
-    def put(self, item: bytes, block: bool = True, timeout: float | None = None) -> None:
-        self._responses.append(item)
-
-    def empty(self) -> bool:
-        """Drop responses to earlier requests, and return True.
-
-        SdoClient calls this before each request, and replaces a queue that is not empty by an ordinary one.
-        """
-        self._responses.clear()
-        return True
-
-    def get(self, block: bool = True, timeout: float | None = None) -> bytes:
-        deadline_ns = self._wire.clock.now_ns() + round((timeout or 0.0) * 1e9)
-        while not self._responses:
-            if not self._wire.pump(deadline_ns):
-                raise queue.Empty
-        return self._responses.popleft()
-
-
-class PumpedSdoClient(SdoClient):
-    """SdoClient that aborts without a log entry, since an exception with the same message follows."""
-
-    def abort(self, abort_code: int = ABORT_GENERAL_ERROR) -> None:
-        self.send_request(bytes((REQUEST_ABORTED, 0, 0, 0)) + abort_code.to_bytes(4, "little"))  # type: ignore[no-untyped-call]
-
-
-class WireNetwork(canopen.Network):
-    """The network that SdoClient sends through: our wire."""
-
-    def __init__(self, wire: Wire) -> None:
-        super().__init__()
-        self._wire = wire
-
-    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        self._wire.send(can_id, bytes(data))
 
 
 class Node:
@@ -159,7 +108,7 @@ class Node:
 
         Raises BusTimeoutError without an answer, BusConfigurationError for a refusal, BusError from the bus.
         """
-        self._client.RESPONSE_TIMEOUT = timeout
+        self._client.RESPONSE_TIMEOUT, self._responses.entry = timeout, entry
         try:
             data = self._client.upload(entry.object, entry.subindex)
         except BusError:  # a fault of the wire, already translated; BusTimeoutError is also an OSError, thus FOREIGN
@@ -174,7 +123,7 @@ class Node:
 
     def send(self, entry: ObjectEntry, value: int, timeout: float = SDO_TIMEOUT) -> None:
         """Download one entry within `timeout` [s]; raises the errors of `read`."""
-        self._client.RESPONSE_TIMEOUT = timeout
+        self._client.RESPONSE_TIMEOUT, self._responses.entry = timeout, entry
         try:
             self._client.download(entry.object, entry.subindex, entry.type.pack(value))
         except BusError:

@@ -14,7 +14,6 @@ from uuid import uuid4
 import can
 
 from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
-from haptic_fieldbus.clock import Clock
 
 Received = tuple[int, bytes | bytearray]
 """CAN-ID with its flags, and data."""
@@ -31,8 +30,8 @@ class CanPort(Protocol):
     def receive(self, seconds: float) -> Received | None:
         """Return a frame, after waiting this long [s] at most; None when none came."""
 
-    def arrived_ns(self, earliest_ns: int) -> int:
-        """Return the instant on our clock at which the last frame arrived; `earliest_ns` bounds it from below."""
+    def arrived_ns(self, earliest_ns: int) -> int | None:
+        """Return the instant on our clock at which the last frame arrived, `earliest_ns` or later; None if unknown."""
 
     def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
         """Let only frames with these CAN-IDs, and error frames that matter, wake us; None: all frames.
@@ -48,8 +47,8 @@ class PythonCanPort:
     not do, because a lost echo would excuse the same frame of somebody else.
     """
 
-    def __init__(self, can_bus: can.BusABC, clock: Clock, *, marks: bool = False) -> None:
-        self._send, self._recv, self._clock = can_bus.send, can_bus.recv, clock
+    def __init__(self, can_bus: can.BusABC, *, marks: bool = False) -> None:
+        self._bus = can_bus
         self._mark = uuid4().hex if marks else None
 
     def send(self, can_id: int, data: bytes | bytearray) -> None:
@@ -59,25 +58,25 @@ class PythonCanPort:
             data=None if remote else data,
             dlc=len(data),
             is_remote_frame=remote,
-            is_extended_id=False,
+            is_extended_id=bool(can_id & EXTENDED_FLAG),
             channel=self._mark,
         )
-        self._send(message)
+        self._bus.send(message)
 
     def receive(self, seconds: float) -> Received | None:
-        message = self._recv(seconds)
+        message = self._bus.recv(seconds)
         if message is None:
             return None
         if not message.is_rx or (self._mark is not None and message.channel == self._mark):
             return OURS
-        can_id = message.arbitration_id
-        if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
-            can_id |= _flags(message)
-        return can_id, message.data
+        if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):
+            return message.arbitration_id, message.data
+        data = bytes(message.dlc) if message.is_remote_frame else message.data
+        return message.arbitration_id | _flags(message), data
 
-    def arrived_ns(self, earliest_ns: int) -> int:
-        """Return the present time: the time stamps of interfaces come from many clocks."""
-        return self._clock.now_ns()
+    def arrived_ns(self, earliest_ns: int) -> int | None:
+        """Return None: the time stamps of interfaces come from many clocks."""
+        return None
 
     def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
         """Do nothing: python-can's own filter would cost more than the look-up of a handler."""

@@ -34,6 +34,8 @@ FRAME = Struct("=IB3x8s")
 EXACTLY = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF
 """Mask of a filter that takes one CAN-ID of 11 bits, flags included."""
 TIMESPEC = Struct("@ll")
+MOST_FILTERS = 512
+"""Number that the kernel takes (CAN_RAW_FILTER_MAX)."""
 STAMP_SIZE = 64
 """Room for the control message with a time stamp, in octets."""
 QUEUED_PERIODS = 4
@@ -79,19 +81,19 @@ class SocketCanPort:
         if flags & self._unwanted:
             return OURS
         can_id, length, data = FRAME.unpack_from(self._buffer)
-        return can_id, data[:length]
+        return can_id, data[:length]  # of a remote frame, zeros
 
-    def arrived_ns(self, earliest_ns: int) -> int:
-        now_ns = self._clock.now_ns()
+    def arrived_ns(self, earliest_ns: int) -> int | None:
         stamp = self._ancillary[0][2] if self._ancillary else b""
         if len(stamp) != TIMESPEC.size:
-            return now_ns
+            return None
         seconds, nanoseconds = TIMESPEC.unpack(stamp)
         age_ns: int = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
+        now_ns = self._clock.now_ns()
         return min(now_ns, max(now_ns - age_ns, earliest_ns))
 
     def focus(self, can_ids: frozenset[int] | None, frames: int) -> None:
-        if can_ids is None:
+        if can_ids is None or len(can_ids) > MOST_FILTERS:
             self._filter(pack("=II", 0, 0), ALL_ERRORS)
             return
         wanted = sorted(can_id for can_id in can_ids if not can_id & EXTENDED_FLAG)

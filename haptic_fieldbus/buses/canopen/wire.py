@@ -92,8 +92,12 @@ class Wire:
 
     @property
     def arrived_ns(self) -> int:
-        """Instant at which the frame arrived that is handled at present [ns]; of a later look, where none is known."""
-        return self._port.arrived_ns(self._empty_ns)
+        """Instant at which the frame arrived that is handled at present [ns]; where it is unknown, the earliest.
+
+        It came after the last look that found nothing. Whoever is heard too rarely must not count as heard later.
+        """
+        known = self._port.arrived_ns(self._empty_ns)
+        return self._empty_ns if known is None else known
 
     @property
     def sentences(self) -> list[str]:
@@ -135,7 +139,8 @@ class Wire:
         if can_id & ERROR_FLAG:
             self.error_frames.hear(can_id, data)
         if self._log is not None:
-            self._write_log(self._log, self.arrived_ns, can_id, data)
+            known = self._port.arrived_ns(self._empty_ns)
+            self._write_log(self._log, self._now_ns() if known is None else known, can_id, data)
         handler = self._handlers.get(can_id)
         if handler is not None:
             handler(data)
@@ -162,4 +167,4 @@ def port_to(can_bus: can.BusABC, clock: Clock, *, echoes: bool) -> CanPort:
     """Return the port to an open bus: its socket where it is one of SocketCAN, else python-can's messages."""
     if is_socketcan(can_bus):
         return SocketCanPort(can_bus.socket, clock)  # type: ignore[attr-defined]
-    return PythonCanPort(can_bus, clock, marks=echoes)
+    return PythonCanPort(can_bus, marks=echoes)

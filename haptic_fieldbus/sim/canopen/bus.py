@@ -7,7 +7,8 @@ receives (see `pace`).
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
@@ -138,6 +139,22 @@ class SimulatedBus(can.BusABC):
             dlc=len(frame.data),
             data=bytearray(frame.data),
         )
+
+
+@contextmanager
+def publish(channel: str, world: World) -> Iterator[None]:
+    """Let programs of this process open `world` by the name of a channel, for a `with` block.
+
+    Raises ValueError when the name is in use.
+    """
+    with _CHANNELS_LOCK:
+        if channel in _CHANNELS:
+            raise ValueError(f'channel "{channel}" is in use')
+        _CHANNELS[channel] = _Shared(world, users=1)
+    try:
+        yield
+    finally:
+        _release(channel)
 
 
 def _shared_world(channel: str, bitrate: int, clock: Clock | None, make: Callable[[Clock], World]) -> World:

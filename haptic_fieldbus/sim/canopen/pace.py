@@ -10,7 +10,8 @@ whichever is sooner. A frame that is sent may cause an earlier event, so sending
 import errno
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
 import can
@@ -76,6 +77,9 @@ class Pace(Protocol):
     def timestamp(self, t_ns: int) -> float:
         """Return the timestamp [s] of a message for an instant of the world's clock."""
 
+    def held(self) -> AbstractContextManager[None]:
+        """Bring the world to the present and hold it there for a `with` block, in which it may be read and changed."""
+
 
 def pace_of(world: LazyWorld) -> Pace:
     """Return the pace for a world's clock: a MonotonicClock is followed, any other clock is advanced."""
@@ -120,6 +124,11 @@ class Stepped:
 
     def timestamp(self, t_ns: int) -> float:
         return t_ns * 1e-9
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        self._world.run()
+        yield
 
 
 class PacedByClock:
@@ -172,6 +181,14 @@ class PacedByClock:
 
     def timestamp(self, t_ns: int) -> float:
         return (t_ns + self._epoch_ns) * 1e-9
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        with self._turn:
+            self._world.run()
+            yield
+            # What was changed may cause an event earlier than the one that the waiting threads sleep until.
+            self._turn.notify_all()
 
     def _make_room(self, controller: Controller, timeout: float | None) -> None:
         def full() -> bool:

@@ -104,6 +104,11 @@ class Rack:
         self._planned += 1
         heapq.heappush(self._agenda, (t_ns, self._planned, action))
 
+    def let_happen(self, fault: TimedFault, node: int, t_ns: int) -> None:
+        """Plan a fault of a drive or of the bus, whose `at` counts from `t_ns`."""
+        self.plan(t_ns + round(fault.at * 1e9), self._action(self.slaves[node], fault))
+        self.find_due()
+
     def _action(self, slave: Slave, fault: TimedFault) -> Callable[[int], None]:
         """Return what a fault does, to its drive or to the line."""
         if isinstance(fault, LineFault | HostFault):

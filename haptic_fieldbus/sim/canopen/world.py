@@ -27,7 +27,7 @@ from haptic_fieldbus.sim.canopen.link.wire import Port, Wire, WireStatistics
 from haptic_fieldbus.sim.canopen.pace import Pace, pace_of
 from haptic_fieldbus.sim.canopen.rack import Rack
 from haptic_fieldbus.sim.canopen.slave import Slave
-from haptic_fieldbus.sim.faults import Disturbance, Fault, HostFault
+from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, Fault, HostFault, LineFault
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.host import HostClock
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
@@ -236,6 +236,11 @@ class World:
         self._rack.find_due()
 
     # Faults.
+
+    def let_happen(self, node: int, fault: DriveFaultKind | LineFault | HostFault) -> None:
+        """Plan a fault of a drive or of its bus; its `at` counts from the present."""
+        self.run()
+        self._rack.let_happen(fault, node, self._now_ns)
 
     def bus_off(self, t_ns: int, until_ns: int) -> None:
         """Put the controllers of all programs in bus-off (see `injection.Line`)."""

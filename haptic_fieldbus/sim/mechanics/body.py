@@ -78,6 +78,10 @@ class Body(ABC):
             self.state = (*self.state[:HAND_SPEED], 0.0, 0.0, 0.0, *self.state[TARGET:])
             self._hold(self._grip)
 
+    @abstractmethod
+    def prepare(self) -> None:
+        """Build now what later steps need, for a body that is read at instants which do not repeat."""
+
     def advance(self, t_ns: int) -> None:
         """Move to `t_ns`, which must not be before the body's own time."""
         while self._agenda and self._agenda[0][0] <= t_ns:

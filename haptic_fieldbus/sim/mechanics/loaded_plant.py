@@ -56,6 +56,9 @@ class LoadedPlant(Body):
         self._events: list[float] = []
         self._hold(grip)
 
+    def prepare(self) -> None:
+        """Do nothing: which legs are needed shows only on the way."""
+
     def _hold(self, grip: Grip | None) -> None:
         self._grip = grip
         self._pull = {flank: self._load.pull(grip, flank) for flank in (-1, 0, 1)}

@@ -22,6 +22,8 @@ ORDER = 9
 State = tuple[float, ...]
 """All states, the nine of this module first, in this order."""
 
+LONGEST_POWER = 48
+"""Powers of two of a nanosecond that a prepared motion knows; together three days."""
 _COUPLED = (SPEED, TORQUE, STRETCH, HAND_SPEED, FORCE, SLOPE, TARGET, FRICTION)
 # Entries of the transition matrix that may be neither 0 nor 1, in the order in which `_held` and `_free` unpack them.
 _HELD_ENTRIES = (
@@ -52,17 +54,39 @@ class Motion:
         self._kernel = _free if grip is None else _held
         self._entries = _FREE_ENTRIES if grip is None else _HELD_ENTRIES
         self._tables: dict[int, tuple[float, ...]] = {}
+        self._powers: tuple[tuple[float, ...], ...] = ()
+        """Tables of 1, 2, 4 … ns once the motion is prepared."""
+
+    def prepare(self) -> None:
+        """Build what any step needs, for spans that do not repeat: from now on no exponential is computed.
+
+        A step is then made of those over powers of two, which costs a few of them and is as exact.
+        """
+        self._powers = tuple(self._table(1 << power) for power in range(LONGEST_POWER))
 
     def step(self, state: State, span_ns: int) -> State:
         """Return the state after a whole number of nanoseconds."""
+        if self._powers:
+            return self._by_powers(state, span_ns)
         table = self._tables.get(span_ns)
         if table is None:
             # The spans of a run repeat, so the cache rarely fills.
             if len(self._tables) >= MAX_TRANSITIONS:
                 self._tables.clear()
-            transition = self.flow.transition(span_ns)
-            table = self._tables[span_ns] = tuple(float(transition[entry]) for entry in self._entries)
+            table = self._tables[span_ns] = self._table(span_ns)
         return self._kernel(state, table)
+
+    def _by_powers(self, state: State, span_ns: int) -> State:
+        kernel, powers = self._kernel, self._powers
+        while span_ns:
+            power = min(span_ns.bit_length(), LONGEST_POWER) - 1
+            state = kernel(state, powers[power])
+            span_ns -= 1 << power
+        return state
+
+    def _table(self, span_ns: int) -> tuple[float, ...]:
+        transition = self.flow.transition(span_ns)
+        return tuple(float(transition[entry]) for entry in self._entries)
 
 
 def _matrix(shaft: Shaft, grip: Grip | None, sticking: bool) -> Matrix:

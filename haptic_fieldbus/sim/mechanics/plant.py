@@ -55,16 +55,26 @@ class Plant(Body):
     def _hold(self, grip: Grip | None) -> None:
         self._grip = grip
         self._stiffness, self._damping = (grip.stiffness, grip.damping) if grip is not None else (0.0, 0.0)
-        held = grip is not None
-        if held not in self._motions:
-            self._motions[held] = (Motion(self._shaft, grip, sticking=False), Motion(self._shaft, grip, sticking=True))
-        self._slipping, self._sticking = self._motions[held]
+        self._slipping, self._sticking = self._motions_of(grip)
         speed = self.state[SPEED]
         if speed == 0.0:
             self._from_rest()
         else:
             self._enter(1 if speed > 0.0 else -1)
         self._record(0.0)
+
+    def prepare(self) -> None:
+        """Build the motions with and without the hand, and what their steps need."""
+        for grip in (self._grip, None):
+            for motion in self._motions_of(grip):
+                motion.prepare()
+
+    def _motions_of(self, grip: Grip | None) -> tuple[Motion, Motion]:
+        """Return the motions that slip and stick; they are built once."""
+        held = grip is not None
+        if held not in self._motions:
+            self._motions[held] = (Motion(self._shaft, grip, sticking=False), Motion(self._shaft, grip, sticking=True))
+        return self._motions[held]
 
     def _continue(self, state: State) -> None:
         self.state = state

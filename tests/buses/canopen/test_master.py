@@ -7,6 +7,7 @@ import can
 import pytest
 
 from haptic_fieldbus.buses.canopen.master import SYNC_BITS
+from haptic_fieldbus.buses.canopen.setup import STATUSWORD
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.scenes.wall import Wall
@@ -87,6 +88,20 @@ def test_without_any_feedback_the_age_is_the_largest() -> None:
     assert _header(bench, _read(bench)) == (LARGEST_AGE_NS, LinkFlag.STALE, 0)
 
 
+def test_a_drive_that_was_enabled_before_a_new_start_is_not_enabled_now() -> None:
+    """As after the proof of a guard, on a computer that is late for the first exchange of the run."""
+    bench = Bench().open()
+    _enable(bench)
+    assert _payload(bench, _read(bench))[0] & 0x6F == 0x27
+    bench.bus.stop()
+    bench.bus.configure(bench.plan)
+    bench.bus.start()
+    bench.drive.mute_tpdos = True
+    image = _read(bench)
+    assert _payload(bench, image) == (0, 0)
+    assert _header(bench, image) == (LARGEST_AGE_NS, LinkFlag.STALE, 0)
+
+
 def test_reading_ends_at_its_deadline() -> None:
     bench = Bench().open()
     bench.drive.mute_tpdos = True
@@ -138,6 +153,68 @@ def test_an_emergency_is_flagged_with_its_code_until_it_is_reset() -> None:
     assert _header(bench, _read(bench))[1:] == (LinkFlag.EMERGENCY, 0x8130)
     bench.drive.emergency(0x0000)
     assert _header(bench, _read(bench))[1:] == (LinkFlag(0), 0)
+
+
+def test_an_emergency_that_is_reset_within_the_period_is_flagged_once() -> None:
+    bench = Bench().open()
+    bench.drive.emergency(0x8130)
+    bench.drive.emergency(0x0000)
+    assert _header(bench, _read(bench))[1:] == (LinkFlag.EMERGENCY, 0x8130)
+    assert _header(bench, _read(bench))[1:] == (LinkFlag(0), 0)
+
+
+def test_of_many_emergencies_the_first_is_named() -> None:
+    """The others follow from it, as 8140h after a bus-off, or the storm of a drive that repeats itself."""
+    bench = Bench().open()
+    for code in (0x8130, 0x8140, *range(0x2000, 0x2400)):
+        bench.drive.emergency(code)
+    assert _header(bench, _read(bench))[1:] == (LinkFlag.EMERGENCY, 0x8130)
+    bench.drive.emergency(0x0000)
+    bench.drive.emergency(0x3210)
+    assert _header(bench, _read(bench))[1:] == (LinkFlag.EMERGENCY, 0x3210)
+
+
+def test_an_emergency_that_comes_after_the_trip_is_its_cause_unless_we_provoked_it() -> None:
+    bench = Bench().open()
+    _read(bench)
+    assert bench.bus.causes == {}
+    bench.drive.mute_tpdos = bench.drive.mute_sdo = True
+    bench.drive.emergency(0x8130, delay_ns=1_000_000)
+    bench.bus.stop()
+    assert bench.bus.causes == {"handle": (LinkFlag.EMERGENCY, 0x8130)}
+    again = Bench().open()
+    again.drive.mute_tpdos = again.drive.mute_sdo = True
+    again.drive.emergency(0x8130, delay_ns=40_000_000)  # our heartbeat stays away, and NMT has set it pre-operational
+    again.bus.stop()
+    assert again.bus.causes == {}
+
+
+def test_nothing_of_a_run_before_is_left_in_the_image() -> None:
+    """A drive that was enabled then is not now; until it has spoken, nothing is known of it."""
+    bench = Bench().open()
+    bench.drive.power_stays = 0x27
+    bench.drive._store((0x6040, 0), bytes(2))
+    _read(bench)
+    assert _payload(bench, _read(bench))[0] == 0x27
+    bench.bus.stop()
+    bench.drive.power_stays = None
+    bench.drive.objects[0x6041, 0] = bytes((0x40, 0))
+    bench.bus.acknowledge()
+    bench.bus.configure(bench.plan)
+    bench.bus.start()
+    bench.drive.mute_tpdos = True
+    image = _read(bench)
+    assert _payload(bench, image) == (0, 0)
+    assert _header(bench, image)[:2] == (LARGEST_AGE_NS, LinkFlag.STALE)
+
+
+def test_a_late_answer_to_an_earlier_request_is_passed_over() -> None:
+    """A busy drive answers after the time-out, while the next question waits for its own answer."""
+    bench = Bench().open()
+    node = bench.bus._setups[0].node
+    bench.can.reply(0x580 + NODE, b"\x43\x72\x60\x00\x07\x00\x00\x00", 10_000)
+    bench.can.reply(0x580 + NODE, b"\x80\x72\x60\x00\x00\x00\x02\x06", 20_000)
+    assert node.read(STATUSWORD) == 0x40
 
 
 def test_an_emergency_too_short_for_a_code_is_ignored() -> None:

@@ -110,10 +110,17 @@ def test_answers_and_restarts_from_before_opening_are_dropped() -> None:
     bench.open()
 
 
-def test_the_answer_to_somebody_elses_request_is_refused() -> None:
+def test_the_answer_to_a_question_that_is_not_ours_is_passed_over() -> None:
+    """One of ours that was given up, or somebody else's, whose own request is heard as such."""
     bench = Bench()
     bench.can.reply(0x580 + NODE, b"\x43\x08\x10\x00\xff\xff\xff\xff", delay_ns=LISTENING_NS + 1)
-    with pytest.raises(BusConfigurationError, match=r"answered wrongly.*another SDO client"):
+    assert bench.open().bus.facts["handle"].vendor_id == 0xFB
+
+
+def test_an_answer_of_another_kind_than_the_request_asks_for_is_refused() -> None:
+    bench = Bench()
+    bench.can.reply(0x580 + NODE, b"\x60\x00\x10\x00" + bytes(4), delay_ns=LISTENING_NS + 1)
+    with pytest.raises(BusConfigurationError, match="answered wrongly"):
         bench.open()
 
 

@@ -4,7 +4,7 @@ import can
 import pytest
 
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus, publish
 from haptic_fieldbus.sim.canopen.pace import LONGEST_WAIT_NS
 from haptic_fieldbus.sim.canopen.world import World
 from tests.sim.bench import NODE, axis, profile
@@ -81,6 +81,16 @@ class TestSharing:
                     SimulatedBus(CHANNEL, **options)
             with SimulatedBus(CHANNEL, clock=clock) as other:
                 assert other.clock is clock
+
+    def test_a_world_is_opened_by_its_name_while_it_has_one(self) -> None:
+        world = World(VirtualClock())
+        with publish("mine", world):
+            with SimulatedBus("mine") as bus:
+                assert bus.world is world
+            with pytest.raises(ValueError, match='channel "mine" is in use'), publish("mine", world):
+                pass
+        with pytest.raises(can.CanInitializationError, match='"mine": expected profile@node-ID'):
+            SimulatedBus("mine")
 
     def test_a_bus_on_a_given_world_is_its_own(self) -> None:
         world = World(VirtualClock())

@@ -1,59 +1,32 @@
-"""Hosting simulated drives on a python-can bus: in this thread, on `virtual`, served turn by turn."""
+"""Hosting simulated drives on a python-can bus, and what is built before a drive is ready."""
 
+import gc
+import math
 import struct
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
 
 import can
 import pytest
 
-from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.errors import BusError, UsageError
+from haptic_fieldbus.drive.rig import shipped_mechanism
+from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.channel import NamedDrive, slot_of
-from haptic_fieldbus.sim.canopen.hosting import Host, HostRequest, host, joined_bus, numbered, resolve
-from haptic_fieldbus.sim.faults import BusOff, Emergency, ErrorFrame, Fault
+from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve
+from haptic_fieldbus.sim.canopen.hosting import host
+from haptic_fieldbus.sim.faults import Emergency
+from haptic_fieldbus.sim.hand import HANDS, grip
+from haptic_fieldbus.sim.mechanics import flow
+from haptic_fieldbus.sim.mechanics.motion import Shaft
+from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.slot import Slot
+from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted, enabled
 
-MS = 1_000_000
-READ_IDENTITY = bytes.fromhex("40 18 10 01 00 00 00 00")
-
-
-class Hosted:
-    """Drives on one end of a virtual bus, the test on the other; time moves when told to."""
-
-    def __init__(self, *nodes: int, faults: tuple[Fault, ...] = (), echoes: bool = False) -> None:
-        channel = f"hosting {id(self)}"
-        self.clock = VirtualClock()
-        self.theirs = can.Bus(interface="virtual", channel=channel, receive_own_messages=echoes)
-        self.bus = can.Bus(interface="virtual", channel=channel)
-        self.host = Host(self.theirs, self.clock, "virtual:hosting", echoes=echoes)
-        for node in nodes:
-            drive = NamedDrive("generic_cia402", node)
-            self.host.add(slot_of(drive, "virtual:hosting", Workspace.LINEAR, None, faults, booted=False))
-
-    def send(self, can_id: int, data: bytes, *, remote: bool = False, extended: bool = False) -> None:
-        self.bus.send(
-            can.Message(
-                arbitration_id=can_id,
-                data=None if remote else data,
-                dlc=len(data),
-                is_remote_frame=remote,
-                is_extended_id=extended,
-            )
-        )
-
-    def serve(self, duration_ns: int = MS) -> list[tuple[int, bytes]]:
-        """Time passes; what was sent is served first, then what falls due; returns what the drives sent."""
-        for _ in range(20):
-            self.host.serve(0)
-        self.clock.compute(duration_ns)
-        self.host.serve(0)
-        heard = iter(lambda: self.bus.recv(0), None)
-        return [(message.arbitration_id, bytes(message.data)) for message in heard]
-
-    def close(self) -> None:
-        self.theirs.shutdown()
-        self.bus.shutdown()
+PROJECT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture
@@ -123,15 +96,8 @@ class TestHost:
     def test_a_full_transmit_queue_loses_frames_and_counts_them(self, hosted: Hosted) -> None:
         hosted.theirs.send = _refuse("Transmit buffer full")  # type: ignore[method-assign,assignment]
         hosted.serve()
-        assert hosted.host.lost == 2
-
-    def test_a_dead_bus_is_a_bus_error(self, hosted: Hosted) -> None:
-        hosted.theirs.send = _refuse("network is down")  # type: ignore[method-assign,assignment]
-        with pytest.raises(BusError, match="virtual:hosting: network is down"):
-            hosted.serve()
-        hosted.theirs.shutdown()
-        with pytest.raises(BusError, match="virtual:hosting"):
-            hosted.host.serve(0)
+        assert hosted.outlet.lost == 2
+        assert hosted.told == []
 
     def test_a_node_id_is_given_once(self, hosted: Hosted) -> None:
         with pytest.raises(ValueError, match="node 5 is on this bus already"):
@@ -156,52 +122,74 @@ def _refuse(sentence: str) -> Callable[[can.Message, float | None], None]:
     return send
 
 
-class TestRequest:
-    """What is asked for is checked, all of it, before a bus is opened."""
+class TestWhatIsBuiltBeforeReady:
+    """Nothing that takes long is left for the time when a master waits for an answer."""
 
-    @pytest.mark.parametrize(
-        ("texts", "first", "nodes"),
-        [
-            (["maxon_epos4"], 1, [1]),
-            (["maxon_epos4", "generic_cia402"], 5, [5, 6]),
-            (["maxon_epos4@9", "generic_cia402", "generic_cia402@5", "maxon_epos4"], 5, [9, 6, 5, 7]),
-        ],
-    )
-    def test_drives_get_the_node_id_they_ask_for_or_the_next_free_one(
-        self, texts: list[str], first: int, nodes: list[int]
-    ) -> None:
-        drives = numbered(texts, first)
-        assert [drive.node for drive in drives] == nodes
-        assert [drive.profile for drive in drives] == [text.partition("@")[0] for text in texts]
+    def test_no_matrix_exponential_is_computed_afterwards(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Through all that a shaft does: pushed, held, turned back, let go, stopped, at instants that never repeat."""
+        hosted = Hosted(5, hand="release")
+        hosted.serve()
+        computed: list[object] = []
+        monkeypatch.setattr(flow, "expm", computed.append)
+        seen = enabled(hosted)
+        for number in range(3000):
+            hosted.send(0x80, b"")
+            hosted.send(0x205, struct.pack("<Hh", 0x0F, -400 if number // 300 % 2 else 40))
+            seen += hosted.serve(MS + 997 * (number % 13) + number)
+        places = [struct.unpack("<Hi", data)[1] for can_id, data in seen if can_id == 0x185]
+        steps = [after - before for before, after in pairwise(places)]
+        assert min(steps) < -5 < 5 < max(steps), "it did move, both ways"
+        hosted.send(0x205, struct.pack("<Hh", 0x02, 0))
+        hosted.serve(500 * MS + 1)
+        assert computed == []
+        hosted.close()
 
-    @pytest.mark.parametrize(
-        ("texts", "first", "said"),
-        [
-            (["a@5", "b@5"], 1, "node-ID 5 is asked for twice"),
-            (["a"], 0, "node 0: a node-ID is a whole number from 1 to 127"),
-            (["a@200"], 1, "expected profile@node-ID"),
-            (["a", "b"], 127, "no node-ID is left for b"),
-        ],
-    )
-    def test_impossible_node_ids_are_refused(self, texts: list[str], first: int, said: str) -> None:
-        with pytest.raises(UsageError, match=said):
-            numbered(texts, first)
+    def test_a_motion_by_powers_of_two_is_that_of_its_spans(self) -> None:
+        """Two plants, one prepared: the same pushes at the same odd instants."""
+        hand = HANDS["push"]
+        assert hand is not None
+        plants = [Plant(Shaft(4e-5, 1e-4, 2e-3, 1.6e-4), grip(hand, shipped_mechanism(Workspace.LINEAR))) for _ in "ab"]
+        plants[1].prepare()
+        for plant in plants:
+            plant.start_hand()
+            for number in range(400):
+                plant.set_target(0.02 * math.sin(0.1 * number))
+                plant.advance(plant.t_ns + 999_983 + 7 * number)
+        assert plants[1].state == pytest.approx(plants[0].state, rel=1e-9, abs=1e-12)
+        assert abs(plants[0].position) > 0.1
 
-    @pytest.mark.parametrize("bus", ["sim", "sim@500000", "haptic_sim:maxon_epos4@5", None])
-    def test_a_bus_that_no_other_program_can_join_is_refused(self, bus: str | None) -> None:
-        with pytest.raises(UsageError, match="socketcan:can0"):
-            joined_bus(bus)
+    def test_what_exists_is_out_of_garbage_collection_while_drives_are_hosted(self) -> None:
+        bus, slots = resolve(HostRequest(["generic_cia402@7"], "virtual:hosting frozen"))
+        frozen: list[int] = []
+        host(bus, slots, 0, lambda _slot: frozen.append(gc.get_freeze_count()), lambda: True)
+        assert frozen[0] > 10_000
+        assert gc.get_freeze_count() == 0
 
-    def test_all_that_is_wrong_is_told_at_once(self) -> None:
-        faults = (BusOff("bus_off", 1.0), ErrorFrame("error_frame", 1.0), Emergency("emergency", 1.0, 1, bus="can0"))
-        request = HostRequest(["generic_cia402", "nonsense"], "sim", hand="foot", faults=faults)
-        with pytest.raises(UsageError) as refused:
-            resolve(request)
-        said = str(refused.value).splitlines()
-        assert [line.split()[0:2] for line in said] == [
-            ["fault", '"bus_off"'], ["fault", '"error_frame"'], ["fault", '"emergency"'], ["no", "hand"],
-            ["bus", '"sim":'], ["no", "profile"],
-        ]  # fmt: skip
+    @pytest.mark.thorough("a process of its own")
+    def test_no_module_is_imported_afterwards(self) -> None:
+        """In a process of its own, because this one has long imported everything."""
+        ended = subprocess.run(
+            [sys.executable, "-c", IMPORTS], cwd=PROJECT, capture_output=True, text=True, check=True, timeout=120
+        )
+        assert ended.stdout.split() == ["moved"]
+
+
+IMPORTS = """
+import sys
+from tests.sim.canopen.hosted import Hosted, enabled
+hosted = Hosted(5, hand="push")
+hosted.serve()
+known = set(sys.modules)
+seen = enabled(hosted)
+for number in range(1000):
+    seen += hosted.serve(1_000_007 + number)
+    hosted.send(0x80, b"")
+print("moved" if len(seen) > 900 else "stood", *sorted(set(sys.modules) - known))
+"""
+
+
+class TestHosting:
+    """The whole of it, in real time."""
 
     def test_a_bus_that_cannot_be_opened_is_a_bus_error(self) -> None:
         bus, slots = resolve(HostRequest(["generic_cia402"], "udp_multicast:127.0.0.1"))

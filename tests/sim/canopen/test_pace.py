@@ -18,6 +18,7 @@ from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.pace import RECEIVE_ROOM, TRANSMIT_ROOM, PacedByClock, Stepped
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.faults import DriveFault
 from tests.sim.bench import NODE, axis, profile
 
 CHANNEL = "maxon_epos4@5,generic_cia402@6"
@@ -124,6 +125,16 @@ class TestWaiting:
             message = waiter.result(LONG)
         assert message is not None
         assert message.arbitration_id == 0x123
+
+    def test_what_is_changed_in_a_world_that_is_held_is_noticed_by_whoever_waits(
+        self, bus: SimulatedBus, elsewhere: ThreadPoolExecutor
+    ) -> None:
+        waiting = elsewhere.submit(bus.recv, LONG)
+        with bus.world.pace.held():
+            bus.world.let_happen(6, DriveFault("drive_fault", 0.01))
+        message = waiting.result(LONG)
+        assert message is not None
+        assert message.arbitration_id == 0x086
 
     def test_every_frame_goes_to_one_of_those_that_wait_on_one_bus(
         self, bus: SimulatedBus, elsewhere: ThreadPoolExecutor

@@ -209,6 +209,15 @@ class TestFaults:
         assert master.heard(0x85)[0].frame.data[:2] == b"\x10\x23"
         assert master.statusword & 0x08
 
+    def test_a_fault_may_be_asked_for_while_the_world_runs_and_counts_from_then(self) -> None:
+        master = self._played(faults.MissingTpdos("missing_tpdos", 10.0))
+        asked_ns = master.clock.now_ns()
+        master.world.let_happen(NODE, faults.DriveFault("drive_fault", 0.005))
+        for _ in range(10):
+            master.period(NODE, 0x0F, 0)
+        assert master.statusword & 0x08
+        assert master.heard(0x85)[0].t_ns == pytest.approx(asked_ns + 5 * MS, abs=500_000)
+
     def test_a_node_reset_ends_in_a_boot_up_message(self) -> None:
         master = self._played(faults.NodeReset("node_reset", 0.01))
         (message,) = master.heard(0x705)

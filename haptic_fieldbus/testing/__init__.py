@@ -1,0 +1,11 @@
+"""Simulated drives for the tests of other people's masters.
+
+`haptic_fieldbus.pytest_plugin` makes fixtures of them.
+"""
+
+from haptic_fieldbus.testing.bench import DriveRequest as DriveRequest
+from haptic_fieldbus.testing.bench import Time as Time
+from haptic_fieldbus.testing.bench import VirtualCanBus as VirtualCanBus
+from haptic_fieldbus.testing.drive import SimulatedDrive as SimulatedDrive
+from haptic_fieldbus.testing.fault_plan import FaultPlan as FaultPlan
+from haptic_fieldbus.testing.fault_plan import plan_faults as plan_faults

@@ -1,0 +1,164 @@
+"""A bus that goes down, comes back, or is gone, under hosted drives."""
+
+import errno
+import struct
+import time
+from collections.abc import Callable, Iterator
+
+import can
+import pytest
+
+from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.errors import BusError
+from haptic_fieldbus.sim.canopen.outlet import LATEST_NS, RETRIED_EVERY_NS, Outlet
+from tests.sim.canopen.hosted import MS, READ_IDENTITY, Hosted, enabled
+
+
+@pytest.fixture
+def hosted() -> Iterator[Hosted]:
+    subject = Hosted(5, 6)
+    yield subject
+    subject.close()
+
+
+class TestABusThatGoesDown:
+    """As SocketCAN does it: `recv` raises ENETDOWN once and then hears nothing, `send` raises it each time."""
+
+    def _pull(self, hosted: Hosted) -> None:
+        """The interface is down."""
+        down = can.CanOperationError("Network is down", errno.ENETDOWN)
+        raised = iter([down])
+
+        def receive(timeout: float | None = None) -> None:
+            for error in raised:
+                raise error
+
+        hosted.theirs.recv = receive  # type: ignore[method-assign]
+        hosted.theirs.send = _raising(down)  # type: ignore[method-assign]
+
+    def _push(self, hosted: Hosted) -> None:
+        del hosted.theirs.recv, hosted.theirs.send
+
+    def test_drives_go_on_and_are_heard_again(self, hosted: Hosted) -> None:
+        hosted.serve()
+        hosted.send(0x605, bytes.fromhex("2B 17 10 00 0A 00 00 00"))
+        hosted.serve(0)
+        self._pull(hosted)
+        assert [frame for _ in range(50) for frame in hosted.serve(10 * MS)] == []
+        self._push(hosted)
+        assert hosted.serve(10 * MS) == [(0x705, b"\x7f")]
+        down, up = hosted.told
+        assert "virtual:hosting: the interface is down or gone" in down
+        assert "The drives go on" in down
+        assert "frames pass again, after 0." in up
+
+    def test_a_drive_lets_go_by_its_own_watch_meanwhile(self) -> None:
+        hosted = Hosted(5)
+        hosted.serve()
+        hosted.send(0x605, bytes.fromhex("23 16 10 01") + struct.pack("<HBB", 50, 0x7F, 0))
+        hosted.send(0x605, bytes.fromhex("2B 07 60 00 02 00 00 00"))
+        hosted.send(0, bytes((1, 5)))
+        for controlword in (0x06, 0x07, 0x0F):
+            hosted.send(0x205, struct.pack("<H", controlword))
+        hosted.send(0x77F, b"\5")
+        hosted.serve(MS)
+        self._pull(hosted)
+        hosted.serve(60 * MS)
+        self._push(hosted)
+        hosted.serve(0)
+        hosted.send(0x605, bytes.fromhex("40 41 60 00 00 00 00 00"))
+        answers = [data[4] & 0x6F for can_id, data in hosted.serve() if can_id == 0x585]
+        assert answers == [0x60], "switch on disabled"
+        hosted.close()
+
+    def test_a_bus_that_is_gone_is_opened_anew(self, hosted: Hosted) -> None:
+        """An adapter that was unplugged: the old socket never works again."""
+        hosted.serve()
+        gone = hosted.theirs
+        gone.recv = _raising(OSError(errno.ENODEV, "No such device"))  # type: ignore[method-assign]
+        gone.send = _raising(OSError(errno.ENODEV, "No such device"))  # type: ignore[method-assign]
+        for _ in range(3):
+            hosted.serve(500 * MS)
+        assert hosted.theirs is not gone
+        hosted.send(0x606, READ_IDENTITY)
+        assert [can_id for can_id, _ in hosted.serve()] == [0x586]
+        assert len(hosted.told) == 2
+
+    def test_one_that_cannot_be_opened_is_tried_again_and_drives_go_on(
+        self, hosted: Hosted, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        refusals = [BusError("no such interface")] * 3
+        again = hosted.reopened
+
+        def reopened() -> can.BusABC:
+            for refusal in iter(refusals.pop, None) if refusals else ():
+                raise refusal
+            return again()
+
+        monkeypatch.setattr(hosted.outlet, "_reopen", reopened)
+        hosted.serve()
+        hosted.theirs.recv = _raising(OSError(errno.ENODEV, "gone"))  # type: ignore[method-assign]
+        for _ in range(12):
+            hosted.serve(500 * MS)
+        hosted.send(0x606, READ_IDENTITY)
+        assert [can_id for can_id, _ in hosted.serve()] == [0x586]
+
+    def test_waiting_for_a_bus_that_raises_at_once_takes_time(self, hosted: Hosted) -> None:
+        hosted.serve()
+        hosted.theirs.recv = _raising(OSError(errno.ENODEV, "gone"))  # type: ignore[method-assign]
+        before_ns = hosted.clock.now_ns()
+        hosted.host.serve(10 * RETRIED_EVERY_NS)
+        assert hosted.clock.now_ns() - before_ns == RETRIED_EVERY_NS
+
+
+def _raising(error: Exception) -> Callable[..., None]:
+    def raising(*args: object, **kwargs: object) -> None:
+        raise error
+
+    return raising
+
+
+class TestTheInstantOfAFrame:
+    """A frame is served when it came, not when this process was woken; both bounds hold whatever the stamp says."""
+
+    def _arrived(self, ago: float, earliest_ns: int, *, stamped: bool = True) -> int:
+        clock = VirtualClock(10 * MS)
+        with can.Bus(interface="virtual", channel="stamps") as bus:
+            outlet = Outlet(bus, clock, "virtual:stamps", print, stamped=stamped)
+            return outlet.arrived_ns(can.Message(timestamp=time.time() - ago), earliest_ns)
+
+    def test_is_its_stamp(self) -> None:
+        assert 10 * MS - LATEST_NS <= self._arrived(0.0002, 0) <= 9.8 * MS
+
+    def test_is_not_before_what_was_served(self) -> None:
+        assert self._arrived(0.0004, 9_900_000) == 9_900_000
+
+    def test_is_not_long_ago(self) -> None:
+        """After a long sleep answers are for the last SYNC, as a master takes them."""
+        assert self._arrived(0.004, 0) == 10 * MS - LATEST_NS
+        assert self._arrived(3600.0, 0) == 10 * MS - LATEST_NS
+
+    def test_is_not_in_the_future(self) -> None:
+        assert self._arrived(-3600.0, 0) == 10 * MS
+
+    def test_is_now_where_stamps_mean_nothing(self) -> None:
+        assert self._arrived(0.004, 0, stamped=False) == 10 * MS
+
+    def test_a_shaft_is_latched_where_it_was_when_sync_came(self) -> None:
+        """The process sleeps for 5 ms after SYNC; the position is that at SYNC, and a later one comes with the next."""
+        hosted = Hosted(5, hand="push")
+        hosted.serve()
+        enabled(hosted)
+        hosted.serve(400 * MS)
+
+        def latched(late_ns: int) -> int:
+            hosted.outlet.arrived_ns = lambda message, earliest_ns: hosted.clock.now_ns() - late_ns  # type: ignore[method-assign]
+            hosted.send(0x80, b"")
+            hosted.clock.compute(late_ns)
+            hosted.host.serve(0)
+            (counts,) = [struct.unpack("<Hi", data)[1] for can_id, data in hosted.serve(0) if can_id == 0x185]
+            return int(counts)
+
+        at_once = latched(0)
+        assert latched(20 * MS) == at_once
+        assert latched(0) > at_once
