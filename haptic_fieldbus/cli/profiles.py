@@ -2,12 +2,12 @@
 
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, fields, is_dataclass, replace
+from dataclasses import MISSING, asdict, fields, is_dataclass, replace
 from datetime import datetime
 from enum import Enum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -25,8 +25,14 @@ if TYPE_CHECKING:
 app = typer.Typer(help="The drive profiles: list, show, check, draft.", no_args_is_help=True)
 
 # Order of the sections in `profiles show`.
-SECTIONS = ("identity", "torque", "position", "velocity", "pdo", "link_loss", "timing", "simulation")
-IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", "absent", "supported_modes")
+SECTIONS = (
+    "identity", "torque", "position", "velocity", "pdo", "setup", "sync", "commissioning", "link_loss", "timing",
+    "simulation",
+)  # fmt: skip
+IN_HEXADECIMAL = (
+    "object", "heartbeat_consumer", "vendor_id", "product_codes", "absent", "supported_modes", "interpolation_time",
+    "cycle_period", "controlword",
+)  # fmt: skip
 """Keys whose whole numbers are written as in vendors' manuals: indices, identities and bit fields."""
 
 
@@ -180,22 +186,30 @@ def _plain(value: object) -> "Json":
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
-    """Yield key, value and source of each value that is given; of the simulation, only values other than the usual."""
-    from haptic_fieldbus.protocols.canopen.profile import SimulationSection
-
-    usual = vars(SimulationSection())
+    """Yield key, value and source of each value that the profile gives; what nobody gave has no source."""
     for section in SECTIONS:
         values = getattr(profile, section)
         for key, value in (vars(values) if values is not None else {}).items():
-            if value not in (None, ()) and value is not False and (section != "simulation" or value != usual[key]):
-                name = f"{section}.{key}"
-                yield name, _text(key, value), _source(name, profile.sources)
+            name = f"{section}.{key}"
+            source = _source(name, profile.sources)
+            if value in (None, (), {}) or value is False or not source or value == _usual(values, key):
+                continue
+            # The objects of a simulated drive fill screens: its EDS shows them (--eds).
+            text = f"{len(value)} entries" if isinstance(value, dict) else _text(key, value)
+            yield name, text, source
+
+
+def _usual(values: Any, key: str) -> object:
+    """Return the default of a key of [simulation], whose values a source covers all together; MISSING elsewhere."""
+    from haptic_fieldbus.protocols.canopen.profile import SimulationSection
+
+    return getattr(SimulationSection(), key) if isinstance(values, SimulationSection) else MISSING
 
 
 def _source(name: str, sources: Mapping[str, str]) -> str:
-    """Return the source of a key: its own, else those of its inner keys, else that of its section, else "default"."""
+    """Return the source of a key: its own, else those of its inner keys, else that of its section, else nothing."""
     inner = "; ".join(text for key, text in sources.items() if key.startswith(f"{name}."))
-    return sources.get(name) or inner or sources.get(name.partition(".")[0], "default")
+    return sources.get(name) or inner or sources.get(name.partition(".")[0], "")
 
 
 def _text(key: str, value: object) -> str:

@@ -30,8 +30,9 @@ def test_a_profile_is_shown_with_the_source_of_each_value(name: str, command: Co
     profile = load_profile(name)
     assert profile.title in finished.out
     for source in profile.sources:
-        key = source.split(".")
-        if getattr(getattr(profile, key[0]), key[1]) not in (None, ()):
+        section, _, key = source.partition(".")
+        given = getattr(profile, section)
+        if not key or getattr(given, key) not in (None, ()):
             assert profile.sources[source] in finished.out
     assert "default" not in [line.strip() for line in finished.out.splitlines()]
 
