@@ -1,5 +1,6 @@
 """Figures beside a reference of the same run."""
 
+import os
 import platform
 import timeit
 from collections.abc import Callable
@@ -29,12 +30,19 @@ def cost(call: Callable[[], object], number: int, repeat: int = 30) -> float:
 
 
 def show(rows: list[Row]) -> None:
-    print(f"{_processor()}, Python {platform.python_version()}")
+    print(machine())
     for row in rows:
         promise = "" if row.allowed is None else f", at most {exactly(row.allowed)} promised"
         print(
             f"{row.name}: {row.ours * 1e6:.2f} µs beside {row.reference * 1e6:.2f} µs, ratio {row.ratio:.2f}{promise}"
         )
+
+
+def machine() -> str:
+    """Processor and interpreter."""
+    return (
+        f"{_processor()}, {os.cpu_count()} processors, Linux {platform.release()}, Python {platform.python_version()}"
+    )
 
 
 def _processor() -> str:

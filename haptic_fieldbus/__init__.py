@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         UnprovedGuardError,
         UnstableSceneError,
         UsageError,
+        VcanError,
     )
     from haptic_fieldbus.margins.verdict import Stability, Verdict
     from haptic_fieldbus.planning.plan import Plan
@@ -68,8 +69,8 @@ __all__ = [
     "DocumentError", "DriveFaultError", "EdsError", "FaultFileError", "ForeignMasterError", "HapticFieldbusError",
     "ImageTooLargeError", "Limits", "LinearMechanism", "Plan", "PlanError", "ProfileError", "Response", "Result",
     "Rig", "RigAxis", "RigError", "RotaryMechanism", "SafetyTripError", "Scene", "SceneAxis", "SceneError", "Signal",
-    "SignalUnavailableError", "Stability", "UnprovedGuardError", "UnstableSceneError", "UsageError", "Verdict",
-    "Workspace", "load_profile", "load_rig", "load_scene", "plan", "response", "run", "stability",
+    "SignalUnavailableError", "Stability", "UnprovedGuardError", "UnstableSceneError", "UsageError", "VcanError",
+    "Verdict", "Workspace", "load_profile", "load_rig", "load_scene", "plan", "response", "run", "stability",
 ]  # fmt: skip
 
 

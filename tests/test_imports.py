@@ -57,7 +57,7 @@ DOES_WITHOUT = {
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
         " scenes.scene",
-        "cli.simulate": "drive.rig_text sim.canopen.host_request sim.canopen.hosting sim.faults",
+        "cli.simulate": "drive.rig_text running.rights sim.canopen.host_request sim.canopen.hosting sim.faults",
         "cli.stability": "api.judging report.plot_region report.stability",
         "cli.vcan": "vcan.runner",
     },
@@ -86,7 +86,7 @@ DOES_WITHOUT = {
         "api": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.element_forces": "assessing.virtual_states",
-        "running.session": "running.direction running.proofs running.proving",
+        "running.session": "running.direction running.proofs running.proving running.rights",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
     },
 }

@@ -226,7 +226,9 @@ def contract(words: str, key: str = "modules") -> list[str]:
 def test_all_of_the_simulation_is_pure_but_what_opens_a_bus_and_the_world_behind_it() -> None:
     sim = "haptic_fieldbus.sim"
     pure = {module for module in contract("pure half", "source_modules") if module.startswith(sim)}
-    with_a_bus = {f"{sim}.canopen.{name}" for name in ("bus", "hosting", "pace", "site", "world")} | {f"{sim}.host"}
+    with_a_bus = {f"{sim}.canopen.{name}" for name in ("bus", "hosting", "outlet", "pace", "site", "world")} | {
+        f"{sim}.host"
+    }
     rooms = modules_in("sim") - {f"{sim}.canopen", f"{sim}.simulation"}
     assert rooms | modules_in("sim/canopen") == pure | with_a_bus, "list the module in the import contract"
 

@@ -96,7 +96,7 @@ def _logs(plan: Plan, record: Path | None, opened: ExitStack, faults: list[str])
         names = [bus.name for bus in plan.buses if bus.protocol == protocol]
         recorder = ExitStack()
         try:
-            logs |= recorder.enter_context(_access(protocol).logs(record, names))
+            logs |= recorder.enter_context(_access(protocol).logs(record, names, simulated=plan.simulated))
         except OSError as error:
             raise UsageError(f"cannot record to {record}: {error.strerror}") from error
         opened.callback(_closed, recorder, faults)

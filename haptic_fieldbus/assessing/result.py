@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptic_fieldbus.assessing.passivity import Passivity
+from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.proof import Proof
+from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
@@ -184,6 +186,10 @@ class Result:
     """Reason for which the recording ended before the run; None when it is complete, or none was asked for."""
     proofs: tuple[Proof, ...] = ()
     """Guards that were proved before the run."""
+    host: tuple[Right, ...] = ()
+    """What a run in real time asked of this computer, and what it got; () in virtual time."""
+    periods: PeriodTimes | None = None
+    """Lateness and age of each period, for plots; None in virtual time. Not part of the JSON object."""
     elapsed: float | None = None
     """Wall-clock time of the loop [s]; for people, not part of the JSON object."""
 
@@ -217,6 +223,7 @@ class Result:
                 "passivity": [each.to_json() for each in self.passivity],
                 "verdict": self.verdict,
                 "guards": [proof.to_json() for proof in self.proofs],
+                "host": [right.to_json() for right in self.host] or None,
                 "deadlines": [each.to_json() for each in self.plan.deadlines] if self.plan else None,
             }
         )
@@ -259,6 +266,7 @@ def known_before(
         cycles=report.cycles,
         missed_cycles=report.missed,
         duration=report.duration,
+        periods=None if plan.simulated else PeriodTimes.of(report),
     )
 
 

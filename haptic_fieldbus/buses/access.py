@@ -16,8 +16,13 @@ class BusAccess(Protocol):
     Each protocol has its own type of traffic log. Callers only pass a log from `logs` to `open_bus`.
     """
 
-    def logs(self, record: Path | None, buses: Sequence[str]) -> AbstractContextManager[Mapping[str, Any]]:
-        """Open a traffic log for each named bus; an empty mapping when `record` is not a file of traffic."""
+    def logs(
+        self, record: Path | None, buses: Sequence[str], *, simulated: bool
+    ) -> AbstractContextManager[Mapping[str, Any]]:
+        """Open a traffic log for each named bus; an empty mapping when `record` is not a file of traffic.
+
+        Unless the buses are `simulated`, the log must not make the loop wait.
+        """
         return nullcontext({})
 
     def open_bus(self, section: BusSection, clock: Clock, log: Any) -> Bus:

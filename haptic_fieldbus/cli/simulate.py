@@ -53,6 +53,7 @@ def simulate(
     as_json: JsonOption = False,
 ) -> None:
     """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
+    from haptic_fieldbus.running.rights import real_time
     from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve, rig_of
     from haptic_fieldbus.sim.canopen.hosting import host
     from haptic_fieldbus.sim.faults import load_faults
@@ -62,7 +63,8 @@ def simulate(
     show(note_assumed_bitrate(bus), sys.stderr)
     if write_rig is not None:
         _write(write_rig, rig_of(name, slots))
-    with _until_asked_to_stop() as stopped:
+    # A loop beside us may take a processor for itself, so the drives stay free to move to another.
+    with _until_asked_to_stop() as stopped, real_time(pinned=False):
         lost = host(name, slots, seed, _teller(name.text, as_json), stopped, _note)
     if lost:
         _note(f"{lost} frames could not be sent: the transmit queue was full")

@@ -16,7 +16,7 @@ from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
 from haptic_fieldbus.cycle.sign import Sign
 from haptic_fieldbus.cycle.sign_watch import bind_sign_watch
 from haptic_fieldbus.cycle.state import AxisState, Sensed
-from haptic_fieldbus.cycle.watch import FLAGS, STATUSWORD, T_NS, AxisWatch, Owner, in_time
+from haptic_fieldbus.cycle.watch import AGE_NS, FLAGS, STATUSWORD, T_NS, AxisWatch, Owner, in_time
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS, AxisImage
@@ -163,20 +163,20 @@ class AxisCycle:
                 if not -HALF_TURN_OF_INT32 <= counts < HALF_TURN_OF_INT32:
                     counts = (counts + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32
                 here = counts * unit
-                way = here - state.position
+                way = speed = here - state.position
                 if (
                     steps != 1
                     or not (-largest_way <= way <= largest_way and lowest <= here <= highest)
                     or not -jump <= way - state.way <= jump
                 ):
-                    watch.motion(here, way, elapsed_ns)
+                    speed = watch.motion(here, way, elapsed_ns, feedback[AGE_NS])
                 if way:
                     state.moved_ns = fresh_ns
                 elif fresh_ns - state.moved_ns > stall_ns:
                     self._check_stall()
                 if steps != 1:
                     self._catch_up(here, steps)
-                state.way = way / steps
+                state.way = speed
                 state.position = here
 
         return observe

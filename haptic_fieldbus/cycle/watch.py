@@ -17,6 +17,9 @@ from haptic_fieldbus.signals import LinkFlag
 T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(5)
 """Places in the feedback of an axis; the mapped signals follow."""
 
+SHORTEST = 0.5
+"""Shortest time between two samples by which speeds are told, in periods."""
+
 # Plain integers: an operation with a member of an IntFlag takes as long as the rest of the method.
 _STALE = int(LinkFlag.STALE)
 _FAULTS = tuple((int(flag), kind) for flag, kind in LINK_TRIPS.items())
@@ -46,7 +49,9 @@ class AxisWatch:
 
     def __init__(self, axis: AxisPlan, state: AxisState, period: float, trip: TripOff) -> None:
         self._state, self._trip = state, trip
-        self._period = period
+        self._period, self._period_ns = period, round(period * 1e9)
+        self._looked = ((0.0, 0), (0.0, 0))
+        """The way before, and the age, of the last two samples that were looked at."""
         self._limits, self._resolution = axis.limits, axis.resolution
         self._jump = axis.limits.jump(period, axis.resolution) - 2.0 * axis.resolution
         self._oldest_ns = self._limits.age * 1e9
@@ -87,20 +92,31 @@ class AxisWatch:
             kind = TripKind.FEEDBACK_SPARSE if lost else TripKind.PERIODS_MISSED
             self._trip(kind, self._gaps.share, LARGEST_SHARE, f"{self._gaps.stretch:.2f}")
 
-    def motion(self, here: float, way: float, elapsed_ns: int) -> None:
-        """Trip when the handle, now at `here` [m or rad], went `way` too fast or too suddenly, or left its range."""
+    def motion(self, here: float, way: float, elapsed_ns: int, age_ns: int) -> float:
+        """Trip when the handle, now at `here` [m or rad], went `way` too fast or too suddenly, or left its range.
+
+        Return the way of a period at the speed that this shows, or at that of before, where too little time has passed.
+        """
         limits, state = self._limits, self._state
         passed = max(elapsed_ns * 1e-9, self._period)
+        # A computer that stood still between SYNC and the answer may have kept a simulated drive from latching.
+        passed += max(0.0, age_ns * 1e-9 - self._period)
         if abs(way) > limits.speed * passed + self._resolution:
             self._trip(TripKind.SPEED, abs(way) / passed, limits.speed)
         if not self._lowest <= here <= self._highest:
             self._trip(TripKind.POSITION, here, self._lowest if here < self._lowest else self._highest)
-        periods = passed / self._period
-        change = abs(way - state.way * periods)
-        if change > self._jump * periods**2 + 2.0 * self._resolution * periods:
+        # A period after a late one is shorter; by its length the same speed is no change.
+        periods = elapsed_ns / self._period_ns
+        change, widest = abs(way - state.way * periods), max(periods, 1.0)
+        # A drive that was late latched at some instant between SYNC and arrival; three instants make a change of speed.
+        (_, first_ns), (way_before, second_ns) = self._looked
+        unsure = (first_ns + second_ns + age_ns) / self._period_ns * max(abs(way_before), abs(state.way))
+        self._looked = ((way_before, second_ns), (state.way, age_ns))
+        if change > self._jump * widest**2 + 2.0 * self._resolution * widest + unsure:
             self._trip(TripKind.ACCELERATION, change / passed**2, limits.acceleration)
+        return way / periods if periods > SHORTEST else state.way
 
 
 def in_time(period: float) -> tuple[int, int]:
     """Return between which times [ns] after the last one a sample belongs to the next period."""
-    return round(0.5e9 * period), round(1.5e9 * period)
+    return round(SHORTEST * 1e9 * period), round(1.5e9 * period)

@@ -1,5 +1,7 @@
 """Picture of a run: position and wall, force, and error, over the whole run and around the first force.
 
+On real drives the error is not known; there the last panel shows how late the periods began and how old feedback was.
+
 Lines of many points are thinned to the least and the greatest value of each bin, so that no spike is lost. Colours are
 from the palette of Okabe and Ito, made to be told apart with any colour vision (https://jfly.uni-koeln.de/color/).
 """
@@ -15,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
+from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.result import Array, Result, Trace
 from haptic_fieldbus.numerals import percent
 from haptic_fieldbus.report.words import key_figures
@@ -73,7 +76,7 @@ def plot_run(result: Result, path: Path) -> None:
     for part, trace in zip(figure.subfigures(len(result.traces), 1, squeeze=False)[:, 0], result.traces, strict=True):
         walls = [element for element in _elements(result, trace.axis) if isinstance(element, Wall)]
         name = f"{trace.axis}: " if axes > 1 else ""
-        draw_axis(part, trace, walls, [change.time for change in result.changes], name)
+        draw_axis(part, trace, walls, [change.time for change in result.changes], name, result.periods)
     figure.savefig(path)
 
 
@@ -82,11 +85,17 @@ def _elements(result: Result, axis: str) -> tuple[object, ...]:
 
 
 def draw_axis(
-    figure: SubFigure | Figure, trace: Trace, walls: list[Wall], changes: Sequence[float] = (), name: str = ""
+    figure: SubFigure | Figure,
+    trace: Trace,
+    walls: list[Wall],
+    changes: Sequence[float] = (),
+    name: str = "",
+    periods: PeriodTimes | None = None,
 ) -> None:
     """Draw three panels over the whole run, and the same three around the first force when there is one.
 
-    `changes` are the times [s] at which the scene was changed; `name` precedes the titles.
+    `changes` are the times [s] at which the scene was changed; `name` precedes the titles. The times of `periods` take
+    the place of the error, if they are given.
     """
     window = first_force(trace)
     columns = 2 if window else 1
@@ -102,6 +111,10 @@ def draw_axis(
     _column(panels[:, 0], trace, walls, units, f"{name}the whole run", "time [s]", 1.0)
     _mark_fade_in(panels[:, 0], trace, units)
     _mark_changes(panels[:, 0], changes)
+    if periods is not None:
+        _draw_times(panels[2, 0], periods)
+    elif trace.ideal is None:
+        panels[2, 0].text(0.5, 0.5, "the error is not known", transform=panels[2, 0].transAxes, ha="center")
     _legends(panels[:, 0])
     if window:
         close = cut(trace, *window)
@@ -145,13 +158,19 @@ def _draw_force(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) 
 
 def _draw_error(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
     if trace.ideal is None:
-        panel.text(0.5, 0.5, "no ideal to compare with on real hardware", transform=panel.transAxes, ha="center")
         return
     times = trace.times * per_second
     at, felt = thin(times, FELT * np.abs(trace.ideal))
     panel.fill_between(at, -felt, felt, color="#dcdcdc", linewidth=0, label=f"±{percent(FELT)}: a hand cannot tell")
     _line(panel, times, trace.force - trace.ideal, VERMILION, 1.0, "rendered − ideal")
     panel.set_ylabel(f"error [{units.effort}]")
+
+
+def _draw_times(panel: Axes, periods: PeriodTimes) -> None:
+    _line(panel, periods.times, 1e3 * periods.age, ORANGE, 1.0, "age of the feedback")
+    _line(panel, periods.times, 1e3 * periods.lateness, BLUE, 1.0, "began late by")
+    panel.set_ylabel("time [ms]")
+    panel.set_ylim(bottom=0.0)
 
 
 def _line(panel: Axes, times: Array, values: Array, colour: str, width: float, label: str) -> None:

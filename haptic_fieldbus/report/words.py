@@ -7,7 +7,8 @@ from itertools import chain
 from typing import Any, cast
 
 from haptic_fieldbus.assessing.passivity import cost_text
-from haptic_fieldbus.assessing.result import Result, TorqueError
+from haptic_fieldbus.assessing.result import Percentiles, Result, TorqueError
+from haptic_fieldbus.assessing.rights import rights_texts
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit
@@ -72,6 +73,7 @@ def _outcome(result: Result) -> Iterator[Line]:
         yield "guard", str(proof)
     if result.cycles:
         yield "result", f"{periods_text(result)}{_load_text(result)}{_speed_text(result)}"
+        yield from (("result", text) for text in times_texts(result))
     if result.torque_error is not None:
         yield "result", f"{error_sizes(result.torque_error)}{_sources_text(result.torque_error)}"
     if result.verdict is not None:  # only a run that went to its end has a verdict, so nothing tripped
@@ -81,6 +83,8 @@ def _outcome(result: Result) -> Iterator[Line]:
         yield "passivity", text
     for change in result.changes:
         yield "changed", change_text(change.time, change.settings)
+    for text in rights_texts(result.host):
+        yield "host", text
     for warning in result.warnings:
         yield "warning", warning
 
@@ -193,6 +197,22 @@ def periods_text(result: Result) -> str:
     lateness = timing.lateness_us
     most, longest = milliseconds(1e-6 * lateness.p999), milliseconds(1e-6 * lateness.max)
     return f"{words}, {timing.late} late (99.9 % by at most {most}, the latest by {longest})"
+
+
+def times_texts(result: Result) -> Iterator[str]:
+    """Yield how late the periods of a run in real time began, and how old its feedback was; nothing in virtual time."""
+    if result.clock == "virtual" or result.periods is None or result.timing is None:
+        return
+    named = (("began late by", result.timing.lateness_us), ("age of the feedback", result.timing.age_us))
+    texts = [f"{name} {_percentiles_text(times)}" for name, times in named if times is not None]
+    if texts:
+        yield "; ".join(texts)
+
+
+def _percentiles_text(times: Percentiles) -> str:
+    """Return the median, two percentiles and the maximum of a time."""
+    shares = ((times.p50, "median"), (times.p99, "99 %"), (times.p999, "99.9 %"), (times.max, "at most"))
+    return ", ".join(f"{milliseconds(1e-6 * value)} ({share})" for value, share in shares)
 
 
 def _load_text(result: Result) -> str:

@@ -8,10 +8,11 @@ from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.documents.edits import Value, table_text, with_table
 from haptic_fieldbus.documents.replacing import edit_file
-from haptic_fieldbus.errors import UnprovedGuardError
+from haptic_fieldbus.errors import BusError, UnprovedGuardError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.guards import CAPPED
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.running.proving import ATTEMPTS
 
 
 def questions(plan: Plan, due: Mapping[str, str]) -> Iterator[str]:
@@ -26,15 +27,26 @@ def questions(plan: Plan, due: Mapping[str, str]) -> Iterator[str]:
 
 
 def check(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof], unkept: Sequence[str]) -> None:
-    """Raise UnprovedGuardError when a drive did not let go in time; `unkept` is what `keep` said."""
-    failed = [_failure(plan, facts, proof) for proof in proofs if not proof.holds]
-    if failed:
-        raise UnprovedGuardError("\n".join([*failed, *unkept]))
+    """Raise UnprovedGuardError when a drive did not let go in time; `unkept` is what `keep` said.
+
+    Raises BusError when this computer was too late to look.
+    """
+    unknown = [_switched_off(plan, proof) for proof in proofs if proof.early]
+    failed = [_failure(plan, facts, proof) for proof in proofs if not (proof.holds or proof.early or proof.missed)]
+    if failed or unknown:
+        raise UnprovedGuardError("\n".join([*failed, *unknown, *unkept]))
+    if any(proof.missed for proof in proofs):
+        raise BusError(
+            f"this computer was late each of the {ATTEMPTS} times that the guards of the drives were to be proved: "
+            "another process takes the processor's time, or the rate is too high for this computer"
+        )
 
 
 def keep(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof]) -> Iterator[str]:
     """Write each outcome into the rig file of a real bench; yield a sentence for each that could not be written."""
     for proof in proofs if plan.rig.source and not plan.simulated else ():
+        if proof.early or proof.missed:
+            continue
         values = _values(plan, proof, facts[proof.axis].serial)
         if values is None:
             continue
@@ -72,6 +84,17 @@ def _failure(plan: Plan, facts: Mapping[str, DriveFacts], proof: Proof) -> str:
         f"and {rounded(1e3 * proof.allowed)} ms would have passed. No torque was given. A drive like this keeps its "
         f"torque when this computer dies or the cable breaks: check its guard and its reaction with its own tool"
         f"{_instead(plan, proof.axis)}"
+    )
+
+
+def _switched_off(plan: Plan, proof: Proof) -> str:
+    """Return the sentence about a drive that something else than its guard switched off."""
+    axis, off = plan.axis(proof.axis), rounded(1e3 * (proof.off or 0.0))
+    return (
+        f"axis {axis.name}: {axis.profile.title}, node {axis.node}, was off {off} ms after it was left alone, each of "
+        f"{ATTEMPTS} times, and its guard of {exactly(1e3 * proof.guard)} ms cannot act before "
+        f"{rounded(1e3 * proof.earliest)} ms: something else switches it off, such as safe torque off (STO) or an "
+        "enable input. Whether its guard acts is not known. No torque was given"
     )
 
 

@@ -1,31 +1,23 @@
 """Files of rows (.csv): one line a period, written while the run goes on.
 
-In virtual time the loop itself writes, because nothing waits for it. On a real bus another process does: a tenth of a
-second at a time, the loop hands it the rows through a pipe that never makes it wait. The process outlives a run that is
-killed, and writes all rows that were handed over.
+In virtual time the loop itself writes, because nothing waits for it. On a real bus another process does; it is handed
+the rows of a tenth of a second at a time.
 """
 
-import os
-import subprocess
 import sys
 from array import array
 from collections.abc import Sequence
 from pathlib import Path
-from select import select
-from time import monotonic
 from typing import TYPE_CHECKING, Protocol
 
 from haptic_fieldbus.buses.log_file import LogFile
+from haptic_fieldbus.buses.writing import WritingProcess, pieces
 
 if TYPE_CHECKING:  # imported for its type alone: the writing process does without numpy
     from haptic_fieldbus.assessing.record import Record
 
 ROW_SUFFIXES = (".csv",)
 """Suffixes of files of rows."""
-PIPE = 1 << 20
-"""[octets] that may wait for the disk: ten seconds of rows at 1 kHz."""
-PARTING = 30.0
-"""Longest time for which the end of the run waits for the disk [s]."""
 
 
 class RowFile(Protocol):
@@ -61,47 +53,16 @@ class ProcessRows:
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         path.open("wb").close()  # what cannot be written is refused at once
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", "from haptic_fieldbus.running.rows import main; main()", str(path), *columns],
-            bufsize=0,
-            stdin=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            start_new_session=True,  # Ctrl-C at the terminal ends the run, not the file
-        )
-        self._pipe = self._process.stdin.fileno() if self._process.stdin is not None else -1
-        os.set_blocking(self._pipe, False)
+        self._process = WritingProcess("from haptic_fieldbus.running.rows import main; main()", str(path), *columns)
         self._taken = 0
-        self._rest = b""
 
     def take(self, record: "Record") -> None:
-        self._rest += record.since(self._taken).tobytes()
+        rows = record.since(self._taken)
         self._taken = record.pushed
-        self._pass_on()
-        if len(self._rest) > PIPE:
-            raise OSError("the disk is too slow")
-
-    def _pass_on(self) -> None:
-        """Hand over as much as the pipe takes now; raises BrokenPipeError when nobody reads it."""
-        try:
-            while self._rest:
-                self._rest = self._rest[os.write(self._pipe, self._rest) :]
-        except BlockingIOError:
-            pass
+        self._process.take(rows.tobytes())
 
     def close(self) -> None:
-        end = monotonic() + PARTING
-        try:
-            while self._rest and select([], [self._pipe], [], max(0.0, end - monotonic()))[1]:
-                self._pass_on()
-        except BrokenPipeError:
-            pass  # the process tells why
-        try:
-            _, told = self._process.communicate(timeout=max(1.0, end - monotonic()))
-        except subprocess.TimeoutExpired:
-            raise OSError(f"the disk did not take the last rows within {PARTING:g} s") from None
-        if self._process.returncode or self._rest:
-            raise OSError(told.decode(errors="replace").strip() or "its writing process was killed")
+        self._process.close()
 
 
 class Rows:
@@ -155,12 +116,8 @@ def main() -> None:
 def _write_all(file: LogFile, columns: Sequence[str]) -> None:
     """Write each row as soon as it has come; raises OSError."""
     file.add(heading(columns))
-    size = 8 * len(columns)
-    waiting = b""
-    while octets := os.read(0, PIPE):
-        waiting += octets
-        whole = len(waiting) // size * size
-        values, waiting = array("d", waiting[:whole]), waiting[whole:]
+    for octets in pieces(8 * len(columns)):
+        values = array("d", octets)
         for first in range(0, len(values), len(columns)):
             file.add(row_line(values[first : first + len(columns)]))
         file.flush()

@@ -1,7 +1,8 @@
 """One run at a site: configure, ask for confirmation, render, record, and end torque-free whatever happens."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -14,12 +15,13 @@ from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Result, known_before
+from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, notices
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
-from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.guards import to_prove
@@ -27,14 +29,12 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
 from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
 from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
-from haptic_fieldbus.running.loop import run_loop
+from haptic_fieldbus.running.loop import UNCONFIRMED, enabling_time, run_loop
 from haptic_fieldbus.running.rows import Rows
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
 
-ENABLING_PERIODS = 4000
-"""Rows reserved for the periods before operation enabled."""
 LONGEST_RECORD = 300_000
 """Largest number of rows that are kept of a run on real drives; files of rows are written while it goes on."""
 
@@ -73,23 +73,26 @@ class Site:
 def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     """Run the selection at `place` and return the result.
 
-    Raises UsageError when a real bus is not confirmed, and BusError, DriveFaultError or SafetyTripError of the run.
-    Each error carries the facts known by then as `result`; rows are written to the record file in any case.
+    A signal ends the run early and is no error; before operation enabled the result has no cycles. Raises UsageError
+    when a real bus is not confirmed, and BusError, DriveFaultError or SafetyTripError of the run. Each error carries
+    the facts known by then as `result`; rows are written to the record file in any case.
     """
     plan = request.selection.plan
     cycles = max(1, round(request.duration * plan.rate))
     cycle, report = Cycle(plan), LoopReport()
     kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
-    record = Record(columns(plan), min(cycles, kept) + ENABLING_PERIODS)
+    record = Record(columns(plan), min(cycles, kept) + math.ceil(enabling_time(plan) * plan.rate) + 1)
     try:
         rows = Rows(record, request.record, simulated=plan.simulated)
     except OSError as error:
         raise UsageError(f"cannot record to {request.record}: {error.strerror}") from error
     recordings: list[str] = []
+    bus: Bus | None = None
     prepared = Preparation(request)
     started = perf_counter()
+    host: tuple[Right, ...] = ()
     try:
-        with ended_by_signals() as ending, place as site:
+        with ended_by_signals() as ending, place as site, _rights(plan) as host:
             recordings = site.faults
             bus = _one_of(site.buses)
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
@@ -109,14 +112,26 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
                     changes=request.changes,
                     ending=ending,
                 )
+            except BaseException as error:
+                ending.hold()
+                if not bus.stop():
+                    error.add_note(UNCONFIRMED)
+                raise
             finally:
                 ending.hold()
                 bus.close()
+    except KeyboardInterrupt as early:
+        if UNCONFIRMED in getattr(early, "__notes__", ()):
+            raise BusError(UNCONFIRMED) from early
+        report.interrupted = True
+        warnings = (*prepared.warnings, "ended before operation enabled: no torque was given")
+        return replace(known_before(request.selection, report), warnings=warnings, proofs=prepared.proofs, host=host)
     except HapticFieldbusError as error:
         # A run that fails has a result too: the command line prints it beside the error.
         error.result = known_before(request.selection, report, cycle.trip, str(error))
-        known, seen = tuple(notices(plan, cycle, report)), tuple(passivities(plan, cycle, report.cycles))
-        error.result = replace(error.result, warnings=known, passivity=seen, proofs=prepared.proofs)
+        known = (*(bus.warnings if bus is not None else ()), *prepared.warnings, *notices(plan, cycle, report))
+        seen = tuple(passivities(plan, cycle, report.cycles))
+        error.result = replace(error.result, warnings=known, passivity=seen, proofs=prepared.proofs, host=host)
         raise
     finally:
         rows.close()
@@ -127,7 +142,16 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     fault = next(iter(recordings), None)
     told = [] if fault is None else [f"the recording {request.record} ended before the run: {fault}"]
     warnings = (*bus.warnings, *prepared.warnings, *told, *result.warnings)
-    return replace(result, warnings=warnings, recording_fault=fault, proofs=prepared.proofs)
+    return replace(result, warnings=warnings, recording_fault=fault, proofs=prepared.proofs, host=host)
+
+
+def _rights(plan: Plan) -> AbstractContextManager[tuple[Right, ...]]:
+    """Return the rights of a run in real time; virtual time needs none."""
+    if plan.simulated:
+        return nullcontext(())
+    from haptic_fieldbus.running.rights import real_time
+
+    return real_time()
 
 
 def _one_of(buses: Mapping[str, Bus]) -> Bus:

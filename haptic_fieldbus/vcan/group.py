@@ -35,7 +35,7 @@ def waited(selector: selectors.BaseSelector, deadline: float, wakeup: int) -> se
     return ready
 
 
-class Group:
+class ProcessGroup:
     """A program in a process group of its own, with a shell in it that waits for the end of the runner."""
 
     def __init__(

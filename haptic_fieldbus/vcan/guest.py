@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from haptic_fieldbus.errors import VcanError
-from haptic_fieldbus.vcan.group import Group, waited
+from haptic_fieldbus.vcan.group import ProcessGroup, waited
 from haptic_fieldbus.vcan.needs import KERNEL, program
 
 MEMORY_MB = 1024
@@ -24,7 +24,7 @@ Sink = Callable[[bytes], None]
 
 
 @dataclass
-class Heard:
+class GuestReports:
     """What the first program of the guest has said so far, and the kernel."""
 
     ready: bool = False
@@ -62,7 +62,7 @@ class Guest:
         Raises VcanError when there is no room for its memory.
         """
         environment = {"PATH": os.environ.get("PATH", os.defpath), "TMPDIR": memory_folder(), "HOME": str(folder)}
-        self.heard = Heard()
+        self.heard = GuestReports()
         self._wakeup = wakeup
         self._sinks: dict[int, Sink] = {}
         self._selector = selectors.DefaultSelector()
@@ -70,7 +70,7 @@ class Guest:
         control, self._control = os.pipe()
         words = command_line(folder, {"ssl0": (control, status), "con1": ("null", out), "con2": ("null", err)})
         inherited = (status, out, err, kernel, control)
-        self._group = Group(words, environment, folder=folder, keep=inherited, output=kernel)
+        self._group = ProcessGroup(words, environment, folder=folder, keep=inherited, output=kernel)
         for descriptor in inherited:
             os.close(descriptor)
         for descriptor in (self._group.ended, wakeup):

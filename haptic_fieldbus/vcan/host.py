@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.vcan.group import Group, waited
+from haptic_fieldbus.vcan.group import ProcessGroup, waited
 
 NET = Path("/sys/class/net")
 UP = 0x1
@@ -81,7 +81,7 @@ class HostCommand:
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str], wakeup: int) -> None:
         self._wakeup = wakeup
-        self._group = Group(command, environment)
+        self._group = ProcessGroup(command, environment)
         self._selector = selectors.DefaultSelector()
         for descriptor in (self._group.ended, wakeup):
             self._selector.register(descriptor, selectors.EVENT_READ)

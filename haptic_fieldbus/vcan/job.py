@@ -34,7 +34,7 @@ class Job:
     writable: Sequence[Path]
     terminal: os.terminal_size | None
 
-    def check(self) -> None:
+    def require_folders(self) -> None:
         """Raise UsageError when a folder is not there, or not seen by the guest."""
         for folder in self.writable:
             if not folder.is_dir():

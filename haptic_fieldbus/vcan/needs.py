@@ -20,7 +20,7 @@ def program(name: str) -> str | None:
     return shutil.which(name) or shutil.which(name, path=":".join(SYSTEM_FOLDERS))
 
 
-def check() -> None:
+def require_guest() -> None:
     """Raise VcanError, with a command that helps, when no guest kernel can be started here."""
     if platform.system() != "Linux" or platform.machine() not in PROCESSORS:
         raise VcanError(

@@ -33,7 +33,7 @@ NAME = re.compile(r"[A-Za-z0-9._-]{1,15}")
 
 
 @dataclass(frozen=True)
-class Request:
+class Errand:
     """A command, its interfaces, folders it writes to, limit of its time [s], and whether a guest is wanted."""
 
     command: Sequence[str]
@@ -64,24 +64,24 @@ class Place(Protocol):
         """Return what the place itself said last, in lines of their own."""
 
 
-def run(request: Request, note: Callable[[str], None]) -> int:
+def run(errand: Errand, note: Callable[[str], None]) -> int:
     """Run the command, and return its exit status, or 124 when its time was up.
 
     `note` is told where it runs. Raises UsageError, and VcanError when it cannot be run.
     """
-    _check(request)
-    with host.lent(() if request.guest else request.interfaces) as there, _signals() as (arrived, wakeup):
-        names = " ".join(request.interfaces)
-        if there and not request.guest:
+    _check(errand)
+    with host.lent(() if errand.guest else errand.interfaces) as there, _signals() as (arrived, wakeup):
+        names = " ".join(errand.interfaces)
+        if there and not errand.guest:
             note(f"{names} of this machine")
-            with closing(host.HostCommand(request.command, _environment("host"), wakeup)) as place:
-                return _attend(place, request.limit_s, arrived)
-        needs.check()
-        job = Job(request.command, _environment("guest"), request.interfaces, request.writable, _terminal())
-        job.check()
-        note(f"{names} in a guest kernel; {_writable(request.writable)}")
+            with closing(host.HostCommand(errand.command, _environment("host"), wakeup)) as place:
+                return _attend(place, errand.limit_s, arrived)
+        needs.require_guest()
+        job = Job(errand.command, _environment("guest"), errand.interfaces, errand.writable, _terminal())
+        job.require_folders()
+        note(f"{names} in a guest kernel; {_writable(errand.writable)}")
         with written(job) as folder, closing(Guest(folder, _writer(1), _writer(2), wakeup)) as guest:
-            return _attend(guest, request.limit_s, arrived)
+            return _attend(guest, errand.limit_s, arrived)
 
 
 def _attend(place: Place, limit_s: float, arrived: list[signal.Signals]) -> int:
@@ -140,14 +140,14 @@ def _signals() -> Iterator[tuple[list[signal.Signals], int]]:
         os.close(writing)
 
 
-def _check(request: Request) -> None:
+def _check(errand: Errand) -> None:
     """Raise UsageError for names that no interface can have, and VcanError for a command that does not exist."""
-    for name in request.interfaces:
+    for name in errand.interfaces:
         if not NAME.fullmatch(name):
             raise UsageError(f'interface "{name}": expected 1 to 15 letters, digits, dots, dashes or underscores')
-    if len(set(request.interfaces)) < len(request.interfaces):
-        raise UsageError(f"interfaces {', '.join(request.interfaces)}: each can be named once")
-    word = request.command[0]
+    if len(set(errand.interfaces)) < len(errand.interfaces):
+        raise UsageError(f"interfaces {', '.join(errand.interfaces)}: each can be named once")
+    word = errand.command[0]
     if shutil.which(word) is None:
         if "/" in word and Path(word).exists():
             raise VcanError(f"{word} is no program that this user may run", CANNOT_RUN)

@@ -628,3 +628,38 @@ def test_in_a_gap_the_last_velocity_stays() -> None:
     for counts, flags in ((0, 0), (10, 0), (10, LinkFlag.STALE)):
         cycle(image(counts, t_ns=clock.next(), flags=flags))
     assert cycle.row[cycle.columns.index("handle.velocity")] == pytest.approx(10 * COUNT / 0.001)
+
+
+class TestUnevenPeriods:
+    """A loop that was late keeps to its grid, so that the period after it is shorter; the handle goes 3 mm in 1 ms."""
+
+    @staticmethod
+    def way(time: float) -> float:
+        """[m] after so many milliseconds: 500 m/s², then 3 m/s."""
+        return 250e-6 * min(time, 6.0) ** 2 + 3e-3 * max(0.0, time - 6.0)
+
+    def run(self, latches: list[float], ages: list[float] | None = None) -> Cycle:
+        """Samples dated by these times [ms] of a handle at one speed, and latched so much later."""
+        limits = Limits(speed=10.0, acceleration=900.0)
+        cycle = Cycle(plan_with(WALL, limits=limits))
+        dated = [float(number) for number in range(20)] + [19.0 + time for time in latches]
+        late = [0.0] * 20 + (ages or [0.0] * len(latches))
+        for time, more in zip(dated, late, strict=True):
+            counts = round(self.way(time + more) / COUNT)
+            cycle(image(counts, t_ns=round(1e6 * time) + 1, age=round(1e6 * more)))
+        return cycle
+
+    @pytest.mark.parametrize(
+        "latches", [[3.44, 4.0, 5.0], [2.9, 3.46, 3.97, 5.0], [1.3, 2.0, 3.0], [1.0, 1.6, 3.0], [3.8, 4.0, 5.0]]
+    )
+    def test_the_same_speed_is_no_jump(self, latches: list[float]) -> None:
+        assert self.run(latches).trip is None
+
+    def test_a_drive_that_latched_late_is_no_jump(self) -> None:
+        assert self.run([1.0, 2.0, 3.0, 4.0], [0.0, 0.6, 0.0, 0.0]).trip is None
+
+    def test_without_the_age_that_shows_it_the_same_is_one(self) -> None:
+        cycle = self.run([1.0, 2.0, 3.0, 4.0])
+        cycle(image(round(self.way(25.0) / COUNT), t_ns=24_000_001))
+        assert cycle.trip is not None
+        assert (cycle.trip.kind, cycle.trip.t_ns) == (TripKind.ACCELERATION, 24_000_001)

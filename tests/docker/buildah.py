@@ -37,9 +37,6 @@ class Buildah:
         given = [word for key, value in arguments.items() for word in ("--build-arg", f"{key}={value}")]
         self.call("bud", "-q", "-f", str(context / "docker" / "Dockerfile"), *given, "-t", name, str(context))
 
-    def size_mb(self, image: str) -> float:
-        return int(self.call("inspect", "--type", "image", "--format", "{{.Docker.Size}}", image) or 0) / 1e6
-
     def start(
         self, container: str, words: Sequence[str], environment: Mapping[str, str], mounts: Sequence[str]
     ) -> "subprocess.Popen[str]":

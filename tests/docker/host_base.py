@@ -1,7 +1,7 @@
 """Base image made from this machine's own files, for machines that reach no registry of images.
 
-It holds this Python, the programs that the Dockerfile and compose.yaml call, and the libraries that these load: as little
-as python:3.13-slim promises to them.
+It holds this Python, the programs that the Dockerfile and compose.yaml call, and the libraries that these load: no more
+than python:3.13-slim promises to them.
 """
 
 import re
@@ -15,7 +15,7 @@ from pathlib import Path
 PROGRAMS = (
     "sh", "cat", "env", "find", "grep", "install", "ls", "mkfifo", "mkdir", "rm", "sleep", "tee", "test", "useradd",
 )  # fmt: skip
-PROMISED = ("libgcc_s.so.1", "libstdc++.so.6")
+PROMISED = ("libdl.so.2", "libgcc_s.so.1", "libpthread.so.0", "librt.so.1", "libstdc++.so.6", "libutil.so.1")
 """Libraries that wheels of Linux expect everywhere (PEP 600)."""
 OMITTED = ("site-packages", "dist-packages", "test", "idlelib", "tkinter", "config-*", "__pycache__")
 """Of the standard library."""

@@ -17,7 +17,7 @@ TEXT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "compatibil
 OBJECTS = {
     row[0]: set(re.findall(r"`(\w+)`", row[1])) for row in re.findall(r"^\| `([^`]+)` \| (.*) \|$", TEXT, re.MULTILINE)
 }
-STATUSES = dict(re.findall(r"^\| (\d) \| [^|]* \|(.*)\|$", TEXT, re.MULTILINE))
+STATUSES = dict(re.findall(r"^\| (\d+) \| [^|]* \|(.*)\|$", TEXT, re.MULTILINE))
 
 COMMANDS = {
     "run": "run wall --duration 1.2 --change 0.6:wall.stiffness=700",

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
+from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.result import Array, Result, TorqueError, Trace
 from haptic_fieldbus.report.plot import BINS, ZOOM_AFTER, ZOOM_BEFORE, cut, draw_axis, first_force, held, plot_run, thin
 from haptic_fieldbus.scenes.wall import Wall
@@ -109,7 +110,22 @@ def test_a_rotary_axis_is_drawn_in_degrees_and_newton_metres() -> None:
 def test_without_an_ideal_there_is_no_error_to_draw() -> None:
     figure = panels_of(push(simulated=False))
     assert labels(figure, 4) == set()
-    assert "no ideal" in figure.axes[4].texts[0].get_text()
+    assert figure.axes[4].texts[0].get_text() == "the error is not known"
+
+
+def test_of_a_run_on_real_drives_the_last_panel_shows_the_times_of_its_periods() -> None:
+    """10000 periods; one begins 7 ms late, and a line of fewer points must still reach there."""
+    times: Array = np.linspace(0.0, 10.0, 10_000)
+    late = np.where(times == times[4321], 7e-3, 2e-5)
+    trace = replace(push(10.0, simulated=False), sample_times=None, samples=None)
+    figure = Figure()
+    draw_axis(figure, trace, [], periods=PeriodTimes(times, late, np.full(10_000, 3e-4)))
+    panel = figure.axes[2]
+    assert labels(figure, 2) == {"age of the feedback", "began late by"}
+    by_name = {line.get_label(): np.asarray(line.get_ydata()) for line in panel.get_lines()}
+    assert by_name["began late by"].max() == pytest.approx(7.0)
+    assert by_name["age of the feedback"].max() == pytest.approx(0.3)
+    assert panel.get_ylabel() == "time [ms]"
 
 
 def test_without_any_force_there_is_nothing_to_look_at_closely() -> None:

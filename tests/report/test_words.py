@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.api import plan
+from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.result import Percentiles, Result, Timing, TorqueError, TripRecord
+from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.assessing.run_verdict import run_verdict
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.numerals import rounded, rounded_limit
@@ -72,6 +74,30 @@ def test_periods_that_began_late_are_told_with_by_how_much() -> None:
     told = "10000 periods, none missed, 100 late (99.9 % by at most 5 ms, the latest by 5 ms) · bus load 27 %"
     assert outcome(late)[0] == ("result", told)
     assert "late" not in outcome(replace(late, timing=Timing(None, None, None, lateness)))[0][1]
+
+
+def test_a_run_in_real_time_tells_its_times_and_what_the_computer_granted() -> None:
+    # Of 10000 periods 200 begin 1 ms late and 20 of them 5 ms; feedback is 0.2 ms old.
+    number = np.arange(10_000)
+    late_ns = np.select([number % 500 == 0, number % 50 == 0], [5_000_000, 1_000_000], 20_000)
+    timing = Timing(None, Percentiles.of(np.full(10_000, 200_000)), None, Percentiles.of(late_ns), late=200)
+    periods = PeriodTimes(np.zeros(10_000), np.zeros(10_000), np.zeros(10_000))
+    rights = (
+        Right("scheduling", "SCHED_FIFO 49", "the ordinary class", False, "write two lines"),
+        Right("memory", "memory locked", "at most 8 MiB", False, "write two lines"),
+        Right("timer_slack", "timer slack 1 ns", "timer slack 1 ns", True),
+    )
+    told = outcome(replace(RUN, clock="monotonic", timing=timing, periods=periods, host=rights))
+    assert told[1] == (
+        "",
+        "began late by 0.1 ms (median), 1 ms (99 %), 5 ms (99.9 %), 5 ms (at most); "
+        "age of the feedback 0.2 ms (median), 0.2 ms (99 %), 0.2 ms (99.9 %), 0.2 ms (at most)",
+    )
+    assert told[-3:] == [
+        ("host", "timer slack 1 ns"),
+        ("", "refused: SCHED_FIFO 49 (got the ordinary class), memory locked (got at most 8 MiB)"),
+        ("", "write two lines"),
+    ]
 
 
 def test_an_announcement_has_each_key_once() -> None:

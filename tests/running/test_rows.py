@@ -104,8 +104,9 @@ def test_a_writing_process_that_is_killed_does_not_stop_the_run(tmp_path: Path) 
     record = filled(10)
     rows = Rows(record, tmp_path / "run.csv", simulated=False)
     assert isinstance(rows._file, ProcessRows)
-    os.kill(rows._file._process.pid, signal.SIGKILL)
-    rows._file._process.wait()
+    writing = rows._file._process._process
+    os.kill(writing.pid, signal.SIGKILL)
+    writing.wait()
     for k in range(3):
         record.push((k, k))
         rows.flush()
@@ -116,11 +117,11 @@ def test_a_writing_process_that_is_killed_does_not_stop_the_run(tmp_path: Path) 
 
 def test_a_writing_process_that_hangs_makes_nobody_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """More rows than the pipe and the memory set aside take: the run goes on without them."""
-    monkeypatch.setattr("haptic_fieldbus.running.rows.PIPE", 100_000)
+    monkeypatch.setattr("haptic_fieldbus.buses.writing.PIPE", 100_000)
     record = filled(0, 20_000)
     rows = Rows(record, tmp_path / "run.csv", simulated=False)
     assert isinstance(rows._file, ProcessRows)
-    process = rows._file._process
+    process = rows._file._process._process
     os.kill(process.pid, signal.SIGSTOP)
     try:
         for k in range(20_000):

@@ -82,8 +82,9 @@ def test_ctrl_c_while_the_drive_is_left_alone_frees_it(rig: Path, tmp_path: Path
         # The guard is a second, and four of them are waited for: the last set-point was sent, and nothing follows.
         process.send_signal(signal.SIGINT)
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=STARTS_WITHIN)
-        assert process.returncode == 130, err
+        out, err = process.communicate(timeout=STARTS_WITHIN)
+        assert process.returncode == 0, err
+        assert "ended before operation enabled: no torque was given" in out
         assert Drive(bus).read(0x6041) & 0x6F != 0x27
         assert rig.read_text() == RIG
 

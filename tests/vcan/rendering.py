@@ -1,6 +1,7 @@
 """`simulate` and `run` as two processes on a SocketCAN interface, and a third program that watches the drive."""
 
 import json
+import math
 import signal
 import struct
 import subprocess
@@ -28,7 +29,7 @@ PUSHING = 30
 OPERATION_ENABLED, STATE = 0x27, 0x6F
 STARTS_WITHIN = 120.0
 """[s] A Python process, in a guest kernel on a busy machine."""
-RATES = (200.0, 200.0, 100.0, 50.0, 25.0)
+RATES = (200.0, 200.0, 200.0, 100.0, 100.0, 50.0, 50.0, 25.0)
 """[Hz] of one attempt after the other, on a machine so busy that the loop ends before anything happens to it."""
 BUSY = {"feedback lost", "feedback lost too often", "periods missed", "emergency"}
 """Ends of a run on a machine that lets a process wait for longer than the deadlines of the run."""
@@ -47,9 +48,9 @@ inertia = 4.0e-5
 viscous_damping = 1.0e-4
 coulomb_friction = 2.0e-3
 mechanism = {{ kind = "linear", metres_per_revolution = 0.05 }}
-limits = {{ speed = 10.0, acceleration = 1.0e5 }}
+limits = {{ speed = 100.0, acceleration = 1.0e6 }}
 """
-"""The shipped bench. A host that is late makes samples jump, so their acceleration is not limited here."""
+"""The shipped bench. A host that is late makes samples jump, so motion is hardly limited here."""
 
 
 def start(*words: str) -> "subprocess.Popen[str]":
@@ -95,8 +96,11 @@ class Watcher:
         while self.receive(0.0) is not None:
             pass
         asked, request = time.monotonic(), b"\x40" + index.to_bytes(2, "little") + bytes(5)
-        self.bus.send(can.Message(arbitration_id=0x600 + NODE, data=request, is_extended_id=False))
+        sent = -math.inf
         while time.monotonic() < asked + STARTS_WITHIN:
+            if time.monotonic() > sent + 1.0:  # a socket that is full, as in a storm, loses frames
+                sent = time.monotonic()
+                self.bus.send(can.Message(arbitration_id=0x600 + NODE, data=request, is_extended_id=False))
             message = self.receive(0.1)
             if message is not None and message.arbitration_id == 0x580 + NODE and message.data[1:3] == request[1:3]:
                 self.slowest = max(self.slowest, time.monotonic() - asked)

@@ -26,8 +26,10 @@ from haptic_fieldbus.protocols.catalogue import load_profile
 class CanopenAccess(BusAccess):
     """The I/O half of CANopen; its buses are opened by python-can, its logs take CAN frames."""
 
-    def logs(self, record: Path | None, buses: Sequence[str]) -> AbstractContextManager[Mapping[str, FrameLog]]:
-        return frame_logs(record, buses)
+    def logs(
+        self, record: Path | None, buses: Sequence[str], *, simulated: bool
+    ) -> AbstractContextManager[Mapping[str, FrameLog]]:
+        return frame_logs(record, buses, simulated=simulated)
 
     def open_bus(self, section: BusSection, clock: Clock, log: FrameLog | None) -> CanopenBus:
         return CanopenBus(open_can(can_section(section)), clock, log, owned=True, echoes=section.interface in ECHOING)

@@ -1,14 +1,17 @@
 """Files of CAN frames: `.log` in the format of `candump -L`, `.blf` for Vector's tools and Wireshark."""
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from io import BufferedWriter, FileIO
 from pathlib import Path
+from struct import Struct
 from types import TracebackType
 from typing import Protocol, Self
 
 from haptic_fieldbus.buses.log_file import LogFile, cut_file
+from haptic_fieldbus.buses.writing import WritingProcess, pieces
 
 FRAME_SUFFIXES = (".log", ".blf")
 
@@ -135,6 +138,69 @@ class BlfWriter:
             raise
 
 
+PIECE = Struct("<qIBB8s")
+"""A frame on its way to the writing process: time, CAN-ID, number of the bus, octets of data, data."""
+GATHERED = 4096
+"""[octets]; so many are handed over at once."""
+
+
+class ProcessWriter:
+    """Writer of a file of frames in another process, for a run in real time; the buses are named in advance."""
+
+    def __init__(self, path: Path, buses: Sequence[str]) -> None:
+        path.open("wb").close()  # what cannot be written is refused at once
+        program = "from haptic_fieldbus.buses.canopen.frames import main; main()"
+        self._process = WritingProcess(program, str(path), *buses)
+        self._buses = list(buses)
+        self._gathered = bytearray()
+
+    def __call__(self, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+        self._write(0, t_ns, can_id, data)
+
+    def channel(self, name: str) -> FrameLog:
+        return partial(self._write, self._buses.index(name))
+
+    def _write(self, bus: int, t_ns: int, can_id: int, data: bytes | bytearray) -> None:
+        self._gathered += PIECE.pack(t_ns, can_id, bus, len(data), bytes(data))
+        if len(self._gathered) >= GATHERED:
+            self._hand_over()
+
+    def _hand_over(self) -> None:
+        gathered = bytes(self._gathered)
+        self._gathered.clear()
+        self._process.take(gathered)
+
+    def close(self) -> None:
+        try:
+            self._hand_over()
+        finally:
+            self._process.close()
+
+
+def main() -> None:
+    """Write the frames that come on standard input to the file named first, for the buses named after it."""
+    path, *buses = sys.argv[1:]
+    try:
+        _write_all(Path(path), buses)
+    except OSError as error:
+        sys.exit(error.strerror or str(error))
+
+
+def _write_all(path: Path, buses: Sequence[str]) -> None:
+    writer = open_frame_writer(path)
+    if writer is None:
+        sys.exit(f"{path.suffix} is no format of frames")
+    logs = _logs_of(writer, buses)
+    for octets in pieces(PIECE.size):
+        for t_ns, can_id, bus, size, data in PIECE.iter_unpack(octets):
+            logs[buses[bus]](t_ns, can_id, data[:size])
+    writer.close()
+
+
+def _logs_of(writer: FrameWriter, buses: Sequence[str]) -> dict[str, FrameLog]:
+    return {buses[0]: writer} if len(buses) == 1 else {name: writer.channel(name) for name in buses}
+
+
 def open_frame_writer(path: Path, channel: str = "can0") -> FrameWriter | None:
     """Open a writer for a file of frames; None when the suffix names no format of frames."""
     if path.suffix == ".log":
@@ -143,20 +209,24 @@ def open_frame_writer(path: Path, channel: str = "can0") -> FrameWriter | None:
 
 
 @contextmanager
-def frame_logs(path: Path | None, buses: Sequence[str]) -> Iterator[Mapping[str, FrameLog]]:
+def frame_logs(path: Path | None, buses: Sequence[str], *, simulated: bool = True) -> Iterator[Mapping[str, FrameLog]]:
     """Yield a log for each named bus, all into one file; an empty mapping when `path` is no file of frames.
+
+    In virtual time this process writes, because nothing waits for it; otherwise another one does.
 
     A log never raises: the exchange goes on without it. Its error is raised at the end of the block, as that of closing
     the file. Raises OSError.
     """
-    writer = None if path is None else open_frame_writer(path)
+    if path is None or path.suffix not in FRAME_SUFFIXES:
+        yield {}
+        return
+    writer = open_frame_writer(path) if simulated else ProcessWriter(path, buses)
     if writer is None:
         yield {}
         return
     guard = _Guard()
     try:
-        logs = {buses[0]: writer} if len(buses) == 1 else {name: writer.channel(name) for name in buses}
-        yield {name: guard.around(log) for name, log in logs.items()}
+        yield {name: guard.around(log) for name, log in _logs_of(writer, buses).items()}
     finally:
         with guard:
             writer.close()

@@ -1,11 +1,8 @@
-"""The link to one axis: its process data in the input image, the age of the data, and the flags of the link.
-
-TPDOs are taken only between SYNC and the end of the exchange. A TPDO that arrives before SYNC belongs to the period
-before and is dropped.
-"""
+"""The link to one axis: its process data in the input image, the age of the data, and the flags of the link."""
 
 from collections.abc import Sequence
 
+from haptic_fieldbus.buses.canopen.answers import Answers, Exchange
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
@@ -26,18 +23,6 @@ second node.
 """
 
 
-class Exchange:
-    """State of one exchange: the number of TPDOs still missing, and whether TPDOs are taken (from SYNC on)."""
-
-    def __init__(self) -> None:
-        self.begun = False
-        """True from the first exchange on; before it, a drive may send TPDOs as it becomes operational."""
-        self.doubled: int | None = None
-        """COB-ID of a TPDO that came more often than it was asked for; None while there was none."""
-        self.taking = False
-        self.missing = 0
-
-
 class Link:
     """Link to one axis: it copies TPDOs into the image and writes the header of the axis there."""
 
@@ -52,11 +37,12 @@ class Link:
         self._node = node
         self._image = image
         self._header = header
-        self._slots = tuple(_Slot(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
+        self._slots = tuple(Answers(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
         self._latched_ns: int | None = None
         self._silence_ns = round(silence * 1e9)
 
     def listen(self, wire: Wire, exchange: Exchange) -> None:
+        exchange.arrived_ns = lambda: wire.taken_ns
         for slot in self._slots:
             slot.exchange = exchange
             wire.listen(slot.cob_id, slot.take)
@@ -75,14 +61,16 @@ class Link:
 
     @property
     def fresh(self) -> bool:
-        """True when all TPDOs of this period arrived."""
-        return all(slot.fresh for slot in self._slots)
+        """True when all TPDOs came since the last SYNC, be they answers to it or to earlier ones."""
+        return all(slot.fresh or slot.alone is not None for slot in self._slots)
 
     def finish(self, latch_ns: int, now_ns: int, common_flags: int) -> None:
         """Write the header of the axis: age of the data [ns], flags of the link, emergency code."""
         flags = common_flags
         for slot in self._slots:
-            if not slot.fresh:
+            if slot.fresh or slot.accept():
+                slot.settle(now_ns - latch_ns)
+            else:
                 flags |= STALE
             if slot.malformed:
                 flags |= EXCEPTION
@@ -112,73 +100,6 @@ class Link:
         if foreign is not None:
             flags, code = flags | FOREIGN, foreign
         AXIS_HEADER.pack_into(self._image, self._header, age_ns, flags, code)
-
-
-class _Slot:
-    """Place of one TPDO in the image."""
-
-    __slots__ = (
-        "_end",
-        "_image",
-        "_offset",
-        "_size",
-        "answered",
-        "cob_id",
-        "exchange",
-        "fresh",
-        "least",
-        "malformed",
-        "owed",
-        "periods",
-    )
-
-    def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
-        self.cob_id = cob_id
-        self.exchange = Exchange()
-        self.fresh = False
-        self.malformed = False
-        self.owed = 0
-        """Number of SYNCs that this TPDO has not answered; negative when it came more often than it was asked for."""
-        self.least = 0
-        """Smallest `owed` in the window, which consists of `periods` with answers."""
-        self.periods = 0
-        self.answered = False
-        self._image = image
-        self._offset, self._end, self._size = offset, offset + size, size
-
-    def forget(self) -> None:
-        """Forget what was received; as a node becomes operational it may send a TPDO that nobody asked for."""
-        self._image[self._offset : self._end] = bytes(self._size)
-        self.owed, self.least, self.periods, self.answered = 1, 1, 0, False
-
-    def ask(self, window: int) -> None:
-        """Expect an answer to the next SYNC; what was owed at the end of each of `window` periods is lost."""
-        self.fresh = False
-        self.least = min(self.least, self.owed)
-        if self.answered:
-            self.answered = False
-            self.periods += 1
-            if self.periods >= window:
-                self.owed -= max(0, self.least)
-                self.periods, self.least = 0, self.owed
-        self.owed += 1
-
-    def take(self, data: bytes | bytearray) -> None:
-        exchange = self.exchange
-        if exchange.begun:
-            self.owed -= 1
-            self.answered = True
-            if self.owed < 0:
-                exchange.doubled = self.cob_id
-        if not exchange.taking:
-            return
-        if len(data) != self._size:
-            self.malformed = True
-            return
-        self._image[self._offset : self._end] = data
-        if not self.fresh:  # a TPDO that comes twice in a period must count once
-            self.fresh = True
-            exchange.missing -= 1
 
 
 def traffic_of(plan: Plan) -> CanTraffic:

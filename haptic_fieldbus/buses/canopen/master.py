@@ -22,11 +22,12 @@ import can
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
 from haptic_fieldbus.buses.canopen.acknowledging import acknowledge, asked_statusword
+from haptic_fieldbus.buses.canopen.answers import Exchange
 from haptic_fieldbus.buses.canopen.asking import Asking
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import proofs_of_life
-from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Exchange, Link, statusword_places, traffic_of
+from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Link, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import Node
@@ -86,9 +87,8 @@ class CanopenBus(InSteps):
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
 
-        `image` is the input image; later exchanges fill in the part of this bus. Raises ForeignMasterError before
-        anything was sent, BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another
-        protocol.
+        Exchanges fill the part of this bus in the input `image`. Raises ForeignMasterError before anything was sent,
+        BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
         """
         # Frames from before must reach no handler: an old boot-up message would be taken for a restart.
         self._wire.mute()
@@ -101,8 +101,7 @@ class CanopenBus(InSteps):
         heard.refuse(traffic.master_node)
         self._bind(plan, image)
         self._foreign = ForeignMaster(self._wire, one, self.warnings.append)
-        told = heard.sentence()
-        self.facts = {setup.axis.name: replace(setup.inspect(), listened=told) for setup in self._setups}
+        self.facts = {each.axis.name: replace(each.inspect(), listened=heard.sentence()) for each in self._setups}
 
     def configure(self, plan: Plan) -> None:
         """Configure all inspected drives; raises BusError, ForeignMasterError when somebody else commands meanwhile."""
@@ -167,8 +166,7 @@ class CanopenBus(InSteps):
         """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
         offset = start + sum(pdo.size for pdo in setup.member.traffic.tpdos)
         target = setup.member.profile.torque.target.entry
-        warn = self.warnings.append
-        return Asking(setup.node, self._wire, target, self._image, offset, period=period, warn=warn)
+        return Asking(setup.node, self._wire, target, self._image, offset, period=period, warn=self.warnings.append)
 
     def _release_of(self, plan: Plan, traffic: CanTraffic) -> Release:
         """Prepare the way to zero, so that nothing can fail or take time when it is needed."""
@@ -183,8 +181,7 @@ class CanopenBus(InSteps):
         )
 
     def _word_at(self, place: int) -> Callable[[], int]:
-        image = self._image
-        return lambda: image[place] | image[place + 1] << 8
+        return lambda: self._image[place] | self._image[place + 1] << 8
 
     def _sync_once(self, deadline_ns: int) -> None:
         self.prepare(deadline_ns)
@@ -209,7 +206,7 @@ class CanopenBus(InSteps):
     def begin(self) -> None:
         """Send SYNC; without room in the transmit queue there will be no feedback."""
         self._exchange.taking = True
-        self.latch_ns = self._clock.now_ns() + self._sync_ns
+        self.latch_ns = self._exchange.latch_ns = self._clock.now_ns() + self._sync_ns
         self._synced = self._wire.offer(SYNC_COB_ID)
 
     def collect(self, deadline_ns: int) -> bytearray:

@@ -51,15 +51,16 @@ class TorqueLimits:
         # The small addend keeps a ratio that is a whole number from being rounded down by its last digit.
         return math.floor(1e3 * self.axis.limits.effort / self.axis.rated_effort + 1e-6)
 
-    def inspect(self, drive: str, read: Callable[[ObjectEntry], int | None]) -> None:
+    def inspect(self, drive: str | None, read: Callable[[ObjectEntry], int | None]) -> None:
         """Compare the limits with that of the axis and write nothing.
 
-        `drive` is a name that is unique to the drive; `read` returns None for an entry that is not there.
+        `drive` is a name that is unique to the drive; None: it has no serial number, and what is noted could be
+        another one's. `read` returns None for an entry that is not there.
 
         Raises BusConfigurationError when the drive allows less than the axis may ask for, and the rig does not say
         that this is to be changed.
         """
-        self.notes = Notes(drive) if self.noted else None
+        self.notes = Notes(drive) if self.noted and drive is not None else None
         noted = {} if self.notes is None else self.notes.read()
         for entry in TORQUE_LIMITS:
             held = read(entry)
@@ -84,6 +85,8 @@ class TorqueLimits:
         """
         if self.before and self.notes is not None:
             self._note(self.notes)
+        elif self.before and self.noted:
+            self.warn(f"{self.node.label} has no serial number: a run that is killed leaves its torque limit in it")
         for entry, original in list(self.before.items()):
             try:
                 self.node.write(entry, self.wanted)

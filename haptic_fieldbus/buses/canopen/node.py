@@ -24,7 +24,7 @@ from haptic_fieldbus.protocols.canopen.cob_ids import (
     SDO_REQUEST_COB_ID,
     SDO_RESPONSE_COB_ID,
 )
-from haptic_fieldbus.protocols.canopen.emergency import RESET_CLASS
+from haptic_fieldbus.protocols.canopen.emergency import RESET_CLASS, emergency_meaning
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.signals import LinkFlag
 
@@ -114,7 +114,7 @@ class Node:
         except BusError:  # a fault of the wire, already translated; BusTimeoutError is also an OSError, thus FOREIGN
             raise
         except FOREIGN as error:
-            raise translate(error, f"{self.label}, reading {entry}") from error
+            raise self._explained(translate(error, f"{self.label}, reading {entry}")) from error
         if len(data) < entry.type.size:
             raise BusConfigurationError(
                 f"{self.label}, reading {entry}: {len(data)} octets came, {entry.type.value} was expected"
@@ -129,7 +129,20 @@ class Node:
         except BusError:
             raise
         except FOREIGN as error:
-            raise translate(error, f"{self.label}, writing {_shown(value)} to {entry}") from error
+            raise self._explained(translate(error, f"{self.label}, writing {_shown(value)} to {entry}")) from error
+
+    def _explained(self, error: BusError) -> BusError:
+        """Return the error of a request; an answer that did not come is explained by what came before."""
+        code = self.emergency
+        said = {
+            "the CAN controller went bus-off": self._wire.error_frames.bus_off,
+            f"it sent emergency {code:04X}h ({emergency_meaning(code)})": code,
+            "it restarted": self.booted,
+        }
+        reasons = [words for words, came in said.items() if came]
+        if not reasons or not isinstance(error, BusTimeoutError):
+            return error
+        return BusTimeoutError(f"{error}. Before that, {', and '.join(reasons)}")
 
     def write(self, entry: ObjectEntry, value: int) -> None:
         """Download one entry and read it back; raises the errors of `read`, BusConfigurationError when it differs."""

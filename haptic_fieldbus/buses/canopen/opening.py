@@ -43,6 +43,8 @@ ADVICE: Mapping[str, str] = {
 """What to install or to type, by the name of the interface."""
 OF_A_PACKAGE = "install what the package of this interface asks for"
 """Advice for an interface that another package adds to python-can."""
+SILENT = logging.NullHandler()
+"""A single one, however often nothing can be opened; it stays until something can."""
 _NO_DRIVER = (NameError, AttributeError, ImportError)
 """Exceptions of an interface that begins to use a library which is not there."""
 
@@ -56,8 +58,8 @@ def open_can(section: CanSection) -> can.BusABC:
     advice = ADVICE.get(section.interface, OF_A_PACKAGE)
     # python-can warns of a missing driver before it raises, and of a bus half opened when it is forgotten. The error
     # says it all, so these warnings do not fall back to standard error; a program's own handlers still get them.
-    silent, logger = logging.NullHandler(), logging.getLogger("can")
-    logger.addHandler(silent)
+    logger = logging.getLogger("can")
+    logger.addHandler(SILENT)
     try:
         bus = can.Bus(interface=section.interface, channel=section.channel, bitrate=section.bitrate)
     except FOREIGN as error:
@@ -68,5 +70,5 @@ def open_can(section: CanSection) -> can.BusABC:
         raise UsageError(f"{subject}: {error}; {advice}") from error
     except Exception as error:
         raise BusError(f"{subject}: {type(error).__name__}: {error}; {advice}") from error
-    logger.removeHandler(silent)
+    logger.removeHandler(SILENT)
     return bus

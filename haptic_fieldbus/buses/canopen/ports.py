@@ -50,6 +50,8 @@ class PythonCanPort:
     def __init__(self, can_bus: can.BusABC, *, marks: bool = False) -> None:
         self._bus = can_bus
         self._mark = uuid4().hex if marks else None
+        self.stamp = 0.0
+        """Time stamp of the last frame [s], by whatever clock its interface has."""
 
     def send(self, can_id: int, data: bytes | bytearray) -> None:
         remote = bool(can_id & REMOTE_FLAG)
@@ -67,6 +69,7 @@ class PythonCanPort:
         message = self._bus.recv(seconds)
         if message is None:
             return None
+        self.stamp = message.timestamp
         if not message.is_rx or (self._mark is not None and message.channel == self._mark):
             return OURS
         if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):

@@ -232,9 +232,7 @@ class Setup:
         return SHAFT_BRAKES if brakes else option.value
 
     def _check_torque_limits(self, model: str, serial: int | None) -> None:
-        # Without a serial number drives of one model are told apart by their node-ID.
-        drive = f"{model}-node-{self.node.id}" if serial is None else f"{model}-{serial:08x}"
-        self.torque_limits.inspect(drive, self.node.optional)
+        self.torque_limits.inspect(None if serial is None else f"{model}-{serial:08x}", self.node.optional)
 
     def _link_loss_words(self) -> str:
         if not self.member.profile.guarded:

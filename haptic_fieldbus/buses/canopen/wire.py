@@ -66,7 +66,8 @@ class Wire:
         try:
             yield
         finally:
-            self._log = log
+            # A log that raised meanwhile is used no more.
+            self._log = None if self._log is None else log
 
     def focus(self, frames: int) -> None:
         """Be woken only by frames that have a handler, unless all are recorded; raises BusError.
@@ -98,6 +99,12 @@ class Wire:
         """
         known = self._port.arrived_ns(self._empty_ns)
         return self._empty_ns if known is None else known
+
+    @property
+    def taken_ns(self) -> int:
+        """Instant at which the frame arrived that is handled at present [ns]; where it is unknown, now."""
+        known = self._port.arrived_ns(self._empty_ns)
+        return self._now_ns() if known is None else known
 
     @property
     def sentences(self) -> list[str]:

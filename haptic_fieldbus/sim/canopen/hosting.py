@@ -21,7 +21,6 @@ from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen.bus import can_section
-from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.link.wire import Port
 from haptic_fieldbus.sim.canopen.outlet import STAMPED, Outlet, Tell
 from haptic_fieldbus.sim.canopen.rack import Rack
@@ -54,10 +53,17 @@ def host(
     """
     section = can_section(bus.section)
     clock = MonotonicClock()
-    stamped = section.interface in STAMPED
-    outlet = Outlet(open_can(section), clock, bus.text, tell, partial(open_can, section), stamped=stamped)
+    outlet = Outlet(
+        open_can(section),
+        clock,
+        bus.text,
+        tell,
+        partial(open_can, section),
+        echoes=section.interface in ECHOING,
+        stamped=section.interface in STAMPED,
+    )
     try:
-        subject = Host(outlet, clock, seed, bitrate=section.bitrate, echoes=section.interface in ECHOING)
+        subject = Host(outlet, clock, seed, bitrate=section.bitrate)
         for slot in slots:
             subject.add(slot)
         subject.serve_for(_BOOT_NS)
@@ -83,7 +89,7 @@ def _frozen() -> Iterator[None]:
 
 
 class Host:
-    """Simulated drives on a bus, served in one thread; `echoes` tells that the bus returns the frames sent on it."""
+    """Simulated drives on a bus, served in one thread."""
 
     def __init__(
         self,
@@ -92,12 +98,10 @@ class Host:
         seed: int = DEFAULT_SEED,
         *,
         bitrate: int = DEFAULT_BIT_RATE,
-        echoes: bool = False,
     ) -> None:
         self._outlet = outlet
         self._clock = clock
         self._bitrate = bitrate
-        self._echoes = echoes
         self._served_ns = clock.now_ns()
         """Up to here all has been served."""
         self._rack = Rack(_Elsewhere(), seed, LONGEST_REMEMBERED)
@@ -111,14 +115,12 @@ class Host:
     def serve(self, longest_ns: int) -> None:
         """Handle one received frame or the next due timer, within `longest_ns`."""
         # A frame that waits may have come before a timer that is due: what waits is looked at first.
-        message = self._outlet.receive(min(longest_ns, self._rack.due_ns - self._clock.now_ns()))
-        if message is None or message.is_error_frame or message.is_fd:
+        frame = self._outlet.receive(min(longest_ns, self._rack.due_ns - self._clock.now_ns()))
+        if frame is None:
             self._catch_up(self._clock.now_ns())
             return
-        t_ns = self._outlet.arrived_ns(message, self._served_ns)
+        t_ns = self._outlet.arrived_ns(self._served_ns)
         self._catch_up(t_ns)
-        data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
-        frame = Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame)
         self._rack.receive(frame, None, t_ns)
         self._flush(t_ns)
 
@@ -146,10 +148,7 @@ class Host:
             item = port.candidate()
             port.waiting.remove(item)
             self._outlet.send(item[1])
-            # On an echoing bus the other drives receive this frame by `recv`; passing it on here would deliver it
-            # twice.
-            if not self._echoes:
-                self._rack.receive(item[1], port, t_ns)
+            self._rack.receive(item[1], port, t_ns)
 
     def _ports(self) -> Iterator[Port]:
         return (port for port, _slave in self._rack.attached)

@@ -17,6 +17,9 @@ from collections.abc import Callable
 import can
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
+from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
+from haptic_fieldbus.buses.canopen.ports import OURS, PythonCanPort
+from haptic_fieldbus.buses.canopen.wire import port_to
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.numerals import rounded
@@ -26,10 +29,12 @@ REOPENED_EVERY_NS = 1_000_000_000
 RETRIED_EVERY_NS = 20_000_000
 """Pause after a failure to receive, which comes at once and would keep a processor busy."""
 
+MOST_OCTETS = 8
+"""Longest frame of CAN 2.0."""
 LATEST_NS = 500_000
 """Longest time before now at which a frame is served."""
-STAMPED = ("socketcan", "udp_multicast")
-"""Interfaces whose time stamps are those of the kernel, by the wall clock of this computer."""
+STAMPED = ("udp_multicast",)
+"""Interfaces besides SocketCAN whose time stamps are those of the kernel, by the wall clock of this computer."""
 
 Tell = Callable[[str], None]
 """Tell the person a sentence."""
@@ -38,7 +43,7 @@ Tell = Callable[[str], None]
 class Outlet:
     """A python-can bus, opened by `reopen` again when it goes on failing; `name` is the bus in sentences.
 
-    `stamped`: its frames have time stamps of the kernel (see `STAMPED`).
+    `echoes`: it gives back what is sent on it, without a mark. `stamped`: its frames have time stamps of the kernel.
     """
 
     def __init__(
@@ -49,12 +54,14 @@ class Outlet:
         tell: Tell,
         reopen: Callable[[], can.BusABC] | None = None,
         *,
+        echoes: bool = False,
         stamped: bool = False,
     ) -> None:
         self.lost = 0
         """Number of frames that could not be sent because the transmit queue was full."""
-        self._bus: can.BusABC | None = can_bus
         self._clock = clock
+        self._echoes = echoes
+        self._use(can_bus)
         self._name = name
         self._tell = tell
         self._reopen = reopen
@@ -65,17 +72,11 @@ class Outlet:
 
     def send(self, frame: Frame) -> None:
         """Send a frame; it is lost when the bus is down or its transmit queue full."""
-        if self._bus is None:
+        if self._port is None:
             return
-        message = can.Message(
-            arbitration_id=frame.can_id,
-            is_extended_id=frame.extended,
-            is_remote_frame=frame.remote,
-            dlc=len(frame.data),
-            data=None if frame.remote else frame.data,
-        )
+        flags = (EXTENDED_FLAG if frame.extended else 0) | (REMOTE_FLAG if frame.remote else 0)
         try:
-            self._bus.send(message)
+            self._port.send(frame.can_id | flags, frame.data)
         except FOREIGN as error:
             if is_queue_full(error):
                 self.lost += 1
@@ -84,33 +85,46 @@ class Outlet:
         else:
             self._passed()
 
-    def receive(self, longest_ns: int) -> can.Message | None:
+    def receive(self, longest_ns: int) -> Frame | None:
         """Return the next frame; None when none comes within `longest_ns`, or the bus is down."""
-        message = None
+        received = None
         try:
-            if self._bus is not None:
-                message = self._bus.recv(max(0, longest_ns) * 1e-9)
+            if self._port is not None:
+                received = self._port.receive(max(0, longest_ns) * 1e-9)
         except FOREIGN as error:
             self._failed(error)
             self._pause(longest_ns)
         else:
-            if self._bus is None:
+            if self._port is None:
                 self._open()
                 self._pause(longest_ns)
-            elif message is not None:
-                self._passed()
-        return message
+        if received is None or received is OURS:
+            return None
+        can_id, data = received
+        if can_id & ERROR_FLAG or len(data) > MOST_OCTETS:
+            return None
+        self._passed()
+        return Frame(can_id & CAN_ID_MASK, bytes(data), bool(can_id & EXTENDED_FLAG), bool(can_id & REMOTE_FLAG))
 
-    def arrived_ns(self, message: can.Message, earliest_ns: int) -> int:
-        """Return the instant at which a frame that was received now arrived, not before `earliest_ns`."""
+    def arrived_ns(self, earliest_ns: int) -> int:
+        """Return the instant at which the frame that was received last arrived, not before `earliest_ns`."""
         now_ns = self._clock.now_ns()
-        age_ns = round((time.time() - message.timestamp) * 1e9) if self._stamped else 0
+        port, stamped_ns = self._port, None
+        if port is not None:
+            stamped_ns = port.arrived_ns(earliest_ns)
+        if self._stamped and isinstance(port, PythonCanPort):
+            stamped_ns = now_ns - round((time.time() - port.stamp) * 1e9)
+        age_ns = 0 if stamped_ns is None else now_ns - stamped_ns
         return max(earliest_ns, now_ns - max(0, min(age_ns, LATEST_NS)))
 
     def close(self) -> None:
         """Leave the bus."""
         if self._bus is not None:
             self._bus.shutdown()
+
+    def _use(self, can_bus: can.BusABC | None) -> None:
+        self._bus = can_bus
+        self._port = None if can_bus is None else port_to(can_bus, self._clock, echoes=self._echoes)
 
     def _pause(self, longest_ns: int) -> None:
         self._clock.sleep_until(self._clock.now_ns() + min(max(0, longest_ns), RETRIED_EVERY_NS))
@@ -138,7 +152,7 @@ class Outlet:
         self._opened_ns = now_ns
         self.close()
         try:
-            self._bus = self._reopen()
+            self._use(self._reopen())
         except (BusError, UsageError):
             # It has been told that the bus is down.
-            self._bus = None
+            self._use(None)

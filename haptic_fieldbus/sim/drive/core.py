@@ -133,7 +133,9 @@ class Drive:
     def fault(self, code: int, t_ns: int) -> None:
         """Detect a fault: report it to the link, then go through fault reaction to *fault*."""
         self._link.error(code, t_ns)
-        self._fail(code, t_ns)
+        if self.power.event(Cause.FAULT):
+            self.objects.error_code.value = code
+            self._enter(t_ns)
 
     def sto(self, open_: bool, t_ns: int) -> None:
         """Open or close safe torque off."""
@@ -236,11 +238,6 @@ class Drive:
     def _left(self, t_ns: int) -> None:
         self.power.complete()
         self._enter(t_ns)
-
-    def _fail(self, code: int, t_ns: int) -> None:
-        if self.power.event(Cause.FAULT):
-            self.objects.error_code.value = code
-            self._enter(t_ns)
 
     def _following_error(self, t_ns: int) -> None:
         if self.settings.following_error_faults:

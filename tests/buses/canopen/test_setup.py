@@ -117,6 +117,14 @@ def test_the_answer_to_a_question_that_is_not_ours_is_passed_over() -> None:
     assert bench.open().bus.facts["handle"].vendor_id == 0xFB
 
 
+def test_silence_is_explained_by_what_the_drive_said_before() -> None:
+    bench = Bench()
+    bench.drive.emergency(0x3210, LISTENING_NS + 1)
+    bench.can.later(LISTENING_NS + 3_000_000, lambda: setattr(bench.drive, "silent", True))
+    with pytest.raises(BusTimeoutError, match=r"no answer\. Before that, it sent emergency 3210h \(.*over-voltage"):
+        bench.open()
+
+
 def test_an_answer_of_another_kind_than_the_request_asks_for_is_refused() -> None:
     bench = Bench()
     bench.can.reply(0x580 + NODE, b"\x60\x00\x10\x00" + bytes(4), delay_ns=LISTENING_NS + 1)

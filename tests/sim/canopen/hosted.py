@@ -25,8 +25,8 @@ class Hosted:
         self.theirs = can.Bus(interface="virtual", channel=channel, receive_own_messages=echoes)
         self.bus = can.Bus(interface="virtual", channel=channel)
         self.told: list[str] = []
-        self.outlet = Outlet(self.theirs, self.clock, "virtual:hosting", self.told.append, self.reopened)
-        self.host = Host(self.outlet, self.clock, echoes=echoes)
+        self.outlet = Outlet(self.theirs, self.clock, "virtual:hosting", self.told.append, self.reopened, echoes=echoes)
+        self.host = Host(self.outlet, self.clock)
         for node in nodes:
             drive = NamedDrive("generic_cia402", node)
             bench = (drive, "virtual:hosting", Workspace.LINEAR, hand_named(hand), faults)

@@ -1,0 +1,194 @@
+"""What a run in real time asks of the system, so that other work does not delay it.
+
+Each wish may be refused by the system; the run goes on with what it got, and tells both. Everything is put back at the
+end of the block, since a run may be a part of somebody else's program. A thread at SCHED_FIFO goes before all ordinary
+work of the machine. That it cannot take the machine down is due to the loop, which sleeps in every period and ends
+itself when it misses too many, and to the kernel, which leaves 5 % of each second to others
+(/proc/sys/kernel/sched_rt_runtime_us).
+
+Reference: sched(7), mlockall(2), PR_SET_TIMERSLACK(2const), Documentation/power/pm_qos_interface.rst of Linux.
+"""
+
+import ctypes
+import os
+import struct
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from haptic_fieldbus.assessing.rights import Right
+
+PRIORITY = 49
+"""Of SCHED_FIFO, 1 to 99: below 50, that of the threads of a real-time kernel which bring the frames to us."""
+IDLE_STATES = Path("/dev/cpu_dma_latency")
+"""While a program holds this file open with 0 µs in it, no processor goes to sleep so deeply that it wakes up late."""
+TIMER_SLACK_NS = 1
+"""Time by which the kernel may put a wake-up off; 50 µs unless asked. It is 0 anyway at SCHED_FIFO."""
+
+_SET_TIMER_SLACK, _GET_TIMER_SLACK = 29, 30
+_LOCK_PRESENT, _LOCK_FUTURE = 1, 2
+_MAY_LOCK = 1 << 14
+"""CAP_IPC_LOCK (linux/capability.h)."""
+LIMITS = (
+    f"to get it, write two lines, `@GROUP - rtprio {PRIORITY}` and `@GROUP - memlock unlimited`, into "
+    "/etc/security/limits.d/haptic.conf and log in again; a systemd unit has "
+    f"LimitRTPRIO={PRIORITY} and LimitMEMLOCK=infinity; one interpreter alone: "
+    f"setcap cap_sys_nice,cap_ipc_lock+ep {os.path.realpath(sys.executable)}"
+)
+"""Advice for SCHED_FIFO and for locked memory."""
+
+Wish = Callable[[], AbstractContextManager[Right]]
+
+
+@contextmanager
+def real_time(*, pinned: bool = True) -> Iterator[tuple[Right, ...]]:
+    """Ask for everything that lets this thread wake up on time; yield what came of each wish.
+
+    `pinned` asks for one processor too. Memory is that of the whole process, the rest of this thread alone.
+    """
+    with ExitStack() as held:
+        # The slack is first, because a thread at SCHED_FIFO cannot set it.
+        wishes = (_timer_slack, _fifo, *((_one_processor,) if pinned else ()), _locked_memory, _no_idle_states)
+        yield tuple([held.enter_context(wish()) for wish in wishes])
+
+
+@contextmanager
+def _fifo() -> Iterator[Right]:
+    """Ask for SCHED_FIFO; a real-time class that this thread has already stays."""
+    wished = f"SCHED_FIFO {PRIORITY}"
+    if not hasattr(os, "sched_setscheduler"):
+        yield Right("scheduling", wished, "that of this system", False)
+        return
+    before, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    if before in REAL_TIME:
+        yield Right("scheduling", wished, f"{REAL_TIME[before]} {priority.sched_priority}", True)
+        return
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError:
+        yield Right("scheduling", wished, "the ordinary class", False, LIMITS)
+        return
+    try:
+        yield Right("scheduling", wished, wished, True)
+    finally:
+        os.sched_setscheduler(0, before, priority)
+
+
+REAL_TIME = {getattr(os, name): name for name in ("SCHED_FIFO", "SCHED_RR", "SCHED_DEADLINE") if hasattr(os, name)}
+"""Scheduling classes that go before ordinary work, by number."""
+
+
+@contextmanager
+def _one_processor() -> Iterator[Right]:
+    """Ask for one processor, where a thread at SCHED_FIFO has many to choose from."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield Right("processor", "one processor", "any", False)
+        return
+    before = os.sched_getaffinity(0)
+    chosen = processor_of(before, os.cpu_count() or 1) if os.sched_getscheduler(0) in REAL_TIME else None
+    if chosen is None:
+        allowed = f"processor {max(before)}" if len(before) == 1 else f"any of {len(before)} processors"
+        yield Right("processor", allowed, allowed, True)
+        return
+    wished = f"processor {chosen}"
+    try:
+        os.sched_setaffinity(0, {chosen})
+    except OSError:
+        yield Right("processor", wished, "any", False)
+        return
+    try:
+        yield Right("processor", wished, wished, True)
+    finally:
+        with suppress(OSError):  # a processor may have gone meanwhile
+            os.sched_setaffinity(0, before)
+
+
+MANY = 4
+"""Processors from which one is taken for the loop alone; with fewer, others that go before us would find it there."""
+
+
+def processor_of(allowed: set[int], count: int) -> int | None:
+    """Return the processor for a loop that may run on these of `count`; None: leave it free to move.
+
+    It is the last one, because the first ones serve most interrupts. What somebody has chosen already stays.
+    """
+    return max(allowed) if len(allowed) == count >= MANY else None
+
+
+@contextmanager
+def _locked_memory() -> Iterator[Right]:
+    """Ask for memory that stays in memory; what the program around us had locked stays locked."""
+    wished = "memory locked"
+    if not sys.platform.startswith("linux"):
+        yield Right("memory", wished, "not locked", False)
+        return
+    locked = _status("VmLck", 10)
+    limit = _memory_limit()
+    # Under a limit, memory that is locked as soon as it is asked for would be refused in the middle of the run.
+    flags = _LOCK_PRESENT | (_LOCK_FUTURE if limit is None else 0)
+    if _libc().mlockall(flags):
+        yield Right("memory", wished, f"at most {(limit or 0) >> 20} MiB", False, LIMITS)
+        return
+    try:
+        yield Right("memory", wished, wished, True)
+    finally:
+        if not locked:
+            _libc().munlockall()
+
+
+@contextmanager
+def _timer_slack() -> Iterator[Right]:
+    """Ask for wake-ups that are not put off."""
+    wished = f"timer slack {TIMER_SLACK_NS} ns"
+    before = _libc().prctl(_GET_TIMER_SLACK, 0, 0, 0, 0) if sys.platform.startswith("linux") else -1
+    if before < 0 or _libc().prctl(_SET_TIMER_SLACK, TIMER_SLACK_NS, 0, 0, 0):
+        yield Right("timer_slack", wished, "that of this system", False)
+        return
+    try:
+        yield Right("timer_slack", wished, wished, True)
+    finally:
+        _libc().prctl(_SET_TIMER_SLACK, before, 0, 0, 0)
+
+
+@contextmanager
+def _no_idle_states() -> Iterator[Right]:
+    """Ask for processors that stay awake; most systems grant it to root alone, and many virtual machines have none."""
+    wished = "no deep idle states"
+    try:
+        held = os.open(IDLE_STATES, os.O_WRONLY)
+    except FileNotFoundError:
+        yield Right("idle_states", wished, "the kernel's choice", False)
+        return
+    except OSError:
+        rule = 'KERNEL=="cpu_dma_latency", GROUP="GROUP", MODE="0660"'
+        advice = f"to keep processors awake, write {rule} into /etc/udev/rules.d/99-haptic.rules and restart"
+        yield Right("idle_states", wished, "the kernel's choice", False, advice)
+        return
+    try:
+        os.write(held, struct.pack("i", 0))
+        yield Right("idle_states", wished, wished, True)
+    finally:
+        os.close(held)
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _memory_limit() -> int | None:
+    """Return how much memory may be locked [octets]; None without a limit."""
+    from resource import RLIM_INFINITY, RLIMIT_MEMLOCK, getrlimit  # Windows has none
+
+    limit = getrlimit(RLIMIT_MEMLOCK)[0]
+    return None if limit == RLIM_INFINITY or _status("CapEff", 16) & _MAY_LOCK else limit
+
+
+def _status(name: str, base: int) -> int:
+    """Return a number of /proc/self/status; 0 when it is not there."""
+    with suppress(OSError):
+        for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
+            key, _, text = line.partition(":")
+            if key == name:
+                return int(text.split()[0], base)
+    return 0

@@ -1,0 +1,23 @@
+"""`simulate` and `run` at 1 kHz as two real processes: how it ends, which is all that a busy machine can promise."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.peers.hosts import free_port, require_multicast
+
+PROJECT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.thorough("ten seconds of real time")
+@pytest.mark.xdist_group("peers")
+def test_ten_seconds_end_by_themselves_or_torque_free_with_a_reason() -> None:
+    require_multicast(free_port())
+    command = [sys.executable, "benchmarks/two_processes.py", "--starts", "1", "--seconds", "10"]
+    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
+    (start,) = [line for line in done.stdout.splitlines() if line.startswith("  1")]
+    assert "went to its end" in start or "Torque was taken away" in start, done.stdout + done.stderr
+    if "without the right to SCHED_FIFO" not in done.stdout:
+        assert "0 ended late, with the timer in time" in done.stdout
