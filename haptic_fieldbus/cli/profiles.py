@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, asdict, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, asdict, fields, is_dataclass, replace
 from datetime import datetime
 from enum import Enum
 from functools import partial
@@ -30,8 +30,8 @@ SECTIONS = (
     "simulation",
 )  # fmt: skip
 IN_HEXADECIMAL = (
-    "object", "heartbeat_consumer", "vendor_id", "product_codes", "absent", "supported_modes", "interpolation_time",
-    "cycle_period", "controlword",
+    "object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes", "absent",
+    "supported_modes", "controlword",
 )  # fmt: skip
 """Keys whose whole numbers are written as in vendors' manuals: indices, identities and bit fields."""
 
@@ -174,7 +174,9 @@ def _write_eds(profile: "DriveProfile", path: Path) -> None:
 
 def _json(profile: "DriveProfile") -> "dict[str, Json]":
     """Return the profile as a JSON object, without the vendor's EDS from which it may have been made."""
-    plain_fields = {field.name: getattr(profile, field.name) for field in fields(profile) if field.name != "eds"}
+    plain_fields = {
+        field.name: getattr(profile, field.name) for field in fields(profile) if field.name not in ("eds", "lacks")
+    }
     return {name: _plain(value) for name, value in plain_fields.items()}
 
 
@@ -186,24 +188,21 @@ def _plain(value: object) -> "Json":
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
-    """Yield key, value and source of each value that the profile gives; what nobody gave has no source."""
+    """Yield key, value and source of each value that is given, or that is other than the usual."""
     for section in SECTIONS:
-        values = getattr(profile, section)
-        for key, value in (vars(values) if values is not None else {}).items():
-            name = f"{section}.{key}"
-            source = _source(name, profile.sources)
-            if value in (None, (), {}) or value is False or not source or value == _usual(values, key):
-                continue
-            # The objects of a simulated drive fill screens: its EDS shows them (--eds).
-            text = f"{len(value)} entries" if isinstance(value, dict) else _text(key, value)
-            yield name, text, source
+        table = getattr(profile, section, None)
+        for field in fields(table) if table is not None else ():
+            name, value = f"{section}.{field.name}", getattr(table, field.name)
+            if value not in (None, (), {}) and value is not False and _is_told(name, value, field, profile.sources):
+                # The objects of a simulated drive fill screens: its EDS shows them (--eds).
+                text = f"{len(value)} entries" if isinstance(value, dict) else _text(field.name, value)
+                yield name, text, _source(name, profile.sources)
 
 
-def _usual(values: Any, key: str) -> object:
-    """Return the default of a key of [simulation], whose values a source covers all together; MISSING elsewhere."""
-    from haptic_fieldbus.protocols.canopen.profile import SimulationSection
-
-    return getattr(SimulationSection(), key) if isinstance(values, SimulationSection) else MISSING
+def _is_told(name: str, value: object, field: "Field[object]", sources: Mapping[str, str]) -> bool:
+    """Return whether a value is shown: it has a source of its own, or is other than the usual."""
+    own = any(key == name or key.startswith(f"{name}.") for key in sources)
+    return own or value != (field.default if field.default_factory is MISSING else field.default_factory())
 
 
 def _source(name: str, sources: Mapping[str, str]) -> str:
@@ -215,12 +214,9 @@ def _source(name: str, sources: Mapping[str, str]) -> str:
 def _text(key: str, value: object) -> str:
     """Return a value as people write it, with indices and identities in hexadecimal."""
     if is_dataclass(value):
-        # Subindex 0 is left out: most objects of a drive have no other.
-        parts = {
-            name: member for name, member in vars(value).items() if member != "" and (name, member) != ("subindex", 0)
-        }
-        texts = [_text(name, member) if name != "value" else f"= {member}" for name, member in parts.items()]
-        return " ".join(texts)
+        return " ".join(_member(name, member) for name, member in vars(value).items() if _is_said(name, member))
+    if isinstance(value, Mapping):
+        return ", ".join(map(str, value))
     if isinstance(value, tuple):
         return ", ".join(_text(key, member) for member in value)
     if isinstance(value, Enum):
@@ -228,3 +224,17 @@ def _text(key: str, value: object) -> str:
     if isinstance(value, int) and key in IN_HEXADECIMAL:
         return f"{value:04X}h"
     return exactly(value) if isinstance(value, float) else str(value)
+
+
+def _is_said(name: str, member: object) -> bool:
+    """Return whether a member of an object is shown; sub-index 0 is left out, as most objects have no other."""
+    return member not in ("", None) and member is not False and (name, member) != ("subindex", 0)
+
+
+def _member(name: str, member: object) -> str:
+    """Return a member of an object as people write it beside the others."""
+    if name == "subindex":
+        return f":{member:02X}"
+    if member is True:
+        return name
+    return f"= {member}" if name == "value" else _text(name, member)

@@ -24,9 +24,9 @@ def check_against(name: str, eds: Path, profiles: str | None, as_json: bool) -> 
     from haptic_fieldbus.eds import load_eds
     from haptic_fieldbus.protocols.canopen.profile import canopen_profile
     from haptic_fieldbus.protocols.catalogue import load_profile
-    from haptic_fieldbus.sim.canopen.proof import prove
+    from haptic_fieldbus.sim.canopen.proof import proof_of
 
-    found = prove(canopen_profile(load_profile(name, profiles)), load_eds(eds))
+    found = proof_of(canopen_profile(load_profile(name, profiles)), load_eds(eds))
     if as_json:
         print_json(
             {

@@ -18,7 +18,7 @@ from haptic_fieldbus.eds.model import DeviceInfo, Eds, EdsEntry, EdsObject, EdsV
 from haptic_fieldbus.eds.names import HIGHEST, member_name, parameter_name
 from haptic_fieldbus.eds.objects import HIGHEST_ELEMENT
 from haptic_fieldbus.eds.types import REALS, TIMES, EdsType
-from haptic_fieldbus.eds.values import extremes, fits
+from haptic_fieldbus.eds.values import fits, value_range
 
 FIRST_OBJECT = 0x1000
 """Indices below are those of data types, which a PDO maps as unused space."""
@@ -75,7 +75,7 @@ def _type(entry: EdsEntry) -> EdsType:
 def _entry(entry: EdsEntry, type: EdsType) -> EdsEntry:
     """Return an entry without what its type cannot hold."""
     default, parameter = (value if _holds(type, value) else None for value in (entry.default, entry.parameter))
-    ranges = [extremes(value) for value in (default, parameter) if value is not None]
+    ranges = [value_range(value) for value in (default, parameter) if value is not None]
     low, high = (limit if _is_limit(type, limit) else None for limit in (entry.low, entry.high))
     return replace(
         entry,

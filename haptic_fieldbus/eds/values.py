@@ -98,10 +98,10 @@ def fits(value: EdsValue, type: EdsType) -> bool:
     if type in REALS:
         return isinstance(value, int | float) and _is_real(value, type)
     low, high = type.limits or (0, 0)
-    return isinstance(value, int | NodeOffset) and low <= extremes(value)[0] and extremes(value)[1] <= high
+    return isinstance(value, int | NodeOffset) and low <= value_range(value)[0] and value_range(value)[1] <= high
 
 
-def extremes(value: EdsValue) -> tuple[float, float]:
+def value_range(value: EdsValue) -> tuple[float, float]:
     """Return the least and the greatest number that a value is, with any node-ID; infinite for one that is none."""
     if isinstance(value, NodeOffset):
         return value.at(NODES[0]), value.at(NODES[-1])

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from haptic_fieldbus.eds import Eds
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, SimulatedObject
 from haptic_fieldbus.protocols.canopen.vendor.check import Comparison, compare
 from haptic_fieldbus.protocols.canopen.vendor.findings import Finding
@@ -15,7 +16,7 @@ _STANDARD = (range(0x1000, 0x1F00), range(0x6000, 0x6800))
 CiA 302."""
 
 
-def prove(profile: CanopenProfile, eds: Eds) -> Comparison:
+def proof_of(profile: CanopenProfile, eds: Eds) -> Comparison:
     """Return what the file shows of the profile, and of its simulated drive where the profile describes that."""
     return compare(profile, eds, tuple(_simulated(profile, eds)) if profile.simulation.objects else ())
 
@@ -28,7 +29,12 @@ def _simulated(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     def concerns(index: int) -> bool:
         return index in named or any(index in standard for standard in _STANDARD)
 
-    for place, shown in differences(dictionary_of(profile, _NODE), eds, _NODE, concerns).items():
+    try:
+        dictionary = dictionary_of(profile, _NODE)
+    except UsageError as error:
+        yield Finding("simulation", "", fault=f"cannot be simulated: {error}")
+        return
+    for place, shown in differences(dictionary, eds, _NODE, concerns).items():
         index, _, subindex = place.partition(":")
         number = int(index, 16)
         line = eds.objects[number].line if number in eds else None

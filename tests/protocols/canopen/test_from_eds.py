@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCode, VelocitySection
+from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCode, VelocitySection, WrittenObject
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsType, eds_text
 from haptic_fieldbus.errors import EdsError
@@ -69,12 +69,13 @@ def test_drives_of_vendors_without_1016h_have_life_guarding() -> None:
         assert profile_from_eds(vendor_eds(name)).link_loss.life_guarding, name
 
 
-def test_every_section_of_it_has_its_source() -> None:
-    profile = profile_from_eds(without(generic(), 0x6007))
-    for section in ("identity", "pdo", "link_loss", "timing"):
-        assert profile.sources[section]
-    assert "ASSUMED" in profile.sources["torque.target"]
-    assert profile.sources["link_loss.abort_connection_option"] == "left out: not in own.eds"
+def test_every_value_of_it_has_its_source() -> None:
+    sources = profile_from_eds(without(generic(), 0x6007)).sources
+    assert sources["torque.target.type"] == "own.eds, [6071] DataType"
+    assert "ASSUMED" in sources["torque.target.unit"]
+    assert "ASSUMED" not in sources["torque.target.object"]
+    assert sources["link_loss.abort_connection_option"] == "left out: own.eds has no 6007h that can be written"
+    assert sources["link_loss.fault_reaction_option.object"] == "own.eds, [605E]"
 
 
 @pytest.mark.parametrize(
@@ -153,8 +154,8 @@ def test_without_a_position_the_velocity_stands_in_in_the_unit_of_60a9h(code: in
     profile = profile_from_eds(eds)
     assert profile.position is None
     assert profile.velocity == VelocitySection(MappedObject(0x606C, DataType.INT32, unit=unit))
-    assert ("ASSUMED" in profile.sources["velocity.actual"]) is (code is None)
-    assert "position.actual" not in profile.sources
+    assert ("ASSUMED" in profile.sources["velocity.actual.unit"]) is (code is None)
+    assert "position.actual.unit" not in profile.sources
 
 
 def test_a_velocity_beside_a_position_is_not_read() -> None:
@@ -195,13 +196,48 @@ def test_the_position_is_in_the_unit_of_60a8h(code: int | None, unit: str) -> No
     profile = profile_from_eds(eds)
     assert profile.position is not None
     assert profile.position.actual.unit == unit
-    assert ("ASSUMED" in profile.sources["position.actual"]) is (not code)
+    assert ("ASSUMED" in profile.sources["position.actual.unit"]) is (not code)
 
 
 def test_a_position_in_another_unit_is_refused() -> None:
     metres = changed(generic(), 0x60A8, type=EdsType.UNSIGNED32, default=0x0001_0000)
     (refused,) = refusals(metres)
     assert "60A8h SI unit position is 00010000h, expected 00B50000h (counts)" in refused
+
+
+@pytest.mark.parametrize(
+    ("changes", "powers", "values"),
+    [
+        ({}, (-3,), (1, 255)),
+        ({"low": -6, "high": 0}, (-3, -4, -5, -6), (1, 255)),
+        ({"default": -4}, (-4,), (1, 255)),
+        ({"access": "ro"}, None, None),
+    ],
+)
+def test_the_period_is_told_in_the_objects_and_values_that_the_file_has(
+    changes: dict[str, object], powers: tuple[int, ...] | None, values: tuple[int, int] | None
+) -> None:
+    sync = profile_from_eds(changed(generic(), 0x60C2, 2, **{"low": None, "high": None, **changes})).sync
+    if powers is None:
+        assert sync.interpolation_time is None
+    else:
+        assert (sync.interpolation_time, sync.powers, sync.values) == (0x60C2, powers, values)
+    assert sync.cycle_period == 0x1006
+    assert profile_from_eds(without(generic(), 0x1006)).sync.cycle_period is None
+
+
+def test_limits_of_the_period_are_the_files() -> None:
+    assert profile_from_eds(changed(generic(), 0x60C2, 1, low=0, high=100)).sync.values == (1, 100)
+
+
+def test_a_torque_slope_is_as_steep_as_the_file_allows_in_profile_torque_mode_alone() -> None:
+    ramped = changed(generic(), 0x6502, default=0x008)
+    assert profile_from_eds(generic()).torque.slope is None
+    assert profile_from_eds(ramped).torque.slope == WrittenObject(0x6087, DataType.UINT32, 1_000_000)
+    assert profile_from_eds(changed(ramped, 0x6087, high=5000)).torque.slope == WrittenObject(
+        0x6087, DataType.UINT32, 5000
+    )
+    assert profile_from_eds(without(ramped, 0x6087)).torque.slope is None
 
 
 @pytest.mark.parametrize("changes", [{"mappable": False}, {"type": EdsType.REAL32}])

@@ -1,9 +1,9 @@
 """Proof of a profile against the EDS of its drive: objects, types, access, mappability, limits, defaults, identity.
 
 Each value of the profile that a file can show is looked up. What agrees is listed with its line, and what does not is a
-fault with key, expected value and line. A profile may differ from its file on purpose: `simulation.differs` names the
-object and the reason, and a source that begins with "left out" gives the reason for a key that is not there. Such
-differences are listed, and are no faults.
+fault with key, expected value and line. A profile may differ from its file on purpose: the source of a value begins
+with "against the file" then, that of a key which is not there with "left out", and `simulation.differs` gives the
+reason for an object of the simulated drive. Such differences are listed, and are no faults.
 
 What no EDS shows is not looked at: units of torque, times, the best echo, values that are chosen.
 """
@@ -20,7 +20,7 @@ from haptic_fieldbus.protocols.canopen.vendor.left_out import left_out
 from haptic_fieldbus.protocols.canopen.vendor.modes import mode_findings
 from haptic_fieldbus.protocols.canopen.vendor.named import named_objects
 from haptic_fieldbus.protocols.canopen.vendor.numbers import identity_findings, pdo_findings
-from haptic_fieldbus.protocols.canopen.vendor.sources import LEFT_OUT
+from haptic_fieldbus.protocols.canopen.vendor.sources import AGAINST, LEFT_OUT
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,9 @@ def _findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
 def _reason(profile: CanopenProfile, finding: Finding) -> str:
     """Return the reason that the profile gives for a difference; empty when it gives none."""
     source = profile.sources.get(finding.key, "")
-    if finding.is_left_out and source.startswith(LEFT_OUT):
+    if source.startswith(LEFT_OUT if finding.is_left_out else AGAINST):
         return source
-    if finding.index is None:
+    if not finding.key.startswith("simulation") or finding.index is None:
         return ""
     differs = profile.simulation.differs.items()
     return next((reason for place, reason in differs if _covers(place, finding.index, finding.subindex)), "")

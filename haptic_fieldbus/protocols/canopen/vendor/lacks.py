@@ -10,8 +10,8 @@ from haptic_fieldbus.protocols.canopen.vendor.values import (
     RECEIVED,
     SENT,
     is_mappable,
-    named,
     number_of,
+    object_name,
     position_unit,
     supported_modes,
 )
@@ -52,7 +52,7 @@ def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) ->
         yield from lacks
         entry = eds.find(index)
         if not lacks and entry is not None and index in MAPPED and not is_mappable(entry, MAPPED[index]):
-            yield f"{named(index)} cannot be {_WORDS[MAPPED[index]]} in a PDO", entry.line
+            yield f"{object_name(index)} cannot be {_WORDS[MAPPED[index]]} in a PDO", entry.line
     if velocity is None and position_unit(eds) is None:
         code = (number_of(eds, 0x60A8) or 0) & 0xFFFF_FFFF
         yield f"60A8h SI unit position is {code:08X}h, expected 00B50000h (counts) or FF410000h (0.1 degrees)", None
@@ -60,7 +60,7 @@ def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) ->
         yield from _pdo_lacks(eds, direction)
     if not mode and not torque_mode(eds):
         modes = eds.find(0x6502)
-        yield f"{named(0x6502)} {supported_modes(eds):X}h names no torque mode", modes.line if modes else None
+        yield f"{object_name(0x6502)} {supported_modes(eds):X}h names no torque mode", modes.line if modes else None
 
 
 def torque_mode(eds: Eds) -> int:
@@ -78,10 +78,10 @@ def torque_mode(eds: Eds) -> int:
 def _object_lacks(eds: Eds, index: int) -> Iterator[Lack]:
     entry, types = eds.find(index), NEEDED[index]
     if entry is None:
-        yield f"there is no {named(index)}", None
+        yield f"there is no {object_name(index)}", None
     elif entry.type not in types:
         found = entry.type.name if entry.type is not None else "of an unknown type"
-        yield f"{named(index)} is {found}, expected {' or '.join(type.name for type in types)}", entry.line
+        yield f"{object_name(index)} is {found}, expected {' or '.join(type.name for type in types)}", entry.line
 
 
 def _pdo_lacks(eds: Eds, direction: Direction) -> Iterator[Lack]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from haptic_fieldbus.drive.units import PERMILLE
 from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.canopen.vendor.findings import Finding
@@ -11,8 +12,10 @@ from haptic_fieldbus.protocols.canopen.vendor.values import READABLE, SENT, WRIT
 def left_out(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     """Yield a fault for each key that the profile leaves out and that the file has an object for."""
     torque, link_loss, sync = profile.torque, profile.link_loss, profile.sync
+    # A drive that takes a current shows the current actual value, if it does not show a torque.
+    is_torque = torque.target.unit == PERMILLE or _offers(eds, 0x6077, 0, SENT)
     for key, given, index, subindex, access in (
-        ("torque.actual", torque.actual, 0x6077, 0, SENT),
+        ("torque.actual", torque.actual, 0x6077 if is_torque else 0x6078, 0, SENT),
         ("torque.demand", torque.demand, 0x6074, 0, SENT),
         ("torque.rated", torque.rated or torque.rated_current, 0x6076, 0, READABLE),
         ("link_loss.heartbeat_consumer", link_loss.heartbeat_consumer, 0x1016, 1, WRITABLE),

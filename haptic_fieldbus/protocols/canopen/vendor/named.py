@@ -49,6 +49,7 @@ _STANDARD: Mapping[str, tuple[int, ...]] = {
     "sync.cycle_period": (0x1006,),
 }
 """Objects of the standards for each key; in the area of a standard no other object has that meaning."""
+SHOWN_KEY = "commissioning.shown"
 _CURRENT_ACTUAL = 0x6078
 _MANUFACTURER = range(0x2000, 0x6000)
 
@@ -58,10 +59,19 @@ def named_objects(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     yield from _signals(profile, eds)
     yield from _options(profile, eds)
     yield from _period(profile, eds)
-    for each in profile.commissioning.shown:
-        yield finding_of("commissioning.shown", each.entry, Use.READ, eds)
+    yield from _shown_values(profile, eds)
     for written in profile.setup.writes:
         yield from _written("setup.writes", written, eds)
+
+
+def _shown_values(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
+    """Yield what the vendor's tool sets; an object that stands twice is a slip of copying."""
+    shown = profile.commissioning.shown
+    places = [(each.object, each.subindex) for each in shown]
+    for each, place in zip(shown, places, strict=True):
+        yield finding_of(SHOWN_KEY, each.entry, Use.READ, eds)
+        if places.count(place) > 1:
+            yield Finding(SHOWN_KEY, "", fault=f"{each.object:04X}h:{each.subindex:02X} stands twice; expected it once")
 
 
 def _signals(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
@@ -81,9 +91,9 @@ def _signals(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
         yield from _standard(key, mapped.object, mapped.unit)
         yield finding_of(key, mapped.entry, use, eds)
     if position is not None and number_of(eds, 0x60A8):
-        yield _unit("position.actual", position.actual.unit, position_unit(eds), 0x60A8, eds)
+        yield _unit("position.actual.unit", position.actual.unit, position_unit(eds), 0x60A8, eds)
     if velocity is not None and 0x60A9 in eds:
-        yield _unit("velocity.actual", velocity.actual.unit, velocity_unit(eds), 0x60A9, eds)
+        yield _unit("velocity.actual.unit", velocity.actual.unit, velocity_unit(eds), 0x60A9, eds)
     if torque.echo == "asked":
         yield finding_of("torque.echo", torque.target.entry, Use.READ, eds)
     if torque.slope is not None:
@@ -121,6 +131,10 @@ def _period(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
             yield finding_of("sync.interpolation_time", entry, Use.WRITTEN, eds)
             for value in values:
                 yield from _in_limits(key, entry, value, eds)
+        power = number_of(eds, sync.interpolation_time, 2)
+        if power is not None and power not in sync.powers:
+            fault = f"without {power}, which {sync.interpolation_time:04X}h:02 has after power-on"
+            yield Finding("sync.powers", "", eds.objects[sync.interpolation_time].line, fault)
     if sync.cycle_period is not None:
         yield from _standard("sync.cycle_period", sync.cycle_period)
         yield finding_of("sync.cycle_period", ObjectEntry(sync.cycle_period, DataType.UINT32), Use.WRITTEN, eds)
@@ -190,5 +204,6 @@ def _in_limits(key: str, entry: ObjectEntry, value: int, eds: Eds) -> Iterator[F
 def _unit(key: str, unit: str, shown: str | None, index: int, eds: Eds) -> Finding:
     code = (number_of(eds, index) or 0) & 0xFFFF_FFFF
     words = f"[{index:04X}] DefaultValue {code:08X}h"
-    fault = "" if unit == shown else f'"{unit}"; expected {f"{shown!r}" if shown else "another unit"} by {words}'
+    expected = f'"{shown}"' if shown else "another unit"
+    fault = "" if unit == shown else f'"{unit}"; expected {expected} by {words}'
     return Finding(key, words, eds.objects[index].line, fault, index)

@@ -53,7 +53,8 @@ def _rooms(profile: CanopenProfile, eds: Eds, direction: Direction, name: str) -
     first = COMMUNICATION[direction].start
     missing = sorted(number for number, room in own.items() if room and number not in shown)
     beyond = sorted(shown.keys() - own.keys())
-    fault = f"{direction.value} {_numbers(missing)} not in the file" if missing else ""
+    are = "is" if len(missing) == 1 else "are"
+    fault = f"{direction.value} {_numbers(missing)} {are} not in the file" if missing else ""
     if beyond and not fault:
         fault = f"the file has {direction.value} {_numbers(beyond)} too, which would stay switched on"
     said = f"{len(shown)} {direction.value}s"
@@ -76,12 +77,13 @@ def _types(profile: CanopenProfile, eds: Eds, direction: Direction, name: str) -
         if not low <= kind <= high:
             yield Finding(key, "", _line(eds, first), f"{kind}; {first:04X}h:02 takes {low} to {high}", first, 2)
     for kind in sorted(default_types(eds, direction) - set(own)):
-        fault = f"{kind} is left out, although a {direction.value} has it after power-on"
+        fault = f"without {kind}, which {first:04X}h:02 or a later one has after power-on"
         yield Finding(key, "", _line(eds, first), fault, first, 2)
 
 
 def _numbers(numbers: list[int]) -> str:
-    return f"{', '.join(map(str, numbers))} {'is' if len(numbers) == 1 else 'are'}"
+    *first, last = map(str, numbers)
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _line(eds: Eds, index: int) -> int | None:

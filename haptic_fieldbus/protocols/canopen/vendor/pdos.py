@@ -54,7 +54,7 @@ def inhibit_time(eds: Eds) -> float:
     """Return the longest inhibit time of any TPDO after power-on [s]."""
     first = COMMUNICATION[Direction.TPDO].start - 1
     times = (number_of(eds, first + number, 3) or 0 for number in pdo_shape(eds, Direction.TPDO))
-    return max(times, default=0) * _INHIBIT_UNIT
+    return round(max(times, default=0) * _INHIBIT_UNIT, 4)
 
 
 def default_types(eds: Eds, direction: Direction) -> set[int]:

@@ -14,6 +14,8 @@ from haptic_fieldbus.protocols.canopen.vendor.values import number_of, supported
 
 LEFT_OUT = "left out"
 """Beginning of the source of a key that a profile does not give."""
+AGAINST = "against the file"
+"""Beginning of the source of a value that a person trusts more than the vendor's file."""
 _NO_UNIT = f"{ASSUMED}: as CiA 402-2 has it; an EDS names no units"
 Source = tuple[str, str]
 """Key and source of a value."""

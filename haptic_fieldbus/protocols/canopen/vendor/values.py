@@ -3,20 +3,10 @@
 from collections.abc import Mapping
 
 from haptic_fieldbus.drive.objects import NAMES, DataType
-from haptic_fieldbus.drive.units import COUNTS, COUNTS_PER_SECOND, TENTH_DEGREE
+from haptic_fieldbus.drive.units import COUNTS_PER_SECOND
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
+from haptic_fieldbus.protocols.canopen.si_units import POSITION_UNIT_CODES, VELOCITY_UNIT_CODES
 
-POSITION_UNIT_CODES = {0: COUNTS, 0x00B5_0000: COUNTS, 0xFF41_0000: TENTH_DEGREE}
-"""Value of 60A8h → unit; 0 says nothing, and the octets are prefix and numerator (B5h counts, 41h degrees)."""
-VELOCITY_UNIT_CODES = {
-    0x00B4_4700: "rpm",
-    0xFFB4_4700: "0.1 rpm",
-    0xFEB4_4700: "0.01 rpm",
-    0xFDB4_4700: "0.001 rpm",
-    0x00B5_0300: COUNTS_PER_SECOND,
-}
-"""Value of 60A9h → unit; the octets are prefix, numerator (B4h revolutions, B5h counts), denominator (47h minutes, 03h
-seconds)."""
 RECEIVED, SENT = ("rw", "rww", "wo"), ("ro", "rw", "rwr", "const")
 """Access types with which an object may be mapped into an RPDO, and into a TPDO."""
 WRITABLE, READABLE = ("rw", "rww", "rwr", "wo"), ("ro", "rw", "rww", "rwr", "const")
@@ -45,7 +35,7 @@ def number_of(eds: Eds, index: int, subindex: int = 0) -> int | None:
     return value if isinstance(value, int) else None
 
 
-def named(index: int) -> str:
+def object_name(index: int) -> str:
     """Return index and name of an object, as messages write it."""
     return f"{index:04X}h {NAMES[index]}"
 
