@@ -31,7 +31,7 @@ SECTIONS = (
 )  # fmt: skip
 IN_HEXADECIMAL = (
     "object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes", "absent",
-    "supported_modes",
+    "supported_modes", "controlword",
 )  # fmt: skip
 """Keys whose whole numbers are written as in vendors' manuals: indices, identities and bit fields."""
 
@@ -194,7 +194,9 @@ def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
         for field in fields(table) if table is not None else ():
             name, value = f"{section}.{field.name}", getattr(table, field.name)
             if value not in (None, (), {}) and value is not False and _is_told(name, value, field, profile.sources):
-                yield name, _text(field.name, value), _source(name, profile.sources)
+                # The objects of a simulated drive fill screens: its EDS shows them (--eds).
+                text = f"{len(value)} entries" if isinstance(value, dict) else _text(field.name, value)
+                yield name, text, _source(name, profile.sources)
 
 
 def _is_told(name: str, value: object, field: "Field[object]", sources: Mapping[str, str]) -> bool:
@@ -204,9 +206,9 @@ def _is_told(name: str, value: object, field: "Field[object]", sources: Mapping[
 
 
 def _source(name: str, sources: Mapping[str, str]) -> str:
-    """Return the source of a key: its own, else those of its inner keys, else that of its section, else "default"."""
+    """Return the source of a key: its own, else those of its inner keys, else that of its section, else nothing."""
     inner = "; ".join(text for key, text in sources.items() if key.startswith(f"{name}."))
-    return sources.get(name) or inner or sources.get(name.partition(".")[0], "default")
+    return sources.get(name) or inner or sources.get(name.partition(".")[0], "")
 
 
 def _text(key: str, value: object) -> str:

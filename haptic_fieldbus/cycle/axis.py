@@ -163,20 +163,20 @@ class AxisCycle:
                 if not -HALF_TURN_OF_INT32 <= counts < HALF_TURN_OF_INT32:
                     counts = (counts + HALF_TURN_OF_INT32 & INT32) - HALF_TURN_OF_INT32
                 here = counts * unit
-                way, periods = here - state.position, 1.0
+                way = speed = here - state.position
                 if (
                     steps != 1
                     or not (-largest_way <= way <= largest_way and lowest <= here <= highest)
                     or not -jump <= way - state.way <= jump
                 ):
-                    periods = watch.motion(here, way, elapsed_ns, feedback[AGE_NS])
+                    speed = watch.motion(here, way, elapsed_ns, feedback[AGE_NS])
                 if way:
                     state.moved_ns = fresh_ns
                 elif fresh_ns - state.moved_ns > stall_ns:
                     self._check_stall()
                 if steps != 1:
                     self._catch_up(here, steps)
-                state.way = way / periods
+                state.way = speed
                 state.position = here
 
         return observe

@@ -95,7 +95,7 @@ class AxisWatch:
     def motion(self, here: float, way: float, elapsed_ns: int, age_ns: int) -> float:
         """Trip when the handle, now at `here` [m or rad], went `way` too fast or too suddenly, or left its range.
 
-        Return how many periods have really passed since the sample before.
+        Return the way of a period at the speed that this shows, or at that of before, where too little time has passed.
         """
         limits, state = self._limits, self._state
         passed = max(elapsed_ns * 1e-9, self._period)
@@ -106,7 +106,7 @@ class AxisWatch:
         if not self._lowest <= here <= self._highest:
             self._trip(TripKind.POSITION, here, self._lowest if here < self._lowest else self._highest)
         # A period after a late one is shorter; by its length the same speed is no change.
-        periods = max(elapsed_ns / self._period_ns, SHORTEST)
+        periods = elapsed_ns / self._period_ns
         change, widest = abs(way - state.way * periods), max(periods, 1.0)
         # A drive that was late latched at some instant between SYNC and arrival; three instants make a change of speed.
         (_, first_ns), (way_before, second_ns) = self._looked
@@ -114,7 +114,7 @@ class AxisWatch:
         self._looked = ((way_before, second_ns), (state.way, age_ns))
         if change > self._jump * widest**2 + 2.0 * self._resolution * widest + unsure:
             self._trip(TripKind.ACCELERATION, change / passed**2, limits.acceleration)
-        return periods
+        return way / periods if periods > SHORTEST else state.way
 
 
 def in_time(period: float) -> tuple[int, int]:

@@ -649,7 +649,9 @@ class TestUnevenPeriods:
             cycle(image(counts, t_ns=round(1e6 * time) + 1, age=round(1e6 * more)))
         return cycle
 
-    @pytest.mark.parametrize("latches", [[3.44, 4.0, 5.0], [2.9, 3.46, 3.97, 5.0], [1.3, 2.0, 3.0], [1.0, 1.6, 3.0]])
+    @pytest.mark.parametrize(
+        "latches", [[3.44, 4.0, 5.0], [2.9, 3.46, 3.97, 5.0], [1.3, 2.0, 3.0], [1.0, 1.6, 3.0], [3.8, 4.0, 5.0]]
+    )
     def test_the_same_speed_is_no_jump(self, latches: list[float]) -> None:
         assert self.run(latches).trip is None
 

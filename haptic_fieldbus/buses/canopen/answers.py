@@ -37,7 +37,8 @@ class Exchange:
         self.missing = 0
         self.latch_ns = 0
         """Instant of the last SYNC [ns]."""
-        self.now_ns: Callable[[], int] = int
+        self.arrived_ns: Callable[[], int] = int
+        """Instant at which the frame arrived that is handled at present [ns]."""
 
 
 class Answers:
@@ -140,5 +141,5 @@ class Answers:
 
     def _may_be_old(self) -> bool:
         """Return whether this is rather the answer to an earlier SYNC, by the time it took."""
-        took_ns = self.exchange.now_ns() - self.exchange.latch_ns
+        took_ns = self.exchange.arrived_ns() - self.exchange.latch_ns
         return self.usual_ns > 0 and not self.usual_ns < PROMPT * took_ns < PROMPT * PROMPT * self.usual_ns

@@ -42,7 +42,7 @@ class Link:
         self._silence_ns = round(silence * 1e9)
 
     def listen(self, wire: Wire, exchange: Exchange) -> None:
-        exchange.now_ns = wire.clock.now_ns
+        exchange.arrived_ns = lambda: wire.taken_ns
         for slot in self._slots:
             slot.exchange = exchange
             wire.listen(slot.cob_id, slot.take)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -60,6 +61,27 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     warning = first_enabling(profile)
     if warning:
         yield warning
+
+
+def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> float | None:
+    """Return the drive's rated torque [N·m], which scales every command; None when the profile names no object.
+
+    Raises BusError, BusConfigurationError when it is not that of the rig.
+    """
+    mapped = profile.torque.rated
+    if mapped is None:
+        return None
+    if mapped.unit not in RATED_TORQUE_UNITS:
+        wrong = f"unit {mapped.unit!r} of {mapped.entry} is not one of {', '.join(RATED_TORQUE_UNITS)}"
+        raise BusConfigurationError(f"{profile.title}: {wrong}")
+    rated = node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
+    expected = axis.rig.rated_torque
+    if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
+        raise BusConfigurationError(
+            f"{node.label}: its rated torque is {exactly(rated)} N·m ({mapped.entry}), the rig says "
+            f"{exactly(expected)} N·m (axis.{axis.name}.rated_torque); every command would be off by that"
+        )
+    return rated
 
 
 def _check_rated_current(node: Node, entry: ObjectEntry, axis: AxisPlan) -> None:

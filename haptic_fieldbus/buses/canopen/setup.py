@@ -14,11 +14,10 @@ from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
-from haptic_fieldbus.buses.canopen.preparing import RATED_TOLERANCE, commissioned, prepare
+from haptic_fieldbus.buses.canopen.preparing import check_rated_torque, commissioned, prepare
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
-from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -81,7 +80,7 @@ class Setup:
             product_code=product,
             revision=revision,
             serial=serial,
-            rated_torque=self._check_rated_torque(),
+            rated_torque=check_rated_torque(self.node, self.member.profile, self.axis),
             link_loss=self._link_loss_words(),
             changes=(*self.torque_limits.sentences, *commissioned(self.node, self.member.profile, self.axis)),
         )
@@ -164,23 +163,6 @@ class Setup:
             raise BusConfigurationError(
                 f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is needed"
             )
-
-    def _check_rated_torque(self) -> float | None:
-        """Return the drive's rated torque [N·m], which scales every command; None when the profile names no object."""
-        mapped = self.member.profile.torque.rated
-        if mapped is None:
-            return None
-        if mapped.unit not in RATED_TORQUE_UNITS:
-            wrong = f"unit {mapped.unit!r} of {mapped.entry} is not one of {', '.join(RATED_TORQUE_UNITS)}"
-            raise BusConfigurationError(f"{self.member.profile.title}: {wrong}")
-        rated = self.node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
-        expected = self.axis.rig.rated_torque
-        if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
-            raise BusConfigurationError(
-                f"{self.node.label}: its rated torque is {exactly(rated)} N·m ({mapped.entry}), the rig says "
-                f"{exactly(expected)} N·m (axis.{self.axis.name}.rated_torque); every command would be off by that"
-            )
-        return rated
 
     def _disable(self) -> None:
         """Switch the power stage off if an earlier master left it on."""

@@ -101,6 +101,12 @@ class Wire:
         return self._empty_ns if known is None else known
 
     @property
+    def taken_ns(self) -> int:
+        """Instant at which the frame arrived that is handled at present [ns]; where it is unknown, now."""
+        known = self._port.arrived_ns(self._empty_ns)
+        return self._now_ns() if known is None else known
+
+    @property
     def sentences(self) -> list[str]:
         """Faults of this computer's end of the bus, for people: frames that were refused, states of the controller."""
         told = (self.refusal, self.error_frames.sentence(self.name))

@@ -536,8 +536,6 @@ def test_a_wall_is_felt_on_every_vendors_drive_with_a_torque_mode(name: str) -> 
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("nanotec_c5_e_1_09.eds", "6072h:00 max torque is 0 ‰"),
-        ("nanotec_pd4_c6018.eds", "6072h:00 max torque is 100 ‰"),
         ("ingenia_everest_xcr.eds", "offers no watch on its master"),
     ],
 )
