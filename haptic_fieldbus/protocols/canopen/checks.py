@@ -3,7 +3,14 @@
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.cia402 import ECHOES
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.units import COUNTS, PERMILLE, RATED_TORQUE_UNITS, TENTH_DEGREE, VELOCITY_UNITS
+from haptic_fieldbus.drive.units import (
+    COUNTS,
+    MILLIAMPERE,
+    RATED_TORQUE_UNITS,
+    TENTH_DEGREE,
+    TORQUE_UNITS,
+    VELOCITY_UNITS,
+)
 
 # The types and units that the master can scale, by the key of the profile.
 _TYPES = {
@@ -14,10 +21,11 @@ _TYPES = {
     ("velocity", "actual"): ("int32",),
 }
 _UNITS = {
-    ("torque", "target"): (PERMILLE,),
-    ("torque", "actual"): (PERMILLE,),
-    ("torque", "demand"): (PERMILLE,),
+    ("torque", "target"): TORQUE_UNITS,
+    ("torque", "actual"): TORQUE_UNITS,
+    ("torque", "demand"): TORQUE_UNITS,
     ("torque", "rated"): tuple(RATED_TORQUE_UNITS),
+    ("torque", "rated_current"): (MILLIAMPERE,),
     ("position", "actual"): (COUNTS, TENTH_DEGREE),
     ("velocity", "actual"): VELOCITY_UNITS,
 }
