@@ -177,7 +177,7 @@ def test_every_number_of_a_profile_gives_a_sentence_or_a_run(name: str, tmp_path
     rig = tmp_path / "rig.toml"
     rig.write_text(written(rig_with("own.toml")), encoding="utf-8")
     for path, value in cases(table):
-        if path[:2] in TABLES and path[2:3] != (next(iter(table[path[0]][path[1]])),):
+        if path[:2] in TABLES and path[2:3] != (next(iter(table[str(path[0])][str(path[1])])),):
             continue
         (tmp_path / "own.toml").write_text(written(with_value(table, path, value)), encoding="utf-8")
         tried(rig)
