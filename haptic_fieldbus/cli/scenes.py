@@ -10,7 +10,7 @@ import typer
 from haptic_fieldbus.cli.checking import check_files
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
-from haptic_fieldbus.numerals import exactly, rounded, rounded_limit
+from haptic_fieldbus.numerals import exactly, rounded_limit
 
 if TYPE_CHECKING:
     from haptic_fieldbus.scenes.element import AnyElement
@@ -99,7 +99,7 @@ def _recommended(scene: "Scene") -> Iterator[str]:
             else:
                 asked = f"asked {rounded_limit(found.stiffness)}"
                 unit = f"{space.effort_unit}/{space.length_unit}"
-                yield f"{name}: stiffness up to {rounded(found.recommended)} {unit} ({asked})"
+                yield f"{name}: stiffness up to {rounded_limit(found.recommended)} {unit} ({asked})"
 
 
 def _element_json(element: "AnyElement") -> Any:

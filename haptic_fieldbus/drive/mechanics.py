@@ -1,7 +1,7 @@
 """Mechanics of a simulated bench beyond a rigid shaft: `[axis.NAME.simulation]` of a rig, each part optional.
 
-Only the simulation uses these values; plans and stability limits ignore them. All are at the motor shaft and SI, unless
-a field says otherwise.
+Only the simulation uses these values, but for the coupling: without its backlash it counts in stability limits too. All
+are at the motor shaft and SI, unless a field says otherwise.
 """
 
 from dataclasses import dataclass

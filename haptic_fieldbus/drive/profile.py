@@ -62,6 +62,12 @@ class TimingSection:
     """
     mode_change_timeout: Time = 1.0
     """Longest time that the drive may take to change its mode of operation [s]."""
+    control_tick: Literal["sync", "free", "unknown"] = "unknown"
+    """Whether the controller's ticks are counted from SYNC or run free; unknown: counted as "sync" in the plan, and as
+    "free" in its cautious limit."""
+    encoder_latency: NonNegativeTime | None = None
+    """Age of a position at the SYNC that latches it [s]; None: 0 in the plan, up to a control period in its cautious
+    limit."""
     enabling_timeout: Time = 2.0
     """Longest time that the drive may take to *operation enabled* [s]; a commutation search takes part of it."""
     __pydantic_config__: ClassVar = STRICT

@@ -10,14 +10,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-from haptic_fieldbus.margins.linear import EnvironmentOf, limit_of
+from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, limit_of
 from haptic_fieldbus.margins.passivity import passive_limit_of
 from haptic_fieldbus.margins.plant import Plant, check_times, quantisation_limit, sample
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.numerics.sampled import SampledPlant
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.margins.bodies import HungBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,16 @@ class Axis:
     """Time from sampling to acting [s]."""
     environment: StateSpace | None = None
     """Environment x_k → F_k of the axis' own elements, kept while a coupling varies; None when it has none."""
+    bodies: "tuple[HungBody, ...]" = ()
+    """Masses behind a compliant transmission; the plant is then the motor alone."""
+
+    def sampled(self, period: float) -> SampledPlant:
+        """Return the device as the loop samples it; `period` in s."""
+        if self.bodies:
+            from haptic_fieldbus.margins.bodies import sample_with  # a rigid axis does without it
+
+            return sample_with(self.plant, self.bodies, period, self.delay)
+        return sample(self.plant, period, self.delay)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +61,7 @@ class ClosedLoop(ABC):
 
     @cached_property
     def devices(self) -> list[SampledPlant]:
-        return [sample(axis.plant, self.period, axis.delay) for axis in self.axes]
+        return [axis.sampled(self.period) for axis in self.axes]
 
     @abstractmethod
     def matrix(self, environment: StateSpace) -> Matrix:
@@ -69,9 +83,13 @@ class ClosedLoop(ABC):
     def felt(self, environment_of: EnvironmentOf) -> list[float]:
         """Return the force at each handle per stiffness and position while the others are held, for each axis."""
 
-    def limit(self, environment_of: EnvironmentOf) -> float:
-        """Return the stiffness [N/m or N·m/rad] up to which the loop is stable; 0 and ∞ as in `limit_of`."""
-        return limit_of(lambda stiffness: self.growth(environment_of(stiffness)), self.scale(environment_of))
+    def limit(self, environment_of: EnvironmentOf, **search: float) -> float:
+        """Return the stiffness [N/m or N·m/rad] up to which the loop is stable; 0, ∞ and `search` as in `limit_of`."""
+        return limit_of(lambda stiffness: self.growth(environment_of(stiffness)), self.scale(environment_of), **search)
+
+    def bears(self, environment: StateSpace) -> bool:
+        """Return whether the loop is stable, up to rounding."""
+        return self.growth(environment) <= 1.0 + ROUNDING
 
     def quantisation_limit(self, environment_of: EnvironmentOf) -> float | None:
         """Return the stiffness up to which friction holds each handle between two counts; None without quantisation."""

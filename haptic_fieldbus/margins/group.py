@@ -7,15 +7,21 @@ of an axis without couplings. Everything else is kept.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-from haptic_fieldbus.margins import contact
+from haptic_fieldbus.margins import cautious, contact
+from haptic_fieldbus.margins.cautious import Cautious, Values
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
 from haptic_fieldbus.margins.linear import EnvironmentOf
 from haptic_fieldbus.margins.plant import Plant, weakened
+from haptic_fieldbus.margins.ranges import Ranges, exactly_timed
 from haptic_fieldbus.margins.suggestion import Suggestion, suggest
 from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.margins.bodies import HungBody
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,21 @@ class Member:
     elements: tuple[Element, ...]
     method: str | None
     estimator: str
+    bodies: "tuple[HungBody, ...]" = ()
+    """Masses behind a compliant transmission; the plant is then the motor alone."""
+    ranges: Ranges | None = None
+    """Ranges of its values; None: torque lag and delay are exact."""
+
+    @property
+    def known_ranges(self) -> Ranges:
+        """Ranges of its values."""
+        return self.ranges or exactly_timed(self.plant.torque_lag, self.delay)
+
+    def at(self, values: Values) -> "Member":
+        """Return the same axis with these values, its further bodies heavier or lighter by the same share."""
+        share = values.plant.mass / self.plant.mass if self.plant.mass else 1.0
+        bodies = tuple(replace(body, mass=share * body.mass) for body in self.bodies)
+        return replace(self, plant=values.plant, delay=values.delay, bodies=bodies)
 
 
 def connected(names: Iterable[str], couplings: Sequence[CouplingElement]) -> Iterator[tuple[str, ...]]:
@@ -82,12 +103,38 @@ class Group:
         """
         stiffness = None if self.stiffest is None else contact.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, contact.damping_of(self.varied))
-        return dict(zip((member.name for member in self.members), verdicts, strict=True))
+        named = zip((member.name for member in self.members), verdicts, strict=True)
+        return {name: replace(verdict, find_cautious=self.cautious_limit) for name, verdict in named}
 
     @property
     def stability(self) -> Stability:
         """The judgement of the axis whose units it uses."""
         return self.stabilities()[self.reference_axis]
+
+    def cautious_limit(self) -> Cautious | None:
+        """Return the limits over the ranges of all values; None when there is no stiffness to vary.
+
+        It takes some times as long as a limit, so it is computed when it is asked for.
+        """
+        return self._cautious
+
+    @cached_property
+    def _cautious(self) -> Cautious | None:
+        if self.stiffest is None:
+            return None
+        ranges = [(member.plant, member.known_ranges) for member in self.members]
+        limit, at = cautious.least((values, self._at(values)) for values in cautious.corners(ranges))
+        rough = self._at(cautious.least_friction(ranges))
+        return Cautious(limit, rough.loop.quantisation_limit(rough._varied()), at)
+
+    def _at(self, values: Sequence[Values]) -> "Group":
+        """Return the same axes with these values."""
+        pairs = zip(self.members, values, strict=True)
+        return replace(self, members=tuple(member.at(each) for member, each in pairs))
+
+    def bears(self, stiffness: float) -> bool:
+        """Return whether the group is stable when the stiffest has this stiffness [N/m or N·m/rad]."""
+        return self.loop.bears(self.environment(stiffness=stiffness))
 
     def uncoupled(self) -> tuple["Group", ...]:
         """Return each axis as a group of one without its couplings; empty when the group has no couplings."""
@@ -106,6 +153,10 @@ class Group:
         """Return the limit of stability [N/m or N·m/rad] when the stiffest has this damping [N·s/m or N·m·s/rad]."""
         return self.loop.limit(self._varied(damping=damping))
 
+    def rough_limit(self) -> float:
+        """Return the limit of stability [N/m or N·m/rad] with the precision of a cautious limit."""
+        return self.loop.limit(self._varied(), factor=cautious.FACTOR, precision=cautious.PRECISION)
+
     def passive_limit(self, damping: float, stable: float) -> float:
         """Return the limit of passivity [N/m or N·m/rad] with this damping; `stable` bounds it."""
         return self.loop.passive_limit(self._varied(damping=damping), stable)
@@ -117,20 +168,25 @@ class Group:
 
     def suggested(self) -> Suggestion:
         """Return round values that make an unstable group stable; all None when there is no stiffness to vary."""
-        if self.stiffest is None:
+        least = self.cautious_limit()
+        if self.stiffest is None or least is None:
             return Suggestion(None, None, None)
         return suggest(
             self.loop,
             lambda stiffness, damping: self.environment(stiffness=stiffness, damping=damping),
             contact.stiffness_of(self.stiffest),
             getattr(self.stiffest, "damping", None),
+            least.stable,
         )
 
     @cached_property
     def loop(self) -> ClosedLoop:
         """The axes under their delayed holds, with the elements that do not vary."""
         own = [self._own(member) if self.couplings and member.elements else None for member in self.members]
-        axes = [Axis(member.plant, member.delay, each) for member, each in zip(self.members, own, strict=True)]
+        axes = [
+            Axis(member.plant, member.delay, each, member.bodies)
+            for member, each in zip(self.members, own, strict=True)
+        ]
         if len(axes) == 1:
             return OneAxis(axes, self.period)
         from haptic_fieldbus.margins.coupled import CoupledAxes  # a scene without couplings does without it

@@ -21,11 +21,13 @@ ROUNDING = 1e-11
 """Excess of a spectral radius over 1 that may be rounding."""
 
 
-def limit_of(growth: Callable[[float], float], scale: float) -> float:
+def limit_of(
+    growth: Callable[[float], float], scale: float, *, factor: float = SCAN_FACTOR, precision: float = 1e-10
+) -> float:
     """Return the stiffness at which `growth`, the largest modulus of a loop's eigenvalues, first exceeds 1.
 
     0 when the smallest stiffness is not stable, ∞ when every stiffness is. The search goes from `SMALLEST` to `LARGEST`
-    times `scale`, an m/T² + b/T.
+    times `scale`, an m/T² + b/T, in steps of `factor`, and ends at a relative `precision`.
     """
 
     def excess(stiffness: float) -> float:
@@ -33,10 +35,10 @@ def limit_of(growth: Callable[[float], float], scale: float) -> float:
 
     low, high = 0.0, SMALLEST * scale
     while excess(high) <= ROUNDING:
-        low, high = high, high * SCAN_FACTOR
+        low, high = high, high * factor
         if high > LARGEST * scale:
             return math.inf
-    while low and high - low > 1e-10 * high:
+    while low and high - low > precision * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if excess(middle) <= 0.0 else (low, middle)
     return low

@@ -22,19 +22,25 @@ class Suggestion:
 
 
 def suggest(
-    loop: ClosedLoop, environment_of: Callable[[float, float], StateSpace], stiffness: float, damping: float | None
+    loop: ClosedLoop,
+    environment_of: Callable[[float, float], StateSpace],
+    stiffness: float,
+    damping: float | None,
+    cautious: float | None = None,
 ) -> Suggestion:
     """Return round values that make an unstable scene stable; `damping` is None when the scene has none to vary.
 
-    `environment_of` takes (stiffness, damping). The suggested stiffness is 0.7 of its limit. The suggested damping is
-    the smallest with a limit of at least 1.2 times the present stiffness.
+    `environment_of` takes (stiffness, damping). The suggested stiffness is the `cautious` limit; where it is None,
+    0.7 of the limit with the present damping. The suggested damping is the smallest with a limit of at least 1.2 times
+    the present stiffness.
     """
 
     def damped(value: float) -> EnvironmentOf:
         return lambda stiffness: environment_of(stiffness, value)
 
-    limit = loop.limit(damped(damping or 0.0))
-    softer = _two_digits(0.7 * limit) if 0.0 < limit < math.inf else None
+    if cautious is None:
+        cautious = 0.7 * loop.limit(damped(damping or 0.0))
+    softer = _two_digits(cautious) if 0.0 < cautious < math.inf else None
     largest = 0.0 if damping is None else loop.largest_damping(damped(damping))
     for candidate in _round_values(largest):
         if (

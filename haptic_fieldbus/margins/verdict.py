@@ -25,10 +25,13 @@ The verdicts are the regions of Diolaiti et al. (2006, doi:10.1109/TRO.2005.8624
 """
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
 from enum import Enum
+from functools import cached_property
 
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.margins.cautious import Cautious
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
 from haptic_fieldbus.margins.plant import Plant
@@ -57,6 +60,10 @@ class StiffnessLimit:
     quantisation: float | None
 
 
+def _unknown() -> None:
+    """Return no cautious limit, for a loop of which no ranges are known."""
+
+
 @dataclass(frozen=True)
 class Stability:
     """Judgement of one axis; the fields are the keys of `--json`."""
@@ -72,25 +79,41 @@ class Stability:
     margin: float | None
     """Limit of stability divided by the stiffness."""
     verdict: Verdict
+    find_cautious: Callable[[], Cautious | None] = field(default=_unknown, repr=False, compare=False)
+    """Function that computes `cautious`, which takes longer than all the rest."""
+
+    @cached_property
+    def cautious(self) -> Cautious | None:
+        """Limits over the ranges of what is assumed or uncertain; None when there is no stiffness to vary."""
+        return self.find_cautious()
 
     @property
     def recommended(self) -> float | None:
-        """Stiffness up to which the margin is two and friction holds the handle between counts; None without a limit.
+        """Stiffness up to which the loop is stable over all ranges, and friction holds the handle between counts.
 
-        A limit of 0 is left out. When any stiffness is stable, the limit of passivity replaces half the limit of
-        stability.
+        None without a limit. A limit of 0 is left out. When any stiffness is stable, the limit of passivity takes the
+        place of the limit of stability.
         """
-        limit = self.stiffness_limit
-        half = limit.passive if limit.stable is None or math.isinf(limit.stable) else 0.5 * limit.stable
-        found = min((value for value in (half, limit.quantisation) if value), default=math.inf)
+        limit, least = self.stiffness_limit, self.cautious
+        if least is None:
+            return None
+        stable = limit.passive if math.isinf(least.stable) else least.stable
+        found = min((value for value in (stable, least.quantisation) if value), default=math.inf)
         return found if math.isfinite(found) else None
 
     def to_json(self) -> dict[str, object]:
         """Return the judgement as JSON values, with null for a limit or margin that is not finite."""
-        limits = {name: _finite(value) for name, value in asdict(self.stiffness_limit).items()}
+        least = self.cautious
+        limits = asdict(self.stiffness_limit) | {"cautious": None if least is None else least.stable}
         return {
-            **asdict(self),
-            "stiffness_limit": limits,
+            "period_s": self.period_s,
+            "delay_s": self.delay_s,
+            "plant": asdict(self.plant),
+            "stiffness": self.stiffness,
+            "damping": self.damping,
+            "stiffness_limit": {name: _finite(value) for name, value in limits.items()},
+            "judged_at": [] if least is None else [each.to_json() for each in least.judged_at],
+            "spectral_radius": self.spectral_radius,
             "margin": _finite(self.margin),
             "verdict": self.verdict.value,
         }

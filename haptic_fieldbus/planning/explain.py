@@ -6,6 +6,7 @@ Golden files keep this text for each scene, and for each profile.
 import math
 from collections.abc import Iterator
 
+from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER
@@ -13,6 +14,7 @@ from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.guards import guard_lines
 from haptic_fieldbus.planning.limit_table import limit_lines
 from haptic_fieldbus.planning.plan import BusPlan, Plan
+from haptic_fieldbus.signals import Workspace
 
 KEY_WIDTH = 11
 
@@ -103,8 +105,24 @@ def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
     per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     limits = f"stable {_up_to(limit.stable)}, passive {_up_to(limit.passive)}"
     yield "stability", f"{stability.verdict.value}: {rounded_limit(stability.stiffness)} {per} asked, {limits}"
+    if stability.cautious is not None:
+        yield "", f"cautious {_up_to(stability.cautious.stable)}: {cautious_text(stability, axis.workspace)}"
     if stability.recommended is not None:
-        yield "", f"recommended up to {rounded(stability.recommended)} {per}"
+        yield "", f"recommended up to {rounded_limit(stability.recommended)} {per}"
+
+
+def cautious_text(stability: Stability, workspace: Workspace) -> str:
+    """Return the values at which the cautious limit is judged, as long as nothing else is known."""
+    least, effort, travel = stability.cautious, workspace.effort_unit, workspace.length_unit
+    if least is None:
+        return ""
+    mass = "kg" if workspace is Workspace.LINEAR else "kg·m²"
+    at = [
+        f"mass {rounded(each.plant.mass)} {mass}, damping {rounded(each.plant.damping)} {effort}·s/{travel}, "
+        f"torque loop {rounded(1e3 * each.plant.torque_lag)} ms, delay {rounded(1e3 * each.delay)} ms"
+        for each in least.judged_at
+    ]
+    return f"the worst of the ranges, {'; '.join(at)}"
 
 
 def _up_to(limit: float) -> str:

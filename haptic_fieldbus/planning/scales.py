@@ -1,6 +1,7 @@
 """Scales of one axis: steps of torque and position, and motor and mechanism in the workspace of the handle."""
 
 import math
+from typing import TYPE_CHECKING
 
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
@@ -8,6 +9,9 @@ from haptic_fieldbus.drive.units import COUNTS, TORQUE_UNITS, needed_for, steps_
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.signals import Signal
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.margins.bodies import HungBody
 
 
 def torque_unit(signal: Signal, profile: DriveProfile, axis: RigAxis) -> float:
@@ -37,6 +41,17 @@ def position_steps(profile: DriveProfile, axis: RigAxis) -> float:
     """Return the position steps in one revolution of the motor; encoder counts when the drive offers no position."""
     offered = profile.offers().get(Signal.POSITION)
     return steps_per_revolution(offered.unit if offered else COUNTS, axis.encoder_counts_per_revolution)
+
+
+def load_of(axis: RigAxis, plant: Plant | None) -> "HungBody | None":
+    """Return the load behind a compliant coupling, in the workspace; None for a rigid shaft or an unknown bench."""
+    coupling = axis.simulation.coupling
+    if coupling is None or plant is None:
+        return None
+    from haptic_fieldbus.margins.bodies import HungBody  # a rigid axis does without it
+
+    square = axis.mechanism.ratio**2
+    return HungBody(coupling.load_inertia / square, coupling.stiffness / square, coupling.damping / square)
 
 
 def plant_of(axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None:

@@ -9,6 +9,8 @@ from haptic_fieldbus.margins.group import Group, Member, groups_of
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import AGE_SHARE, echo_time
+from haptic_fieldbus.planning.scales import load_of
+from haptic_fieldbus.planning.uncertainty import ranges_of
 from haptic_fieldbus.protocols.traffic import BusTraffic
 
 
@@ -41,12 +43,24 @@ def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ..
 
 def grouped(axes: Sequence[AxisPlan], period: float) -> Iterator[Group]:
     """Yield the groups of coupled axes; a group in which a bench is unknown is left out."""
-    members = [
-        Member(axis.name, axis.plant, axis.delay.transport, axis.elements, axis.method, _estimator(axis))
-        for axis in axes
-        if axis.plant is not None
-    ]
+    members = [_member(axis, axis.plant) for axis in axes if axis.plant is not None]
     return groups_of(members, tuple(dict.fromkeys(each for axis in axes for each in axis.couplings)), period)
+
+
+def _member(axis: AxisPlan, plant: Plant) -> Member:
+    """Return the axis as its loop is judged; with a compliant coupling the plant is the motor alone."""
+    # A tachometer does not tell where the load is: such an axis is judged as a rigid one.
+    load = None if axis.integrates else load_of(axis.rig, plant)
+    return Member(
+        axis.name,
+        plant if load is None else replace(plant, mass=plant.mass - load.mass),
+        axis.delay.transport,
+        axis.elements,
+        axis.method,
+        _estimator(axis),
+        () if load is None else (load,),
+        ranges_of(axis.profile, axis.delay),
+    )
 
 
 def _estimator(axis: AxisPlan) -> str:

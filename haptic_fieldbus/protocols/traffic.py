@@ -13,6 +13,9 @@ from haptic_fieldbus.signals import LinkFlag
 
 COMPUTE_NS = 50_000
 """Time that the plan grants the host from the last feedback to the first set-point [ns]."""
+ADAPTER_LATENCY, JITTER = 0.25e-3, 0.1e-3
+"""[s], of a real bus whose rig does not state them, for the longest delay alone: a USB adapter takes a quarter of a
+millisecond for a frame, and a host with real-time rights is rarely later than a tenth."""
 ANSWER_TIME, ANSWER_PERIODS = 0.015, 2
 """[s] and periods, the longer of them: so long a drive may take to answer what it is asked beside the exchange, before
 it is asked again."""
@@ -35,6 +38,10 @@ class Delay:
     """Time from the reception of the set-point until the drive acts on it."""
     torque_loop: float
     """Time constant of the torque loop."""
+    shortest: float | None = None
+    """Shortest `transport` over all that is assumed; None: always as it is."""
+    longest: float | None = None
+    """Longest `transport` over all that is assumed, or that changes from period to period; None: always as it is."""
 
     @property
     def total(self) -> float:
@@ -45,6 +52,12 @@ class Delay:
     def transport(self) -> float:
         """Pure delay: all parts but the lag of the torque loop [s]."""
         return self.bus + self.compute + self.drive
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Shortest and longest `transport` [s]."""
+        shortest = self.transport if self.shortest is None else self.shortest
+        return shortest, self.transport if self.longest is None else self.longest
 
 
 class AxisTraffic(Protocol):

@@ -5,7 +5,9 @@ from collections.abc import Iterator
 
 from haptic_fieldbus.api.judging import UNCERTAIN, Judgement
 from haptic_fieldbus.margins import Plant, Stability, Verdict
+from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
+from haptic_fieldbus.planning.explain import cautious_text
 from haptic_fieldbus.report.words import Line, parameter_units
 from haptic_fieldbus.signals import Workspace
 
@@ -38,6 +40,8 @@ def _devices(judgement: Judgement) -> Iterator[Line]:
     for member in members:
         name = f"{member.name}: " if len(members) > 1 else ""
         yield "device", f"{name}{_device(member.plant, spaces[member.name])}"
+        for body in member.bodies:
+            yield "", f"{name}{_load(body, spaces[member.name])}"
         delays.append(f"{name.replace(':', '')}{rounded(1e3 * member.delay)} ms")
     period = rounded(1e3 * judgement.stability.period_s)
     yield "delay", f"{', '.join(delays)} from sampling to acting, period {period} ms"
@@ -87,6 +91,13 @@ def _device(plant: Plant, workspace: Workspace) -> str:
     return ", ".join(part for part, value in zip(parts, values, strict=True) if value)
 
 
+def _load(body: HungBody, workspace: Workspace) -> str:
+    """Return a load behind a compliant transmission."""
+    units = parameter_units(workspace)
+    link = f"{rounded(body.stiffness)} {units['stiffness']} and {rounded(body.damping)} {units['damping']}"
+    return f"behind it, by {link}: mass {rounded(body.mass)} {units['mass']}"
+
+
 def _step(plant: Plant) -> str:
     """Return the name of one step of the measured position."""
     return "a step by the tachometer" if plant.tachometer else "an encoder step"
@@ -103,6 +114,9 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
     if limit.quantisation is not None:
         between = "steps" if judgement.stability.plant.tachometer else "counts"
         yield f"at rest between two {between} {_up_to(limit.quantisation, unit)} (2·fc/D)"
+    least = judgement.stability.cautious
+    if least is not None:
+        yield f"cautious {_up_to(least.stable, unit)}: {cautious_text(judgement.stability, judgement.workspace)}"
     # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
     less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"

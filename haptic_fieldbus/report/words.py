@@ -173,7 +173,16 @@ def stability_text(plan: Plan) -> str:
         return f"stable with no limit on this bench; {asked}"
     unit = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     limits = f"stable to {rounded_limit(stable)} {unit} on this bench{_passive_text(stability)}"
-    return f"{limits}; {asked}{_margin_text(stability)}"
+    return f"{limits}; {asked}{_margin_text(stability)}{_cautious_text(stability)}"
+
+
+def _cautious_text(stability: Stability) -> str:
+    """Return the cautious limit, and whether more is asked; empty when there is none."""
+    least = stability.cautious
+    if least is None or math.isinf(least.stable) or stability.stiffness is None:
+        return ""
+    more = ", and you ask more" if stability.stiffness > least.stable else ""
+    return f"; cautious limit {rounded_limit(least.stable)}{more}"
 
 
 def _passive_text(stability: Stability) -> str:

@@ -17,7 +17,7 @@ KEYS = [
     "host", "deadlines",
 ]  # fmt: skip
 STABILITY = {
-    "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "spectral_radius", "margin", "verdict",
+    "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "judged_at", "spectral_radius", "margin", "verdict",
 }  # fmt: skip
 
 
@@ -66,7 +66,7 @@ def test_json_is_the_only_thing_on_standard_output(command: Command) -> None:
     assert result["timing"]["period_us"]["p50"] == pytest.approx(1000.0)
     assert set(result["torque_error"]) == {"rms", "max", "unit", "by_source"}
     assert set(result["stability"]) == STABILITY
-    assert set(result["stability"]["stiffness_limit"]) == {"passive", "stable", "quantisation"}
+    assert set(result["stability"]["stiffness_limit"]) == {"passive", "stable", "quantisation", "cautious"}
 
 
 def test_changes_are_announced_and_told_with_when_they_began(command: Command) -> None:

@@ -123,6 +123,7 @@ def test_an_environment_that_never_destabilises_has_no_limit() -> None:
         "passive": None,
         "stable": None,
         "quantisation": found.stiffness_limit.quantisation,
+        "cautious": None,
     }
 
 
@@ -264,7 +265,7 @@ class TestVerdict:
         found = judge(alone(BENCH, PERIOD, 0.33e-3), wall, 600.0)[0].to_json()
         assert list(found) == [
             "period_s", "delay_s", "plant", "stiffness", "damping",
-            "stiffness_limit", "spectral_radius", "margin", "verdict",
+            "stiffness_limit", "judged_at", "spectral_radius", "margin", "verdict",
         ]  # fmt: skip
         assert found["verdict"] == "passive"
         assert found["plant"] == {

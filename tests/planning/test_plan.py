@@ -229,7 +229,9 @@ def test_where_any_stiffness_is_stable_and_passive_none_is_recommended() -> None
     (axis,) = plan.axes
     assert axis.stability is not None
     assert "recommended up to" in explain(plan)
-    boundless = replace(axis.stability, stiffness_limit=StiffnessLimit(math.inf, math.inf, None))
+    boundless = replace(
+        axis.stability, stiffness_limit=StiffnessLimit(math.inf, math.inf, None), find_cautious=lambda: None
+    )
     text = explain(replace(plan, axes=(replace(axis, stability=boundless),)))
     assert text.endswith("600 N/m asked, stable with no limit, passive with no limit")
 

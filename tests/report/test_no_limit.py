@@ -23,7 +23,7 @@ def test_the_limits_of_a_scene_say_so() -> None:
     ]
     assert lines[0] == "stable with no limit"
     assert lines[1].startswith("passive to 1")
-    assert "friction: stable with no limit, passive to 1" in lines[3]
+    assert "friction: stable with no limit, passive to 1" in lines[4]
 
 
 def test_a_plan_says_so() -> None:

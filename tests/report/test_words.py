@@ -102,7 +102,7 @@ def test_a_run_in_real_time_tells_its_times_and_what_the_computer_granted() -> N
 
 def test_an_announcement_has_each_key_once() -> None:
     keys = [key for key, _ in announcement(plan("wall")) if key]
-    assert keys == ["scene", "bench", "plan", "delay", "deadlines", "stability"]
+    assert keys == ["scene", "bench", "plan", "delay", "assumed", "deadlines", "stability"]
 
 
 def test_of_several_elements_each_is_named() -> None:
@@ -154,12 +154,14 @@ def test_a_loop_that_is_passive_at_no_stiffness_is_told_so() -> None:
 def test_stability_is_told_with_its_limits_and_margin() -> None:
     compiled = plan("wall")
     assert compiled.stability is not None
-    limit = compiled.stability.stiffness_limit
+    limit, least = compiled.stability.stiffness_limit, compiled.stability.cautious
+    assert least is not None
     assert limit.stable is not None
     assert limit.passive is not None
     assert stability_text(compiled) == (
         f"stable to {rounded_limit(limit.stable)} N/m on this bench (passive to {rounded_limit(limit.passive)}); "
-        f"you ask 600: {compiled.stability.verdict.value}, margin {rounded(limit.stable / 600)}"
+        f"you ask 600: {compiled.stability.verdict.value}, margin {rounded(limit.stable / 600)}; "
+        f"cautious limit {rounded_limit(least.stable)}, and you ask more"
     )
 
 

@@ -9,7 +9,7 @@ from annotated_types import Ge, Le
 
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, SIMULATION
 from haptic_fieldbus.documents import suggestion
-from haptic_fieldbus.drive.fields import STRICT
+from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
@@ -48,6 +48,11 @@ class CanSection(BusSection):
     """Time for which the master listens for somebody else before it sends anything [s]; 0: not at all."""
     master_node: Annotated[int, Ge(NODES[0]), Le(NODES[-1])] | None = None
     """Node-ID of the master's heartbeat; None: the highest that no drive of the rig has."""
+    adapter_latency: NonNegativeTime | None = None
+    """Time that the adapter adds to a frame on its way in, and to one on its way out [s]; None: 0 in the plan, and an
+    assumed time in the cautious limit of a real bus."""
+    jitter: NonNegativeTime | None = None
+    """Time by which the host may be late in a period [s]; None as for the adapter."""
     protocol: ClassVar[str] = "canopen"
     __pydantic_config__: ClassVar[dict[str, object]] = STRICT
 

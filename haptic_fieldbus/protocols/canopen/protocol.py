@@ -10,6 +10,7 @@ from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen import bus, checks
+from haptic_fieldbus.protocols.canopen.acting import HostTimes
 from haptic_fieldbus.protocols.canopen.pdo import SYNCHRONOUS_TYPES, Direction, lay_out
 from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic, asked_signals
 from haptic_fieldbus.protocols.canopen.periods import period_objects
@@ -97,6 +98,7 @@ class Canopen(FieldbusProtocol):
             waiting,
             listening=can_bus.listen,
             chosen_master_node=can_bus.master_node,
+            host=HostTimes(can_bus.adapter_latency, can_bus.jitter, can_bus.simulated),
         )
 
 

@@ -11,6 +11,7 @@ from functools import cached_property
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.protocols.canopen import beside
+from haptic_fieldbus.protocols.canopen.acting import IDEAL, HostTimes, ways
 from haptic_fieldbus.protocols.canopen.bus import LISTENING
 from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, worst_case_bits
 from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic
@@ -47,6 +48,8 @@ class CanTraffic:
     listening: float = LISTENING
     """Time for which the master listens before it sends [s]."""
     chosen_master_node: int | None = None
+    host: HostTimes = IDEAL
+    """Times of adapter and host."""
 
     @property
     def heartbeat_every(self) -> int:
@@ -168,14 +171,11 @@ class CanTraffic:
     def delay(self, axis: str) -> Delay:
         """Return the delay budget of an axis, by the transmission type of its RPDOs and its profile."""
         member = self.member(axis)
-        timing = member.profile.timing
-        bus = self.answer_bits / self.bitrate + self.waiting
-        compute = COMPUTE_NS * 1e-9
-        if acts_on_reception(member):
-            acts_at = _next_tick(bus + compute, timing.control_period)
-        else:  # the set-point is taken over at the next SYNC, a whole period after the latch
-            acts_at = round(1e9 / self.rate) * 1e-9
-        return Delay(bus, compute, acts_at - bus - compute, member.profile.torque_lag)
+        bus = self.answer_bits / self.bitrate + self.waiting + self.host.known_latency
+        compute, period = COMPUTE_NS * 1e-9, round(1e9 / self.rate) * 1e-9
+        found = ways(member.profile.timing, bus + compute, self.host, period, on_reception=acts_on_reception(member))
+        drive = found.planned - bus - compute
+        return Delay(bus, compute, drive, member.profile.torque_lag, found.shortest, found.longest)
 
     def member(self, axis: str) -> BusMember:
         """Return the axis of that name, which must be on this bus."""
@@ -213,11 +213,3 @@ def _round_down(rate: float) -> float:
     """Return the rate rounded down to two significant digits."""
     step = 10.0 ** (math.floor(math.log10(rate)) - 1)
     return math.floor(rate / step) * step
-
-
-def _next_tick(instant: float, control_period: float) -> float:
-    """Return the first multiple of `control_period` from `instant` on [s]; below 1 ns, the instant itself."""
-    if control_period < 1e-9:
-        return instant
-    # The tolerance keeps rounding from adding a whole period to an instant that is a multiple.
-    return math.ceil(instant / control_period - 1e-9) * control_period

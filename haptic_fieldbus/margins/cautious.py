@@ -1,0 +1,112 @@
+"""The cautious limit: the smallest limit of stability over the ranges of all values that are not exact.
+
+It is searched among the corners of the ranges. For a spring the limit is close to b/(T/2 + td + λ): it grows with the
+damping b and falls with delay td and lag λ, so that the worst corner is known but for the mass. Virtual damping,
+virtual masses and couplings can turn this round: with much virtual damping a light device is worst. Therefore all
+corners are tried; tests draw benches from inside of the ranges, and none has a smaller limit.
+
+Delays that change from period to period, by jitter or by a drive whose control tick is not locked to SYNC, are covered
+by the longest delay. A spring whose force is older by δ(t) at every instant acts like a damping −K·δ(t), which is never
+below −K·δ_max, whatever the pattern. The small-gain condition for delays that vary says the same: with T(s) the closed
+loop at the shortest delay, |T(jω)|·δ_max·ω < 1 is enough (Kao & Lincoln, Automatica 40(8), 2004, 1429), and at the
+resonance of a lightly damped spring this is K·δ_max < b − K·td again.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Protocol
+
+from haptic_fieldbus.margins.plant import Plant
+from haptic_fieldbus.margins.ranges import Ranges
+
+LOWER = (1.0, 0.6, 0.2)
+"""Shares of the smallest limit so far at which a further corner is tried before its own limit is computed."""
+MOST_MIXED = 3
+"""Largest number of coupled axes whose masses are varied independently, at the corner that is worst for a spring."""
+WORST = (0, 1, 1)
+"""That corner: least friction, longest lag, longest delay."""
+FACTOR, PRECISION = 2.0, 1e-6
+"""Ratio of neighbouring stiffnesses of the search, and its relative precision: coarser than for the limit itself."""
+
+
+@dataclass(frozen=True)
+class Values:
+    """Values of one axis within its ranges: mass, damping and friction in the workspace, torque lag and delay in s."""
+
+    plant: Plant
+    delay: float
+
+    def to_json(self) -> dict[str, float]:
+        """Return the values that were varied, in the workspace of the axis."""
+        plant = self.plant
+        return {"mass": plant.mass, "damping": plant.damping, "torque_lag": plant.torque_lag, "delay_s": self.delay}
+
+
+@dataclass(frozen=True)
+class Cautious:
+    """Cautious limits [N/m or N·m/rad] of a loop."""
+
+    stable: float
+    """Stiffness up to which the loop is stable for all values in the ranges; ∞: any."""
+    quantisation: float | None
+    """Stiffness up to which the least friction holds the handle between two counts; None without quantisation."""
+    judged_at: tuple[Values, ...]
+    """Values of each axis at which the loop has the limit `stable`."""
+
+
+class Varied(Protocol):
+    """A loop with other values of its axes."""
+
+    def rough_limit(self) -> float:
+        """Return its limit of stability [N/m or N·m/rad], to `PRECISION`."""
+
+    def bears(self, stiffness: float) -> bool:
+        """Return whether it is stable at this stiffness."""
+
+
+def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]]:
+    """Yield the corners of the ranges of all axes, the one that is the worst for a spring first.
+
+    All axes are at the same corner of friction, lag and delay; their masses differ at the worst one of these.
+    """
+    count = len(axes)
+    alike = [(1,) * count, (0,) * count]
+    mixed = [each for each in product((1, 0), repeat=count) if each not in alike] if count <= MOST_MIXED else []
+    for friction, lag, delay in product((0, 1), (1, 0), (1, 0)):
+        for heavy in alike + (mixed if (friction, lag, delay) == WORST else []):
+            yield tuple(
+                _at(plant, ranges, mass, friction, lag, delay)
+                for (plant, ranges), mass in zip(axes, heavy, strict=True)
+            )
+
+
+def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay: int) -> Values:
+    changed = replace(
+        plant,
+        mass=plant.mass * ranges.mass[mass],
+        damping=plant.damping * ranges.damping[friction],
+        coulomb=plant.coulomb * ranges.coulomb[friction],
+        torque_lag=ranges.torque_lag[lag],
+    )
+    return Values(changed, ranges.delay[delay])
+
+
+def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:
+    """Return the values of all axes with the least friction."""
+    return tuple(_at(plant, ranges, 0, 0, 0, 0) for plant, ranges in axes)
+
+
+def least(found: Iterator[tuple[tuple[Values, ...], Varied]]) -> tuple[float, tuple[Values, ...]]:
+    """Return the smallest limit of these loops, and the values at which it is."""
+    limit, at = math.inf, tuple[Values, ...]()
+    for values, loop in found:
+        if at and math.isfinite(limit) and all(loop.bears(share * limit) for share in LOWER):
+            continue
+        own = loop.rough_limit()
+        if own < limit or not at:
+            limit, at = own, values
+        if limit == 0.0:
+            break
+    return limit, at
