@@ -5,6 +5,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from random import Random
 from typing import Any, cast
 
 from haptic_fieldbus.assessing.recording import Truth
@@ -47,7 +48,7 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
     """
     if plan.simulated:
         _check_faults(conditions.faults, plan)
-    clock = _clock(conditions.faults) if plan.simulated else MonotonicClock()
+    clock = _clock(plan, conditions) if plan.simulated else MonotonicClock()
     buses: dict[str, Bus] = {}
     worlds: dict[str, Truth] = {}
     faults: list[str] = []
@@ -67,9 +68,14 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
         yield Site(clock, buses, worlds, faults)
 
 
-def _clock(faults: Sequence[Fault]) -> Clock:
-    """Return the clock of a simulated run; only a host that is faulty has one of its own."""
-    return HostClock(VirtualClock()) if any(isinstance(fault, HostFault) for fault in faults) else VirtualClock()
+def _clock(plan: Plan, conditions: Conditions) -> Clock:
+    """Return the clock of a simulated run; only a host that is faulty, or late by chance, has one of its own."""
+    most_ns = round(1e9 * max(plan.rig.bus[bus.name].lateness for bus in plan.buses))
+    if most_ns:
+        draw = Random(f"{conditions.seed}/host")
+        return HostClock(VirtualClock(), iter(lambda: draw.randrange(most_ns + 1), None))
+    faulty = any(isinstance(fault, HostFault) for fault in conditions.faults)
+    return HostClock(VirtualClock()) if faulty else VirtualClock()
 
 
 def ask_rated_torques(rig: Rig) -> Rig:

@@ -55,6 +55,11 @@ class BusSection:
         """True when the bus is simulated."""
         return False
 
+    @property
+    def lateness(self) -> float:
+        """Time by which the simulated host of a simulated bus may be late in a period [s]."""
+        return 0.0
+
 
 @dataclass(frozen=True)
 class LinearMechanism:

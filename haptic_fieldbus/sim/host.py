@@ -4,6 +4,9 @@ The simulated worlds live in the true time, `truth`; the loop and the master see
 the same.
 """
 
+from collections.abc import Iterator
+from itertools import repeat
+
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.sim.faults import ClockStep, HostFault, HostLate, HostPaused, SlowCompute
 
@@ -11,8 +14,10 @@ from haptic_fieldbus.sim.faults import ClockStep, HostFault, HostLate, HostPause
 class HostClock:
     """The clock of the host; faults act on what it does next."""
 
-    def __init__(self, truth: Clock) -> None:
+    def __init__(self, truth: Clock, lateness: Iterator[int] | None = None) -> None:
+        """`lateness` gives the time [ns] by which each wait ends late; None: none does."""
         self.truth = truth
+        self._lateness = repeat(0) if lateness is None else lateness
         self.name = truth.name
         self._offset_ns = 0
         self._late: list[int] = []
@@ -25,7 +30,7 @@ class HostClock:
         return self.truth.now_ns() + self._offset_ns
 
     def sleep_until(self, deadline_ns: int) -> int:
-        late_ns = self._late.pop(0) if self._late else 0
+        late_ns = (self._late.pop(0) if self._late else 0) + next(self._lateness)
         return late_ns + self.truth.sleep_until(deadline_ns + late_ns - self._offset_ns)
 
     def compute(self, duration_ns: int) -> None:

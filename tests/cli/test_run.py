@@ -17,7 +17,8 @@ KEYS = [
     "host", "deadlines",
 ]  # fmt: skip
 STABILITY = {
-    "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "judged_at", "spectral_radius", "margin", "verdict",
+    "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "judged_at",
+    "spectral_radius", "margin", "verdict",
 }  # fmt: skip
 
 

@@ -72,8 +72,8 @@ def test_an_unknown_scene_is_answered_with_the_nearest_names(command: Command) -
 
 
 def test_a_scene_is_shown_with_the_stiffness_that_each_profile_leaves(command: Command) -> None:
-    """Half of the limit that `stability` tells."""
+    """The cautious limit that `stability` tells."""
     limit = json.loads(command("stability", "wall", "--json").out)["stiffness_limit"]
-    expected = min(0.5 * limit["stable"], limit["quantisation"])
-    assert f"maxon_epos4: stiffness up to {expected:.3g} N/m (asked 600)" in command("scenes", "show", "wall").out
+    expected = min(limit["cautious"], 0.5 * limit["quantisation"])
+    assert f"maxon_epos4: stiffness up to {expected:.4g} N/m (asked 600)" in command("scenes", "show", "wall").out
     assert "maxon_epos4: no stiffness in it" in command("scenes", "show", "damper").out

@@ -2,9 +2,10 @@
 
 The way of a sample: the drive measures the position, latches it at SYNC (`encoder_latency` later), the adapter takes a
 frame to the host and another one back (`adapter_latency` each), and the drive takes the set-point over at its next
-control tick. A tick that is locked to SYNC makes all of this repeat. One that is not comes at any time up to a control
-period later, as does the measurement before it. What the profile leaves open is counted as the plan always did: the
-tick is locked, the position is of the latch; only the longest delay takes the other case.
+control tick. A tick that is locked to SYNC makes all of this repeat. With one that runs free, the measurement is up to a
+control period older and the set-point waits for up to another one; the plan counts half a period for each, which is
+their mean. What the profile leaves open is planned as a locked tick and a position of the latch; only the longest delay
+takes the other case.
 """
 
 import math
@@ -75,10 +76,11 @@ def ways(timing: TimingSection, arrival: float, host: HostTimes, period: float, 
 
 def _latencies(timing: TimingSection) -> tuple[float, float]:
     """Return how old a position may be when it is latched, at least and at most [s]."""
-    if timing.encoder_latency is not None:
-        return timing.encoder_latency, timing.encoder_latency
-    # A drive that does not measure at SYNC shows what it measured in its own last control period.
-    return 0.0, timing.control_period
+    known = timing.encoder_latency or 0.0
+    if timing.control_tick == "sync" and timing.encoder_latency is not None:
+        return known, known
+    # A drive that does not measure at SYNC shows what it measured at its own last tick.
+    return known, known + timing.control_period
 
 
 def _next_tick(instant: float, control_period: float, on_reception: bool) -> float:

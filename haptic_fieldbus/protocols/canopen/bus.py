@@ -60,6 +60,10 @@ class CanSection(BusSection):
     def simulated(self) -> bool:
         return self.interface == SIMULATION_INTERFACE
 
+    @property
+    def lateness(self) -> float:
+        return self.jitter or 0.0
+
 
 def can_section(section: BusSection) -> CanSection:
     """Return the section as a CAN bus; raises TypeError when it is one of another protocol."""

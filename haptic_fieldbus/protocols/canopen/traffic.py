@@ -98,7 +98,7 @@ class CanTraffic:
     @property
     def feedback_time(self) -> float:
         """Time from the beginning of SYNC to the end of the last TPDO [s]."""
-        return (worst_case_bits(0) + self._bits_in) / self.bitrate
+        return (worst_case_bits(0) + self._bits_in) / self.bitrate + self.host.known_latency
 
     @property
     def sending_ns(self) -> float:
@@ -119,7 +119,7 @@ class CanTraffic:
     @property
     def shortest_period(self) -> float:
         """Time of SYNC, TPDOs, the wait for other buses, computing and RPDOs one after another [s]."""
-        return self.period_bits / self.bitrate + self.waiting + COMPUTE_NS * 1e-9
+        return self.period_bits / self.bitrate + self.waiting + self.host.known_latency + COMPUTE_NS * 1e-9
 
     @property
     def load(self) -> float:

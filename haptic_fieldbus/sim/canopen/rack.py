@@ -22,6 +22,8 @@ from haptic_fieldbus.sim.faults import HandFault, HostFault, LastingFault, LineF
 from haptic_fieldbus.sim.slot import Slot
 
 _START_JITTER_NS = 40_000
+_DRIFT = 5e-5
+"""Largest error of the clock of a drive; crystals have 20 to 100 ppm."""
 _RESET_NS = (20_000_000, 30_000_000)
 
 
@@ -125,4 +127,6 @@ def _drawn(seed: int | str, node: int) -> DriveSettings:
         encoder_phase=random.random() - 0.5,
         start_delay_ns=random.randrange(_START_JITTER_NS),
         reset_ns=random.randrange(*_RESET_NS),
+        tick_phase=random.random(),
+        tick_drift=random.uniform(-_DRIFT, _DRIFT),
     )

@@ -27,7 +27,9 @@ class CanSimulation(Simulation):
         seed: int | str,
         log: FrameLog | None,
     ) -> tuple[CanopenBus, World | None]:
-        world = World(truth_of(clock), can_section(section).bitrate, seed)
+        own = can_section(section)
+        world = World(truth_of(clock), own.bitrate, seed)
+        world.adapter_ns = round((own.adapter_latency or 0.0) * 1e9)
         world.host = clock if isinstance(clock, HostClock) else None
         # A clock that steps is no clock of the true motion: what the shaft did at its instants is not known.
         apart = any(isinstance(fault, ClockStep) for slot in slots for fault in slot.faults)

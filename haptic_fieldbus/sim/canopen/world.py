@@ -66,6 +66,8 @@ class World:
         """Port of another program whose frames are a fault."""
         self.host: HostClock | None = None
         """Clock of the computer of the master, where its faults take effect; None: it has none."""
+        self.adapter_ns = 0
+        """Time that the adapter of a program adds to each frame on its way in, and on its way out [ns]."""
         self.pace: Pace = pace_of(self)
         """The way in which programs use this world."""
 
@@ -158,9 +160,14 @@ class World:
         # Events of this very instant come later, so that the frame takes part in their arbitration.
         self._run(now_ns - 1)
         self._now_ns = max(self._now_ns, now_ns)
-        if not controller.off:
+        if controller.off:
+            return False
+        if self.adapter_ns:
+            self._rack.plan(now_ns + self.adapter_ns, lambda _t_ns: controller.port.send(frame))
+            self._rack.find_due()
+        else:
             controller.port.send(frame)
-        return not controller.off
+        return True
 
     def receive(self, controller: Controller, timeout_ns: int) -> Received | None:
         """Return the next frame for this controller, None when none ends within `timeout_ns`.
@@ -225,7 +232,12 @@ class World:
     def _pass_on(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
         self._rack.receive(frame, sender, t_ns)
         for controller in self._controllers:
-            controller.frame_ended(frame, sender, t_ns)
+            if self.adapter_ns:
+                self._rack.plan(t_ns + self.adapter_ns, partial(controller.frame_ended, frame, sender))
+            else:
+                controller.frame_ended(frame, sender, t_ns)
+        if self.adapter_ns:
+            self._rack.find_due()
 
     def _pass_on_disturbed(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
         for later_ns, arriving in self._disturbances.arriving(frame):

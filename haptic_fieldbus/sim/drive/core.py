@@ -31,6 +31,7 @@ from haptic_fieldbus.sim.drive.settings import (
     DriveSettings,
     build_gains,
     build_plant,
+    build_timing,
     build_units,
     known_mechanics,
     object_defaults,
@@ -105,7 +106,7 @@ class Drive:
         self.servo = Servo(
             self.plant,
             counts_per_revolution=axis.encoder_counts_per_revolution,
-            control_period_ns=period_ns,
+            timing=build_timing(profile, settings),
             phase=settings.encoder_phase,
         )
         self.units = build_units(profile, axis, self.objects, self.dictionary)

@@ -2,10 +2,13 @@
 
 Theory: a target that arrives takes effect at the next control tick and is held until the next one. Ticks are multiples
 of the control period counted from the end of the last SYNC (from power-on before the first one); a SYNC is itself a
-tick. The encoder counts floor(N·θ/2π + phase + 1/2) in 32 bits; `phase` is the position of its zero within a count.
+tick. Ticks may also run free: then they are counted from power-on by the drive's own clock, and the encoder is read at
+them. What is read may be older by the latency of the encoder. The encoder counts floor(N·θ/2π + phase + 1/2) in 32
+bits; `phase` is the position of its zero within a count.
 """
 
 import math
+from dataclasses import dataclass
 
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.mechanics.body import Body
@@ -14,10 +17,25 @@ _WRAP = 1 << 32
 _HALF = 1 << 31
 
 
+@dataclass(frozen=True)
+class Timing:
+    """Times of the drive's firmware [ns]."""
+
+    control_period_ns: int
+    free: bool = False
+    """Whether the control ticks run free, instead of being counted from SYNC."""
+    phase: float = 0.0
+    """Free: the first tick after power-on, as a share of the period."""
+    drift: float = 0.0
+    """Free: by how much the drive's clock is slow, as a share."""
+    latency_ns: int = 0
+    """Age of the position when it is read."""
+
+
 class Servo:
     """The interface between the drive's firmware and the plant; times in integer nanoseconds."""
 
-    def __init__(self, plant: Body, *, counts_per_revolution: int, control_period_ns: int, phase: float = 0.0) -> None:
+    def __init__(self, plant: Body, *, counts_per_revolution: int, timing: Timing, phase: float = 0.0) -> None:
         self.plant = plant
         self.stuck_until_ns = 0
         """Until this time the encoder keeps its last counts."""
@@ -25,8 +43,11 @@ class Servo:
         self._round = phase + 0.5
         self._offset = 0
         self._shown = 0
-        self._period_ns = control_period_ns
-        self._grid_ns = plant.t_ns
+        self._period_ns = timing.control_period_ns
+        self._free = timing.free and timing.control_period_ns > 0
+        self._tick_ns = timing.control_period_ns * (1.0 + timing.drift)
+        self._latency_ns = timing.latency_ns
+        self._grid_ns = plant.t_ns + (round(timing.phase * self._tick_ns) if self._free else 0)
         self._pending_ns = NEVER_NS
         self._pending = 0.0
         self.encoder_factor = 1.0
@@ -49,6 +70,8 @@ class Servo:
     def sync(self, t_ns: int) -> None:
         """Count the control ticks from this SYNC on."""
         self.advance(t_ns)
+        if self._free:
+            return
         self._grid_ns = t_ns
         # The SYNC is a tick, so a waiting target takes effect now.
         self._pending_ns = min(self._pending_ns, t_ns) if self._pending_ns != NEVER_NS else NEVER_NS
@@ -57,6 +80,8 @@ class Servo:
         """Return the first control tick at or after `t_ns`; `t_ns` itself for a drive without control period."""
         if not self._period_ns:
             return t_ns
+        if self._free:
+            return max(t_ns, self._grid_ns + round(math.ceil((t_ns - self._grid_ns) / self._tick_ns) * self._tick_ns))
         # -(-a // b) is the quotient rounded up, exact for integers.
         return self._grid_ns + -(-(t_ns - self._grid_ns) // self._period_ns) * self._period_ns
 
@@ -105,9 +130,18 @@ class Servo:
         """Return the encoder's counts at the plant's present time, wrapped to 32 bits."""
         plant = self.plant
         if plant.t_ns >= self.stuck_until_ns:
-            shown = math.floor(plant.state[0] * self._counts_per_radian + self._round) + self._offset
+            shown = math.floor(self._angle() * self._counts_per_radian + self._round) + self._offset
             self._shown = (shown + _HALF) % _WRAP - _HALF
         return self._shown
+
+    def _angle(self) -> float:
+        """Return the shaft angle that the drive has at the plant's present time [rad]."""
+        if not self._free and not self._latency_ns:
+            return self.plant.state[0]
+        read_ns = self.plant.t_ns
+        if self._free:
+            read_ns = self._grid_ns + round(math.floor((read_ns - self._grid_ns) / self._tick_ns) * self._tick_ns)
+        return self.plant.recorder.angle_at(read_ns - self._latency_ns)
 
     def fine_counts(self) -> float:
         """Return the counts before rounding and wrapping; whole where the shaft is in the middle of a count."""

@@ -13,6 +13,7 @@ from haptic_fieldbus.drive.units import COUNTS, COUNTS_PER_SECOND, steps_per_rev
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.object_table import Defaults
 from haptic_fieldbus.sim.drive.objects import Objects
+from haptic_fieldbus.sim.drive.servo import Timing
 from haptic_fieldbus.sim.drive.stage import Gains, gains
 from haptic_fieldbus.sim.drive.units import Units
 from haptic_fieldbus.sim.hand import Hand, grip
@@ -53,6 +54,10 @@ class DriveSettings:
     """Shaft angle at power-on [rad]."""
     velocity: float = 0.0
     """Shaft speed at power-on [rad/s]."""
+    tick_phase: float = 0.0
+    """First control tick after power-on, as a share of the control period; for ticks that run free."""
+    tick_drift: float = 0.0
+    """By how much the drive's clock is slow, as a share; for ticks that run free."""
     velocity_unit: str | None = None
     """Unit of velocity after power-on, None: that of the profile."""
 
@@ -100,6 +105,18 @@ def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, setting
     lever = mechanism.sign * mechanism.ratio if isinstance(mechanism, RotaryMechanism) else None
     load = Load(shaft, axis.simulation, lever)
     return LoadedPlant(load, held, position=position, velocity=velocity, t_ns=t_ns)
+
+
+def build_timing(profile: Cia402Profile, settings: DriveSettings) -> Timing:
+    """Return the times of the drive's firmware; what the profile leaves open is locked to SYNC and without latency."""
+    timing = profile.timing
+    return Timing(
+        round(timing.control_period * 1e9),
+        timing.control_tick == "free",
+        settings.tick_phase,
+        settings.tick_drift,
+        round((timing.encoder_latency or 0.0) * 1e9),
+    )
 
 
 def build_gains(profile: Cia402Profile, axis: RigAxis, tick: float) -> Gains:

@@ -52,6 +52,17 @@ class Recorder:
         if self.longest is not None and len(self.target_torques) > 2 * self.longest:
             del self.target_times_ns[: -self.longest], self.target_torques[: -self.longest]
 
+    def angle_at(self, t_ns: int) -> float:
+        """Return the shaft angle at an instant that is not long ago [rad]; that of the first segment before it."""
+        columns = 2 + self.order
+        for number in range(len(self.flow_of_segment) - 1, -1, -1):
+            at = number * columns
+            span_ns = t_ns - self.segments[at] - self.segments[at + 1]
+            if span_ns >= 0.0 or not number:
+                state = np.array(self.segments[at + 2 : at + columns])
+                return float(self.flows[self.flow_of_segment[number]].advance(state, max(0.0, span_ns))[ANGLE])
+        raise ValueError("no motion was recorded")
+
     def forget(self, before_ns: int) -> None:
         """Drop segments and targets that are over before an instant [ns]; what is in force then stays."""
         columns = 2 + self.order
