@@ -10,7 +10,7 @@ import scipy.linalg
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import stiffness_limit
 from haptic_fieldbus.margins.schedules import Exchange, Ticks, free_ticks, schedule_limit
-from tests.loops import BENCH, LAG, PERIOD, wall, with_damping
+from tests.loops import BENCH, LAG, PERIOD, Array, wall, with_damping
 
 PLANT = replace(BENCH, torque_lag=LAG)
 
@@ -23,7 +23,9 @@ def growth_by_hand(pattern: Sequence[Exchange], stiffness: float, turns: int = 4
     a = np.array([[0, 1, 0], [0, -PLANT.damping / PLANT.mass, 1 / PLANT.mass], [0, 0, -1 / LAG]])
     count, rows = len(pattern), []
     for start in np.eye(3):
-        z, force, known, now, sizes = start.copy(), 0.0, {}, -2 * PERIOD, []
+        z, force, now = start.copy(), 0.0, -2 * PERIOD
+        known: dict[int, float] = {}
+        sizes: list[Array] = []
         events = sorted(
             (((turn * count + place) * PERIOD + at, kind, turn * count + place)
              for turn in range(turns) for place, each in enumerate(pattern)

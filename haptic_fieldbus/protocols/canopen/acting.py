@@ -2,10 +2,10 @@
 
 The way of a sample: the drive measures the position, latches it at SYNC (`encoder_latency` later), the adapter takes a
 frame to the host and another one back (`adapter_latency` each), and the drive takes the set-point over at its next
-control tick. A tick that is locked to SYNC makes all of this repeat. With one that runs free, the measurement is up to a
-control period older and the set-point waits for up to another one; the plan counts half a period for each, which is
-their mean. What the profile leaves open is planned as a locked tick and a position of the latch; only the longest delay
-takes the other case.
+control tick. A tick that is locked to SYNC makes all of this repeat. With one that runs free, the measurement is up to
+a control period older and the set-point waits for up to another one; the plan counts half a period for each, which is
+their mean. What the profile leaves open is planned as a locked tick and a position of the latch; only the longest
+delay takes the other case.
 """
 
 import math

@@ -1,0 +1,84 @@
+"""Delays of rig and profile in a plan, and their ranges; a bench with a compliant coupling."""
+
+from dataclasses import replace
+
+import pytest
+
+from haptic_fieldbus.api import plan
+from haptic_fieldbus.drive.mechanics import CompliantCoupling, Mechanics
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.rig import Rig, default_axis
+from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.margins.bodies import HungBody, limit_with
+from haptic_fieldbus.planning.compile import compile_plan
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.uncertainty import ranges_of
+from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.traffic import ADAPTER_LATENCY, JITTER
+from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.signals import Workspace
+from tests.loops import PERIOD, wall
+
+SIMULATED, REAL = CanSection("haptic_sim", "sim"), CanSection("socketcan", "can0")
+ARRIVAL, TICK = 0.277e-3, 0.4e-3
+"""[s], of the EPOS4: when a set-point arrives, and the control period."""
+PROFILE = load_profile("maxon_epos4")
+
+
+def planned(section: CanSection, mechanics: Mechanics | None = None, **timing: object) -> Plan:
+    axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="p")
+    axis = replace(axis, simulation=mechanics or Mechanics())
+    profile: DriveProfile = replace(PROFILE, timing=replace(PROFILE.timing, **timing))  # type: ignore[arg-type]
+    return compile_plan(load_scene("wall"), Rig({"b": section}, {"handle": axis}), {"p": profile}, 1000.0)
+
+
+@pytest.mark.parametrize(
+    ("section", "timing", "transport", "longest"),
+    [
+        (SIMULATED, {}, TICK, ARRIVAL + 2 * TICK),
+        (SIMULATED, {"control_tick": "sync"}, TICK, 2 * TICK),
+        (SIMULATED, {"control_tick": "sync", "encoder_latency": 0.1e-3}, TICK + 0.1e-3, TICK + 0.1e-3),
+        (SIMULATED, {"control_tick": "free"}, ARRIVAL + TICK, ARRIVAL + 2 * TICK),
+        (SIMULATED, {"encoder_latency": 0.1e-3}, TICK + 0.1e-3, ARRIVAL + 2 * TICK + 0.1e-3),
+        (replace(SIMULATED, adapter_latency=0.1e-3), {}, 2 * TICK, ARRIVAL + 0.2e-3 + 2 * TICK),
+        (replace(SIMULATED, jitter=0.05e-3), {}, TICK, ARRIVAL + 0.05e-3 + 2 * TICK),
+        (REAL, {}, TICK, ARRIVAL + 2 * ADAPTER_LATENCY + JITTER + 2 * TICK),
+        (replace(REAL, adapter_latency=0.0, jitter=0.0), {}, TICK, ARRIVAL + 2 * TICK),
+    ],
+)
+def test_what_is_stated_is_planned_and_what_is_not_counts_in_the_longest_delay(
+    section: CanSection, timing: dict[str, object], transport: float, longest: float
+) -> None:
+    delay = planned(section, None, **timing).axes[0].delay
+    assert delay.transport == pytest.approx(transport)
+    assert delay.longest == pytest.approx(longest)
+    assert delay.range[0] <= delay.transport <= delay.range[1]
+
+
+@pytest.mark.parametrize(("source", "shares"), [("ASSUMED: usual", (1 / 2.0, 1 / 0.3)), ("manual", (1 / 1.4, 1 / 0.7))])
+def test_an_assumed_bandwidth_has_the_wider_range(source: str, shares: tuple[float, float]) -> None:
+    profile = replace(PROFILE, sources={"timing.torque_bandwidth": source})
+    lags = ranges_of(profile, planned(SIMULATED).axes[0].delay).torque_lag
+    assert lags == pytest.approx(tuple(share * profile.torque_lag for share in shares))
+
+
+@pytest.mark.parametrize("stiffness", [0.02, 1.0])
+def test_a_compliant_coupling_is_judged_as_one(stiffness: float) -> None:
+    coupling = CompliantCoupling(stiffness=stiffness, load_inertia=3e-5, damping=1e-6)
+    (axis,) = planned(SIMULATED, Mechanics(coupling=coupling)).axes
+    assert axis.stability is not None
+    assert axis.plant is not None
+    ratio = axis.rig.mechanism.ratio
+    motor = Plant(1e-5 / ratio**2, axis.plant.damping, torque_lag=axis.plant.torque_lag)
+    load = HungBody(3e-5 / ratio**2, stiffness / ratio**2, 1e-6 / ratio**2)
+    expected = limit_with(motor, [load], PERIOD, axis.delay.transport, wall)
+    assert axis.stability.stiffness_limit.stable == pytest.approx(expected, rel=1e-8)
+    least = axis.stability.cautious
+    assert least is not None
+    assert 0.0 < least.stable < expected
+
+
+def test_the_defaults_change_nothing_that_was_planned_before() -> None:
+    assert (PROFILE.timing.control_tick, PROFILE.timing.encoder_latency) == ("unknown", None)
+    assert plan("wall").axes[0].delay.transport == pytest.approx(TICK)
