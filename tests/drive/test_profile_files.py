@@ -324,15 +324,15 @@ def test_an_unknown_key_needs_no_source(tmp_path: Path) -> None:
     ) == [
         'line 18: timing.torque_bandwidth: no source; expected an entry "timing.torque_bandwidth" in [sources]',
         'line 19: timing.control_period: no source; expected an entry "timing.control_period" in [sources]',
-        "line 20: timing.x: unknown key; known: control_period, enabling_timeout, mode_change_timeout, "
-        "torque_bandwidth",
+        "line 20: timing.x: unknown key; known: control_period, control_tick, enabling_timeout, "
+        "encoder_latency, mode_change_timeout, torque_bandwidth",
     ]
 
 
 def test_a_section_that_is_missing_is_told_without_a_line(tmp_path: Path) -> None:
     assert faults_of(tmp_path, ("[timing]\ntorque_bandwidth = 1000\ncontrol_period = 0.0\n", "")) == [
-        "timing: missing; expected a table with torque_bandwidth, control_period, mode_change_timeout and "
-        "enabling_timeout"
+        "timing: missing; expected a table with torque_bandwidth, control_period, mode_change_timeout, "
+        "control_tick, encoder_latency and enabling_timeout"
     ]
 
 
