@@ -46,4 +46,5 @@ def test_frames_pass_the_adapter_later_and_no_period_is_missed(rig: Rig) -> None
     result = run("wall", rig, duration=0.2, hand="none")
     assert result.missed_cycles == 0
     assert result.timing is not None
+    assert result.timing.age_us is not None
     assert result.timing.age_us.p50 > 1e6 * 2e-4
