@@ -481,6 +481,13 @@ GUARDS = {
         "return True",
         (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
     ),
+    "proofs of life through skipped periods": _bus(
+        "master",
+        "return 1 if passed_ns < self._late_ns else",
+        "return 1 if True else",
+        "test_guard",
+        "TestRequests::test_periods_that_are_skipped_leave_no_guard_waiting",
+    ),
     "a guard that cannot have acted yet": Guard(
         "haptic_fieldbus/assessing/proof.py",
         "return self.off is not None and self.off < self.earliest",
