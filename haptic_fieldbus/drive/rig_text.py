@@ -67,4 +67,6 @@ def _text(value: object) -> str:
         return quoted(value)
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, float):
+        return repr(value).replace("e-0", "e-")
     return f"[{', '.join(map(_text, value))}]" if isinstance(value, tuple) else repr(value)

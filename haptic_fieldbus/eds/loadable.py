@@ -5,7 +5,7 @@ left out, and what every device has is filled in:
 
 - a value whose structure only the device knows becomes a DOMAIN;
 - a value that its type cannot hold is left out, and so is a limit that the values of its own entry break;
-- an entry whose value CiA 301 fixes as a number (identity, PDOs, error behaviour) has a type of numbers;
+- an entry whose value CiA 301 fixes as a number (identity, PDOs, guards, error behaviour) has a type of numbers;
 - left out are descriptions of data types (below 1000h), objects without entries, sub-index FFh, and a record of a PDO
   that lacks its other one; a mapping entry that names no object becomes 0, which maps nothing;
 - 1000h, 1001h and 1018h are in every device (CiA 301, 7.5.2).
@@ -28,18 +28,25 @@ MAPPING = 0x200
 
 _PDOS = range(0x1400, 0x1C00)
 _PARAMETERS = {
-    1: EdsType.UNSIGNED32, 2: EdsType.UNSIGNED8, 3: EdsType.UNSIGNED16,
+    0: EdsType.UNSIGNED8, 1: EdsType.UNSIGNED32, 2: EdsType.UNSIGNED8, 3: EdsType.UNSIGNED16,
     4: EdsType.UNSIGNED8, 5: EdsType.UNSIGNED16, 6: EdsType.UNSIGNED8,
 }  # fmt: skip
 _NUMBERS: Mapping[int, Mapping[int, EdsType]] = {
     0x1000: {0: EdsType.UNSIGNED32},
     0x1001: {0: EdsType.UNSIGNED8},
-    0x1018: {-1: EdsType.UNSIGNED32},
-    0x1029: {-1: EdsType.UNSIGNED8},
+    0x1005: {0: EdsType.UNSIGNED32},
+    0x100C: {0: EdsType.UNSIGNED16},
+    0x100D: {0: EdsType.UNSIGNED8},
+    0x1012: {0: EdsType.UNSIGNED32},
+    0x1014: {0: EdsType.UNSIGNED32},
+    0x1016: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
+    0x1017: {0: EdsType.UNSIGNED16},
+    0x1018: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
+    0x1029: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED8},
     0x1400: _PARAMETERS,
-    0x1600: {-1: EdsType.UNSIGNED32},
+    0x1600: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
     0x1800: _PARAMETERS,
-    0x1A00: {-1: EdsType.UNSIGNED32},
+    0x1A00: {0: EdsType.UNSIGNED8, -1: EdsType.UNSIGNED32},
 }
 """Types by CiA 301 of entries that programs need as numbers, by index (of a PDO: of the first one) and sub-index, -1
 for all others."""
@@ -128,7 +135,7 @@ def _mapped(item: EdsObject, objects: Mapping[int, EdsObject]) -> EdsObject:
     entries = dict(item.entries)
     for subindex, entry in item.entries.items():
         if subindex and not all(_exists(value, objects) for value in (entry.default, entry.parameter)):
-            entries[subindex] = replace(entry, default=0, parameter=None)
+            entries[subindex] = replace(entry, default=0, parameter=None, low=None, high=None)
     return replace(item, entries=entries)
 
 

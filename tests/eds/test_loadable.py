@@ -103,6 +103,8 @@ def test_any_sheet_at_all_loads_in_canopen_and_in_dcf_tools(eds: Eds) -> None:
         without(generic(), 0x1000, 0x1001, 0x1018),
         without(generic(), 0x1601, 0x1802),
         without_member(generic(), 0x1018, 1),
+        changed(changed(generic(), 0x1A00, 1, default=0x2FFF_0010), 0x1A00, 1, low=1, high=2),
+        changed(without(generic(), 0x1800), 0x1800, type=None, default=7),
         changed(generic(), 0x0040, 1),
         Eds({}),
     ],

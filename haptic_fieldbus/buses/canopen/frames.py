@@ -235,7 +235,7 @@ def frame_logs(path: Path | None, buses: Sequence[str], *, simulated: bool = Tru
 
 
 class _Guard:
-    """Keeps what a recording raises, the first error alone; after it nothing more is recorded."""
+    """Keeps what a recording raises, the first error and that of closing; after it nothing more is recorded."""
 
     def __init__(self) -> None:
         self.fault: Exception | None = None
@@ -254,5 +254,6 @@ class _Guard:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> bool:
-        self.fault = self.fault or (error if isinstance(error, Exception) else None)
+        # The error of closing is that of the disk itself, so it says more than that of a pipe before.
+        self.fault = error if isinstance(error, Exception) else self.fault
         return isinstance(error, Exception)

@@ -250,9 +250,7 @@ class Setup:
     def _switch_off(self, direction: Direction, number: int, read: Callable[[ObjectEntry], int | None]) -> int:
         """Make the PDO invalid if it is not, and return its COB-ID as the drive then holds it."""
         entry = _communication(direction, number, DataType.UINT32, 1)
-        cob_id = read(entry)
-        if cob_id is None:
-            return COB_ID_INVALID
+        cob_id = COB_ID_INVALID if (held := read(entry)) is None else held
         if not cob_id & COB_ID_INVALID:
             cob_id |= COB_ID_INVALID
             self.node.write(entry, cob_id)

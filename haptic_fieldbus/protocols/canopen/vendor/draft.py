@@ -1,11 +1,11 @@
 """The TOML of a profile that is made from an EDS: a beginning, which says of each value where it comes from."""
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from enum import Enum
 
+from haptic_fieldbus.documents.edits import quoted
 from haptic_fieldbus.drive.profile import ASSUMED
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
@@ -53,11 +53,6 @@ def draft_of(profile: EdsProfile, file: str) -> Draft:
     ]
     left_out = sum(text.startswith(LEFT_OUT) for text in sources.values())
     return Draft("\n".join(lines), assumed, len(sources) - len(assumed) - left_out)
-
-
-def quoted(text: str) -> str:
-    """Return a text as a basic string of TOML, which escapes as JSON does, and DEL too."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
 def _is_told(key: str, source: str, values: dict[str, str]) -> bool:

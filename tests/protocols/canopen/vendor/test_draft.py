@@ -9,7 +9,7 @@ import pytest
 from haptic_fieldbus.eds import DeviceInfo, Eds
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-from haptic_fieldbus.protocols.canopen.vendor.draft import draft_of, quoted
+from haptic_fieldbus.protocols.canopen.vendor.draft import draft_of
 from haptic_fieldbus.protocols.catalogue import load_profile
 from tests.eds.sheets import changed, generic, without, without_member
 from tests.eds.vendor_files import FILES, needs_files, vendor_eds
@@ -68,11 +68,6 @@ def test_the_draft_of_a_drive_without_torque_says_so_first() -> None:
     text = draft_of(profile_from_eds(without(generic(), 0x6071)), "x.eds").text
     assert "# Not usable for force: there is no 6071h target torque." in text
     assert tomllib.loads(text)["drive"]["usable"] is False
-
-
-@pytest.mark.parametrize("text", ["", 'a"b', "a\\b", "tab\t", "del\x7f", "\x01", "né µ", "\ud7ff"])
-def test_any_text_is_quoted_as_toml_reads_it(text: str) -> None:
-    assert tomllib.loads(f"x = {quoted(text)}") == {"x": text}
 
 
 @needs_files
