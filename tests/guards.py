@@ -391,7 +391,7 @@ GUARDS = {
         "test_a_wrong_drive_is_refused_before_anything_is_written",
     ),
     "rated torque of the rig": _bus(
-        "setup",
+        "preparing",
         "if expected is not None and abs(rated - expected)",
         "if False and abs(rated - expected)",
         "test_setup",
