@@ -482,9 +482,9 @@ GUARDS = {
         (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
     ),
     "proofs of life through skipped periods": _bus(
-        "master",
-        "return 1 if passed_ns < self._late_ns else",
-        "return 1 if True else",
+        "guard",
+        "if passed_ns < self._late_ns:",
+        "if True:",
         "test_guard",
         "TestRequests::test_periods_that_are_skipped_leave_no_guard_waiting",
     ),

@@ -15,7 +15,6 @@ parts of `open`, `read` and `stop` one by one, each on all buses.
 Reference: CiA 301 7.2.2 (PDO), 7.2.5 (SYNC), 7.2.8 (NMT).
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -27,7 +26,7 @@ from haptic_fieldbus.buses.canopen.answers import Exchange
 from haptic_fieldbus.buses.canopen.asking import Asking
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
-from haptic_fieldbus.buses.canopen.guard import proofs_of_life
+from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Link, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
@@ -82,8 +81,6 @@ class CanopenBus(InSteps):
         self._askings: tuple[Asking, ...] = ()
         self._release: Release | None = None
         self._synced = False
-        self._proved_ns = self._period_ns = 0
-        self._late_ns, self._most_rounds = math.inf, 1
         self.latch_ns = 0
         """Instant at which the drives latched the data of the last exchange [ns]: the nominal end of SYNC."""
 
@@ -113,10 +110,7 @@ class CanopenBus(InSteps):
         self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
         self._exchange.begun, self._refused_writes = False, 0
-        traffic = traffic_of(plan)
-        self._proofs = proofs_of_life(traffic, [setup.node for setup in self._setups])
-        self._period_ns, self._late_ns = plan.period_ns, 1.5 * plan.period_ns
-        self._most_rounds = traffic.heartbeat_every
+        self._proofs = ProofsOfLife(traffic_of(plan), [setup.node for setup in self._setups], plan.period_ns)
         for setup, link in zip(self._setups, self._links, strict=True):
             link.forget()
             setup.configure()
@@ -206,7 +200,6 @@ class CanopenBus(InSteps):
     def _begin_watch(self) -> None:
         """Begin to miss nodes: from now on the loop looks regularly, and asks those that answer only then."""
         self._exchange.begun = True
-        self._proved_ns = self._clock.now_ns()
         for setup in self._setups:
             setup.node.heartbeat_ns = self._clock.now_ns()
 
@@ -239,16 +232,10 @@ class CanopenBus(InSteps):
         for cob_id, start, end in self._outputs:
             accepted &= self._wire.offer(cob_id, image[start:end])
         self._refused_writes = 0 if accepted else self._refused_writes + 1
-        for _ in range(self._rounds_due()):
-            for proof in next(self._proofs):
-                self._wire.offer(*proof)
+        for proof in self._proofs.due(self.latch_ns):
+            self._wire.offer(*proof)
         for asking in self._askings:
             asking.ask()
-
-    def _rounds_due(self) -> int:
-        """Return how many periods have begun since the last write, because guards run on in those that were skipped."""
-        passed_ns, self._proved_ns = self.latch_ns - self._proved_ns, self.latch_ns
-        return 1 if passed_ns < self._late_ns else min(round(passed_ns / self._period_ns), self._most_rounds)
 
     def ask(self, axis: str) -> int | None:
         """Upload the statusword of an axis; None without an answer in some milliseconds."""
