@@ -42,9 +42,9 @@ def torque_step(unit: str, axis: "RigAxis") -> float | None:
     return None if None in factors else math.prod(factors) * _SHARES[unit]
 
 
-def needed_for(unit: str) -> str:
-    """Return the keys of a rig's axis from which a step of torque follows, in words."""
-    return " or ".join(_NEEDED[unit])
+def needed_for(unit: str, axis: "RigAxis | None" = None) -> str:
+    """Return the keys of a rig's axis from which a step of torque follows, in words; only those that `axis` lacks."""
+    return " and ".join(key for key in _NEEDED[unit] if axis is None or getattr(axis, key) is None)
 
 
 def steps_per_revolution(unit: str, counts_per_revolution: int) -> float:

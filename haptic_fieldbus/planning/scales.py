@@ -26,7 +26,7 @@ def torque_unit(signal: Signal, profile: DriveProfile, axis: RigAxis) -> float:
     step = torque_step(unit, axis)
     if step is None:
         raise PlanError(
-            f"the rig's {needed_for(unit)} of node {axis.node} is unknown: torque cannot be scaled without it"
+            f"the rig's {needed_for(unit, axis)} of node {axis.node} is unknown: torque cannot be scaled without it"
         )
     return step / axis.mechanism.ratio
 

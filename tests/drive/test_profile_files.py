@@ -329,6 +329,14 @@ def test_an_unknown_key_needs_no_source(tmp_path: Path) -> None:
     ]
 
 
+def test_a_key_of_a_simulated_object_that_names_none_is_told(tmp_path: Path) -> None:
+    table = '[simulation.objects]\n"60G7" = { absent = true }\n"1400-1403:05" = { absent = true }\n[sources]'
+    assert faults_of(tmp_path, ("[sources]", table), ('torque = "measured"', 'torque = "m"\nsimulation = "m"')) == [
+        'line 21: simulation.objects.60G7: no object; expected hexadecimal numbers or ranges as in "6007", "60C2:01" '
+        'or "1400-1403:05"'
+    ]
+
+
 def test_a_section_that_is_missing_is_told_without_a_line(tmp_path: Path) -> None:
     assert faults_of(tmp_path, ("[timing]\ntorque_bandwidth = 1000\ncontrol_period = 0.0\n", "")) == [
         "timing: missing; expected a table with torque_bandwidth, control_period, mode_change_timeout, "

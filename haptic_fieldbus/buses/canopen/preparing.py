@@ -75,19 +75,20 @@ def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> f
         wrong = f"unit {mapped.unit!r} of {mapped.entry} is not one of {', '.join(RATED_TORQUE_UNITS)}"
         raise BusConfigurationError(f"{profile.title}: {wrong}")
     rated = node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
-    expected = axis.rig.rated_torque
-    if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
-        raise BusConfigurationError(
-            f"{node.label}: its rated torque is {exactly(rated)} N·m ({mapped.entry}), the rig says "
-            f"{exactly(expected)} N·m (axis.{axis.name}.rated_torque); every command would be off by that"
-        )
+    _check_rating(node, axis, mapped.entry, "torque", rated, axis.rig.rated_torque, "N·m")
     return rated
 
 
 def _check_rated_current(node: Node, entry: ObjectEntry, axis: AxisPlan) -> None:
-    rated, expected = node.read(entry) * 1e-3, axis.rig.rated_current
+    _check_rating(node, axis, entry, "current", node.read(entry) * 1e-3, axis.rig.rated_current, "A")
+
+
+def _check_rating(
+    node: Node, axis: AxisPlan, entry: ObjectEntry, what: str, rated: float, expected: float | None, unit: str
+) -> None:
+    """Raise BusConfigurationError when the rated torque or current of a drive is not that of the rig."""
     if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
         raise BusConfigurationError(
-            f"{node.label}: its rated current is {exactly(rated)} A ({entry}), the rig says {exactly(expected)} A "
-            f"(axis.{axis.name}.rated_current); every command would be off by that"
+            f"{node.label}: its rated {what} is {exactly(rated)} {unit} ({entry}), the rig says {exactly(expected)} "
+            f"{unit} (axis.{axis.name}.rated_{what}); every command would be off by that"
         )

@@ -22,6 +22,9 @@ from tests.eds.vendor_files import FOLDER, needs_files
 from tests.sim.bench import NODE
 from tests.sim.canopen.test_canopen_peer import Bench
 
+pytestmark = pytest.mark.thorough(
+    "the sheets of all shipped drives", quick=("generic_cia402", "maxon_epos4", "technosoft_ipos", "vendor")
+)
 NAMES = [name for name in profile_names() if load_profile(name).drive.usable]
 VENDOR = "maxon_epos4_70_15.eds"
 EVERY = [*NAMES, pytest.param(str(FOLDER / VENDOR), id="vendor", marks=needs_files)]

@@ -9,9 +9,12 @@ import re
 from collections.abc import Iterator, Mapping
 from itertools import product
 
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.profile import SimulatedObject
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable
 
+_MAPPINGS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
+_LAST_DUMMY = 0x0007
 NODE_ID = re.compile(r"\$NODEID\s*\+\s*(0x[0-9A-Fa-f]+|\d+)")
 """A value that contains the node-ID."""
 OCTETS = 256
@@ -37,6 +40,19 @@ def install_described(dictionary: Dictionary, objects: Mapping[str, SimulatedObj
                 dictionary.add(_stored(index, subindex, described, node))
             else:
                 _change(entry, described, node)
+    _check_mappings(dictionary)
+
+
+def _check_mappings(dictionary: Dictionary) -> None:
+    """Raise UsageError for a PDO that maps an object after power-on which the drive does not have."""
+    for count in [entry for entry in dictionary if entry.subindex == 0 and entry.index in _MAPPINGS]:
+        for subindex in range(1, count.default + 1):
+            mapping = dictionary.value(count.index, subindex)
+            if mapping >> 16 not in dictionary and mapping >> 16 > _LAST_DUMMY:
+                raise UsageError(
+                    f"simulation.objects: {count.index:04X}h:{subindex:02X} maps {mapping:08X}h, which the drive does "
+                    "not have; describe that object too, or let the PDO map nothing"
+                )
 
 
 def entries_of(name: str) -> Iterator[tuple[int, int]]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.profile import SimulatedObject, SimulationSection
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.model.described import entries_of
@@ -73,6 +74,11 @@ def test_the_modes_are_those_of_the_profile_and_6502h_shows_them() -> None:
     assert bench.read(0x6502) == 1 << 2 | 1 << 9
     assert bench.write(0x6060, 0, 1, "b") == Refusal(AbortCode.INVALID_VALUE.value)
     assert bench.write(0x6060, 0, 3, "b") is None
+
+
+def test_a_pdo_that_maps_what_is_not_there_is_told_in_words() -> None:
+    with pytest.raises(UsageError, match="1601h:01 maps 20120020h, which the drive does not have"):
+        bench_of({"1601:01": SimulatedObject(value=0x2012_0020)})
 
 
 class TestShippedDrives:
