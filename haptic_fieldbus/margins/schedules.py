@@ -22,7 +22,7 @@ from haptic_fieldbus.numerics.sampled import spectral_radius
 
 
 @dataclass(frozen=True)
-class Exchange:
+class Instants:
     """Instants of one period [s], counted from its nominal beginning k·T."""
 
     measured: float
@@ -49,7 +49,7 @@ class Ticks:
 
 def free_ticks(
     ticks: Ticks, period: float, arrival: float, lateness: Sequence[float], latency: float = 0.0
-) -> tuple[Exchange, ...]:
+) -> tuple[Instants, ...]:
     """Return the pattern of a drive whose ticks are not locked to SYNC, for the lateness [s] of each SYNC.
 
     A set-point arrives `arrival` after SYNC, and the position at SYNC is of the last tick, `latency` older. The pattern
@@ -60,12 +60,12 @@ def free_ticks(
         raise UsageError(f"{len(lateness)} periods are {exactly(turns)} ticks: expected a whole number")
     syncs = [place * period + late for place, late in enumerate(lateness)]
     return tuple(
-        Exchange(ticks.before(sync) - latency - place * period, ticks.after(sync + arrival) - place * period)
+        Instants(ticks.before(sync) - latency - place * period, ticks.after(sync + arrival) - place * period)
         for place, sync in enumerate(syncs)
     )
 
 
-def schedule_growth(plant: Plant, period: float, pattern: Sequence[Exchange], environment: StateSpace) -> float:
+def schedule_growth(plant: Plant, period: float, pattern: Sequence[Instants], environment: StateSpace) -> float:
     """Return the mean growth of the loop in a period of the pattern; below 1 is stable.
 
     The environment is that of a contact: one that leaves the handle anywhere has an eigenvalue of 1, which counts.
@@ -73,7 +73,7 @@ def schedule_growth(plant: Plant, period: float, pattern: Sequence[Exchange], en
     return float(spectral_radius(_map(plant, period, pattern, environment)) ** (1.0 / len(pattern)))
 
 
-def schedule_limit(plant: Plant, period: float, pattern: Sequence[Exchange], environment_of: EnvironmentOf) -> float:
+def schedule_limit(plant: Plant, period: float, pattern: Sequence[Instants], environment_of: EnvironmentOf) -> float:
     """Return the stiffness [N/m or N·m/rad] up to which the loop with this pattern is stable.
 
     0 and ∞ have the meaning of `linear.limit_of`. Raises UsageError for impossible times [s].
@@ -93,7 +93,7 @@ class _Event:
     acts: bool
 
 
-def _events(period: float, pattern: Sequence[Exchange]) -> list[_Event]:
+def _events(period: float, pattern: Sequence[Instants]) -> list[_Event]:
     """Return the events of one turn of the pattern in their order; each is shifted into [0, N·T)."""
     turn = len(pattern) * period
     found = []
@@ -104,7 +104,7 @@ def _events(period: float, pattern: Sequence[Exchange]) -> list[_Event]:
     return sorted(found, key=lambda event: (event.at, event.acts))
 
 
-def _waiting(period: float, pattern: Sequence[Exchange]) -> int:
+def _waiting(period: float, pattern: Sequence[Instants]) -> int:
     """Return the forces that are computed and do not act yet at the beginning of the pattern."""
     turn = len(pattern) * period
     count = 0
@@ -115,7 +115,7 @@ def _waiting(period: float, pattern: Sequence[Exchange]) -> int:
     return count
 
 
-def _map(plant: Plant, period: float, pattern: Sequence[Exchange], environment: StateSpace) -> Matrix:
+def _map(plant: Plant, period: float, pattern: Sequence[Instants], environment: StateSpace) -> Matrix:
     """Return the map of one turn on (device, environment, acting force, waiting forces, the oldest first)."""
     a, b = through_torque_loop(*dynamics(plant), plant.torque_lag)
     order, inner = len(a), environment.order

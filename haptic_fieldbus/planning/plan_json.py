@@ -1,5 +1,7 @@
 """A plan as the JSON object that the command line prints; its keys are a contract."""
 
+from typing import cast
+
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limit_table import limit_rows
 from haptic_fieldbus.planning.plan import Plan
@@ -29,6 +31,7 @@ def plan_json(plan: Plan) -> dict[str, Json]:
         "limits": [row for axis in plan.axes for row in _limits_json(axis, plan.period)],
         "guards": [guard.to_json() for guard in plan.guards],
         "sign": [_sign_json(axis, plan.period) for axis in plan.axes],
+        "stability": None if plan.stability is None else cast(Json, plan.stability.to_json()),
         "modules": list(plan.modules),
         "deadlines": [each.to_json() for each in plan.deadlines],
     }

@@ -9,13 +9,13 @@ import scipy.linalg
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import stiffness_limit
-from haptic_fieldbus.margins.schedules import Exchange, Ticks, free_ticks, schedule_limit
+from haptic_fieldbus.margins.schedules import Instants, Ticks, free_ticks, schedule_limit
 from tests.loops import BENCH, LAG, PERIOD, Array, wall, with_damping
 
 PLANT = replace(BENCH, torque_lag=LAG)
 
 
-def growth_by_hand(pattern: Sequence[Exchange], stiffness: float, turns: int = 40) -> float:
+def growth_by_hand(pattern: Sequence[Instants], stiffness: float, turns: int = 40) -> float:
     """Run the pattern for many turns from several starts, by scipy's exponential; the growth of the last ones.
 
     State: [x, v, motor force]; a measurement and its force meet again in a dictionary, by their number.
@@ -51,7 +51,7 @@ def growth_by_hand(pattern: Sequence[Exchange], stiffness: float, turns: int = 4
 @pytest.mark.parametrize("delay", [0.2, 0.4, 1.0, 1.3, 2.7])
 @pytest.mark.parametrize("shift", [0.0, 0.3])
 def test_a_constant_delay_is_a_pattern_of_one_period_or_two(delay: float, shift: float) -> None:
-    exchange = Exchange(-shift * delay * PERIOD, (1.0 - shift) * delay * PERIOD)
+    exchange = Instants(-shift * delay * PERIOD, (1.0 - shift) * delay * PERIOD)
     expected = stiffness_limit(PLANT, PERIOD, delay * PERIOD, with_damping(0.3))
     for pattern in ([exchange], [exchange] * 2):
         assert schedule_limit(PLANT, PERIOD, pattern, with_damping(0.3)) == pytest.approx(expected, rel=1e-8)

@@ -100,15 +100,13 @@ class Drive:
             object_defaults(profile, axis, settings),
             settings.modes, settings.without,
         )  # fmt: skip
-        period_ns = round(profile.timing.control_period * 1e9)
-        self.event_period_ns = period_ns or _SLOWEST_TICK_NS
+        times = build_timing(profile, settings)
+        self.event_period_ns = times.control_period_ns or _SLOWEST_TICK_NS
         self.plant = build_plant(profile, axis, hand, settings, t_ns)
         self.servo = Servo(
-            self.plant,
-            counts_per_revolution=axis.encoder_counts_per_revolution,
-            timing=build_timing(profile, settings),
-            phase=settings.encoder_phase,
-        )
+            self.plant, counts_per_revolution=axis.encoder_counts_per_revolution,
+            timing=times, phase=settings.encoder_phase,
+        )  # fmt: skip
         self.units = build_units(profile, axis, self.objects, self.dictionary)
         self.stage = Stage(
             self.servo, self.objects, self.units, build_gains(profile, axis, self.event_period_ns * 1e-9)

@@ -18,7 +18,7 @@ _HALF = 1 << 31
 
 
 @dataclass(frozen=True)
-class Timing:
+class FirmwareTimes:
     """Times of the drive's firmware [ns]."""
 
     control_period_ns: int
@@ -35,7 +35,7 @@ class Timing:
 class Servo:
     """The interface between the drive's firmware and the plant; times in integer nanoseconds."""
 
-    def __init__(self, plant: Body, *, counts_per_revolution: int, timing: Timing, phase: float = 0.0) -> None:
+    def __init__(self, plant: Body, *, counts_per_revolution: int, timing: FirmwareTimes, phase: float = 0.0) -> None:
         self.plant = plant
         self.stuck_until_ns = 0
         """Until this time the encoder keeps its last counts."""

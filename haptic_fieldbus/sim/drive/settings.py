@@ -13,7 +13,7 @@ from haptic_fieldbus.drive.units import COUNTS, COUNTS_PER_SECOND, steps_per_rev
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.object_table import Defaults
 from haptic_fieldbus.sim.drive.objects import Objects
-from haptic_fieldbus.sim.drive.servo import Timing
+from haptic_fieldbus.sim.drive.servo import FirmwareTimes
 from haptic_fieldbus.sim.drive.stage import Gains, gains
 from haptic_fieldbus.sim.drive.units import Units
 from haptic_fieldbus.sim.hand import Hand, grip
@@ -107,10 +107,10 @@ def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, setting
     return LoadedPlant(load, held, position=position, velocity=velocity, t_ns=t_ns)
 
 
-def build_timing(profile: Cia402Profile, settings: DriveSettings) -> Timing:
+def build_timing(profile: Cia402Profile, settings: DriveSettings) -> FirmwareTimes:
     """Return the times of the drive's firmware; what the profile leaves open is locked to SYNC and without latency."""
     timing = profile.timing
-    return Timing(
+    return FirmwareTimes(
         round(timing.control_period * 1e9),
         timing.control_tick == "free",
         settings.tick_phase,

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from haptic_fieldbus.sim.drive.servo import Servo, Timing
+from haptic_fieldbus.sim.drive.servo import FirmwareTimes, Servo
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
@@ -15,7 +15,7 @@ TICK = 400_000
 
 def _servo(period_ns: int = TICK, **options: float) -> Servo:
     plant = Plant(SHAFT, None, position=options.get("position", 0.0), velocity=options.get("velocity", 0.0))
-    return Servo(plant, counts_per_revolution=4096, timing=Timing(period_ns), phase=options.get("phase", 0.0))
+    return Servo(plant, counts_per_revolution=4096, timing=FirmwareTimes(period_ns), phase=options.get("phase", 0.0))
 
 
 def _targets(servo: Servo) -> list[tuple[int, float]]:

@@ -15,9 +15,9 @@ import pytest
 
 from haptic_fieldbus.margins import Plant, stiffness_limit
 from haptic_fieldbus.margins.ranges import ASSUMED_BANDWIDTH, DAMPING_SHARES
-from haptic_fieldbus.margins.schedules import Exchange, Ticks, free_ticks, schedule_limit
+from haptic_fieldbus.margins.schedules import Instants, Ticks, free_ticks, schedule_limit
 from haptic_fieldbus.numerics.linear import StateSpace, gain
-from haptic_fieldbus.sim.drive.servo import Servo, Timing
+from haptic_fieldbus.sim.drive.servo import FirmwareTimes, Servo
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant as Motor
 from tests.loops import Array
@@ -34,7 +34,7 @@ JITTERS = {
 }
 
 
-def servo(timing: Timing, *, damping: float = DAMPING, lag: float = LAG) -> Servo:
+def servo(timing: FirmwareTimes, *, damping: float = DAMPING, lag: float = LAG) -> Servo:
     motor = Motor(Shaft(INERTIA, damping, 0.0, lag), None, position=START)
     return Servo(motor, counts_per_revolution=COUNTS, timing=timing)
 
@@ -59,7 +59,7 @@ def growth(seen: Array, turn: int) -> float:
     return float(math.sqrt(-b) ** (1 / lag))
 
 
-def borders(timing: Timing, lateness_ns: Sequence[int], arrival_ns: int, limit: float) -> tuple[float, float]:
+def borders(timing: FirmwareTimes, lateness_ns: Sequence[int], arrival_ns: int, limit: float) -> tuple[float, float]:
     """Growth of the simulated loop 1e-4 below and above a limit."""
     found = [
         growth(swing(servo(timing), part * limit, cycle(lateness_ns), 3000, arrival_ns), len(lateness_ns))
@@ -82,7 +82,7 @@ def spring(stiffness: float) -> StateSpace:
 def test_walls_with_free_ticks_grow_above_the_limit_computed_with_them(
     jitter: Sequence[int], phase: float, latency_ns: int
 ) -> None:
-    timing = Timing(CONTROL_NS, free=True, phase=phase, latency_ns=latency_ns)
+    timing = FirmwareTimes(CONTROL_NS, free=True, phase=phase, latency_ns=latency_ns)
     ticks = Ticks(CONTROL_NS * 1e-9, phase * CONTROL_NS * 1e-9)
     late = [each * 1e-9 for each in jitter]
     pattern = free_ticks(ticks, T_NS * 1e-9, ARRIVAL_NS * 1e-9, late, latency_ns * 1e-9)
@@ -99,9 +99,9 @@ def test_walls_with_locked_ticks_and_latencies_grow_above_the_limit_of_their_del
     arrival_ns = ARRIVAL_NS + 2 * adapter_ns
     acts_ns = -(-arrival_ns // CONTROL_NS) * CONTROL_NS
     limit = stiffness_limit(PLANT, T_NS * 1e-9, (acts_ns + latency_ns) * 1e-9, spring)
-    exchange = Exchange(-latency_ns * 1e-9, acts_ns * 1e-9)
+    exchange = Instants(-latency_ns * 1e-9, acts_ns * 1e-9)
     assert schedule_limit(PLANT, T_NS * 1e-9, [exchange], spring) == pytest.approx(limit, rel=1e-8)
-    below, above = borders(Timing(CONTROL_NS, latency_ns=latency_ns), (0,), arrival_ns, limit)
+    below, above = borders(FirmwareTimes(CONTROL_NS, latency_ns=latency_ns), (0,), arrival_ns, limit)
     assert below < 1.0 < above
 
 
@@ -113,28 +113,28 @@ def test_random_jitter_and_a_drifting_tick_do_not_grow_in_a_minute_below_the_cau
     damping, lag = DAMPING_SHARES[0] * DAMPING, LAG / ASSUMED_BANDWIDTH[0]
     longest = (ARRIVAL_NS + most_ns + 2 * CONTROL_NS) * 1e-9
     cautious = stiffness_limit(Plant(INERTIA, damping, torque_lag=lag), T_NS * 1e-9, longest, spring)
-    timing = Timing(CONTROL_NS, free=True, phase=random.random(), drift=random.uniform(-5e-5, 5e-5))
+    timing = FirmwareTimes(CONTROL_NS, free=True, phase=random.random(), drift=random.uniform(-5e-5, 5e-5))
     late = iter(lambda: random.randrange(most_ns + 1), None)
     seen = np.abs(swing(servo(timing, damping=damping, lag=lag), 0.999 * cautious, late, 60_000, ARRIVAL_NS))
     assert seen[-10_000:].max() < seen[10_000:20_000].max() < START
 
 
 def test_a_free_tick_takes_targets_and_positions_at_its_own_instants() -> None:
-    drive = servo(Timing(CONTROL_NS, free=True, phase=0.25))
+    drive = servo(FirmwareTimes(CONTROL_NS, free=True, phase=0.25))
     drive.sync(1_000_000)
     assert drive.tick(1_000_000) == 1_300_000
     assert drive.tick(1_300_000) == 1_300_000
-    locked = servo(Timing(CONTROL_NS))
+    locked = servo(FirmwareTimes(CONTROL_NS))
     locked.sync(1_000_000)
     assert locked.tick(1_000_001) == 1_400_000
 
 
 @pytest.mark.parametrize(("free", "acts_ns", "read_ns"), [(False, 0, 1_930_000), (True, 100_000, 1_630_000)])
 def test_a_position_is_as_old_as_the_encoder_and_the_tick_make_it(free: bool, acts_ns: int, read_ns: int) -> None:
-    drive = servo(Timing(CONTROL_NS, free=free, phase=0.25, latency_ns=70_000))
+    drive = servo(FirmwareTimes(CONTROL_NS, free=free, phase=0.25, latency_ns=70_000))
     drive.command(1e-2, 0)
     drive.sync(2_000_000)
-    at_once = servo(Timing(0))
+    at_once = servo(FirmwareTimes(0))
     at_once.command(1e-2, acts_ns)
     at_once.advance(read_ns)
     assert drive.counts() == pytest.approx(at_once.counts(), abs=2)
