@@ -9,7 +9,7 @@ from tests.cli.command import Command
 
 KEYS = [
     "mapped", "left_out", "assumed", "pdos", "registers", "bus_load", "delay_s", "couplings", "limits", "guards",
-    "sign", "modules", "deadlines",
+    "sign", "stability", "modules", "deadlines",
 ]  # fmt: skip
 
 
