@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from haptic_fieldbus.cli.doctor import DriveOptions
 from haptic_fieldbus.cli.options import RENDERING, note_assumed_bitrate, option, options_of
-from haptic_fieldbus.cli.screen import console, show
+from haptic_fieldbus.cli.screen import KEY_WIDTH, console, show
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import in_unit, rounded
 
@@ -67,10 +67,12 @@ def _shown(live: bool, as_json: bool) -> Iterator[Shown]:
     from rich.text import Text
 
     with Live(console=console(sys.stdout), auto_refresh=False) as screen:
-        yield lambda views: screen.update(
-            Text("\n".join(f"{name:10} {line}" for name, view in views.items() for line in lines_of(view))),
-            refresh=True,
-        )
+        yield lambda views: screen.update(Text("\n".join(_named_lines(views))), refresh=True)
+
+
+def _named_lines(views: Mapping[str, "View"]) -> Iterator[str]:
+    for name, view in views.items():
+        yield from (f"{name:{KEY_WIDTH}}{line}" for line in lines_of(view))
 
 
 def _print_json_line(views: Mapping[str, "View"]) -> None:
@@ -78,9 +80,8 @@ def _print_json_line(views: Mapping[str, "View"]) -> None:
 
 
 def _print_lines(views: Mapping[str, "View"]) -> None:
-    show(
-        (name if not number else "", line) for name, view in views.items() for number, line in enumerate(lines_of(view))
-    )
+    for name, view in views.items():
+        show(("" if number else name, line) for number, line in enumerate(lines_of(view)))
     sys.stdout.flush()
 
 

@@ -18,7 +18,7 @@ RESOLUTION = 1e-6
 
 
 def examine(of_the_buses: Callable[[], Iterable[Check]], rate: float) -> list[Check]:
-    """Return the checks of the buses and of this computer, made with the rights that a run of `rate` [Hz] would have."""
+    """Return the checks of buses and computer for a run of `rate` [Hz], made with the rights that it would have."""
     with real_time() as rights:
         buses = list(of_the_buses())
         return [*buses, clock_check(), wake_up_check(lateness(MonotonicClock(), rate), rate), *map(right_check, rights)]
@@ -34,9 +34,7 @@ def clock_check() -> Check:
     info = time.get_clock_info("monotonic")
     fine = info.monotonic and info.resolution <= RESOLUTION
     measured = f"{info.implementation}, steps of {rounded(1e9 * info.resolution)} ns"
-    return Check(
-        "clock", fine, measured, "" if fine else "use Linux: the clock of this system is too coarse for a loop"
-    )
+    return Check("clock", fine, measured, "" if fine else "use Linux: this clock is too coarse for a loop")
 
 
 def lateness(clock: Clock, rate: float, measured: float = MEASURED) -> list[float]:

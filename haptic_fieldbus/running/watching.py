@@ -74,6 +74,7 @@ class Viewer:
         statusword = values.get(Signal.STATUSWORD)
         state = None if statusword is None else axis.power.state(statusword)
         velocity = self._velocity(glimpse, position)
+        enabled = ENABLED if state is PowerState.OPERATION_ENABLED else ""
         self._before = None if position is None else (glimpse.t_ns, position)
         return View(
             node=axis.rig.node,
@@ -88,8 +89,7 @@ class Viewer:
             error_code=glimpse.error_code,
             age_s=glimpse.age,
             life_age_s=glimpse.life_age,
-            note="; ".join(filter(None, (ENABLED if state is PowerState.OPERATION_ENABLED else "", glimpse.note)))
-            or None,
+            note="; ".join(filter(None, (enabled, glimpse.note))) or None,
             unit=axis.rig.mechanism.workspace.length_unit if axis.known else None,
         )
 

@@ -52,18 +52,18 @@ class Looking:
         heard = listen(wire, listening, one, wire.name)
         self.listened = heard.sentence()
         if heard.masters:
-            self._yield_to(", ".join(frame_words(can_id) for can_id in sorted(heard.masters)))
+            self._yield_to(_commanded(*sorted(heard.masters)))
         self._foreign = ForeignMaster(wire, one, self._yield_to)
 
     def look(self) -> dict[str, Glimpse]:
         """Return what each drive says now; raises BusError when the bus is dead."""
         self._wire.drain(self._wire.clock.now_ns() + LONGEST_DRAIN_NS)
         if self._foreign.cob_id is not None:
-            self._yield_to(frame_words(self._foreign.cob_id))
+            self._yield_to(_commanded(self._foreign.cob_id))
         return {axis: self._look_at(node, entries) for axis, (node, entries) in self._drives.items()}
 
     def _yield_to(self, words: str) -> None:
-        self.masters = self.masters or f"somebody else is on this bus ({words}): nothing is asked any more, only heard"
+        self.masters = self.masters or f"{words}; nothing is asked any more, only heard"
 
     def _look_at(self, node: Node, entries: Mapping[Signal, ObjectEntry]) -> Glimpse:
         glimpse = self._heard(node) if self.masters else self._asked(node, entries)
@@ -104,6 +104,10 @@ class Looking:
             return node.read(ERROR_CODE, ANSWER_TIMEOUT)
         except (BusConfigurationError, BusTimeoutError):
             return node.emergency or None
+
+
+def _commanded(*can_ids: int) -> str:
+    return f"somebody else commands on this bus: {', '.join(map(frame_words, can_ids))}"
 
 
 def _shown(profile: CanopenProfile) -> dict[Signal, ObjectEntry]:
