@@ -23,7 +23,7 @@ ANY_SCENE = "wall"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bench:
+class BenchRequest:
     """A bench by its rig, or by one drive on a bus, as for a `Task`."""
 
     drive: str = DEFAULT_DRIVE
@@ -43,7 +43,7 @@ class Placed:
     known: bool
 
 
-def placed_on(bench: Bench) -> Placed:
+def placed_on(bench: BenchRequest) -> Placed:
     """Load a bench; raises DocumentError or UsageError."""
     if bench.bus is not None:
         check_request(bus=bench.bus, node=bench.node, rate=bench.rate)
@@ -57,13 +57,13 @@ def placed_on(bench: Bench) -> Placed:
     return Placed(buses, bench.rig is not None or loaded.bus.simulated)
 
 
-def scans(bench: Bench) -> Iterator[Scan]:
+def scans(bench: BenchRequest) -> Iterator[Scan]:
     """Yield what is found on each bus; raises DocumentError, UsageError or BusError."""
     for section, axes in placed_on(bench).buses.values():
         yield access_of(section.protocol).scan(section, axes, bench.profiles)
 
 
-def examined(bench: Bench) -> list[Check]:
+def examined(bench: BenchRequest) -> list[Check]:
     """Return the checks of buses and computer; raises DocumentError or UsageError."""
     buses = placed_on(bench).buses.values()
     return examine(
@@ -75,7 +75,7 @@ def examined(bench: Bench) -> list[Check]:
 
 
 @contextmanager
-def watched(bench: Bench) -> Iterator[tuple[dict[str, Watched], list[Onlooker]]]:
+def watched(bench: BenchRequest) -> Iterator[tuple[dict[str, Watched], list[Onlooker]]]:
     """Open the buses to watch the drives; raises DocumentError, UsageError or BusError."""
     placed = placed_on(bench)
     axes: dict[str, Watched] = {}

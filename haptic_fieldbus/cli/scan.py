@@ -11,7 +11,7 @@ from haptic_fieldbus.cli.screen import print_json, show, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS
 
 if TYPE_CHECKING:
-    from haptic_fieldbus.api.bench import Bench
+    from haptic_fieldbus.api.bench import BenchRequest
     from haptic_fieldbus.buses.found import FoundNode, Scan
 
 NOBODY_ANSWERS = (
@@ -32,13 +32,15 @@ class ScanOptions:
     profiles: ProfilesOption = None
     as_json: JsonOption = False
 
-    def bench(self) -> "Bench":
+    def bench(self) -> "BenchRequest":
         """Return the bench that the options name."""
-        from haptic_fieldbus.api.bench import Bench
+        from haptic_fieldbus.api.bench import BenchRequest
 
-        given = {name: value for name, value in vars(self).items() if value is not None}
-        names: dict[str, Any] = {name: value for name, value in given.items() if name in Bench.__dataclass_fields__}
-        return Bench(**names)
+        fields = BenchRequest.__dataclass_fields__
+        names: dict[str, Any] = {
+            name: value for name, value in vars(self).items() if name in fields and value is not None
+        }
+        return BenchRequest(**names)
 
 
 @options_of(ScanOptions)

@@ -17,10 +17,10 @@ from haptic_fieldbus.numerals import in_unit, rounded
 if TYPE_CHECKING:
     from haptic_fieldbus.running.watching import View
 
-LINE_EVERY = 1.0
-"""Time between two lines in a pipe or a file [s]."""
-LIVE_EVERY = 0.1
-"""Time between two looks on a terminal [s]."""
+LOOK_EVERY = 0.1
+"""Time between two looks [s]; on a terminal each is shown."""
+LOOKS_PER_LINE = 10
+"""Looks for each line in a pipe or a file: a line a second."""
 Shown = Callable[[Mapping[str, "View"]], None]
 
 
@@ -48,11 +48,12 @@ def watch(options: WatchOptions) -> None:
         with ended_by_signals(), watched(options.bench()) as (axes, onlookers), _shown(live, options.as_json) as tell:
             told: set[str] = set()
             show([("bus", onlooker.listened) for onlooker in onlookers], sys.stderr)
-            for views in watch_axes(axes, onlookers, MonotonicClock(), LIVE_EVERY if live else LINE_EVERY, duration):
+            for number, views in enumerate(watch_axes(axes, onlookers, MonotonicClock(), LOOK_EVERY, duration)):
                 news = {onlooker.masters for onlooker in onlookers} - told - {""}
                 show([("listening", sentence) for sentence in news], sys.stderr)
                 told |= news
-                tell(views)
+                if live or number % LOOKS_PER_LINE == 0:
+                    tell(views)
     except KeyboardInterrupt:
         return
 

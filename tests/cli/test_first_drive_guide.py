@@ -1,4 +1,4 @@
-"""What docs/how-to/your_first_real_drive.md tells is walked in its order over real sockets, beside a simulated drive."""
+"""What docs/how-to/your_first_real_drive.md tells is walked in its order on real sockets beside a simulated drive."""
 
 import json
 import os

@@ -88,11 +88,12 @@ def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> Iterator[Wire]:
 
     Raises UsageError or BusError.
     """
+    name = f"{section.interface}:{section.channel}"  # what python-can says of a bus may be "unknown"
     if section.simulated:
         section = replace(section, channel=",".join(f"{axis.profile}@{axis.node}" for axis in axes.values()))
     can_bus = open_can(section)
     try:
-        yield Wire(can_bus, MonotonicClock(), can_bus.channel_info, echoes=section.interface in ECHOING)
+        yield Wire(can_bus, MonotonicClock(), name, echoes=section.interface in ECHOING)
     finally:
         can_bus.shutdown()
 

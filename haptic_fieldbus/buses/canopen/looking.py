@@ -49,6 +49,7 @@ class Looking:
             axis: (Node(wire, node, f"node {node} (axis {axis})"), _shown(profile))
             for axis, (node, profile) in drives.items()
         }
+        wire.drain(wire.clock.now_ns() + LONGEST_DRAIN_NS)  # what comes from now on is dated by this look, or later
         heard = listen(wire, listening, one, wire.name)
         self.listened = heard.sentence()
         if heard.masters:
@@ -87,7 +88,7 @@ class Looking:
             try:
                 values[signal] = node.read(entry, ANSWER_TIMEOUT)
             except BusTimeoutError as error:
-                advice = "" if values else f". {NO_ANSWER_ADVICE}"
+                advice = "" if values else f"; {NO_ANSWER_ADVICE}"
                 return Glimpse(t_ns, values, _seconds(began_ns, now_ns()) if values else None, note=f"{error}{advice}")
             except BusConfigurationError as error:
                 notes.append(str(error))
