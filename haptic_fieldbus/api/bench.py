@@ -8,7 +8,7 @@ from pathlib import Path
 from haptic_fieldbus.api.sites import access_of
 from haptic_fieldbus.buses.access import Onlooker
 from haptic_fieldbus.buses.found import Check, Scan
-from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import load
@@ -45,8 +45,7 @@ class Placed:
 
 def placed_on(bench: BenchRequest) -> Placed:
     """Load a bench; raises DocumentError or UsageError."""
-    if bench.bus is not None:
-        check_request(bus=bench.bus, node=bench.node, rate=bench.rate)
+    check_request(bus=bench.bus or DEFAULT_BUS, node=bench.node, rate=bench.rate)
     task = Task(ANY_SCENE, bench.rig, drive=bench.drive, bus=bench.bus, node=bench.node, profiles=bench.profiles)
     loaded = load(task)
     axes = loaded.rig.axis

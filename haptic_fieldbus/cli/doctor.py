@@ -2,14 +2,24 @@
 
 import sys
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptic_fieldbus.cli.options import BENCH, RENDERING, note_assumed_bitrate, option, options_of
+from haptic_fieldbus.cli.options import (
+    BENCH,
+    RENDERING,
+    note_assumed_bitrate,
+    option,
+    options_of,
+    refuse_beside_rig,
+)
 from haptic_fieldbus.cli.scan import ScanOptions
 from haptic_fieldbus.cli.screen import print_json, show
 from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.api.bench import BenchRequest
 
 WORDS = {True: "ok", False: "not ok", None: "-"}
 FAILED = ("adapter", "round_trip")
@@ -24,6 +34,11 @@ class DriveOptions(ScanOptions):
         None
     )
     node: Annotated[int | None, option("ID", "Node-ID of the drive.", BENCH, default=DEFAULT_NODE)] = None
+
+    def bench(self) -> "BenchRequest":
+        """Return the bench that the options name; raises UsageError when `--rig` meets `--drive` or `--node`."""
+        refuse_beside_rig(self.rig, self.drive, self.node)
+        return super().bench()
 
 
 @dataclass(frozen=True, kw_only=True)
