@@ -103,6 +103,7 @@ def _on_the_bus(wire: Wire, section: CanSection, axes: Mapping[str, RigAxis], ra
     nodes = [axis.node for axis in axes.values()]
     master_node = section.master_node or MASTER_NODES[0]
     heard = listen(wire, section.listen, OneMaster(nodes, master_node), wire.name)
+    heard.refuse_noise()
     if heard.masters:
         advice = "end the other master; while it is there nothing is asked, and the round trip is not measured"
         return Check("other_masters", False, heard.sentence(), advice), Check("round_trip", None, "not measured")

@@ -51,6 +51,7 @@ class Looking:
         }
         wire.drain(wire.clock.now_ns() + LONGEST_DRAIN_NS)  # what comes from now on is dated by this look, or later
         heard = listen(wire, listening, one, wire.name)
+        heard.refuse_noise()
         self.listened = heard.sentence()
         if heard.masters:
             self._yield_to(_commanded(*sorted(heard.masters)))

@@ -59,6 +59,7 @@ def scan_bus(wire: Wire, listening: float, bitrate: int, profiles: Sequence[Cano
     for node in NODES:
         wire.listen(HEARTBEAT_COB_ID + node, partial(_note_state, states, node))
     heard = listen(wire, listening, one, wire.name)
+    heard.refuse_noise()
     if heard.masters:
         words = ", ".join(frame_words(can_id) for can_id in sorted(heard.masters))
         return Scan(wire.name, tuple(_heard_nodes(heard, states)), heard.sentence(), _only_listened(words))

@@ -12,6 +12,7 @@ from haptic_fieldbus.buses.found import Scan
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.cia402 import MappedObject
 from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
 from tests.buses.canopen.test_foreign import COMMANDS, QUESTIONS
@@ -114,6 +115,16 @@ def test_an_empty_bus_has_no_nodes_and_one_that_only_beats_is_told() -> None:
         other.send(can.Message(arbitration_id=0x77F, data=b"\x04", is_extended_id=False))
         (node,) = scan_bus(wire, 0.001, 1_000_000, PROFILES).nodes
         assert (node.node, node.nmt_state, node.vendor_id, node.profile) == (127, "stopped", None, None)
+
+
+def test_a_bus_of_nothing_but_error_frames_is_not_asked() -> None:
+    """What one sends at a wrong bit rate destroys the frames of others."""
+    with can.Bus(interface="virtual", channel="noise") as bus, can.Bus(interface="virtual", channel="noise") as other:
+        for _ in range(3):
+            other.send(can.Message(is_error_frame=True, arbitration_id=0x08, dlc=8, data=bytes(8)))
+        with pytest.raises(BusError, match=r"nothing but error frames.*bit rate"):
+            scan_bus(Wire(bus, Ticking(), "wire"), 0.01, 1_000_000, PROFILES)
+        assert other.recv(0.0) is None
 
 
 class Ticking(VirtualClock):
