@@ -143,18 +143,22 @@ def _found(node: Node, state: int | None, profiles: Sequence[CanopenProfile]) ->
 
 def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, Sureness]]) -> tuple[str | None, str | None]:
     """Return the first profile whose objects the node has, and how sure it is; None and the reason without one."""
-    lacking = ""
-    for profile, sureness in candidates:
-        entries = [entry for signal, entry in profile.entries().items() if signal is not Signal.CONTROLWORD]
-        missing = [entry for entry in entries if not _has(node, entry)]
-        if not missing:
-            return profile.name, f"{sureness.value}; it has all objects of the profile"
-        lacking = lacking or f"it lacks {', '.join(map(str, missing))} of {profile.name}"
-    return None, f"no profile fits: {lacking or 'none is of this vendor and product'}"
+    lacking = {profile.name: _lacking(node, profile) for profile, _ in candidates}
+    whole = [(profile, sureness) for profile, sureness in candidates if not lacking[profile.name]]
+    if not whole:
+        missing = [f"it lacks {', '.join(map(str, entries))} of {name}" for name, entries in lacking.items()]
+        return None, f"no profile fits: {'; '.join(missing) or 'none is of this vendor and product'}"
+    best, sureness = whole[0]
+    equal = [profile.name for profile, other in whole[1:] if other is sureness]
+    also = f"; {', '.join(equal)} would fit as well" if equal else ""
+    useless = "" if best.drive.usable else "; a drive of this profile cannot render force"
+    return best.name, f"{sureness.value}; it has all objects of the profile{also}{useless}"
 
 
-def _has(node: Node, entry: ObjectEntry) -> bool:
-    return _unless_refused(lambda: node.read(entry)) is not None
+def _lacking(node: Node, profile: CanopenProfile) -> list[ObjectEntry]:
+    """Return the entries of a profile that the node does not let us read."""
+    entries = [entry for signal, entry in profile.entries().items() if signal is not Signal.CONTROLWORD]
+    return [entry for entry in entries if _unless_refused(partial(node.read, entry)) is None]
 
 
 def _nmt_state(node: Node) -> int | None:

@@ -14,7 +14,7 @@ from haptic_fieldbus.drive.cia402 import MappedObject
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
-from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from tests.buses.canopen.test_foreign import COMMANDS, QUESTIONS
 from tests.buses.canopen.two_programs import TwoPrograms, assert_uploads_alone
 
@@ -43,6 +43,31 @@ def test_both_drives_are_found_with_identity_state_and_profile(two: TwoPrograms)
     assert (epos.sure or "").startswith("likely")
     assert (generic.sure or "").startswith("no more than a guess")
     assert None not in (epos.product_code, epos.revision, epos.serial)
+
+
+@pytest.mark.thorough("eleven drives, each asked for the objects of all that may fit")
+def test_each_shipped_drive_is_taken_for_itself() -> None:
+    profiles = [canopen_profile(load_profile(name)) for name in profile_names()]
+    two = TwoPrograms(",".join(f"{profile.name}@{10 + place}" for place, profile in enumerate(profiles)))
+    found = scan_bus(two.wire, 0.1, 1_000_000, profiles).nodes
+    assert_uploads_alone([frame for frame in two.sent() if not frame.is_remote_frame])
+    two.close()
+    assert [node.profile for node in found] == [profile.name for profile in profiles]
+    for node, profile in zip(found, profiles, strict=True):
+        assert (node.sure or "").startswith("sure") is bool(profile.identity.product_codes)
+
+
+def test_two_profiles_that_fit_alike_are_both_named(two: TwoPrograms) -> None:
+    twin = replace(PROFILES[0], name="a_twin")
+    generic = scan_bus(two.wire, 0.1, 1_000_000, [*PROFILES, twin]).nodes[1]
+    assert generic.profile == "generic_cia402"
+    assert "a_twin would fit as well" in (generic.sure or "")
+
+
+def test_a_profile_that_cannot_render_force_says_so(two: TwoPrograms) -> None:
+    own = replace(PROFILES[0], drive=replace(PROFILES[0].drive, usable=False))
+    generic = scan_bus(two.wire, 0.1, 1_000_000, [own]).nodes[1]
+    assert "cannot render force" in (generic.sure or "")
 
 
 def test_nothing_is_sent_but_uploads_and_a_question_for_the_state(two: TwoPrograms) -> None:
