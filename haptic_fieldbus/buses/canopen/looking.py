@@ -3,7 +3,7 @@
 The exchange of a run would show the same values, but to begin it a drive is configured: its PDOs are mapped, its mode
 is changed, its guard is armed, and one that somebody left enabled would be switched off, with whatever hangs on it.
 A drive in fault would be refused, when a look at it is needed most. SDO uploads do none of this, and a look that is
-late or ends leaves nothing behind.
+late or ends leaves nothing behind (decision 0032).
 
 As soon as somebody else commands or asks on the bus, nothing more is sent: two SDO clients of one node mix up their
 answers.

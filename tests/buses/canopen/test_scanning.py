@@ -156,5 +156,5 @@ class Ticking(VirtualClock):
     """Time that passes whenever somebody looks, as on a bus where nothing comes."""
 
     def now_ns(self) -> int:
-        self.compute(100_000)
+        self.compute(1_000_000)
         return super().now_ns()
