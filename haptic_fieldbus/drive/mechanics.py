@@ -48,6 +48,7 @@ class Cogging:
     torque: NonNegativeFloat
     """[N·m]"""
     periods_per_revolution: Annotated[int, Gt(0), Le(1_000_000)]
+    """Places of rest in a turn of the motor."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -64,7 +65,7 @@ class Stribeck:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Optional parts of the simulated mechanics; a part that is `None` is not simulated and costs no time."""
+    """Optional parts of the simulated mechanics; None: it is not simulated, and costs no time."""
 
     coupling: CompliantCoupling | None = None
     gravity: Weight | None = None

@@ -44,6 +44,7 @@ class CanSection(BusSection):
     """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
     bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1])] = DEFAULT_BIT_RATE
+    """[bit/s] at which the wires run."""
     listen: Annotated[float, Ge(0.0), Le(LONGEST_LISTENING)] = LISTENING
     """Time for which the master listens for somebody else before it sends anything [s]; 0: not at all."""
     master_node: Annotated[int, Ge(NODES[0]), Le(NODES[-1])] | None = None
