@@ -11,10 +11,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar, get_args, get_type_hints
 
+from haptic_fieldbus.documents import schema_of
 from haptic_fieldbus.documents.expected import Expectation
 from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.drive.rig_units import measured_by, units_of
 from haptic_fieldbus.numerals import exactly
-from haptic_fieldbus.protocols.catalogue import rig_schema
 from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
 
 FILE = Path(__file__).resolve().parent / "reference" / "rig_files.md"
@@ -53,8 +54,10 @@ position = [-0.10, 0.10]
 `haptic-fieldbus run wall --rig rig.toml` renders a scene on it, `--bus sim` added simulates the same bench. The axes of
 the scene are looked for by their names. `haptic-fieldbus simulate --write-rig rig.toml` writes such a file.
 
-**Units.** A number is SI. All is at the motor shaft, but for `limits`, which are those of the handle: N, m/s, m on a
-linear mechanism, N·m, rad/s, rad on a rotary one.
+**Units.** A number is SI; a text with a unit is taken too: `rated_torque = "94 mN·m"`, `inertia = "60 g·cm²"`,
+`bitrate = "500 kbit/s"`, `position = ["-10 cm", "10 cm"]`. All is at the motor shaft, but for `limits`, which are those
+of the handle: N, m/s, m on a linear mechanism, N·m, rad/s, rad on a rotary one. A unit that measures something else is
+refused with the one that was expected.
 
 **What is left out** is unknown, or has the default that is shown. On a real bus a run needs `rated_torque`, `inertia`
 and `viscous_damping`; without them it is refused, and names the keys that are missing.
@@ -86,7 +89,7 @@ def _table(schema: type, path: tuple[str, ...]) -> Iterator[str]:
     if values:
         yield "| key | value | default | meaning |\n|---|---|---|---|"
         for field in values:
-            cells = (f"`{field.name}`", _value(schema, path, field.name), _default(field), meanings[field.name])
+            cells = (f"`{field.name}`", _value(schema, field.name), _default(field), meanings[field.name])
             yield f"| {' | '.join(cells)} |"
         yield ""
     for name, members in inner.items():
@@ -126,13 +129,11 @@ def _of_a_file(text: str) -> str:
     return text.replace("None:", "left out:")
 
 
-def _value(schema: type, path: tuple[str, ...], name: str) -> str:
-    """Return what may stand at a key, in the words of its faults."""
-    kind = get_type_hints(schema).get("kind")
-    data: dict[str, Any] = {"kind": get_args(kind)[0]} if kind else {}
-    for step in reversed(path):
-        data = {step: data}
-    return Expectation(rig_schema()).describe((*path, name), data).replace("|", r"\|")
+def _value(schema: type, name: str) -> str:
+    """Return what may stand at a key, in the words of its faults, with its unit."""
+    measured = measured_by(get_type_hints(schema, include_extras=True)[name])
+    words = Expectation(schema_of(schema)).describe((name,), {})
+    return words if measured is None else f"{words}, in {units_of(measured)}"
 
 
 def _default(field: "Field[Any]") -> str:

@@ -11,16 +11,23 @@ from annotated_types import Ge, Len
 
 from haptic_fieldbus.drive.fields import (
     STRICT,
-    AnyFloat,
     Counts,
     CountsPerRevolution,
+    Damping,
+    Friction,
     GearRatio,
+    HandleAcceleration,
+    HandleEffort,
+    HandleLength,
+    HandleRange,
+    HandleSpeed,
     Inertia,
     MetresPerRevolution,
-    NonNegativeFloat,
     PositiveFloat,
+    Power,
     Time,
     Torque,
+    TorqueConstant,
     UInt32,
 )
 from haptic_fieldbus.drive.mechanics import Mechanics
@@ -110,17 +117,17 @@ class RotaryMechanism:
 class Limits:
     """Limits of the handle, in its workspace."""
 
-    effort: PositiveFloat | None = None
+    effort: HandleEffort | None = None
     """[N or N·m] that the motor may give to the handle; None: its rated torque."""
-    speed: PositiveFloat | None = None
+    speed: HandleSpeed | None = None
     """[m/s or rad/s] at which a run ends; None: one that `plan` shows."""
-    position: tuple[AnyFloat, AnyFloat] | None = None
+    position: HandleRange | None = None
     """[m or rad], the lower and the upper place at which a run ends; None: not limited."""
-    drift: PositiveFloat | None = None
+    drift: HandleLength | None = None
     """[m or rad] by which a position that is integrated from velocity may be uncertain; no other position is."""
-    acceleration: PositiveFloat | None = None
+    acceleration: HandleAcceleration | None = None
     """[m/s² or rad/s²]; None: what the motor and a hand can do to the inertia, where it is known."""
-    power: PositiveFloat | None = None
+    power: Power | None = None
     """[W] that the motor may give to the hand; None: not limited."""
     stall: Time | None = None
     """[s] for which counts may stand still under torque before the limit falls; None: 90 s."""
@@ -174,13 +181,13 @@ class RigAxis:
     """Counts of the position actual value in a turn of the motor."""
     rated_torque: Torque | None = None
     """[N·m] of the motor; compared with what the drive states."""
-    torque_constant: PositiveFloat | None = None
+    torque_constant: TorqueConstant | None = None
     """[N·m/A]; needed only for drives whose torque is given as a current."""
     inertia: Inertia | None = None
     """[kg·m²] of motor, mechanism and handle together."""
-    viscous_damping: NonNegativeFloat | None = None
+    viscous_damping: Damping | None = None
     """[N·m·s/rad], the friction that grows with speed."""
-    coulomb_friction: NonNegativeFloat = 0.0
+    coulomb_friction: Friction = 0.0
     """[N·m], the friction that does not."""
     on_link_loss: Literal["free", "brake"] = "free"
     """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""

@@ -21,7 +21,8 @@ from haptic_fieldbus.documents import (
     suggestion,
 )
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import BusSection, Rig
+from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
+from haptic_fieldbus.drive.rig_units import convert_units, schema_with_units
 from haptic_fieldbus.errors import DocumentError, ProfileError, RigError, UsageError
 from haptic_fieldbus.protocols.folders import known_names, own_profile, profile_file
 from haptic_fieldbus.protocols.folders import profile_folder as profile_folder
@@ -114,6 +115,8 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
     folder of profiles that cannot be listed.
     """
     document = read_document(Path(path), RigError)
+    for name in document.table("axis"):
+        convert_units(document, RigAxis, ("axis", name))
     rig = document.validate(Rig, loaded=RIG_LOADED)
     nodes: dict[tuple[object, object], str] = {}
     known = known_names(profiles)
@@ -146,12 +149,13 @@ def profile_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
 
 def bus_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
     """Return the JSON Schema of a bus of `protocol` in a rig file; raises UsageError for an unknown one."""
-    return schema_of(protocol_named(protocol).section)
+    section = protocol_named(protocol).section
+    return schema_with_units(section, schema_of(section))
 
 
 def rig_schema() -> dict[str, Any]:
     """Return the JSON Schema of a rig file with buses of the protocols in this package."""
-    schema = schema_of(Rig, loaded=RIG_LOADED)
+    schema = schema_with_units(Rig, schema_of(Rig, loaded=RIG_LOADED))
     # `Rig` knows only the common keys of a bus; the schema lists the whole bus of each protocol.
     schema["$defs"]["BusSection"] = {"anyOf": [bus_schema(name) for name in BUILT_IN]}
     return schema
@@ -215,6 +219,7 @@ def _check_bus_section(document: Document, name: str) -> BusSection | None:
     except UsageError as error:
         document.fault(("bus", name, "interface"), str(error))
         return None
+    convert_units(document, protocol.section, ("bus", name))
     return document.validate(protocol.section, ("bus", name))
 
 

@@ -9,7 +9,8 @@ from annotated_types import Ge, Le
 
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, SIMULATION
 from haptic_fieldbus.documents import suggestion
-from haptic_fieldbus.drive.fields import STRICT
+from haptic_fieldbus.documents.quantities import Quantity
+from haptic_fieldbus.drive.fields import STRICT, Measured
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
@@ -43,9 +44,9 @@ LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 class CanSection(BusSection):
     """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
-    bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1])] = DEFAULT_BIT_RATE
+    bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1]), Measured(Quantity.BIT_RATE)] = DEFAULT_BIT_RATE
     """[bit/s] at which the wires run."""
-    listen: Annotated[float, Ge(0.0), Le(LONGEST_LISTENING)] = LISTENING
+    listen: Annotated[float, Ge(0.0), Le(LONGEST_LISTENING), Measured(Quantity.TIME)] = LISTENING
     """Time for which the master listens for somebody else before it sends anything [s]; 0: not at all."""
     master_node: Annotated[int, Ge(NODES[0]), Le(NODES[-1])] | None = None
     """Node-ID of the master's heartbeat; None: the highest that no drive of the rig has."""
