@@ -59,6 +59,16 @@ the scene are looked for by their names. `haptic-fieldbus simulate --write-rig r
 of the handle: N, m/s, m on a linear mechanism, N·m, rad/s, rad on a rotary one. A unit that measures something else is
 refused with the one that was expected.
 
+**Adapters.** `interface` is one of [python-can](https://python-can.readthedocs.io/en/stable/interfaces.html), and
+`channel` what it takes there, a text or a number (`channel = 0`). Its other arguments go into a table:
+
+```toml
+[bus.desk]
+interface = "socketcand"
+channel = "can0"
+arguments = { host = "192.168.1.20", port = 29536 }
+```
+
 **What is left out** is unknown, or has the default that is shown. On a real bus a run needs `rated_torque`, `inertia`
 and `viscous_damping`; without them it is refused, and names the keys that are missing.
 
@@ -138,7 +148,7 @@ def _value(schema: type, name: str) -> str:
 
 def _default(field: "Field[Any]") -> str:
     if field.default is MISSING:
-        return "must be given"
+        return "must be given" if field.default_factory is MISSING else "none"
     if isinstance(field.default, bool):
         return f"`{str(field.default).lower()}`"
     if isinstance(field.default, float | int):

@@ -64,6 +64,11 @@ class BusSection:
         """True when the bus is simulated."""
         return False
 
+    @property
+    def wires(self) -> str:
+        """What tells one pair of wires from another."""
+        return f"{self.interface}:{self.channel}"
+
 
 @dataclass(frozen=True)
 class LinearMechanism:

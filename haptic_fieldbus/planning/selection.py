@@ -131,7 +131,7 @@ def _bus_of(rig: Rig) -> BusName:
             "time; --bus sim simulates all of them"
         )
     # Two masters on one pair of wires would each send a SYNC.
-    if len({(bus.section.interface, bus.section.channel) for bus in names.values()}) < len(names):
+    if len({section.wires for section in _used(rig).values()}) < len(names):
         raise UsageError(
             f"{rig.source or 'the rig'} names one bus twice: {listed}. What hangs on one pair of wires is one [bus]"
         )

@@ -115,6 +115,8 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
     folder of profiles that cannot be listed.
     """
     document = read_document(Path(path), RigError)
+    for name in document.table("bus"):
+        _channel_as_text(document, name)
     for name in document.table("axis"):
         convert_units(document, RigAxis, ("axis", name))
     rig = document.validate(Rig, loaded=RIG_LOADED)
@@ -150,7 +152,10 @@ def profile_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
 def bus_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
     """Return the JSON Schema of a bus of `protocol` in a rig file; raises UsageError for an unknown one."""
     section = protocol_named(protocol).section
-    return schema_with_units(section, schema_of(section))
+    schema = schema_with_units(section, schema_of(section))
+    number = {"minimum": 0, "type": "integer"}
+    schema["properties"]["channel"] = {"anyOf": [schema["properties"]["channel"], number]}
+    return schema
 
 
 def rig_schema() -> dict[str, Any]:
@@ -210,6 +215,14 @@ def _check_bus(document: Document, axis: str, nodes: dict[tuple[object, object],
     if type(node) is int and isinstance(bus, str) and nodes.setdefault((bus, node), axis) != axis:
         other = nodes[bus, node]
         document.fault(("axis", axis, "node"), f"{node} is the node-ID of axis {other} on {bus}; expected another one")
+
+
+def _channel_as_text(document: Document, bus: str) -> None:
+    """Let a channel be a number too; interfaces that count their channels read it from the text."""
+    table, channel = document.table("bus", bus), document.value("bus", bus, "channel")
+    # `type`, not `isinstance`: true is an int too.
+    if type(channel) is int and channel >= 0:
+        table["channel"] = str(channel)
 
 
 def _check_bus_section(document: Document, name: str) -> BusSection | None:

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import haptic_fieldbus
+from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import rig_schema
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "rig_files.md").read_text(encoding="utf-8")
-(SHOWN,) = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+SHOWN, DAEMON = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 
 
 def test_the_rig_that_is_shown_renders_a_wall(tmp_path: Path) -> None:
@@ -18,6 +19,14 @@ def test_the_rig_that_is_shown_renders_a_wall(tmp_path: Path) -> None:
     result = haptic_fieldbus.run("wall", rig=path, bus="sim", duration=1.5)
     assert result.trips == ()
     assert (result.verdict or "").startswith("Feels like")
+
+
+def test_the_adapter_that_is_shown_is_a_bus_of_a_rig(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(DAEMON + SHOWN.replace('"can0"\nnode', '"desk"\nnode'), encoding="utf-8")
+    section = haptic_fieldbus.load_rig(path).bus["desk"]
+    assert isinstance(section, CanSection)
+    assert section.arguments["port"] == 29536
 
 
 def keys(schema: dict[str, Any]) -> Iterator[str]:

@@ -187,7 +187,7 @@ def test_every_float_of_a_rig_has_its_unit(schema: type) -> None:
     """So that none is forgotten when a field is added."""
     hints = get_type_hints(schema, include_extras=True)
     without = {name for name, hint in hints.items() if floats(hint) and not tables_of(hint)}
-    assert {name for name in without if measured_by(hints[name]) is None} <= {"gear_ratio"}
+    assert {name for name in without if measured_by(hints[name]) is None} <= {"gear_ratio", "arguments"}
 
 
 def test_an_editor_takes_the_units_too(tmp_path: Path) -> None:
