@@ -13,6 +13,7 @@ from haptic_fieldbus.defaults import DEFAULT_PROTOCOL
 from haptic_fieldbus.documents import (
     Document,
     KeyPath,
+    check_kind,
     is_eds,
     is_path,
     knows,
@@ -55,6 +56,7 @@ def load_profile(name_or_path: str | Path, profiles: str | Path | None = None) -
     if is_eds(name_or_path):
         return protocol_named(DEFAULT_PROTOCOL).vendor_profile(name_or_path)
     document = read_document(profile_file(name_or_path, profiles), ProfileError)
+    check_kind(document, "drive")
     protocol = _protocol_of(document)
     profile = document.validate(protocol.profile, loaded=PROFILE_LOADED)
     document.integers(("schema",))  # Pydantic takes 1.0 and true for the literal 1
@@ -115,6 +117,7 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
     folder of profiles that cannot be listed.
     """
     document = read_document(Path(path), RigError)
+    check_kind(document, "bus")
     for name in document.table("bus"):
         _channel_as_text(document, name)
     for name in document.table("axis"):
