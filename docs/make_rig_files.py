@@ -52,7 +52,8 @@ position = [-0.10, 0.10]
 ```
 
 `haptic-fieldbus run wall --rig rig.toml` renders a scene on it, `--bus sim` added simulates the same bench. The axes of
-the scene are looked for by their names. `haptic-fieldbus simulate --write-rig rig.toml` writes such a file.
+the scene are looked for by their names, or by those that `--axis knob=handle` gives them.
+`haptic-fieldbus simulate --write-rig rig.toml` writes such a file.
 
 **Units.** A number is SI; a text with a unit is taken too: `rated_torque = "94 mN·m"`, `inertia = "60 g·cm²"`,
 `bitrate = "500 kbit/s"`, `position = ["-10 cm", "10 cm"]`. All is at the motor shaft, but for `limits`, which are those

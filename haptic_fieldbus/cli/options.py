@@ -6,7 +6,7 @@ the fields as parameters; `given` turns their values into the dataclass that the
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ParamSpec, TypeVar
@@ -26,7 +26,7 @@ Asked = TypeVar("Asked", bound="Rendering")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
 SHOWN = (
-    "scene", "input", "amplitude", "drive", "bus", "node", "rig", "profiles",
+    "scene", "input", "amplitude", "drive", "bus", "node", "rig", "axes", "profiles",
     "rate", "duration", "settings", "change", "method", "estimator",
 )  # fmt: skip
 """Options that the help lists first, in this order; others follow in the order of their dataclass."""
@@ -93,6 +93,10 @@ class BenchOptions(SceneOptions):
     ] = None
     node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
+    axes: Annotated[
+        list[str] | None,
+        option("SCENE_AXIS=RIG_AXIS", "Render an axis of the scene on another one; may be repeated.", BENCH, "--axis"),
+    ] = None
     profiles: ProfilesOption = None
 
     def given(self, kind: type[Asked]) -> Asked:
@@ -101,7 +105,10 @@ class BenchOptions(SceneOptions):
         wrong = [name for name, value in named.items() if value is not None]
         if self.rig is not None and wrong:
             raise UsageError(f"--rig says which drives and nodes there are; leave out {' and '.join(wrong)}")
-        return super().given(kind)
+        from haptic_fieldbus.planning.request import parse_axes
+
+        asked = super().given(kind)
+        return replace(asked, axes=parse_axes(self.axes)) if self.axes else asked  # type: ignore[call-arg]
 
 
 def options_of(make: Callable[P, Options]) -> Callable[[Callable[[Options], None]], Callable[P, None]]:

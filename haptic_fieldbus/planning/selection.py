@@ -15,6 +15,7 @@ from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
 from haptic_fieldbus.protocols.folders import own_profile
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.checked import check_elements
+from haptic_fieldbus.scenes.renamed import with_axes
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
 
@@ -54,7 +55,7 @@ def load(task: Task) -> Loaded:
         rig = _on_bus(rig, bus)
     scene = settled(task.scene, task.settings)
     if rig is None:
-        rig = _shipped_bench(scene.scene, task.drive, bus, task.node)
+        rig = _shipped_bench(with_axes(scene.scene, task.axes or {}), task.drive, bus, task.node)
     return Loaded(task, scene, _with_own_profiles(rig, task.profiles), bus)
 
 
@@ -113,6 +114,7 @@ def _compiled(loaded: Loaded, scene: Scene) -> Plan:
     """Return the plan of `scene` on the loaded bench."""
     task, rig = loaded.task, loaded.rig
     profiles = {axis.profile: load_profile(axis.profile) for axis in rig.axis.values()}
+    scene = with_axes(scene, task.axes or {})
     return compile_plan(scene, rig, profiles, task.rate, method=task.method, estimator=task.estimator)
 
 

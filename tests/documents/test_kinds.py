@@ -14,7 +14,11 @@ from tests.drive.test_rig_files import COMPLETE as RIG
 from tests.scenes.test_scene_files import TWO_WALLS as SCENE
 
 FILES = {"a drive profile": PROFILE, "a rig": RIG, "a scene": SCENE}
-LOADERS: dict[str, Callable[[Path], object]] = {"a drive profile": load_profile, "a rig": load_rig, "a scene": load_scene}
+LOADERS: dict[str, Callable[[Path], object]] = {
+    "a drive profile": load_profile,
+    "a rig": load_rig,
+    "a scene": load_scene,
+}
 PAIRS = [(wanted, given) for wanted in FILES for given in FILES if wanted != given]
 
 
