@@ -26,7 +26,7 @@ Asked = TypeVar("Asked", bound="Rendering")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
 SHOWN = (
-    "scene", "input", "amplitude", "drive", "bus", "node", "rig", "axes", "profiles",
+    "scene", "input", "amplitude", "drive", "bus", "node", "rig", "axes", "zero", "profiles",
     "rate", "duration", "settings", "change", "method", "estimator",
 )  # fmt: skip
 """Options that the help lists first, in this order; others follow in the order of their dataclass."""
@@ -96,6 +96,10 @@ class BenchOptions(SceneOptions):
     axes: Annotated[
         list[str] | None,
         option("SCENE_AXIS=RIG_AXIS", "Render an axis of the scene on another one; may be repeated.", BENCH, "--axis"),
+    ] = None
+    zero: Annotated[
+        str | None,
+        option("here", "Count positions from where the handle is at enabling, whatever the rig says.", BENCH),
     ] = None
     profiles: ProfilesOption = None
 

@@ -81,7 +81,7 @@ class LinearMechanism:
     sign: Literal[-1, 1] = 1
     """-1 where the handle goes to its negative side while the drive counts up."""
     zero: Literal["start"] | Counts = "start"
-    """Zero of the handle: its place when the drive is enabled, or an encoder count."""
+    """Zero of the handle: its place when the drive is enabled, as with `--zero here`, or an encoder count."""
     __pydantic_config__: ClassVar = STRICT
 
     @property
@@ -105,7 +105,7 @@ class RotaryMechanism:
     sign: Literal[-1, 1] = 1
     """-1 where the handle goes to its negative side while the drive counts up."""
     zero: Literal["start"] | Counts = "start"
-    """Zero of the handle: its place when the drive is enabled, or an encoder count."""
+    """Zero of the handle: its place when the drive is enabled, as with `--zero here`, or an encoder count."""
     __pydantic_config__: ClassVar = STRICT
 
     @property

@@ -19,6 +19,9 @@ from haptic_fieldbus.scenes.renamed import with_axes
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
 
+HERE = "here"
+"""Zero of all axes: where the handle is when the drive is enabled."""
+
 
 @dataclass(frozen=True)
 class Loaded:
@@ -56,7 +59,21 @@ def load(task: Task) -> Loaded:
     scene = settled(task.scene, task.settings)
     if rig is None:
         rig = _shipped_bench(with_axes(scene.scene, task.axes or {}), task.drive, bus, task.node)
-    return Loaded(task, scene, _with_own_profiles(rig, task.profiles), bus)
+    return Loaded(task, scene, _with_own_profiles(_with_zero(rig, task.zero), task.profiles), bus)
+
+
+def _with_zero(rig: Rig, zero: str | None) -> Rig:
+    """Return the rig with the zero that a task names in the place of its own; raises UsageError for another word."""
+    if zero is None:
+        return rig
+    if zero != HERE:
+        raise UsageError(
+            f'--zero "{zero}": expected {HERE}; an encoder count stands in the rig, axis.NAME.mechanism.zero'
+        )
+    return replace(
+        rig,
+        axis={name: replace(axis, mechanism=replace(axis.mechanism, zero="start")) for name, axis in rig.axis.items()},
+    )
 
 
 def _with_own_profiles(rig: Rig, profiles: str | Path | None) -> Rig:
