@@ -391,7 +391,7 @@ GUARDS = {
         "test_a_wrong_drive_is_refused_before_anything_is_written",
     ),
     "rated torque of the rig": _bus(
-        "setup",
+        "preparing",
         "if expected is not None and abs(rated - expected)",
         "if False and abs(rated - expected)",
         "test_setup",
@@ -480,6 +480,13 @@ GUARDS = {
         "return self.off is not None and self.earliest <= self.off <= self.allowed",
         "return True",
         (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
+    ),
+    "proofs of life through skipped periods": _bus(
+        "guard",
+        "if passed_ns < self._late_ns:",
+        "if True:",
+        "test_guard",
+        "TestRequests::test_periods_that_are_skipped_leave_no_guard_waiting",
     ),
     "a guard that cannot have acted yet": Guard(
         "haptic_fieldbus/assessing/proof.py",

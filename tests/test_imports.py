@@ -50,14 +50,15 @@ DOES_WITHOUT = {
         "cli.options": "planning.request protocols.registry",
         "cli.pictures": "planning.request",
         "cli.plan": "api planning.explain planning.plan_json planning.task",
-        "cli.profiles": "eds protocols.canopen.from_eds protocols.canopen.profile protocols.catalogue"
-        " protocols.folders sim.canopen.sheet",
+        "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue protocols.folders sim.canopen.sheet",
         "cli.report": "api study.make_report study.measure.bench",
         "cli.response": "api api.open_loop report.plot_response report.responses",
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
         " scenes.scene",
         "cli.simulate": "drive.rig_text running.rights sim.canopen.host_request sim.canopen.hosting sim.faults",
+        "cli.vendor_files": "documents eds protocols.canopen.from_eds protocols.canopen.profile"
+        " protocols.canopen.vendor.draft protocols.catalogue sim.canopen.proof",
         "cli.stability": "api.judging report.plot_region report.stability",
         "cli.vcan": "vcan.runner",
     },

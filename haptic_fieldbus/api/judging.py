@@ -76,6 +76,8 @@ class Judgement:
     workspace: Workspace
     stability: Stability
     group: Group
+    assumed: tuple[str, ...] = ()
+    """What the profiles of the judged drives state without a source."""
 
     @property
     def estimator(self) -> str | None:
@@ -104,7 +106,7 @@ def judge_scene(inquiry: Inquiry) -> Judgement:
     plan = select(inquiry).plan
     # Axes that are coupled have one judgement, in the units of one of them.
     return _weakest(
-        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group)
+        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group, plan.assumed)
         for axis in plan.axes
         if axis.stability is not None and axis.group is not None and axis.group.reference_axis == axis.name
     )

@@ -1,8 +1,8 @@
-"""Commands `profiles list|show|check`: the drive profiles, and the source of each value."""
+"""Commands `profiles list|show|check|new`: the drive profiles, and the source of each value."""
 
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, asdict, fields, is_dataclass, replace
 from datetime import datetime
 from enum import Enum
 from functools import partial
@@ -14,6 +14,7 @@ import typer
 from haptic_fieldbus.cli.checking import check_files, faults_to_json, faults_told
 from haptic_fieldbus.cli.options import JsonOption, ProfilesOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.cli.vendor_files import check_against, write_draft
 from haptic_fieldbus.errors import EdsError, UsageError
 from haptic_fieldbus.numerals import exactly
 
@@ -21,11 +22,17 @@ if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Json
     from haptic_fieldbus.drive.profile import DriveProfile
 
-app = typer.Typer(help="The drive profiles: list, show, check.", no_args_is_help=True)
+app = typer.Typer(help="The drive profiles: list, show, check, draft.", no_args_is_help=True)
 
 # Order of the sections in `profiles show`.
-SECTIONS = ("identity", "torque", "position", "velocity", "pdo", "link_loss", "timing", "simulation")
-IN_HEXADECIMAL = ("object", "heartbeat_consumer", "vendor_id", "product_codes", "absent", "supported_modes")
+SECTIONS = (
+    "identity", "torque", "position", "velocity", "pdo", "setup", "sync", "commissioning", "link_loss", "timing",
+    "simulation",
+)  # fmt: skip
+IN_HEXADECIMAL = (
+    "object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes", "absent",
+    "supported_modes", "controlword",
+)  # fmt: skip
 """Keys whose whole numbers are written as in vendors' manuals: indices, identities and bit fields."""
 
 
@@ -96,12 +103,21 @@ def check_profiles(
         list[str] | None,
         typer.Argument(metavar="[NAME]...", help="Names or paths; all shipped and own ones unless given."),
     ] = None,
+    eds: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Prove one profile against the EDS or DCF of its vendor."),
+    ] = None,
     profiles: ProfilesOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Check profiles or vendors' EDS files, and list all faults of each with line and key."""
     from haptic_fieldbus.protocols.folders import known_names
 
+    if eds is not None:
+        if not names or len(names) != 1:
+            raise UsageError("--eds FILE proves one profile; expected its name or its path before it")
+        check_against(names[0], eds, profiles, as_json)
+        return
     known = known_names(profiles)
     check_files(names or known, partial(_check_profile, profiles), as_json)
 
@@ -115,8 +131,22 @@ def _check_profile(profiles: str | None, name: str) -> None:
     from haptic_fieldbus.protocols.catalogue import load_profile
 
     profile = load_profile(name, profiles)
-    if isinstance(profile, EdsProfile) and profile.eds.faults:
-        raise EdsError(name, list(profile.eds.faults))
+    if isinstance(profile, EdsProfile) and profile.faults():
+        raise EdsError(name, profile.faults())
+
+
+@app.command("new")
+def new_profile(
+    eds: Annotated[Path, typer.Option(metavar="FILE", help="The EDS or DCF of the drive's vendor.")],
+    name: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Name of the profile, and of its file here; from the EDS if left out."),
+    ] = None,
+    output: Annotated[Path | None, typer.Option(metavar="FILE", help="The file to write instead.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Draft a profile from a vendor's EDS: each value with its section, and what no EDS can know marked assumed."""
+    write_draft(eds, name, output, as_json)
 
 
 def _write_eds(profile: "DriveProfile", path: Path) -> None:
@@ -144,7 +174,9 @@ def _write_eds(profile: "DriveProfile", path: Path) -> None:
 
 def _json(profile: "DriveProfile") -> "dict[str, Json]":
     """Return the profile as a JSON object, without the vendor's EDS from which it may have been made."""
-    plain_fields = {field.name: getattr(profile, field.name) for field in fields(profile) if field.name != "eds"}
+    plain_fields = {
+        field.name: getattr(profile, field.name) for field in fields(profile) if field.name not in ("eds", "lacks")
+    }
     return {name: _plain(value) for name, value in plain_fields.items()}
 
 
@@ -156,33 +188,35 @@ def _plain(value: object) -> "Json":
 
 
 def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
-    """Yield key, value and source of each value that is given; of the simulation, only values other than the usual."""
-    from haptic_fieldbus.protocols.canopen.profile import SimulationSection
-
-    usual = vars(SimulationSection())
+    """Yield key, value and source of each value that is given, or that is other than the usual."""
     for section in SECTIONS:
-        values = getattr(profile, section)
-        for key, value in (vars(values) if values is not None else {}).items():
-            if value not in (None, ()) and value is not False and (section != "simulation" or value != usual[key]):
-                name = f"{section}.{key}"
-                yield name, _text(key, value), _source(name, profile.sources)
+        table = getattr(profile, section, None)
+        for field in fields(table) if table is not None else ():
+            name, value = f"{section}.{field.name}", getattr(table, field.name)
+            if value not in (None, (), {}) and value is not False and _is_told(name, value, field, profile.sources):
+                # The objects of a simulated drive fill screens: its EDS shows them (--eds).
+                text = f"{len(value)} entries" if isinstance(value, dict) else _text(field.name, value)
+                yield name, text, _source(name, profile.sources)
+
+
+def _is_told(name: str, value: object, field: "Field[object]", sources: Mapping[str, str]) -> bool:
+    """Return whether a value is shown: it has a source of its own, or is other than the usual."""
+    own = any(key == name or key.startswith(f"{name}.") for key in sources)
+    return own or value != (field.default if field.default_factory is MISSING else field.default_factory())
 
 
 def _source(name: str, sources: Mapping[str, str]) -> str:
-    """Return the source of a key: its own, else those of its inner keys, else that of its section, else "default"."""
+    """Return the source of a key: its own, else those of its inner keys, else that of its section, else nothing."""
     inner = "; ".join(text for key, text in sources.items() if key.startswith(f"{name}."))
-    return sources.get(name) or inner or sources.get(name.partition(".")[0], "default")
+    return sources.get(name) or inner or sources.get(name.partition(".")[0], "")
 
 
 def _text(key: str, value: object) -> str:
     """Return a value as people write it, with indices and identities in hexadecimal."""
     if is_dataclass(value):
-        # Subindex 0 is left out: most objects of a drive have no other.
-        parts = {
-            name: member for name, member in vars(value).items() if member != "" and (name, member) != ("subindex", 0)
-        }
-        texts = [_text(name, member) if name != "value" else f"= {member}" for name, member in parts.items()]
-        return " ".join(texts)
+        return " ".join(_member(name, member) for name, member in vars(value).items() if _is_said(name, member))
+    if isinstance(value, Mapping):
+        return ", ".join(map(str, value))
     if isinstance(value, tuple):
         return ", ".join(_text(key, member) for member in value)
     if isinstance(value, Enum):
@@ -190,3 +224,17 @@ def _text(key: str, value: object) -> str:
     if isinstance(value, int) and key in IN_HEXADECIMAL:
         return f"{value:04X}h"
     return exactly(value) if isinstance(value, float) else str(value)
+
+
+def _is_said(name: str, member: object) -> bool:
+    """Return whether a member of an object is shown; sub-index 0 is left out, as most objects have no other."""
+    return member not in ("", None) and member is not False and (name, member) != ("subindex", 0)
+
+
+def _member(name: str, member: object) -> str:
+    """Return a member of an object as people write it beside the others."""
+    if name == "subindex":
+        return f":{member:02X}"
+    if member is True:
+        return name
+    return f"= {member}" if name == "value" else _text(name, member)

@@ -39,7 +39,8 @@ def stability(options: StabilityOptions) -> None:
         draw(options.plot, lambda path: plot_region(judgement, path))
     show(notes(judgement), sys.stderr)
     if options.as_json:
-        print_json({key: plain(value) for key, value in judgement.stability.to_json().items()})
+        found = {key: plain(value) for key, value in judgement.stability.to_json().items()}
+        print_json({**found, "assumed": list(judgement.assumed)})
         return
     show(stability_lines(judgement))
     if options.plot is not None:

@@ -45,7 +45,9 @@ def bind_echo(
     if echo is None or math.isinf(axis.limits.echo):
         return render
     place = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(echo)
-    lags, tolerance = echo is Signal.TORQUE_ACTUAL, float(ECHO_STEPS)
+    lags = echo is Signal.TORQUE_ACTUAL
+    shown = {Signal.TORQUE_ACTUAL: axis.shown_unit, Signal.TORQUE_DEMAND: axis.demand_unit}.get(echo, axis.effort_unit)
+    tolerance = ECHO_STEPS * max(1.0, shown / axis.effort_unit)
     if lags:
         tolerance = max(tolerance, ECHO_SHARE * axis.rated_effort / axis.effort_unit)
     doubt = Doubt(axis, period, tolerance, trip)
@@ -57,7 +59,7 @@ def _bind_demand(
     axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
 ) -> PeriodStep:
     """Compare with the target that must be in force by now."""
-    sign, tolerance = axis.rig.mechanism.sign, doubt.tolerance
+    sign, tolerance = axis.rig.mechanism.sign * _ratio(axis.demand_unit, axis), doubt.tolerance
     waits = axis.delay.transport > (1.0 - 1e-9) * period
     before = deque([0] * (FEWEST_TARGETS - 1), maxlen=FEWEST_TARGETS - 1)
 
@@ -111,7 +113,11 @@ def _bind_actual(
     axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
 ) -> PeriodStep:
     """Compare with the target that must be in force by now, after the lag of the torque loop."""
-    sign, tolerance, lag = axis.rig.mechanism.sign, doubt.tolerance, axis.delay.torque_loop
+    sign, tolerance, lag = (
+        axis.rig.mechanism.sign * _ratio(axis.shown_unit, axis),
+        doubt.tolerance,
+        axis.delay.torque_loop,
+    )
     late = min(axis.delay.transport, period)
     # From the sample before on, the target before the last was in force, then the last one.
     kept, own = math.exp(-period / lag), 1.0 - math.exp(-(period - late) / lag)
@@ -135,6 +141,12 @@ def _bind_actual(
     return check
 
 
+def _ratio(unit: float, axis: AxisPlan) -> float:
+    """Return how many steps of the target are one step of the echo; the integer 1 where both have one unit."""
+    ratio = unit / axis.effort_unit
+    return 1 if abs(ratio - 1.0) < 1e-9 else ratio
+
+
 class Doubt:
     """The doubt whether set-points act, and its way to a trip; values in steps of target torque."""
 
@@ -147,13 +159,13 @@ class Doubt:
         # A sample that comes a little early still ends the deadline.
         self._deadline_ns = doubt_time(period) * 1e9 - self._period_ns // 2
         self._since_ns = self._differed_ns = 0
-        self._stuck = 0
+        self._stuck = 0.0
 
     def unanswered(self, waited_ns: int, sent: int) -> None:
         """Trip when the drive does not answer any more what torque it was sent."""
         self._trip(TripKind.SET_POINTS_DEAD, math.nan, sent * self._unit, f"{waited_ns * 1e-6:.0f}")
 
-    def look(self, now_ns: int, shown: int, expected: float, targets: Sequence[int]) -> None:
+    def look(self, now_ns: int, shown: float, expected: float, targets: Sequence[int]) -> None:
         """Raise, keep or end the doubt; trip when the drive still shows another torque after the deadline."""
         differs = abs(shown - expected) > self.tolerance
         if not self.open:

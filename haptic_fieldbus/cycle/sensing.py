@@ -73,7 +73,7 @@ def _bind_velocity(
 
 
 def _bind_torque(axis: AxisPlan, sensed: Sensed, feedback: Feedback) -> PeriodStep:
-    unit = axis.effort_unit * axis.rig.mechanism.sign
+    unit = axis.shown_unit * axis.rig.mechanism.sign
     place = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(Signal.TORQUE_ACTUAL)
 
     def torque() -> None:

@@ -35,6 +35,7 @@ class Quantity(Enum):
     FREQUENCY = ("Hz", "Hz")
     RATIO = ("", "")
     POWER = ("W", "W")
+    CURRENT = ("A", "A")
     EFFORT_PER_CURRENT = ("N/A", "N·m/A")
     BIT_RATE = ("bit/s", "bit/s")
 
@@ -113,6 +114,7 @@ _FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
     Quantity.FREQUENCY: ({"Hz": 1.0, "kHz": 1e3, "1/s": 1.0},) * 2,
     Quantity.RATIO: ({"": 1.0, "%": 1e-2},) * 2,
     Quantity.POWER: ({"W": 1.0, "mW": 1e-3, "kW": 1e3},) * 2,
+    Quantity.CURRENT: (_CURRENTS,) * 2,
     Quantity.EFFORT_PER_CURRENT: (_over(_FORCES, _CURRENTS), _over(_TORQUES, _CURRENTS)),
     Quantity.BIT_RATE: ({"bit/s": 1.0, "kbit/s": 1e3, "Mbit/s": 1e6},) * 2,
 }

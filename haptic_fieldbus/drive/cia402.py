@@ -47,6 +47,22 @@ class OptionCode:
 
 
 @dataclass(frozen=True)
+class WrittenObject:
+    """An object that is written before the drive is enabled, and read back."""
+
+    object: Index
+    type: DataType
+    value: Annotated[int, Ge(-0x8000_0000), Le(0xFFFF_FFFF)]
+    subindex: Annotated[int, Ge(0), Le(255)] = 0
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def entry(self) -> ObjectEntry:
+        """The object as an entry of the object dictionary."""
+        return ObjectEntry(self.object, self.type, self.subindex)
+
+
+@dataclass(frozen=True)
 class IdentitySection:
     """Identity that is compared with 1018h before anything is written; None, or no codes: not compared."""
 
@@ -68,6 +84,12 @@ class TorqueSection:
     echo: Literal["demand", "actual", "asked", "none"] = "none"
     """Object in which a set-point comes back, so that the loop sees whether its set-points act; asked: `target` itself,
     which is read between the periods."""
+    rated_current: MappedObject | None = None
+    """Rated current, read at configuration and compared with the rig; for a unit that is a share of it."""
+    slope: WrittenObject | None = None
+    """Torque slope (6087h) of a drive that ramps to its target [‰ of rated torque per s]; its value is written."""
+    controlword: Annotated[int, Ge(0), Le(0xFFFF)] = 0
+    """Bits of the controlword that the mode needs beside those of *enable operation*."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -107,6 +129,12 @@ class Cia402Profile(DriveProfile):
     identity: IdentitySection = field(default_factory=IdentitySection)
     link_loss: LinkLoss = field(default_factory=LinkLoss)
     __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def ramp(self) -> float:
+        """Time in which the torque goes from zero to rated by the drive's own slope [s]; 0: at once."""
+        slope = self.torque.slope
+        return 0.0 if slope is None or not slope.value else 1e3 / slope.value
 
     @property
     def echo(self) -> Signal | None:

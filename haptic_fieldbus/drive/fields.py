@@ -51,6 +51,8 @@ Damping = Annotated[NonNegativeFloat, Measured(Quantity.DAMPING)]
 """[N·m·s/rad]"""
 TorqueConstant = Annotated[PositiveFloat, Measured(Quantity.EFFORT_PER_CURRENT)]
 """[N·m/A]"""
+Current = Annotated[PositiveFloat, Measured(Quantity.CURRENT)]
+"""[A]"""
 Power = Annotated[PositiveFloat, Measured(Quantity.POWER)]
 """[W]"""
 HandleEffort = Annotated[PositiveFloat, Measured(Quantity.EFFORT, None)]

@@ -5,6 +5,7 @@ protocols share. Each protocol (`protocols`) adds tables of its own, which tell 
 Units are SI, unless a name or the `unit` of an entry says otherwise.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +16,9 @@ from annotated_types import Len
 from haptic_fieldbus.drive.fields import STRICT, Frequency, NonNegativeTime, Time
 from haptic_fieldbus.drive.objects import DataType, Order
 from haptic_fieldbus.signals import Signal
+
+ASSUMED = "ASSUMED"
+"""Word in the source of a value for which none was found."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,8 @@ class DriveSection:
     """Best evidence for the values; "standard": CiA 301 and CiA 402 alone, without any particular device."""
     usable: bool = True
     """False: the profile only documents why the drive cannot render force."""
+    commutation_search: bool = False
+    """True: the first enabling after power-on may turn the shaft, because the drive looks for its commutation."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -56,6 +62,8 @@ class TimingSection:
     """
     mode_change_timeout: Time = 1.0
     """Longest time that the drive may take to change its mode of operation [s]."""
+    enabling_timeout: Time = 2.0
+    """Longest time that the drive may take to *operation enabled* [s]; a commutation search takes part of it."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -78,9 +86,24 @@ class DriveProfile(ABC):
         return f"{self.drive.vendor} {self.drive.model}"
 
     @property
+    def ramp(self) -> float:
+        """Time in which the torque goes from zero to rated by a slope of the drive's own [s]; 0: at once."""
+        return 0.0
+
+    @property
     def echo(self) -> Signal | None:
         """Signal in which a target torque comes back, the proof that set-points act; None: the drive has no such."""
         return None
+
+    @property
+    def torque_lag(self) -> float:
+        """Time constant of the torque behind its target [s]: torque loop, and the slope of the drive's own."""
+        return 1.0 / (2 * math.pi * self.timing.torque_bandwidth) + self.ramp
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """Keys whose values rest on no source but an assumption, in the order of the file."""
+        return tuple(key for key, source in self.sources.items() if ASSUMED in source)
 
     @property
     def guarded(self) -> bool:

@@ -13,6 +13,7 @@ from haptic_fieldbus.drive.fields import (
     STRICT,
     Counts,
     CountsPerRevolution,
+    Current,
     Damping,
     Friction,
     GearRatio,
@@ -188,6 +189,10 @@ class RigAxis:
     """[N·m] of the motor; compared with what the drive states."""
     torque_constant: TorqueConstant | None = None
     """[N·m/A]; needed only for drives whose torque is given as a current."""
+    rated_current: Current | None = None
+    """[A]; needed only for drives whose torque is given in ‰ of it."""
+    peak_current: Current | None = None
+    """[A] of the power stage; needed only for drives whose torque is given as a share of it."""
     inertia: Inertia | None = None
     """[kg·m²] of motor, mechanism and handle together."""
     viscous_damping: Damping | None = None
@@ -244,9 +249,13 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         encoder_counts_per_revolution=COUNTS_PER_REVOLUTION,
         rated_torque=0.4,
         torque_constant=0.05,
+        rated_current=8.0,
+        peak_current=20.0,
         inertia=4.0e-5,
         viscous_damping=1.0e-4,
         coulomb_friction=2.0e-3,
+        # The limits of a simulated drive are nobody's settings.
+        raise_max_torque=True,
         # Above the speed that the simulated hand reaches in free space, where only damping holds back its 6 N.
         limits=Limits(speed=10.0 if workspace is Workspace.LINEAR else 1.0e4),
         # A test per profile proves it.

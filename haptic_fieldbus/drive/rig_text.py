@@ -16,6 +16,8 @@ _UNITS = {
     "bitrate": "bit/s",
     "rated_torque": "N·m",
     "torque_constant": "N·m/A",
+    "rated_current": "A",
+    "peak_current": "A",
     "inertia": "kg·m², motor and handle, at the motor shaft as all here",
     "viscous_damping": "N·m·s/rad",
     "coulomb_friction": "N·m",

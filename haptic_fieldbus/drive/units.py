@@ -6,8 +6,25 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from haptic_fieldbus.drive.rig import RigAxis
 
-PERMILLE, MILLIAMPERE = "permille_of_rated_torque", "mA"
-TORQUE_UNITS = (PERMILLE, MILLIAMPERE)
+PERMILLE, MILLIAMPERE, PERMILLE_OF_CURRENT = "permille_of_rated_torque", "mA", "permille_of_rated_current"
+PEAK_SHARE, PEAK_SHARE_HIGH = "peak_current/32760", "peak_current/32760/65536"
+"""Current of the power stage in 16 bits; and the same in the high word of 32 bits."""
+_NEEDED = {
+    PERMILLE: ("rated_torque",),
+    MILLIAMPERE: ("torque_constant",),
+    PERMILLE_OF_CURRENT: ("rated_current", "torque_constant"),
+    PEAK_SHARE: ("peak_current", "torque_constant"),
+    PEAK_SHARE_HIGH: ("peak_current", "torque_constant"),
+}
+"""Unit of torque → keys of a rig's axis whose product, times `_SHARES`, is one step [N·m]."""
+_SHARES = {
+    PERMILLE: 1e-3,
+    MILLIAMPERE: 1e-3,
+    PERMILLE_OF_CURRENT: 1e-3,
+    PEAK_SHARE: 1 / 32760,
+    PEAK_SHARE_HIGH: 1 / 32760 / 65536,
+}
+TORQUE_UNITS = tuple(_NEEDED)
 RATED_TORQUE_UNITS = {"µN·m": 1e-6, "mN·m": 1e-3, "N·m": 1.0}
 """Unit of the rated torque → size of one step [N·m]."""
 COUNTS, TENTH_DEGREE = "counts", "0.1 deg"
@@ -21,14 +38,13 @@ VELOCITY_UNITS = (*REVOLUTIONS_PER_SECOND, COUNTS_PER_SECOND)
 
 def torque_step(unit: str, axis: "RigAxis") -> float | None:
     """Return one step of torque [N·m]; None when the rig lacks the value that it follows from (`needed_for`)."""
-    if unit == MILLIAMPERE:
-        return None if axis.torque_constant is None else 1e-3 * axis.torque_constant
-    return None if axis.rated_torque is None else axis.rated_torque / 1000.0  # ‰ of rated torque
+    factors = [getattr(axis, key) for key in _NEEDED[unit]]
+    return None if None in factors else math.prod(factors) * _SHARES[unit]
 
 
-def needed_for(unit: str) -> str:
-    """Return the key of a rig's axis from which a step of torque follows."""
-    return "torque_constant" if unit == MILLIAMPERE else "rated_torque"
+def needed_for(unit: str, axis: "RigAxis | None" = None) -> str:
+    """Return the keys of a rig's axis from which a step of torque follows, in words; only those that `axis` lacks."""
+    return " and ".join(key for key in _NEEDED[unit] if axis is None or getattr(axis, key) is None)
 
 
 def steps_per_revolution(unit: str, counts_per_revolution: int) -> float:

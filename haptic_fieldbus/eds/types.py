@@ -62,14 +62,14 @@ class EdsType(IntEnum):
 
 REALS = (EdsType.REAL32, EdsType.REAL64)
 TEXTS = (EdsType.VISIBLE_STRING, EdsType.UNICODE_STRING)
+TIMES = (EdsType.TIME_OF_DAY, EdsType.TIME_DIFFERENCE)
 OCTETS = (EdsType.OCTET_STRING, EdsType.DOMAIN)
 
 _SIZES = {
     EdsType.BOOLEAN: 1,
     EdsType.REAL32: 4,
     EdsType.REAL64: 8,
-    EdsType.TIME_OF_DAY: 6,
-    EdsType.TIME_DIFFERENCE: 6,
+    **dict.fromkeys(TIMES, 6),
 } | {
     member: int(member.name.removeprefix("INTEGER").removeprefix("UNSIGNED")) // 8
     for member in EdsType

@@ -7,12 +7,15 @@ blanks, $NODEID alone, a sign before 0x, REAL32 as the octets of its IEEE 754 fo
 ValueError with a message for the user.
 """
 
+import math
 import struct
 
 from haptic_fieldbus.eds.model import EdsValue, NodeOffset
 from haptic_fieldbus.eds.types import OCTETS, REALS, TEXTS, EdsType
 
 NODE_ID = "$nodeid"
+NODES = range(1, 128)
+"""Node-IDs of CiA 301."""
 WIDEST = range(-(1 << 63), 1 << 64)
 """Whole numbers of the widest types of CiA 301, INTEGER64 and UNSIGNED64."""
 _SHOWN_LENGTH = 60
@@ -68,15 +71,56 @@ def value_of(text: str, type: EdsType | None) -> EdsValue:
 
 
 def text_of(value: EdsValue, type: EdsType | None) -> str:
-    """Return the text of a value from which `value_of` reads it back."""
+    """Return the text of a value from which `value_of` reads it back; raises ValueError for one that is out of range.
+
+    Reals are written as the octets of their IEEE 754 form, which is the only form that all readers take.
+    """
     if isinstance(value, NodeOffset):
-        return f"$NODEID+0x{value.offset:X}" if value.offset else "$NODEID"
+        return f"$NODEID+{'-' * (value.offset < 0)}0x{abs(value.offset):X}" if value.offset else "$NODEID"
     if isinstance(value, bytes):
         return value.hex()
+    if isinstance(value, str):
+        return value
+    if type in REALS:
+        return f"0x{_packed(value, type).hex().upper()}"
     if isinstance(value, int):
         unsigned = type is not None and not type.signed and type.is_integer
         return f"0x{value:0{2 * (type.size or 0)}X}" if unsigned and type is not None else str(value)
     return str(value)
+
+
+def fits(value: EdsValue, type: EdsType) -> bool:
+    """Return whether a type can hold a value, with any node-ID."""
+    if type in TEXTS:
+        return isinstance(value, str)
+    if type in OCTETS:
+        return isinstance(value, bytes)
+    if type in REALS:
+        return isinstance(value, int | float) and _is_real(value, type)
+    low, high = type.limits or (0, 0)
+    return isinstance(value, int | NodeOffset) and low <= value_range(value)[0] and value_range(value)[1] <= high
+
+
+def value_range(value: EdsValue) -> tuple[float, float]:
+    """Return the least and the greatest number that a value is, with any node-ID; infinite for one that is none."""
+    if isinstance(value, NodeOffset):
+        return value.at(NODES[0]), value.at(NODES[-1])
+    return (value, value) if isinstance(value, int | float) else (-math.inf, math.inf)
+
+
+def _packed(value: float, type: EdsType) -> bytes:
+    """Return the octets of a real, the most significant first; raises ValueError when the type cannot hold it."""
+    try:
+        return struct.pack(">f" if type is EdsType.REAL32 else ">d", value)
+    except OverflowError:
+        raise ValueError(f"{value} does not fit into {type.name}") from None
+
+
+def _is_real(value: float, type: EdsType) -> bool:
+    try:
+        return math.isfinite(value) and bool(_packed(value, type))
+    except (ValueError, OverflowError):  # OverflowError: a whole number that no double holds
+        return False
 
 
 def _fitted(number: int, type: EdsType, text: str) -> int:
@@ -99,15 +143,18 @@ def _real(text: str, type: EdsType) -> float:
     """Return a REAL32 or REAL64; raises ValueError when the text is none."""
     if text.strip().lower().startswith("0x"):
         number, size = whole_number(text), type.size or 0
-        if number >= 1 << 8 * size:
+        if not 0 <= number < 1 << 8 * size:
             raise ValueError(f'"{text}" does not fit into {type.name}')
         # The digits begin with the most significant octet.
         value: float = struct.unpack(">f" if size == 4 else ">d", number.to_bytes(size, "big"))[0]
         return value
     try:
-        return float(text)
+        real = float(text)
     except ValueError:
         raise ValueError(f'"{text}" is no number') from None
+    if not _is_real(real, type):
+        raise ValueError(f'"{text}" does not fit into {type.name}')
+    return real
 
 
 def _octets(text: str) -> bytes:

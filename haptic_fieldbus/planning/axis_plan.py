@@ -8,14 +8,7 @@ from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.drive.rig import Rig, RigAxis
-from haptic_fieldbus.drive.units import (
-    COUNTS,
-    TORQUE_UNITS,
-    needed_for,
-    steps_per_revolution,
-    torque_step,
-    velocity_step,
-)
+from haptic_fieldbus.drive.units import velocity_step
 from haptic_fieldbus.errors import Fault, PlanError, RigError, SceneError, SignalUnavailableError
 from haptic_fieldbus.margins import Plant, Stability
 from haptic_fieldbus.margins.group import Group
@@ -23,6 +16,7 @@ from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.guards import check_guarded, unguarded
 from haptic_fieldbus.planning.image import canonical
 from haptic_fieldbus.planning.limits import EffortLimits, limits_of
+from haptic_fieldbus.planning.scales import plant_of, position_steps, rated_effort, torque_unit
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.protocols.traffic import AxisTraffic, Delay
@@ -70,6 +64,10 @@ class AxisPlan:
     limits: EffortLimits
     effort_unit: float
     """One step of the drive's target torque in the workspace [N or N·m]."""
+    shown_unit: float
+    """One step of the drive's torque actual value in the workspace [N or N·m]; that of the target where it has none."""
+    demand_unit: float
+    """One step of the drive's torque demand in the workspace [N or N·m]; that of the target where it has none."""
     rated_effort: float
     """Effort at the motor's rated torque, in the workspace [N or N·m]."""
     steps_per_revolution: float
@@ -151,9 +149,13 @@ def draft_axis(
     couplings = tuple(coupling for coupling in scene.couplings if scene_axis.name in coupling.axes)
     _check_coupled(scene_axis.name, couplings, profile)
     incoming = _incoming((*elements, *couplings), scene_axis.name, profile)
-    effort_unit, rated, steps = _effort_unit(profile, axis), _rated_effort(axis), _steps(profile, axis)
+    effort_unit, rated, steps = (
+        torque_unit(Signal.TARGET_TORQUE, profile, axis),
+        rated_effort(axis),
+        position_steps(profile, axis),
+    )
     unproved = profile.echo is None or unguarded(profile, axis)
-    protocol, plant = _protocol(profile, rig, axis), _plant(axis, profile, steps)
+    protocol, plant = _protocol(profile, rig, axis), plant_of(axis, profile, steps)
     return AxisPlan(
         name=scene_axis.name,
         node=axis.node,
@@ -168,6 +170,8 @@ def draft_axis(
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
         limits=limits_of(axis, rated, plant, scene_axis.workspace, proved=not unproved),
         effort_unit=effort_unit,
+        shown_unit=torque_unit(Signal.TORQUE_ACTUAL, profile, axis),
+        demand_unit=torque_unit(Signal.TORQUE_DEMAND, profile, axis),
         rated_effort=rated,
         steps_per_revolution=steps,
         delay=Delay(0.0, 0.0, 0.0, 0.0),  # until the traffic of all axes is known
@@ -250,43 +254,3 @@ def _protocol(profile: DriveProfile, rig: Rig, axis: RigAxis) -> FieldbusProtoco
             f"{profile.title} speaks {profile.drive.protocol}, but the bus {axis.bus} is one of {protocol.name}"
         )
     return protocol
-
-
-def _effort_unit(profile: DriveProfile, axis: RigAxis) -> float:
-    """Return one step of target torque in the workspace [N or N·m]; raises PlanError when the rig lacks its scale."""
-    unit = profile.offers()[Signal.TARGET_TORQUE].unit
-    if unit not in TORQUE_UNITS:
-        raise PlanError(f"{profile.title}: torque unit {unit!r} is not supported")
-    step = torque_step(unit, axis)
-    if step is None:
-        raise PlanError(
-            f"the rig's {needed_for(unit)} of node {axis.node} is unknown: torque cannot be scaled without it"
-        )
-    return step / axis.mechanism.ratio
-
-
-def _rated_effort(axis: RigAxis) -> float:
-    if axis.rated_torque is None:
-        raise PlanError(f"the rig's rated_torque of node {axis.node} is unknown: torque cannot be limited without it")
-    return 1000.0 * (axis.rated_torque / 1000.0 / axis.mechanism.ratio)  # exactly 1000 steps of 1 ‰
-
-
-def _steps(profile: DriveProfile, axis: RigAxis) -> float:
-    """Return the position steps in one revolution of the motor; encoder counts when the drive offers no position."""
-    offered = profile.offers().get(Signal.POSITION)
-    return steps_per_revolution(offered.unit if offered else COUNTS, axis.encoder_counts_per_revolution)
-
-
-def _plant(axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None:
-    """Return motor and mechanism in the workspace; None when inertia or damping is unknown."""
-    if axis.inertia is None or axis.viscous_damping is None:
-        return None
-    # With x = ratio·θ and F = τ/ratio: J·θ̈ = τ becomes (J/ratio²)·ẍ = F.
-    ratio = axis.mechanism.ratio
-    return Plant(
-        mass=axis.inertia / ratio**2,
-        damping=axis.viscous_damping / ratio**2,
-        coulomb=axis.coulomb_friction / ratio,
-        resolution=2 * math.pi * ratio / steps,
-        torque_lag=1.0 / (2 * math.pi * profile.timing.torque_bandwidth),
-    )

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER
+from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.guards import guard_lines
 from haptic_fieldbus.planning.limit_table import limit_lines
 from haptic_fieldbus.planning.plan import BusPlan, Plan
@@ -36,7 +37,9 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
         prefix = f"{axis.name}: " if len(plan.axes) > 1 else ""
         yield from _listed("limits", [prefix + line for line in limit_lines(axis, plan.period)])
     yield from _listed("guard", list(guard_lines(plan.guards, simulated=plan.simulated)))
+    yield from _listed("enabling", list(enabling_lines(plan.axes)))
     yield "delay", delay_text(plan)
+    yield from _listed("assumed", list(plan.assumed))
     yield from _listed("deadlines", list(deadline_texts(plan)))
     yield from _listed("coupling", [str(ages) for ages in plan.coupling_ages])
     yield from _stability(plan)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.planning.assumed import assumed_lines
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import TorqueDeadline, torque_deadlines
 from haptic_fieldbus.planning.guards import AxisGuard, guard_of
@@ -88,6 +89,11 @@ class Plan:
         at = [position for position, axis in enumerate(self.axes) if axis.name in bus.axes]
         image = replace(self.image, axes=tuple(self.image.axes[position] for position in at))
         return replace(self, buses=(bus,), axes=tuple(self.axes[position] for position in at), image=image)
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """What the drives' profiles state without a source, one line for each drive."""
+        return assumed_lines(self.axes)
 
     @property
     def mapped(self) -> tuple[str, ...]:

@@ -38,6 +38,7 @@ def summary_json(plan: Plan) -> dict[str, Json]:
     return {
         "mapped": list(plan.mapped),
         "left_out": [{"what": left_out.what, "why": left_out.why} for left_out in plan.left_out],
+        "assumed": list(plan.assumed),
     }
 
 

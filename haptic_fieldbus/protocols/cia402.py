@@ -3,6 +3,8 @@
 Reference: IEC 61800-7-201 (CiA 402-2), table of statusword states and of controlword commands.
 """
 
+from dataclasses import replace
+
 from haptic_fieldbus.drive.power import PowerRow, PowerState, PowerTable
 
 DISABLE_VOLTAGE = 0x0000
@@ -24,3 +26,14 @@ CIA402 = PowerTable(
     ),
     off=DISABLE_VOLTAGE,
 )
+
+
+def with_mode_bits(bits: int) -> PowerTable:
+    """Return the table whose controlwords that command *operation enabled* carry these bits of the mode too."""
+    if not bits:
+        return CIA402
+    rows = [
+        replace(row, controlword=row.controlword | bits) if row.state is PowerState.OPERATION_ENABLED else row
+        for row in CIA402.rows
+    ]
+    return replace(CIA402, rows=tuple(rows))

@@ -13,6 +13,7 @@ from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.explain import delay_text, milliseconds
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import AnyElement
@@ -56,7 +57,11 @@ def _announcement(plan: Plan) -> Iterator[Line]:
         for text in axis.traffic.summary():
             yield "plan", text
     yield "plan", f"left out: {', '.join(left.what for left in plan.left_out) or 'nothing'}"
+    for text in enabling_lines(plan.axes):
+        yield "enabling", text
     yield "delay", delay_text(plan)
+    for text in plan.assumed:
+        yield "assumed", text
     yield "deadlines", deadlines_text(plan)
     for ages in plan.coupling_ages:
         yield "coupling", str(ages)

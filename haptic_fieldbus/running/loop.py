@@ -25,8 +25,6 @@ from haptic_fieldbus.running.realtime import no_garbage_collection, threads_give
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
 
-ENABLING_TIME = 2.0
-"""Time allowed to reach operation enabled [s], in addition to the longest mode change timeout of the drives."""
 LONGEST_SAMPLE = 500_000
 """Largest number of periods whose times are kept; of a longer run those of the last ones."""
 PROGRESS_EVERY = 0.1
@@ -164,7 +162,8 @@ def feedback_time_ns(plan: Plan) -> int:
 
 def enabling_time(plan: Plan) -> float:
     """Return the time allowed to reach operation enabled [s]."""
-    return ENABLING_TIME + max(axis.profile.timing.mode_change_timeout for axis in plan.axes)
+    timings = [axis.profile.timing for axis in plan.axes]
+    return max(timing.enabling_timeout + timing.mode_change_timeout for timing in timings)
 
 
 def not_enabled(plan: Plan, states: Mapping[str, PowerState]) -> BusTimeoutError:

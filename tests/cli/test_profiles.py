@@ -30,8 +30,8 @@ def test_a_profile_is_shown_with_the_source_of_each_value(name: str, command: Co
     profile = load_profile(name)
     assert profile.title in finished.out
     for source in profile.sources:
-        key = source.split(".")
-        if getattr(getattr(profile, key[0]), key[1]) not in (None, ()):
+        section, _, key = source.partition(".")
+        if key and getattr(getattr(profile, section), key.partition(".")[0]) not in (None, ()):
             assert profile.sources[source] in finished.out
     assert "default" not in [line.strip() for line in finished.out.splitlines()]
 
@@ -155,7 +155,7 @@ def test_a_vendors_eds_is_shown_as_the_profile_that_it_makes(vendor_file: Path, 
     finished = command("profiles", "show", str(vendor_file))
     assert finished.status == 0
     assert "generic CiA 402 · canopen · usable for force" not in finished.out
-    assert "ASSUMED, an EDS names no units" in finished.out
+    assert "ASSUMED: as CiA 402-2 has it; an EDS names no units" in finished.out
     shown = json.loads(command("profiles", "show", str(vendor_file), "--json").out)
     assert shown["torque"]["mode_of_operation"] == 10
     assert "eds" not in shown
@@ -172,12 +172,131 @@ def test_a_vendors_eds_is_checked_line_by_line(vendor_file: Path, command: Comma
     assert (error["source"], error["line"], error["key"]) == (str(vendor_file), line, "[6071]")
 
 
-def test_a_vendors_eds_without_torque_is_refused_with_what_is_missing(vendor_file: Path, command: Command) -> None:
+def test_a_vendors_eds_without_torque_is_shown_and_checked_with_what_is_missing(
+    vendor_file: Path, command: Command
+) -> None:
     text = vendor_file.read_text(encoding="utf-8")
-    vendor_file.write_text(text.replace("[6071]", "[3071]"), encoding="utf-8")
+    vendor_file.write_text(text.replace("[6071]", "[3071]").replace("=0x6071", "=0x3071"), encoding="utf-8")
     finished = command("profiles", "show", str(vendor_file))
-    assert (finished.status, finished.out) == (2, "")
-    assert "not usable for force: there is no 6071h target torque" in finished.err
+    assert finished.status == 0
+    assert "generic CiA 402 · canopen · not usable for force" in finished.out
+    checked = command("profiles", "check", str(vendor_file))
+    assert checked.status == 2
+    assert "not usable for force: there is no 6071h target torque" in checked.out
+    ran = command("run", "wall", "--drive", str(vendor_file))
+    assert ran.status == 4
+    assert "not usable for force: there is no 6071h target torque" in ran.err
+
+
+class TestCheckedAgainstAFile:
+    def test_what_agrees_is_a_table_and_nothing_is_a_fault(self, vendor_file: Path, command: Command) -> None:
+        finished = command("profiles", "check", str(vendor_file), "--eds", str(vendor_file))
+        assert finished.status == 0
+        first, *rows = finished.out.splitlines()
+        assert first.split() == ["key", "the", "file", "has", "line"]
+        (row,) = (line for line in rows if line.startswith("torque.target "))
+        assert row.split()[1:-1] == ["6071h:00", "INTEGER16", "rw,", "mappable"]
+        assert vendor_file.read_text(encoding="utf-8").splitlines()[int(row.split()[-1]) - 1] == "[6071]"
+        assert rows[-1].endswith(f"of {vendor_file} in push1.eds, no faults")
+
+    def test_a_fault_is_a_sentence_with_key_expected_value_and_line(self, vendor_file: Path, command: Command) -> None:
+        text = vendor_file.read_text(encoding="utf-8")
+        vendor_file.write_text(text.replace("Target torque\nObjectType=0x7\nDataType=0x0003", "X\nDataType=0x0004"))
+        line = vendor_file.read_text(encoding="utf-8").splitlines().index("[6071]") + 1
+        finished = command("profiles", "check", "generic_cia402", "--eds", str(vendor_file))
+        assert finished.status == 2
+        message = '6071h:00 is INTEGER32, the profile says "int16"'
+        assert f"{vendor_file}: line {line}: torque.target: {message}" in finished.out
+        told = json.loads(command("profiles", "check", "generic_cia402", "--eds", str(vendor_file), "--json").out)
+        assert {"source": str(vendor_file), "key": "torque.target", "line": line, "message": message} in told["errors"]
+        assert {"key", "line", "shows"} == told["agreed"][0].keys()
+
+    def test_a_difference_with_a_reason_is_told_and_no_fault(
+        self, vendor_file: Path, tmp_path: Path, command: Command
+    ) -> None:
+        path = tmp_path / "own.toml"
+        text = (profile_folder() / "generic_cia402.toml").read_text(encoding="utf-8")
+        reasons = '"sync.interpolation_time" = "left out: it means nothing"\n"sync.cycle_period" = "left out: nor it"\n'
+        path.write_text(text + reasons, encoding="utf-8")
+        finished = command("profiles", "check", str(path), "--eds", str(vendor_file))
+        assert finished.status == 0, finished.out
+        assert "differs, as the profile says: line " in finished.out
+        assert "left out: it means nothing" in finished.out
+        assert "2 differences with a reason, no faults" in finished.out
+        told = json.loads(command("profiles", "check", str(path), "--eds", str(vendor_file), "--json").out)
+        assert told["errors"] == []
+        assert [each["reason"] for each in told["known"]] == ["left out: it means nothing", "left out: nor it"]
+
+    @pytest.mark.parametrize("names", [(), ("generic_cia402", "maxon_epos4")])
+    def test_one_profile_is_proved_at_a_time(self, names: tuple[str, ...], vendor_file: Path, command: Command) -> None:
+        finished = command("profiles", "check", *names, "--eds", str(vendor_file))
+        assert finished.status == 2
+        assert "--eds FILE proves one profile" in finished.err
+
+    def test_a_file_that_is_none_is_told(self, tmp_path: Path, command: Command) -> None:
+        finished = command("profiles", "check", "generic_cia402", "--eds", str(tmp_path / "none.eds"))
+        assert finished.status == 2
+        assert "none.eds: cannot be read" in finished.err
+
+
+class TestDrafted:
+    def test_a_profile_is_written_and_what_is_assumed_is_listed(
+        self, vendor_file: Path, tmp_path: Path, command: Command
+    ) -> None:
+        path = tmp_path / "push1.toml"
+        finished = command("profiles", "new", "--eds", str(vendor_file), "--output", str(path))
+        assert finished.status == 0
+        assert finished.out.startswith(f"{path}: ")
+        assert "torque.target.unit" in finished.out
+        assert finished.out.splitlines()[-1].endswith(f"profiles check {path} --eds {vendor_file}")
+        assert command("profiles", "check", str(path)).out == f"{path}: no fault\n"
+        assert command("profiles", "check", str(path), "--eds", str(vendor_file)).status == 0
+
+    def test_the_name_is_that_of_the_drive_or_the_one_that_is_given(
+        self, vendor_file: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        told = json.loads(command("profiles", "new", "--eds", str(vendor_file), "--json").out)
+        assert (told["file"], told["name"], told["usable"]) == ("generic_cia_402.toml", "generic_cia_402", True)
+        assert {"key", "value", "why"} == told["assumed"][0].keys()
+        assert command("profiles", "new", "--eds", str(vendor_file), "--name", "push1").status == 0
+        assert (tmp_path / "push1.toml").exists()
+
+    def test_nothing_is_overwritten(self, vendor_file: Path, tmp_path: Path, command: Command) -> None:
+        path = tmp_path / "push1.toml"
+        path.write_text("mine")
+        finished = command("profiles", "new", "--eds", str(vendor_file), "--output", str(path))
+        assert (finished.status, finished.out) == (2, "")
+        assert "is there already; give another --name or --output" in finished.err
+        assert path.read_text() == "mine"
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            (("--name", "a/b"), "expected a name such as generic_cia_402"),
+            (("--name", ""), "expected a name such as generic_cia_402"),
+            (("--name", "a", "--output", "b.toml"), "and then no --output"),
+            (("--output", "push1.eds"), "expected the path of a .toml file"),
+            (("--output", "none/push1.toml"), "cannot be written: No such file or directory"),
+        ],
+    )
+    def test_a_name_that_is_none_is_refused(
+        self, options: tuple[str, ...], message: str, vendor_file: Path, command: Command
+    ) -> None:
+        finished = command("profiles", "new", "--eds", str(vendor_file), *options)
+        assert finished.status == 2
+        assert message in finished.err
+
+    def test_a_drive_without_torque_is_told_to_be_of_no_use_for_force(
+        self, vendor_file: Path, tmp_path: Path, command: Command
+    ) -> None:
+        text = vendor_file.read_text(encoding="utf-8")
+        vendor_file.write_text(text.replace("[6071]", "[3071]").replace("=0x6071", "=0x3071"), encoding="utf-8")
+        path = tmp_path / "push1.toml"
+        finished = command("profiles", "new", "--eds", str(vendor_file), "--output", str(path))
+        assert finished.status == 0
+        assert "not usable for force: there is no 6071h target torque" in finished.err
+        assert command("profiles", "check", str(path)).out == f"{path}: no fault\n"
 
 
 def test_quirks_are_shown_only_where_there_are_any(tmp_path: Path, command: Command) -> None:

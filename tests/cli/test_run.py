@@ -31,6 +31,7 @@ def test_a_run_tells_what_it_did_line_by_line(command: Command) -> None:
         "bench",
         "plan",
         "delay",
+        "assumed",
         "deadlines",
         "stability",
         "result",
@@ -50,7 +51,7 @@ def test_json_is_the_only_thing_on_standard_output(command: Command) -> None:
     assert list(result) == KEYS
     assert (result["scene"], result["bus"], result["clock"]) == ("wall", "sim", "virtual")
     assert (result["cycles"], result["missed_cycles"], result["trips"]) == (600, 0, [])
-    assert set(result["plan"]) == {"mapped", "left_out"}
+    assert set(result["plan"]) == {"mapped", "left_out", "assumed"}
     assert result["plan"]["mapped"] == [
         "6041h:00 statusword",
         "6064h:00 position actual value",
@@ -114,7 +115,7 @@ def test_changes_are_announced_and_told_with_when_they_began(command: Command) -
         (("wall", "--nope"), 2, "No such option"),
         ((), 2, "Missing argument"),
         (("wall", "--set", "wall.stiffness=3000"), 4, "is unstable"),
-        (("wall", "--rate", "8000"), 4, "Would fit"),
+        (("wall", "--drive", "generic_cia402", "--rate", "8000"), 4, "Would fit"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
 )

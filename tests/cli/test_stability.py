@@ -21,8 +21,9 @@ def test_the_json_object_has_the_keys_of_the_contract(scene: str, command: Comma
     finished = command("stability", scene, "--json")
     assert finished.status == 0
     found = json.loads(finished.out)
-    assert list(found) == KEYS
+    assert list(found) == [*KEYS, "assumed"]
     assert list(found["stiffness_limit"]) == ["passive", "stable", "quantisation"]
+    assert found.pop("assumed") == list(haptic_fieldbus.plan(scene).assumed)
     assert found == haptic_fieldbus.stability(scene).to_json()
 
 
@@ -64,7 +65,7 @@ def test_an_estimator_that_is_not_linear_is_told(command: Command) -> None:
 def test_the_text_tells_limits_with_all_and_with_less_friction(command: Command) -> None:
     out = command("stability", "wall").out
     assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
-        "scene", "device", "delay", "limits", "radius", "verdict",
+        "scene", "device", "delay", "assumed", "limits", "radius", "verdict",
     ]  # fmt: skip
     assert "with 0.7 of the friction: stable to 1044 N/m, passive to 1006 N/m" in out
     assert "verdict    passive: " in out

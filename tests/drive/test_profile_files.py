@@ -1,10 +1,8 @@
 """Profile files: the shipped ones hold, and each way to be wrong is told."""
 
-import configparser
 import math
 import os
 import tomllib
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -12,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
-from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS, VELOCITY_UNITS, velocity_step
+from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS, TORQUE_UNITS, VELOCITY_UNITS, velocity_step
 from haptic_fieldbus.errors import DocumentError, ProfileError, UsageError
 from haptic_fieldbus.protocols import folders
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.catalogue import (
     load_profile,
     profile_folder,
@@ -97,80 +94,30 @@ def test_a_shipped_profile_offers_what_a_wall_needs(name: str) -> None:
     profile = canopen(name)
     needed = {Signal.STATUSWORD, Signal.POSITION, Signal.CONTROLWORD, Signal.TARGET_TORQUE}
     assert needed <= set(profile.offers())
-    assert profile.torque.rated is not None
-    assert profile.torque.rated.unit in RATED_TORQUE_UNITS
+    rated = profile.torque.rated
+    assert rated is None or rated.unit in RATED_TORQUE_UNITS
+    assert profile.torque.target.unit in TORQUE_UNITS
 
 
 @pytest.mark.parametrize("name", profile_names())
 def test_a_shipped_profile_leaves_the_shaft_free_when_the_link_is_lost(name: str) -> None:
     """6007h = 2 disable voltage, 605Eh = 0 disable without a ramp (CiA 402-2)."""
-    link_loss = canopen(name).link_loss
-    assert link_loss.heartbeat_consumer == 0x1016
-    assert link_loss.abort_connection_option is not None
-    assert (link_loss.abort_connection_option.object, link_loss.abort_connection_option.value) == (0x6007, 2)
-    assert link_loss.fault_reaction_option is not None
-    assert (link_loss.fault_reaction_option.object, link_loss.fault_reaction_option.value) == (0x605E, 0)
+    profile = canopen(name)
+    link_loss = profile.link_loss
+    assert profile.guarded
+    assert (link_loss.heartbeat_consumer == 0x1016) is not link_loss.life_guarding
+    abort, fault = link_loss.abort_connection_option, link_loss.fault_reaction_option
+    assert abort is None or (abort.object, abort.value) == (0x6007, 2)
+    assert fault is None or (fault.object, fault.value) == (0x605E, 0)
+    # Without either object, that it lets go is an assumption, which is told as one.
+    assert link_loss.reacts is (abort is None and fault is None)
+    assert not link_loss.reacts or "link_loss.reacts" in profile.assumed
 
 
 @pytest.mark.parametrize("name", profile_names())
 def test_a_shipped_profile_says_plainly_what_is_assumed(name: str) -> None:
     sources = load_profile(name).sources
     assert "ASSUMED" in sources["timing.torque_bandwidth"]
-
-
-def eds_files() -> list[Path]:
-    return sorted((SHARED / "eds").glob("maxon_epos4*.eds"))
-
-
-@cache
-def vendors_eds(path: Path) -> dict[str, dict[str, str]]:
-    """Sections of a file, their names in small letters."""
-    eds = configparser.RawConfigParser(strict=False, interpolation=None)
-    eds.read_string(path.read_text(encoding="latin-1"))
-    return {section.lower(): dict(eds[section]) for section in eds.sections()}
-
-
-def eds_entry(path: Path, index: int, subindex: int) -> dict[str, str] | None:
-    sections = vendors_eds(path)
-    return sections.get(f"{index:x}sub{subindex:x}", sections.get(f"{index:x}"))
-
-
-def claimed_objects(profile: CanopenProfile) -> list[tuple[int, int, DataType]]:
-    """Every object that a profile names, with the type that it has or must have."""
-    signals = [(entry.object, entry.subindex, entry.type) for entry in profile.entries().values()]
-    rated = profile.torque.rated
-    assert rated is not None
-    options = (profile.link_loss.abort_connection_option, profile.link_loss.fault_reaction_option)
-    written = [(option.object, 0, DataType.INT16) for option in options if option is not None]
-    watched = profile.link_loss.heartbeat_consumer
-    assert watched is not None
-    return [*signals, (rated.object, rated.subindex, rated.type), *written, (watched, 1, DataType.UINT32)]
-
-
-@pytest.mark.skipif(not eds_files(), reason="no vendor EDS files: put them in HAPTIC_FIELDBUS_SHARED/eds")
-@pytest.mark.parametrize("path", eds_files(), ids=lambda path: path.stem)
-def test_each_object_of_maxon_epos4_is_in_the_vendors_eds_with_its_type(path: Path) -> None:
-    profile = canopen("maxon_epos4")
-    for index, subindex, data_type in claimed_objects(profile):
-        entry = eds_entry(path, index, subindex)
-        assert entry is not None, f"{index:04X}h:{subindex:02X} is not in {path.name}"
-        assert EDS_TYPES[int(entry["datatype"], 0)] is data_type
-
-
-@pytest.mark.skipif(not eds_files(), reason="no vendor EDS files: put them in HAPTIC_FIELDBUS_SHARED/eds")
-@pytest.mark.parametrize("path", eds_files(), ids=lambda path: path.stem)
-def test_the_pdos_of_maxon_epos4_are_those_of_the_vendors_eds(path: Path) -> None:
-    profile = canopen("maxon_epos4")
-    for base in (0x1600, 0x1A00):
-        count = eds_entry(path, base, 0)
-        assert count is not None
-        assert int(count["highlimit"], 0) == profile.pdo.entries
-    for base, pdos in ((0x1400, profile.pdo.rpdos), (0x1800, profile.pdo.tpdos)):
-        assert [eds_entry(path, base + number, 2) is not None for number in range(pdos + 1)] == [True] * pdos + [False]
-    inhibit = eds_entry(path, 0x1800, 3)
-    assert inhibit is not None
-    assert int(inhibit["defaultvalue"], 0) * 1e-4 == pytest.approx(profile.pdo.inhibit_time_default)
-    assert int(vendors_eds(path)["deviceinfo"]["vendornumber"], 0) == profile.identity.vendor_id
 
 
 def test_summaries_have_the_keys_of_the_command_line() -> None:
@@ -244,8 +191,7 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
         (
             "schema = 1",
             'schema = 1\nname = "x"',
-            "line 2: name: unknown key"
-            "; known: drive, identity, link_loss, pdo, position, schema, simulation, sources, timing, torque, velocity",
+            "line 2: name: unknown key",
         ),
         (
             'type = "int16"',
@@ -257,8 +203,9 @@ def test_five_different_faults_are_told_at_once_with_their_lines(tmp_path: Path)
         (', unit = "counts"', "", 'line 11: position.actual.unit: missing; expected "counts" or "0.1 deg"'),
         (
             'unit = "permille_of_rated_torque"',
-            'unit = "mA"',
-            'line 9: torque.target.unit: "mA"; expected "permille_of_rated_torque"',
+            'unit = "A"',
+            'line 9: torque.target.unit: "A"; expected "permille_of_rated_torque" or "mA" or '
+            '"permille_of_rated_current" or "peak_current/32760" or "peak_current/32760/65536"',
         ),
         (
             "[position]",
@@ -377,13 +324,23 @@ def test_an_unknown_key_needs_no_source(tmp_path: Path) -> None:
     ) == [
         'line 18: timing.torque_bandwidth: no source; expected an entry "timing.torque_bandwidth" in [sources]',
         'line 19: timing.control_period: no source; expected an entry "timing.control_period" in [sources]',
-        "line 20: timing.x: unknown key; known: control_period, mode_change_timeout, torque_bandwidth",
+        "line 20: timing.x: unknown key; known: control_period, enabling_timeout, mode_change_timeout, "
+        "torque_bandwidth",
+    ]
+
+
+def test_a_key_of_a_simulated_object_that_names_none_is_told(tmp_path: Path) -> None:
+    table = '[simulation.objects]\n"60G7" = { absent = true }\n"1400-1403:05" = { absent = true }\n[sources]'
+    assert faults_of(tmp_path, ("[sources]", table), ('torque = "measured"', 'torque = "m"\nsimulation = "m"')) == [
+        'line 21: simulation.objects.60G7: no object; expected hexadecimal numbers or ranges as in "6007", "60C2:01" '
+        'or "1400-1403:05"'
     ]
 
 
 def test_a_section_that_is_missing_is_told_without_a_line(tmp_path: Path) -> None:
     assert faults_of(tmp_path, ("[timing]\ntorque_bandwidth = 1000\ncontrol_period = 0.0\n", "")) == [
-        "timing: missing; expected a table with torque_bandwidth, control_period and mode_change_timeout"
+        "timing: missing; expected a table with torque_bandwidth, control_period, mode_change_timeout and "
+        "enabling_timeout"
     ]
 
 
@@ -431,6 +388,19 @@ def test_every_key_of_the_schema_is_documented() -> None:
         reference = str(node.get("$ref", "")).rpartition("/")[2]
         for key in schema["$defs"].get(reference, {}).get("properties", {}):
             assert f"`{section}.{key}`" in readme, f"{section}.{key}"
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_a_shipped_profile_has_its_row_in_the_table_of_drives(name: str) -> None:
+    readme = (CHECKOUT / "profiles" / "README.md").read_text(encoding="utf-8")
+    (row,) = [line for line in readme.splitlines() if line.startswith(f"| `{name}` |")]
+    profile = canopen(name)
+    target, guard = profile.torque.target, profile.link_loss
+    for told in (profile.title, f"{target.object:04X}h, `{target.unit}`", profile.drive.evidence):
+        assert f"| {told} |" in row
+    assert ("life guarding" if guard.life_guarding else "1016h") in row
+    for option in (guard.abort_connection_option, guard.fault_reaction_option):
+        assert option is None or f"{option.object:04X}h" in row
 
 
 @pytest.mark.parametrize("name", profile_names())

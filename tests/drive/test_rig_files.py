@@ -157,7 +157,7 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
         (
             '"maxon_epos4"',
             '"maxon_epos5"',
-            'line 8: axis.handle.profile: no profile "maxon_epos5"; nearest: maxon_epos4',
+            'line 8: axis.handle.profile: no profile "maxon_epos5"; nearest: maxon_epos4, maxon_epos2',
         ),
         (
             '"maxon_epos4"',

@@ -27,6 +27,8 @@ node = 5
 profile = "maxon_epos4"
 rated_torque = 0.094
 torque_constant = 0.0259
+rated_current = 2.5
+peak_current = 10.0
 encoder_counts_per_revolution = 4096
 inertia = 6.0e-6
 viscous_damping = 1.0e-4
@@ -65,6 +67,8 @@ WITH_UNITS = {
     "listen = 0.25": 'listen = "250 ms"',
     "rated_torque = 0.094": 'rated_torque = "94 mN·m"',
     "torque_constant = 0.0259": 'torque_constant = "25.9 mNm/A"',
+    "rated_current = 2.5": 'rated_current = "2500 mA"',
+    "peak_current = 10.0": 'peak_current = "10 A"',
     "inertia = 6.0e-6": 'inertia = "60 g*cm^2"',
     "viscous_damping = 1.0e-4": 'viscous_damping = "100 µN·m·s/rad"',
     "coulomb_friction = 2.0e-3": 'coulomb_friction = "2 mNm"',

@@ -31,7 +31,7 @@ def motor_of(shaft: Shaft) -> tuple[Floats, Floats]:
 
 def words_of(witness: Witness, place: Place, sender: int) -> list[tuple[int, int]]:
     """Times [ns] and values of a word that a sender has put on the wire."""
-    first, last = place.offset, place.offset + 2
+    first, last = place.offset, place.offset + place.size
     return [
         (t_ns, int.from_bytes(data[first:last], "little"))
         for t_ns, can_id, data, by in witness.frames
@@ -56,7 +56,8 @@ def set_points_of(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Floats:
     if targets:
         raw = np.array(targets, dtype=np.int64)
         table[:, 0] = raw[:, 0]
-        table[:, 1] = np.where(raw[:, 1] < 0x8000, raw[:, 1], raw[:, 1] - 0x10000) * shaft.unit
+        wrap = 1 << 8 * axis.target.size
+        table[:, 1] = np.where(raw[:, 1] < wrap // 2, raw[:, 1], raw[:, 1] - wrap) * shaft.unit
         table[:, 2] = [word & 0x08 for _, word in words] if len(words) == len(targets) else 1.0
     return table
 

@@ -10,18 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.invariants.words import CONTROLWORD, OCTETS, STATUSWORD, TARGET_TORQUE
+from tests.invariants.words import CONTROLWORD, OCTETS, STATUSWORD, TARGETS
 
 Json = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a word stands: identifier of the frame, its length, and the offset in it [octets]."""
+    """Where a word stands: identifier of the frame, its length, and offset and size of the word in it [octets]."""
 
     can_id: int
     length: int
     offset: int
+    size: int = 2
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ def _axis(
         name,
         node,
         _place(own, CONTROLWORD),
-        _place(own, TARGET_TORQUE),
+        _place(own, *TARGETS),
         _place(own, STATUSWORD),
         # Work is the same on both sides of the mechanism: a force times its metres in a radian is a torque.
         force * ratio,
@@ -160,12 +161,12 @@ def _probe(row: Json, ratio: float) -> StatedProbe:
     return StatedProbe(largest * ratio, row["permitted_until_then"] * ratio, row["least_s"])
 
 
-def _place(pdos: Iterable[Json], wanted: str) -> Place:
+def _place(pdos: Iterable[Json], *wanted: str) -> Place:
     for pdo in pdos:
         offset = 0
         for mapped in pdo["mapped"]:
             index = mapped.partition(":")[0]
-            if index == wanted:
-                return Place(pdo["cob_id"], pdo["octets"], offset)
+            if index in wanted:
+                return Place(pdo["cob_id"], pdo["octets"], offset, OCTETS[index])
             offset += OCTETS[index]
     raise AssertionError(f"{wanted} is in no PDO")

@@ -103,6 +103,11 @@ NMT, EMERGENCY, HEARTBEAT = 0x000, 0x080, 0x700
 LOST_MASTER = 0x8130
 """Error code of a drive whose life guard or heartbeat consumer has acted."""
 EVERY_NODE = 0x00
-CONTROLWORD, STATUSWORD, TARGET_TORQUE = "6040h", "6041h", "6071h"
-OCTETS = {CONTROLWORD: 2, STATUSWORD: 2, TARGET_TORQUE: 2, "6064h": 4, "6077h": 2, "6074h": 2, "606Ch": 4, "606Bh": 4}
+CONTROLWORD, STATUSWORD = "6040h", "6041h"
+TARGETS = ("6071h", "201Ch", "2030h")
+"""Target torque, and the objects in its place in drives with a torque or current mode of their own."""
+OCTETS = {
+    CONTROLWORD: 2, STATUSWORD: 2, "6071h": 2, "201Ch": 4, "2030h": 2, "6064h": 4, "6077h": 2, "6074h": 2, "606Ch": 4,
+    "606Bh": 4, "2031h": 2, "6078h": 2,
+}  # fmt: skip
 """Octets of the objects that a plan may map; those of CiA 402 have a fixed type."""

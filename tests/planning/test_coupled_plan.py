@@ -116,7 +116,7 @@ class TestVerdict:
 
     def test_of_a_weaker_axis_beside_the_pair_is_told_as_its_own(self) -> None:
         scene = scene_of(SHAFT, Wall("foot", stiffness=900.0))
-        judged = judge_scene(Inquiry(scene, drive="maxon_epos4", rate=800.0))
+        judged = judge_scene(Inquiry(scene, drive="generic_cia402", rate=800.0))
         assert (judged.axis, judged.group.couplings, judged.stability.stiffness) == ("foot", (), 900.0)
         device = judge_scene(Inquiry(scene, mass=0.6, damping=1.6, delay=8e-4))
         assert (device.axis, device.group.couplings) == ("foot", ())

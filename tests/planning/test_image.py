@@ -16,7 +16,8 @@ from tests.builders import PROFILE
 
 def pdos(direction: Direction, *signals: Signal, entries: int = 8) -> tuple[Pdo, ...]:
     kind = 1 if direction is Direction.TPDO else 255
-    return lay_out(direction, PROFILE.entries(), signals, node=1, transmission_type=kind, pdos=4, entries=entries)
+    room = dict.fromkeys(range(1, 5), entries)
+    return lay_out(direction, PROFILE.entries(), signals, node=1, transmission_type=kind, room=room)
 
 
 RPDOS = pdos(Direction.RPDO, Signal.CONTROLWORD, Signal.TARGET_TORQUE)

@@ -11,6 +11,7 @@ from haptic_fieldbus.errors import BusError, DriveFaultError, PlanError, SafetyT
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.faults import DeadGuard, DriveFault, SdoRefusal
+from tests.builders import canopen
 from tests.running.guard_bench import (
     DEAD,
     EMERGENCY_STOP,
@@ -22,6 +23,7 @@ from tests.running.guard_bench import (
 
 MS = 1_000_000
 SHIPPED = [name for name in profile_names() if load_profile(name).drive.usable]
+LIFE_GUARDED = [name for name in SHIPPED if canopen(name).link_loss.life_guarding]
 MASTER_NODE = 0x7F
 
 
@@ -35,7 +37,7 @@ def rig(tmp_path: Path) -> Path:
 class TestAGuardThatActs:
     @pytest.mark.thorough("a run for each profile and rate", quick=2)
     @pytest.mark.parametrize("rate", [50.0, 250.0, 1000.0])
-    @pytest.mark.parametrize("profile", SHIPPED)
+    @pytest.mark.parametrize("profile", [name for name in SHIPPED if name not in LIFE_GUARDED])
     def test_of_every_shipped_profile_is_proved_by_the_time_that_1016h_holds(
         self, profile: str, rate: float, rig: Path
     ) -> None:
@@ -56,10 +58,14 @@ class TestAGuardThatActs:
         assert proof.off <= (watch & 0xFFFF) * 1e-3 + 2 * period + 2e-3
         assert set(bench.torques_of_the_proof()) == {0}
 
+    @pytest.mark.thorough("every drive without 1016h", quick=2)
     @pytest.mark.parametrize("rate", [50.0, 1000.0])
-    def test_is_proved_by_the_life_time_of_a_drive_that_is_guarded_by_requests(self, rate: float, rig: Path) -> None:
-        profile = Path(__file__).parents[1] / "system" / "profiles" / "life_guarded.toml"
-        rig.write_text(rig_text(profile=str(profile)), encoding="utf-8")
+    @pytest.mark.parametrize("name", ["life_guarded.toml", *LIFE_GUARDED])
+    def test_is_proved_by_the_life_time_of_a_drive_that_is_guarded_by_requests(
+        self, name: str, rate: float, rig: Path
+    ) -> None:
+        own = Path(__file__).parents[1] / "system" / "profiles" / name
+        rig.write_text(rig_text(profile=str(own) if own.is_file() else name), encoding="utf-8")
         bench = GuardBench(rig, rate=rate).put()
         (proof,) = bench.run(0.2).proofs
         life_time = next(filter(None, bench.written(0x100C, 0))) * next(filter(None, bench.written(0x100D, 0))) * MS

@@ -19,7 +19,7 @@ SIZES = {"B": 1, "b": 1, "H": 2, "h": 2, "I": 4, "i": 4}
 
 
 @cache
-def profile(name: str = "maxon_epos4") -> CanopenProfile:
+def profile(name: str = "generic_cia402") -> CanopenProfile:
     return canopen_profile(load_profile(name))
 
 

@@ -18,8 +18,8 @@ def stated(profile: str, rate: float) -> dict[EndCause, float]:
     return {each.cause: each.seconds for each in planned(profile, rate).deadlines}
 
 
-def test_every_shipped_profile_and_every_cause_is_measured() -> None:
-    assert tuple(name for name in profile_names() if load_profile(name).drive.usable) == PROFILES
+def test_every_cause_is_measured_on_a_drive_of_the_standard_and_on_one_of_a_vendor() -> None:
+    assert set(PROFILES) <= {name for name in profile_names() if load_profile(name).drive.usable}
     assert set(stated(PROFILES[0], RATES[0])) == set(EndCause)
     assert set(MEASURED) == set(EndCause)
 

@@ -37,6 +37,9 @@ profile = "PROFILE"
 encoder_counts_per_revolution = 4096
 rated_torque = 0.4
 torque_constant = 0.05
+rated_current = 8.0
+peak_current = 20.0
+raise_max_torque = true
 inertia = 4e-5
 viscous_damping = 1e-4
 coulomb_friction = 2e-3
@@ -152,6 +155,8 @@ def tried(rig: Path) -> None:
     sentence(lambda: haptic_fieldbus.run("damper", rig=rig, duration=0.002, force=True).to_json())
 
 
+TABLES = (("simulation", "objects"), ("commissioning", "shown"))
+"""Tables of a hundred entries of one kind, of which the first is tried."""
 RIG_KEYS = list(dict.fromkeys(path for path, _ in cases(rig_with("maxon_epos4"))))
 
 
@@ -172,6 +177,9 @@ def test_every_number_of_a_profile_gives_a_sentence_or_a_run(name: str, tmp_path
     rig = tmp_path / "rig.toml"
     rig.write_text(written(rig_with("own.toml")), encoding="utf-8")
     for path, value in cases(table):
+        first, second, *rest = (*path, "")
+        if (first, second) in TABLES and rest[0] not in (0, next(iter(table[str(first)][str(second)]))):
+            continue
         (tmp_path / "own.toml").write_text(written(with_value(table, path, value)), encoding="utf-8")
         tried(rig)
 

@@ -103,6 +103,10 @@ class Rack:
 @pytest.mark.parametrize("drive", SHIPPED)
 @pytest.mark.parametrize("name", TOOLS)
 def test_what_another_tool_does_to_the_set_points_takes_the_torque_away(name: str, drive: str, rate: float) -> None:
+    if name == "torque limit lowered" and 0x6072 in canopen(drive).simulation.absent:
+        return  # a drive without 6072h refuses that
+    if name == "profile velocity mode" and 3 not in (canopen(drive).simulation.modes or (3,)):
+        return
     rack = Rack(drive, rate)
     with pytest.raises(DriveFaultError, match="set-points do not act"):
         rack.run(6.0, lambda: rack.tool(TOOLS[name]))
@@ -119,6 +123,7 @@ def test_rpdos_that_are_lost_take_the_torque_away(drive: str, rate: float) -> No
     assert CONTACT <= rack.ended <= CONTACT + LONGEST
 
 
+@pytest.mark.thorough("every drive", quick=2)
 @pytest.mark.parametrize("drive", SHIPPED)
 def test_a_few_rpdos_that_are_lost_are_no_reason_to_stop(drive: str) -> None:
     rack = Rack(drive, 1000.0, tuple(faults.MissingRpdos("missing_rpdos", 0.05 * each, 3) for each in range(1, 50)))

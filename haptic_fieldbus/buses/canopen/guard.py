@@ -13,9 +13,9 @@ Reference: CiA 301 7.2.8.3.2 (error control protocols), 7.5.2.11 (100Ch), 7.5.2.
 (1017h).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, cycle
+from itertools import chain, cycle, islice
 
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.ports import Received
@@ -83,17 +83,31 @@ class Guard:
             ) from error
 
 
-def proofs_of_life(traffic: CanTraffic, nodes: Sequence[Node]) -> Iterator[tuple[Received, ...]]:
-    """Return the proofs of our life of each period for ever: at first all, so that every guard is on, then in turn.
+class ProofsOfLife:
+    """The proofs of our life: at first all, so that every guard is on, then in turn.
 
-    Requests are spread over the periods; each comes as often as our heartbeat.
+    Requests are spread over the periods; each comes as often as our heartbeat. Guards run on in periods that a late
+    loop skips, so what was due in them comes with the next one.
     """
-    heartbeat = HEARTBEAT_COB_ID + traffic.master_node, bytes((NmtState.OPERATIONAL,))
-    proofs: list[Received] = [heartbeat] if traffic.beats else []
-    proofs += [node.guarding_request for node in nodes if node.guarded]
-    every = traffic.heartbeat_every
-    rounds = [tuple(proofs[place::every]) for place in range(every)]
-    return chain((tuple(proofs),), rounds[1:], cycle(rounds))
+
+    def __init__(self, traffic: CanTraffic, nodes: Sequence[Node], period_ns: int) -> None:
+        heartbeat = HEARTBEAT_COB_ID + traffic.master_node, bytes((NmtState.OPERATIONAL,))
+        proofs: list[Received] = [heartbeat] if traffic.beats else []
+        proofs += [node.guarding_request for node in nodes if node.guarded]
+        self._every = every = traffic.heartbeat_every
+        rounds = [tuple(proofs[place::every]) for place in range(every)]
+        self._rounds = chain((tuple(proofs),), rounds[1:], cycle(rounds))
+        self._period_ns, self._late_ns = period_ns, 1.5 * period_ns
+        self._last_ns: int | None = None
+
+    def due(self, t_ns: int) -> tuple[Received, ...]:
+        """Return the frames that are due in the period that begins at this instant [ns]."""
+        passed_ns = 0 if self._last_ns is None else t_ns - self._last_ns
+        self._last_ns = t_ns
+        if passed_ns < self._late_ns:
+            return next(self._rounds)
+        skipped = min(round(passed_ns / self._period_ns), self._every)
+        return tuple(chain.from_iterable(islice(self._rounds, skipped)))
 
 
 def _consumer(index: int) -> ObjectEntry:

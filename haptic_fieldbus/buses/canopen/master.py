@@ -26,7 +26,7 @@ from haptic_fieldbus.buses.canopen.answers import Exchange
 from haptic_fieldbus.buses.canopen.asking import Asking
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
-from haptic_fieldbus.buses.canopen.guard import proofs_of_life
+from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Link, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
@@ -110,7 +110,7 @@ class CanopenBus(InSteps):
         self._foreign.refuse(self._wire.name, "Nothing was written")
         self._plan = plan  # from here on `stop` has something to undo
         self._exchange.begun, self._refused_writes = False, 0
-        self._proofs = proofs_of_life(traffic_of(plan), [setup.node for setup in self._setups])
+        self._proofs = ProofsOfLife(traffic_of(plan), [setup.node for setup in self._setups], plan.period_ns)
         for setup, link in zip(self._setups, self._links, strict=True):
             link.forget()
             setup.configure()
@@ -232,7 +232,7 @@ class CanopenBus(InSteps):
         for cob_id, start, end in self._outputs:
             accepted &= self._wire.offer(cob_id, image[start:end])
         self._refused_writes = 0 if accepted else self._refused_writes + 1
-        for proof in next(self._proofs):
+        for proof in self._proofs.due(self.latch_ns):
             self._wire.offer(*proof)
         for asking in self._askings:
             asking.ask()

@@ -14,10 +14,10 @@ from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
+from haptic_fieldbus.buses.canopen.preparing import check_rated_torque, commissioned, prepare
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
-from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -41,10 +41,9 @@ COB_ID_NO_RTR = 0x4000_0000
 """Bit 30 of a TPDO's COB-ID: no remote frames. It keeps its value, since many drives have it fixed."""
 SYNC_PRODUCER = 0x4000_0000  # bit 30 of 1005h: the device sends SYNC itself
 COB_ID_MASK = 0x7FF
-SHAFT_BRAKES = 3  # abort connection option code (6007h): quick stop command
-SHAFT_WORDS = {1: "the drive faults", 2: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
+SHAFT_FREE, SHAFT_BRAKES = 2, 3  # abort connection option codes (6007h): disable voltage, quick stop
+SHAFT_WORDS = {1: "the drive faults", SHAFT_FREE: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
 NO_ANSWER_ADVICE = "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
-RATED_TORQUE_TOLERANCE = 0.02  # of the value in the rig
 HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
 POLL_NS = 5_000_000
 DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
@@ -81,9 +80,9 @@ class Setup:
             product_code=product,
             revision=revision,
             serial=serial,
-            rated_torque=self._check_rated_torque(),
+            rated_torque=check_rated_torque(self.node, self.member.profile, self.axis),
             link_loss=self._link_loss_words(),
-            changes=tuple(self.torque_limits.sentences),
+            changes=(*self.torque_limits.sentences, *commissioned(self.node, self.member.profile, self.axis)),
         )
 
     def configure(self) -> None:
@@ -96,6 +95,7 @@ class Setup:
         self._disable()
         self._guard_link()
         self.torque_limits.configure()
+        prepare(self.node, self.member.profile, self.bus.rate)
         self._set_mode()
         self._map_pdos()
 
@@ -164,23 +164,6 @@ class Setup:
                 f"{self.node.label}: {SYNC_ID} is {sync:08X}h; a SYNC consumer at {SYNC_COB_ID:03X}h is needed"
             )
 
-    def _check_rated_torque(self) -> float | None:
-        """Return the drive's rated torque [N·m], which scales every command; None when the profile names no object."""
-        mapped = self.member.profile.torque.rated
-        if mapped is None:
-            return None
-        if mapped.unit not in RATED_TORQUE_UNITS:
-            wrong = f"unit {mapped.unit!r} of {mapped.entry} is not one of {', '.join(RATED_TORQUE_UNITS)}"
-            raise BusConfigurationError(f"{self.member.profile.title}: {wrong}")
-        rated = self.node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
-        expected = self.axis.rig.rated_torque
-        if expected is not None and abs(rated - expected) > RATED_TORQUE_TOLERANCE * expected:
-            raise BusConfigurationError(
-                f"{self.node.label}: its rated torque is {exactly(rated)} N·m ({mapped.entry}), the rig says "
-                f"{exactly(expected)} N·m (axis.{self.axis.name}.rated_torque); every command would be off by that"
-            )
-        return rated
-
     def _disable(self) -> None:
         """Switch the power stage off if an earlier master left it on."""
         if self.energised():
@@ -237,7 +220,8 @@ class Setup:
         if not self.member.profile.guarded:
             return "on link loss the motor keeps its torque until its power is cut"
         option = self.member.profile.link_loss.abort_connection_option
-        reaction = 0 if option is None else self._reaction(option)
+        # Without 6007h a lost link is a fault, after which 605Eh says the same of the shaft.
+        reaction = SHAFT_FREE if option is None else self._reaction(option)
         words = SHAFT_WORDS.get(reaction, f"the drive reacts as it was set up ({reaction})")
         return f"on link loss {words} within {self._deadline_ms} ms"
 
@@ -251,21 +235,22 @@ class Setup:
         )
 
     def _map_pdos(self) -> None:
-        available = self.member.profile.pdo
-        for direction, number, pdos in (
-            (Direction.TPDO, available.tpdos, self.member.traffic.tpdos),
-            (Direction.RPDO, available.rpdos, self.member.traffic.rpdos),
+        for direction, pdos in (
+            (Direction.TPDO, self.member.traffic.tpdos),
+            (Direction.RPDO, self.member.traffic.rpdos),
         ):
             used = {pdo.number: pdo for pdo in pdos}
-            for at in range(1, number + 1):
-                cob_id = self._switch_off(direction, at)
-                if at in used:
-                    self._map(used[at], cob_id)
+            for number, room in self.member.profile.pdo.room(direction).items():
+                # A PDO without room for a mapping may not be there at all.
+                read = self.node.read if room else self.node.optional
+                cob_id = self._switch_off(direction, number, read)
+                if number in used:
+                    self._map(used[number], cob_id)
 
-    def _switch_off(self, direction: Direction, number: int) -> int:
+    def _switch_off(self, direction: Direction, number: int, read: Callable[[ObjectEntry], int | None]) -> int:
         """Make the PDO invalid if it is not, and return its COB-ID as the drive then holds it."""
         entry = _communication(direction, number, DataType.UINT32, 1)
-        cob_id = self.node.read(entry)
+        cob_id = COB_ID_INVALID if (held := read(entry)) is None else held
         if not cob_id & COB_ID_INVALID:
             cob_id |= COB_ID_INVALID
             self.node.write(entry, cob_id)
@@ -278,8 +263,9 @@ class Setup:
             self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT32, subindex), entry.mapping)
         self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), len(pdo.entries))
         self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT8, 2), pdo.transmission_type)
-        if pdo.direction is Direction.TPDO and not pdo.synchronous:
-            self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)  # no inhibit time
+        # By CiA 301 an inhibit time does not delay a synchronous TPDO; not every drive is known to keep to it.
+        if pdo.direction is Direction.TPDO and (not pdo.synchronous or self.member.profile.pdo.inhibit_time_default):
+            self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)
         valid = pdo.cob_id | (cob_id & COB_ID_NO_RTR)
         self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT32, 1), valid)
 

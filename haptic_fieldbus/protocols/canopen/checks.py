@@ -1,9 +1,18 @@
 """Checks of a CANopen profile that its dataclasses cannot state."""
 
+import re
+
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.cia402 import ECHOES
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.units import COUNTS, PERMILLE, RATED_TORQUE_UNITS, TENTH_DEGREE, VELOCITY_UNITS
+from haptic_fieldbus.drive.units import (
+    COUNTS,
+    MILLIAMPERE,
+    RATED_TORQUE_UNITS,
+    TENTH_DEGREE,
+    TORQUE_UNITS,
+    VELOCITY_UNITS,
+)
 
 # The types and units that the master can scale, by the key of the profile.
 _TYPES = {
@@ -14,13 +23,16 @@ _TYPES = {
     ("velocity", "actual"): ("int32",),
 }
 _UNITS = {
-    ("torque", "target"): (PERMILLE,),
-    ("torque", "actual"): (PERMILLE,),
-    ("torque", "demand"): (PERMILLE,),
+    ("torque", "target"): TORQUE_UNITS,
+    ("torque", "actual"): TORQUE_UNITS,
+    ("torque", "demand"): TORQUE_UNITS,
     ("torque", "rated"): tuple(RATED_TORQUE_UNITS),
+    ("torque", "rated_current"): (MILLIAMPERE,),
     ("position", "actual"): (COUNTS, TENTH_DEGREE),
     ("velocity", "actual"): VELOCITY_UNITS,
 }
+_PLACE = re.compile(r"[0-9A-Fa-f]{4}(-[0-9A-Fa-f]{4})?(:[0-9A-Fa-f]{1,2}(-[0-9A-Fa-f]{1,2})?)?")
+"""Key of an object, or of several."""
 _OPTIONS = (("link_loss", "abort_connection_option"), ("link_loss", "fault_reaction_option"))
 
 
@@ -31,6 +43,7 @@ def check_profile(document: Document) -> None:
     _check_objects(document)
     _check_echo(document)
     _check_guard(document)
+    _check_simulated(document)
 
 
 def _check_motion(document: Document) -> None:
@@ -80,6 +93,17 @@ def _check_echo(document: Document) -> None:
     # What is asked is the target itself, which every profile has.
     if way in ECHOES and way != "asked" and not document.table("torque", str(way)):
         document.fault(("torque", "echo"), f'"{way}" without torque.{way}; expected that object too, or "none"')
+
+
+def _check_simulated(document: Document) -> None:
+    """Note a key of the simulated drive that names no object."""
+    for table in ("objects", "differs"):
+        for key in document.table("simulation", table):
+            if not _PLACE.fullmatch(key):
+                document.fault(
+                    ("simulation", table, key),
+                    'no object; expected hexadecimal numbers or ranges as in "6007", "60C2:01" or "1400-1403:05"',
+                )
 
 
 def _check_guard(document: Document) -> None:

@@ -16,6 +16,8 @@ from haptic_fieldbus.signals import Signal
 SYNC_COB_ID = 0x080
 HEARTBEAT_COB_ID = 0x700
 """COB-ID of the heartbeat of node 0; that of a node has its node-ID added."""
+PREDEFINED = range(1, 5)
+"""Numbers of the PDOs that have a COB-ID in the predefined connection set (CiA 301, 7.3.5)."""
 LARGEST_PAYLOAD = 8
 """Payload of a CAN frame [octets]."""
 SYNCHRONOUS_TYPES = range(241)
@@ -75,30 +77,39 @@ def lay_out(
     *,
     node: int,
     transmission_type: int,
-    pdos: int,
-    entries: int,
+    room: Mapping[int, int],
 ) -> tuple[Pdo, ...]:
     """Return PDOs filled with the signals in their order; raises ImageTooLargeError when the drive has too few.
 
-    `offered` has the object of each signal. The drive has `pdos` PDOs of the direction, each with `entries` mapping
-    entries.
+    `offered` has the object of each signal; `room` has the number of mapping entries of each PDO of the direction, by
+    the number of the PDO.
     """
-    frames: list[list[Signal]] = [[]]
-    for signal in signals:
-        octets = sum(offered[member].type.size for member in frames[-1]) + offered[signal].type.size
-        if octets > LARGEST_PAYLOAD or len(frames[-1]) == entries:
-            frames.append([])
-        frames[-1].append(signal)
-    available = min(pdos, 4)  # the predefined connection set has COB-IDs for four
-    if len(frames) > available:
+    available = [number for number in PREDEFINED if room.get(number)]
+    frames = _frames(offered, signals, [room[number] for number in available])
+    if len(frames) > len(available):
         raise ImageTooLargeError(
-            f"{len(signals)} signals need {len(frames)} {direction.value}s of node {node}, which has {available}: "
+            f"{len(signals)} signals need {len(frames)} {direction.value}s of node {node}, which has {len(available)}: "
             + ", ".join(signal.value for signal in signals)
         )
     return tuple(
         Pdo(direction, number, node, transmission_type, tuple(frame), tuple(offered[signal] for signal in frame))
-        for number, frame in enumerate(frames, start=1)
+        for number, frame in zip(available, frames, strict=False)
     )
+
+
+def _frames(
+    offered: Mapping[Signal, ObjectEntry], signals: Sequence[Signal], rooms: Sequence[int]
+) -> list[list[Signal]]:
+    """Return the signals of each PDO; beyond those that the drive has, each takes as many as its last one."""
+    last = rooms[-1] if rooms else LARGEST_PAYLOAD
+    frames: list[list[Signal]] = [[]]
+    for signal in signals:
+        octets = sum(offered[member].type.size for member in frames[-1]) + offered[signal].type.size
+        entries = rooms[len(frames) - 1] if len(frames) <= len(rooms) else last
+        if octets > LARGEST_PAYLOAD or len(frames[-1]) == entries:
+            frames.append([])
+        frames[-1].append(signal)
+    return frames
 
 
 def placed(pdos: Sequence[Pdo], offset: int) -> tuple[tuple[Pdo, int], ...]:

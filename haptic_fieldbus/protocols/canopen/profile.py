@@ -8,12 +8,17 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, Len
 
-from haptic_fieldbus.drive.cia402 import Cia402Profile, Index, LinkLoss
+from haptic_fieldbus.drive.cia402 import Cia402Profile, Index, LinkLoss, WrittenObject
 from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, UInt32
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.canopen.pdo import Direction
 
+AccessType = Literal["ro", "wo", "rw", "rwr", "rww", "const"]
+"""Access types of an EDS (CiA 306-1)."""
 TransmissionType = Annotated[int, Ge(0), Le(255)]
+Entries = Annotated[int, Ge(0), Le(64)]
 
 
 @dataclass(frozen=True)
@@ -24,13 +29,24 @@ class PdoSection:
     rpdo_types: Annotated[tuple[TransmissionType, ...], Len(1)]
     rpdo_acts: Literal["reception", "next_sync", "unknown"] = "unknown"
     """Event at which the content of an event-driven RPDO becomes the target of the drive."""
-    tpdos: Annotated[int, Ge(1), Le(512)] = 4
-    rpdos: Annotated[int, Ge(1), Le(512)] = 4
+    tpdos: Annotated[int, Ge(0), Le(512)] = 4
+    rpdos: Annotated[int, Ge(0), Le(512)] = 4
     entries: Annotated[int, Ge(1), Le(64)] = 8
     """Number of mapping entries of one PDO."""
+    tpdo_entries: tuple[Entries, ...] = ()
+    """Number of mapping entries of TPDO 1, 2, 3 … where they are not all `entries`; 0: there is no such TPDO, or its
+    mapping is fixed."""
+    rpdo_entries: tuple[Entries, ...] = ()
+    """The same for RPDOs."""
     inhibit_time_default: Annotated[float, Ge(0), Le(6.5535)] = 0.0
     """Inhibit time of a TPDO after power-on [s]; 1800h:03 has 16 bits of 100 µs."""
     __pydantic_config__: ClassVar = STRICT
+
+    def room(self, direction: Direction) -> dict[int, int]:
+        """Return the number of mapping entries of each PDO of a direction, by the number of the PDO."""
+        sent = direction is Direction.TPDO
+        listed = self.tpdo_entries if sent else self.rpdo_entries
+        return dict(enumerate(listed or (self.entries,) * (self.tpdos if sent else self.rpdos), start=1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,9 +56,82 @@ class LinkLossSection(LinkLoss):
     heartbeat_consumer: Index | None = None
     life_guarding: bool = False
     """True: the drive watches the master's requests of node guarding, by 100Ch and 100Dh; for one without 1016h."""
+    reacts: bool = False
+    """True: the drive lets go by itself when its watch ends, although it has no option object that says so."""
     deadline: Annotated[float, Gt(0), Ge(0.001), Le(65.535)] = 0.05
     """Longest time without a proof of the master's life [s]; written to the heartbeat consumer, in ms of 16 bits, or
     as the life time."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class SetupSection:
+    """Objects that the drive needs to hold before its mode is set, in the order in which they are written."""
+
+    writes: tuple[WrittenObject, ...] = ()
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class SyncSection:
+    """Objects that tell the drive the period of the loop, and the periods that it takes."""
+
+    interpolation_time: Index | None = None
+    """60C2h: the period is sub-index 1 times ten to the power of sub-index 2 [s]."""
+    powers: tuple[Annotated[int, Ge(-9), Le(0)], ...] = (-3,)
+    """Values of 60C2h:02 that the drive takes, the best first."""
+    values: tuple[Annotated[int, Ge(1), Le(255)], Annotated[int, Ge(1), Le(255)]] = (1, 255)
+    """Smallest and largest value of 60C2h:01."""
+    cycle_period: Index | None = None
+    """1006h, communication cycle period [µs]."""
+    shortest_period: NonNegativeTime = 0.0
+    """Shortest period that the drive takes [s]; 0: none is known."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class ShownObject:
+    """A value that only the vendor's tool can set, which is read and shown."""
+
+    name: Annotated[str, Len(1)]
+    object: Index
+    type: DataType
+    subindex: Annotated[int, Ge(0), Le(255)] = 0
+    unit: str = ""
+    needed: bool = False
+    """True: with 0 the drive was never commissioned, and is refused."""
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def entry(self) -> ObjectEntry:
+        """The object as an entry of the object dictionary."""
+        return ObjectEntry(self.object, self.type, self.subindex)
+
+
+@dataclass(frozen=True)
+class CommissioningSection:
+    """What a person sets with the vendor's tool: motor data, commutation, current loop, I²t."""
+
+    tool: str = ""
+    shown: tuple[ShownObject, ...] = ()
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class SimulatedObject:
+    """One sub-index of the simulated drive as the real drive has it; None: as the simulated drive has it anyway.
+
+    The values are those of an EDS. `value` is the power-on value; "$NODEID+0x180" contains the node-ID.
+    """
+
+    absent: bool = False
+    type: DataType | None = None
+    """Needed for an object that the simulated drive does not have otherwise."""
+    access: AccessType | None = None
+    value: int | str | None = None
+    low: int | None = None
+    high: int | None = None
+    mappable: bool | None = None
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -69,6 +158,13 @@ class SimulationSection:
     """Time from the writing of 6060h until 6061h shows the mode [s]."""
     boot_time: NonNegativeTime = 0.0
     """Time from power-on or a reset to the boot-up message [s]."""
+    modes: tuple[Annotated[int, Ge(-128), Le(127)], ...] | None = None
+    """Modes of operation that the drive has; None: all that the simulated drive implements."""
+    objects: dict[str, SimulatedObject] = field(default_factory=dict)
+    """What the drive has otherwise than the simulated one, by index and sub-index, each a number or a range: "6007",
+    "1400-1403:01"."""
+    differs: dict[str, Annotated[str, Len(1)]] = field(default_factory=dict)
+    """Why the simulated drive differs from the vendor's file all the same, by index, or index and sub-index."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -77,6 +173,9 @@ class CanopenProfile(Cia402Profile):
     """Profile of a drive model on CANopen."""
 
     pdo: PdoSection
+    setup: SetupSection = field(default_factory=SetupSection)
+    sync: SyncSection = field(default_factory=SyncSection)
+    commissioning: CommissioningSection = field(default_factory=CommissioningSection)
     link_loss: LinkLossSection = field(default_factory=LinkLossSection)
     simulation: SimulationSection = field(default_factory=SimulationSection)
     __pydantic_config__: ClassVar = STRICT
@@ -85,7 +184,8 @@ class CanopenProfile(Cia402Profile):
     def guarded(self) -> bool:
         """True when the profile names a watch on the master, and a reaction of the drive to its loss."""
         section = self.link_loss
-        reacts = section.abort_connection_option is not None or section.fault_reaction_option is not None
+        options = section.abort_connection_option, section.fault_reaction_option
+        reacts = section.reacts or any(option is not None for option in options)
         return reacts and (section.heartbeat_consumer is not None or section.life_guarding)
 
 

@@ -12,9 +12,10 @@ from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen import bus, checks
 from haptic_fieldbus.protocols.canopen.pdo import SYNCHRONOUS_TYPES, Direction, lay_out
 from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic, asked_signals
+from haptic_fieldbus.protocols.canopen.periods import period_objects
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
-from haptic_fieldbus.protocols.cia402 import CIA402
+from haptic_fieldbus.protocols.cia402 import with_mode_bits
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
 from haptic_fieldbus.protocols.traffic import AxisTraffic
 from haptic_fieldbus.signals import Signal
@@ -52,7 +53,7 @@ class Canopen(FieldbusProtocol):
         return bus.in_place_of(bus.can_section(section), named, channel)
 
     def power_table(self, profile: DriveProfile) -> PowerTable:
-        return CIA402
+        return with_mode_bits(canopen_profile(profile).torque.controlword)
 
     def axis_traffic(
         self, axis: RigAxis, profile: DriveProfile, incoming: Sequence[Signal], outgoing: Sequence[Signal]
@@ -72,10 +73,10 @@ class Canopen(FieldbusProtocol):
         rpdo_type = max(event_driven) if event_driven else min(pdo.rpdo_types)
         return PdoTraffic(
             axis.node,
-            lay_out(Direction.TPDO, entries, mapped, node=axis.node, transmission_type=1, pdos=pdo.tpdos,
-                    entries=pdo.entries),
-            lay_out(Direction.RPDO, entries, outgoing, node=axis.node, transmission_type=rpdo_type, pdos=pdo.rpdos,
-                    entries=pdo.entries),
+            lay_out(Direction.TPDO, entries, mapped, node=axis.node, transmission_type=1,
+                    room=pdo.room(Direction.TPDO)),
+            lay_out(Direction.RPDO, entries, outgoing, node=axis.node, transmission_type=rpdo_type,
+                    room=pdo.room(Direction.RPDO)),
             asked=asked_signals(own) if len(mapped) < len(incoming) else (),
             life_guarding=own.link_loss.life_guarding,
         )  # fmt: skip
@@ -84,6 +85,8 @@ class Canopen(FieldbusProtocol):
         own = tuple(
             BusMember(name, canopen_profile(profile), _pdos(traffic)) for name, (profile, traffic) in members.items()
         )
+        for member in own:
+            period_objects(member.profile, rate)  # refuses a period that the drive cannot take
         can_bus = bus.can_section(section)
         if any(member.traffic.node == can_bus.master_node for member in own):
             raise PlanError(f"master_node {can_bus.master_node} of the bus is the node-ID of one of its drives")

@@ -175,7 +175,7 @@ class CanTraffic:
             acts_at = _next_tick(bus + compute, timing.control_period)
         else:  # the set-point is taken over at the next SYNC, a whole period after the latch
             acts_at = round(1e9 / self.rate) * 1e-9
-        return Delay(bus, compute, acts_at - bus - compute, 1.0 / (2 * math.pi * timing.torque_bandwidth))
+        return Delay(bus, compute, acts_at - bus - compute, member.profile.torque_lag)
 
     def member(self, axis: str) -> BusMember:
         """Return the axis of that name, which must be on this bus."""

@@ -91,8 +91,10 @@ def rig_of(bus: BusName, slots: Sequence[Slot]) -> Rig:
         name = "handle" if number == 1 else f"handle{number}"
         shipped = slot.profile.name in profile_names() and not is_path(slot.axis.profile)
         profile = slot.profile.name if shipped else str(Path(slot.profile.source).absolute())
-        # Nobody can move this handle by hand, and nobody needs to: how it is built is known.
-        axes[name] = replace(slot.axis, bus=_BUS, profile=profile, seen=Seen(direction="confirmed"))
+        # Nobody can move this handle by hand, and nobody needs to: how it is built is known. The file may become that
+        # of a real bench, so nobody has said in it that a drive's own limit may be raised.
+        seen = Seen(direction="confirmed")
+        axes[name] = replace(slot.axis, bus=_BUS, profile=profile, seen=seen, raise_max_torque=False)
     return Rig({_BUS: bus.section}, axes)
 
 

@@ -6,9 +6,8 @@ is sent meanwhile is lost. An interface that goes on failing is opened anew, bec
 that was unplugged.
 
 Where the kernel stamps frames as they arrive, a frame is served at its stamp, so that a process that was woken late
-latches what the shaft did when SYNC came, as a drive would. That holds for `LATEST_NS`: a process that slept longer
-finds several SYNCs, and a master takes the first answer for one to its last SYNC, so that an old position would be a
-jump. The stamp is of the wall clock, which may be set at any time; it is bounded by what was served before, and by now.
+latches what the shaft did when SYNC came, as a drive would, and does not miss a proof of life that waited with the
+rest. The stamp is of the wall clock, which may be set at any time; it is bounded by what was served before, and by now.
 """
 
 import time
@@ -31,8 +30,6 @@ RETRIED_EVERY_NS = 20_000_000
 
 MOST_OCTETS = 8
 """Longest frame of CAN 2.0."""
-LATEST_NS = 500_000
-"""Longest time before now at which a frame is served."""
 STAMPED = ("udp_multicast",)
 """Interfaces besides SocketCAN whose time stamps are those of the kernel, by the wall clock of this computer."""
 
@@ -115,7 +112,7 @@ class Outlet:
         if self._stamped and isinstance(port, PythonCanPort):
             stamped_ns = now_ns - round((time.time() - port.stamp) * 1e9)
         age_ns = 0 if stamped_ns is None else now_ns - stamped_ns
-        return max(earliest_ns, now_ns - max(0, min(age_ns, LATEST_NS)))
+        return max(earliest_ns, now_ns - max(0, age_ns))
 
     def close(self) -> None:
         """Leave the bus."""

@@ -198,10 +198,10 @@ class Dictionary:
 
     def remove(self, index: int, subindex: int | None = None) -> None:
         """Remove an object, or one sub-index of it, that this model lacks; unknown ones are ignored."""
-        if subindex is None:
+        subentries = self._objects.get(index, {})
+        subentries.pop(-1 if subindex is None else subindex, None)
+        if subindex is None or not subentries:
             self._objects.pop(index, None)
-        else:
-            self._objects.get(index, {}).pop(subindex, None)
 
     def add_record(self, entries: Iterable[Entry]) -> None:
         """Add the sub-indices of one record, and sub-index 0 with the highest of them."""

@@ -36,6 +36,10 @@ class Defaults:
 
     max_torque_permille: int
     rated_current_ma: int
+    torque_constant: float
+    """[N·m/A], of the motor."""
+    peak_current: float
+    """[A], of the power stage."""
     counts_per_revolution: int
     velocity: int
     """6081h [position units/s]."""

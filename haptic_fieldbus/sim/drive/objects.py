@@ -7,6 +7,7 @@ that its settings leave out. The drive still works with their power-on values.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, PositionSection, VelocitySection
 from haptic_fieldbus.drive.objects import DataType
@@ -17,16 +18,19 @@ from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mapp
 from haptic_fieldbus.sim.drive.object_table import FACTORS, STANDARD_MODES, Defaults, Row, rows
 
 PERMILLE = 1e-3
-_TORQUE_UNITS = {"permille_of_rated_torque": PERMILLE}
-"""Units of target and actual torque, as a share of rated torque."""
+_WORD = 0x1_0000
+_FULL_SCALE = 32760
+"""Value of 16 bits that stands for the peak current of the power stage, in drives that count in it."""
 
 TORQUE_DEMAND = 0x6074
 DEVICE_TYPE = 0x0002_0192
 """1000h (CiA 402-2): device profile 402, servo drive."""
 
 NO_MODE = 0
-NO_ACTION, SLOW_DOWN = 0, 2
-"""6007h and 605Eh of a drive without them: no reaction to a lost link, the quick stop ramp for a fault."""
+NO_ACTION, FAULT = 0, 1
+"""6007h of a drive without it: no reaction to a lost link, or a fault where its profile says that it reacts."""
+DISABLE, SLOW_DOWN = 0, 2
+"""605Eh of a drive without it: free at once where its profile says that it reacts, else the quick stop ramp."""
 # CiA 402-2, 6502h: the bit of a mode is its number minus one; manufacturer-specific modes are negative and have bits 16
 # on.
 _FIRST_MANUFACTURER_BIT = 16
@@ -54,6 +58,12 @@ class Objects:
     """[N·m], with the rounding of 6076h."""
     torque_unit: float
     """One step of the target torque [N·m]."""
+    actual_unit: float
+    """One step of the torque actual value [N·m]."""
+    demand_unit: float
+    """One step of the torque demand [N·m]."""
+    mode_bits: int
+    """Bits of the controlword without which the drive's own torque mode gives no torque; 0: none."""
     table: dict[tuple[int, int], Entry]
     """The entries of `object_table`, by index and sub-index."""
 
@@ -90,27 +100,30 @@ def add_objects(
     `rated_torque` is in N·m. Raises UsageError when the profile's torque unit cannot be simulated, or when the rated
     torque is less than one step of its unit.
     """
-    share = _TORQUE_UNITS.get(profile.torque.target.unit)
-    if share is None:
-        raise UsageError(f'{profile.name}: targets in "{profile.torque.target.unit}" cannot be simulated')
     _add_identity(dictionary, profile, serial)
     rated = _add_rated(dictionary, profile, rated_torque)
+    _add_rated_current(dictionary, profile, defaults)
+    step = partial(_torque_step, profile.name, defaults, rated)
     torque_mode = profile.torque.mode_of_operation
     offered = (STANDARD_MODES if modes is None else STANDARD_MODES & modes) | {torque_mode}
     table = _add_table(dictionary, rows(defaults), offered, without, profile.torque.demand)
     add = dictionary.add
     add(Entry(0x6502, 0, DataType.UINT32, _supported(offered), mappable=Mappable.TPDO))
-    actual = profile.torque.actual
+    actual, demand, target = profile.torque.actual, profile.torque.demand, profile.torque.target
     abort, reaction = profile.link_loss.abort_connection_option, profile.link_loss.fault_reaction_option
     return Objects(
         error_code=add(Entry(0x603F, 0, DataType.UINT16, mappable=Mappable.TPDO)),
         controlword=add(Entry(0x6040, 0, DataType.UINT16, 0, Access.RW, mappable=Mappable.BOTH)),
         statusword=add(Entry(0x6041, 0, DataType.UINT16, mappable=Mappable.TPDO)),
         abort_connection_option=(
-            _add_option(dictionary, abort.object, 1, range(4)) if abort else _hidden(0x6007, NO_ACTION)
+            _add_option(dictionary, abort.object, 1, range(4))
+            if abort
+            else _hidden(0x6007, FAULT if profile.guarded else NO_ACTION)
         ),
         fault_reaction_option=(
-            _add_option(dictionary, reaction.object, 2, range(5)) if reaction else _hidden(0x605E, SLOW_DOWN)
+            _add_option(dictionary, reaction.object, 2, range(5))
+            if reaction
+            else _hidden(0x605E, DISABLE if profile.guarded and not abort else SLOW_DOWN)
         ),
         mode=add(
             Entry(0x6060, 0, DataType.INT8, 0, Access.RW, mappable=Mappable.BOTH, accept=one_of((NO_MODE, *offered)))
@@ -125,9 +138,26 @@ def add_objects(
         modes=offered,
         torque_mode=torque_mode,
         rated_torque=rated,
-        torque_unit=rated * share,
+        torque_unit=step(target.unit),
+        actual_unit=step((actual or target).unit),
+        demand_unit=step(demand.unit) if demand is not None else rated * PERMILLE,
+        mode_bits=profile.torque.controlword,
         table=table,
     )
+
+
+def _torque_step(name: str, bench: Defaults, rated: float, unit: str) -> float:
+    """Return one step of a torque unit [N·m] at this rated torque; raises UsageError for an unknown unit."""
+    steps = {
+        "permille_of_rated_torque": rated * PERMILLE,
+        "permille_of_rated_current": bench.rated_current_ma * 1e-6 * bench.torque_constant,
+        "mA": 1e-3 * bench.torque_constant,
+        "peak_current/32760": bench.peak_current * bench.torque_constant / _FULL_SCALE,
+        "peak_current/32760/65536": bench.peak_current * bench.torque_constant / _FULL_SCALE / _WORD,
+    }
+    if unit not in steps:
+        raise UsageError(f'{name}: torque in "{unit}" cannot be simulated')
+    return steps[unit]
 
 
 def _add_table(
@@ -193,6 +223,14 @@ def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: flo
     if not entry.value:
         raise UsageError(f"{profile.name}: {rated_torque} N·m of rated torque is less than one step of {rated.unit}")
     return entry.value * unit
+
+
+def _add_rated_current(dictionary: Dictionary, profile: Cia402Profile, defaults: Defaults) -> None:
+    """Add the object of the rated current, where the profile names one."""
+    current = profile.torque.rated_current
+    if current is not None:
+        entry = _add_mapped(dictionary, current, Access.RO, Mappable.TPDO)
+        entry.value = entry.default = defaults.rated_current_ma
 
 
 def _add_mapped(dictionary: Dictionary, mapped: MappedObject, access: Access, mappable: Mappable) -> Entry:

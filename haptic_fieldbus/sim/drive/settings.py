@@ -37,8 +37,8 @@ class DriveSettings:
     """Time from a reset to the boot-up message."""
     max_torque_permille: int = 3000
     """6072h, 6073h, 60E0h and 60E1h after power-on [‰ of rated torque]."""
-    rated_current: float = 5.0
-    """6075h [A]; assumed, and used for nothing else."""
+    rated_current: float | None = None
+    """6075h [A]; None: that of the rig."""
     modes: frozenset[int] | None = None
     """Modes of operation by the numbers of 6060h, None: all; the profile's torque mode is always offered."""
     without: frozenset[int] = frozenset()
@@ -69,6 +69,19 @@ def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
     if inertia is None or damping is None or rated is None:
         raise ValueError("the shipped bench has unknown values")
     return inertia, damping, rated
+
+
+def _known_currents(axis: RigAxis, settings: DriveSettings) -> tuple[float, float, float]:
+    """Return rated current [A], peak current of the power stage [A] and torque constant [N·m/A] of the axis.
+
+    Unknown values are those of the shipped bench; raises ValueError when that has none.
+    """
+    bench = default_axis(axis.mechanism.workspace, bus=axis.bus, node=axis.node, profile=axis.profile)
+    rated = settings.rated_current or axis.rated_current or bench.rated_current
+    peak, constant = axis.peak_current or bench.peak_current, axis.torque_constant or bench.torque_constant
+    if rated is None or peak is None or constant is None:
+        raise ValueError("the shipped bench has unknown values")
+    return rated, peak, constant
 
 
 def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int) -> Body:
@@ -116,12 +129,15 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     they reach in `_RAMP`.
     """
     inertia, _, rated = known_mechanics(axis)
+    current, peak, constant = _known_currents(axis, settings)
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia
     steps = steps_per_revolution(profile.position.actual.unit if profile.position is not None else COUNTS, counts)
     return Defaults(
         max_torque_permille=settings.max_torque_permille,
-        rated_current_ma=round(settings.rated_current * 1e3),
+        rated_current_ma=round(current * 1e3),
+        torque_constant=constant,
+        peak_current=peak,
         counts_per_revolution=counts,
         velocity=_whole(_RAMP * acceleration / velocity_step(_velocity_unit(profile, settings), counts)),
         acceleration=_whole(acceleration * steps / (2 * math.pi)),

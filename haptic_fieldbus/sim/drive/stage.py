@@ -61,6 +61,7 @@ class Stage:
         self._seen: tuple[int, ...] = ()
         self._low = self._high = 0.0
         self._permille = objects.rated_torque * PERMILLE
+        self._demand_unit = objects.demand_unit
         self._demand = objects.row(0x6074)
         self._max_motor_speed = objects.row(0x6080)
         self._max_profile_velocity = objects.row(0x607F)
@@ -69,7 +70,7 @@ class Stage:
         self._t_ns = 0
         self._position, self._velocity = objects.position, objects.velocity
         self._actual, self._current = objects.actual_torque, objects.row(0x6078)
-        self._per_step, self._per_permille = 1 / objects.torque_unit, 1 / self._permille
+        self._per_step, self._per_permille = 1 / objects.actual_unit, 1 / self._permille
 
     # Torque.
 
@@ -80,8 +81,8 @@ class Stage:
 
     @property
     def commanded(self) -> float:
-        """Return the last permitted torque [N·m], to the nearest ‰."""
-        return self._demand.value * self._permille
+        """Return the last permitted torque [N·m], to the nearest step of the torque demand."""
+        return self._demand.value * self._demand_unit
 
     def limit(self, torque: float) -> float:
         """Return the permitted part of a torque [N·m]."""
@@ -100,7 +101,7 @@ class Stage:
         torque = self.limit(wanted)
         self.limited = torque != wanted
         self._looping = False
-        self._demand.value = round(torque * self._per_permille)
+        self._demand.value = round(torque / self._demand_unit)
         self.servo.command(torque, t_ns)
 
     def cut(self, t_ns: int) -> None:

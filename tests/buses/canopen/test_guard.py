@@ -135,6 +135,18 @@ class TestRequests:
         assert longest <= max(guard_ns // 5, bench.plan.period_ns)
         assert asked[0] < bench.can.sent[before][0] + bench.plan.period_ns
 
+    @pytest.mark.parametrize("guards", [True, False], ids=["requests", "heartbeats"])
+    def test_periods_that_are_skipped_leave_no_guard_waiting(self, guards: bool) -> None:
+        """A busy computer lets two periods of three pass, so that ten of them take thirty milliseconds."""
+        bench = guarded().open() if guards else Bench().open()
+        before, guard_ns = len(bench.can.sent), 50_000_000
+        for _ in range(60):
+            exchange(bench, 1)
+            bench.clock.sleep_until(bench.clock.now_ns() + 2 * bench.plan.period_ns)
+        ours = [t_ns for t_ns, can_id, _ in bench.can.sent[before:] if can_id in (REQUEST, MASTER_HEARTBEAT)]
+        assert max(later - earlier for earlier, later in pairwise(ours)) <= guard_ns // 5 + 3 * bench.plan.period_ns
+        assert len(ours) <= 1 + 180 // 10
+
     def test_requests_to_several_drives_are_spread_over_the_periods(self) -> None:
         bench = guarded(scene=THREE).open()
         before = len(bench.can.sent)

@@ -4,11 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCode, VelocitySection
+from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCode, VelocitySection, WrittenObject
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsType, eds_text
 from haptic_fieldbus.errors import EdsError
-from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, data_type, profile_from_eds
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds
+from haptic_fieldbus.protocols.canopen.pdo import Direction
+from haptic_fieldbus.protocols.canopen.vendor.values import data_type
 from haptic_fieldbus.protocols.catalogue import load_profile
 from tests.builders import canopen
 from tests.eds.sheets import changed, generic, without, without_member
@@ -18,9 +20,15 @@ PERMILLE = "permille_of_rated_torque"
 
 
 def refusals(eds: Eds, mode: int | None = None) -> list[str]:
-    with pytest.raises(EdsError) as caught:
-        profile_from_eds(eds, mode)
-    return [fault.message.removeprefix("not usable for force: ") for fault in caught.value.faults]
+    """What is told of a file that describes no drive of CiA 402, or one that is not usable for force."""
+    try:
+        profile = profile_from_eds(eds, mode)
+    except EdsError as error:
+        return [fault.message.removeprefix("no CiA 402 drive: ") for fault in error.faults]
+    lacks = [lack for lack, _ in profile.lacks]
+    assert profile.drive.usable is not bool(lacks)
+    assert profile.sources.get("drive.usable", "") == "; ".join(lacks)
+    return lacks
 
 
 def test_the_profile_says_what_the_file_says() -> None:
@@ -61,12 +69,13 @@ def test_drives_of_vendors_without_1016h_have_life_guarding() -> None:
         assert profile_from_eds(vendor_eds(name)).link_loss.life_guarding, name
 
 
-def test_every_section_of_it_has_its_source() -> None:
-    profile = profile_from_eds(without(generic(), 0x6007))
-    for section in ("identity", "pdo", "link_loss", "timing"):
-        assert profile.sources[section]
-    assert "ASSUMED" in profile.sources["torque.target"]
-    assert profile.sources["link_loss.abort_connection_option"] == "left out: not in own.eds"
+def test_every_value_of_it_has_its_source() -> None:
+    sources = profile_from_eds(without(generic(), 0x6007)).sources
+    assert sources["torque.target.type"] == "own.eds, [6071] DataType"
+    assert "ASSUMED" in sources["torque.target.unit"]
+    assert "ASSUMED" not in sources["torque.target.object"]
+    assert sources["link_loss.abort_connection_option"] == "left out: own.eds has no 6007h that can be written"
+    assert sources["link_loss.fault_reaction_option.object"] == "own.eds, [605E]"
 
 
 @pytest.mark.parametrize(
@@ -97,9 +106,10 @@ def test_a_missing_object_is_named(index: int, name: str) -> None:
 
 
 def test_all_that_is_missing_is_told_at_once() -> None:
-    eds = changed(without(generic(), 0x6040, 0x1400, 0x1A00), 0x6502, default=1)
+    eds = without(generic(), 0x6071, *range(0x1400, 0x1404), *range(0x1A00, 0x1A04))
+    eds = changed(eds, 0x6502, default=1)
     assert refusals(eds) == [
-        "there is no 6040h controlword",
+        "there is no 6071h target torque",
         "there is no RPDO (1400h and 1600h)",
         "there is no TPDO (1800h and 1A00h)",
         "6502h supported drive modes 1h names no torque mode",
@@ -144,8 +154,8 @@ def test_without_a_position_the_velocity_stands_in_in_the_unit_of_60a9h(code: in
     profile = profile_from_eds(eds)
     assert profile.position is None
     assert profile.velocity == VelocitySection(MappedObject(0x606C, DataType.INT32, unit=unit))
-    assert ("ASSUMED" in profile.sources["velocity.actual"]) is (code is None)
-    assert "position.actual" not in profile.sources
+    assert ("ASSUMED" in profile.sources["velocity.actual.unit"]) is (code is None)
+    assert "position.actual.unit" not in profile.sources
 
 
 def test_a_velocity_beside_a_position_is_not_read() -> None:
@@ -186,13 +196,48 @@ def test_the_position_is_in_the_unit_of_60a8h(code: int | None, unit: str) -> No
     profile = profile_from_eds(eds)
     assert profile.position is not None
     assert profile.position.actual.unit == unit
-    assert ("ASSUMED" in profile.sources["position.actual"]) is (not code)
+    assert ("ASSUMED" in profile.sources["position.actual.unit"]) is (not code)
 
 
 def test_a_position_in_another_unit_is_refused() -> None:
     metres = changed(generic(), 0x60A8, type=EdsType.UNSIGNED32, default=0x0001_0000)
     (refused,) = refusals(metres)
     assert "60A8h SI unit position is 00010000h, expected 00B50000h (counts)" in refused
+
+
+@pytest.mark.parametrize(
+    ("changes", "powers", "values"),
+    [
+        ({}, (-3,), (1, 255)),
+        ({"low": -6, "high": 0}, (-3, -4, -5, -6), (1, 255)),
+        ({"default": -4}, (-4,), (1, 255)),
+        ({"access": "ro"}, None, None),
+    ],
+)
+def test_the_period_is_told_in_the_objects_and_values_that_the_file_has(
+    changes: dict[str, object], powers: tuple[int, ...] | None, values: tuple[int, int] | None
+) -> None:
+    sync = profile_from_eds(changed(generic(), 0x60C2, 2, **{"low": None, "high": None, **changes})).sync
+    if powers is None:
+        assert sync.interpolation_time is None
+    else:
+        assert (sync.interpolation_time, sync.powers, sync.values) == (0x60C2, powers, values)
+    assert sync.cycle_period == 0x1006
+    assert profile_from_eds(without(generic(), 0x1006)).sync.cycle_period is None
+
+
+def test_limits_of_the_period_are_the_files() -> None:
+    assert profile_from_eds(changed(generic(), 0x60C2, 1, low=0, high=100)).sync.values == (1, 100)
+
+
+def test_a_torque_slope_is_as_steep_as_the_file_allows_in_profile_torque_mode_alone() -> None:
+    ramped = changed(generic(), 0x6502, default=0x008)
+    assert profile_from_eds(generic()).torque.slope is None
+    assert profile_from_eds(ramped).torque.slope == WrittenObject(0x6087, DataType.UINT32, 1_000_000)
+    assert profile_from_eds(changed(ramped, 0x6087, high=5000)).torque.slope == WrittenObject(
+        0x6087, DataType.UINT32, 5000
+    )
+    assert profile_from_eds(without(ramped, 0x6087)).torque.slope is None
 
 
 @pytest.mark.parametrize("changes", [{"mappable": False}, {"type": EdsType.REAL32}])
@@ -218,12 +263,51 @@ def test_the_identity_is_that_of_1018h_or_of_the_device() -> None:
     assert (profile.drive.vendor, profile.drive.model) == ("unknown vendor", "unknown model")
 
 
-def test_the_pdos_are_those_with_both_records_and_the_room_of_the_smallest() -> None:
-    eds = without_member(without(generic(), 0x1A02), 0x1601, 8)
-    eds = changed(changed(eds, 0x1800, 3, default=1000), 0x1801, 3, default=300)
-    pdo = profile_from_eds(eds).pdo
-    assert (pdo.rpdos, pdo.tpdos, pdo.entries) == (4, 2, 7)
+def test_pdos_of_one_room_are_told_by_their_number() -> None:
+    pdo = profile_from_eds(changed(changed(generic(), 0x1800, 3, default=1000), 0x1801, 3, default=300)).pdo
+    assert (pdo.rpdos, pdo.tpdos, pdo.entries, pdo.rpdo_entries, pdo.tpdo_entries) == (4, 4, 8, (), ())
     assert pdo.inhibit_time_default == pytest.approx(0.1)
+
+
+def test_each_pdo_has_its_own_room_and_a_missing_one_is_no_end_of_the_list() -> None:
+    eds = without_member(without(generic(), 0x1801), 0x1601, 8)
+    for subindex in range(2, 9):
+        eds = without_member(eds, 0x1A03, subindex)
+    pdo = profile_from_eds(eds).pdo
+    assert (pdo.rpdos, pdo.tpdos, pdo.entries) == (4, 3, 8)
+    assert pdo.rpdo_entries == (8, 7, 8, 8)
+    assert pdo.tpdo_entries == (8, 0, 8, 1)
+    assert pdo.room(Direction.TPDO) == {1: 8, 2: 0, 3: 8, 4: 1}
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "changes"),
+    [
+        (0x1A00, 0, {"access": "ro"}),
+        (0x1A00, 1, {"access": "const"}),
+        (0x1800, 1, {"access": "ro"}),
+    ],
+)
+def test_a_mapping_that_cannot_be_written_has_no_room(index: int, subindex: int, changes: dict[str, object]) -> None:
+    pdo = profile_from_eds(changed(generic(), index, subindex, **changes)).pdo
+    assert pdo.tpdo_entries == (0, 8, 8, 8)
+
+
+def test_the_number_of_entries_may_be_limited() -> None:
+    assert profile_from_eds(changed(generic(), 0x1A01, 0, high=2)).pdo.tpdo_entries == (8, 2, 8, 8)
+
+
+def test_a_drive_whose_mappings_are_all_fixed_is_not_usable_for_force() -> None:
+    eds = generic()
+    for number in range(4):
+        eds = changed(eds, 0x1A00 + number, 0, access="const")
+    assert refusals(eds) == ["no TPDO can be mapped anew: its records are not writable (1800h and 1A00h and on)"]
+
+
+def test_transmission_types_are_those_of_the_standard_within_the_limits_and_those_of_the_file() -> None:
+    eds = changed(generic(), 0x1800, 2, low=0, high=254, default=253)
+    pdo = profile_from_eds(eds).pdo
+    assert (pdo.tpdo_types, pdo.rpdo_types) == ((1, 253, 254, 255), (1, 254, 255))
 
 
 def test_types_without_a_name_in_profiles_have_none() -> None:
@@ -278,6 +362,9 @@ UNUSABLE = {
     "trinamic_tmcm_1270.eds": NO_TARGET,
     "xeryon_xla_5.eds": NO_TARGET,
 }
+
+NO_DRIVE = {"roboteq_v60.eds"}
+"""Files without the objects of CiA 402."""
 
 
 @needs_files

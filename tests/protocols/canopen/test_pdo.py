@@ -11,7 +11,11 @@ IN = (Signal.STATUSWORD, Signal.POSITION, Signal.TORQUE_ACTUAL)
 
 
 def layout(*signals: Signal, pdos: int = 4, entries: int = 8) -> tuple[Pdo, ...]:
-    return lay_out(Direction.TPDO, PROFILE.entries(), signals, node=5, transmission_type=1, pdos=pdos, entries=entries)
+    return laid_out(dict.fromkeys(range(1, pdos + 1), entries), *signals)
+
+
+def laid_out(room: dict[int, int], *signals: Signal) -> tuple[Pdo, ...]:
+    return lay_out(Direction.TPDO, PROFILE.entries(), signals, node=5, transmission_type=1, room=room)
 
 
 def test_signals_that_fit_into_eight_octets_share_one_pdo() -> None:
@@ -29,6 +33,18 @@ def test_a_signal_that_does_not_fit_opens_the_next_pdo() -> None:
 
 def test_the_number_of_mapping_entries_bounds_a_pdo() -> None:
     assert [pdo.signals for pdo in layout(*IN, entries=2)] == [IN[:2], IN[2:]]
+
+
+def test_each_pdo_has_its_own_room_and_one_without_any_is_passed_over() -> None:
+    first, second = laid_out({1: 2, 2: 0, 3: 1}, *IN)
+    assert (first.number, second.number) == (1, 3)
+    assert (first.signals, second.signals) == (IN[:2], IN[2:])
+    assert (second.cob_id, second.mapping_index) == (0x385, 0x1A02)
+
+
+def test_without_any_room_the_number_of_pdos_is_none() -> None:
+    with pytest.raises(ImageTooLargeError, match="1 TPDOs of node 5, which has 0: statusword"):
+        laid_out({1: 0, 5: 8}, Signal.STATUSWORD)
 
 
 @pytest.mark.parametrize(("pdos", "wanted"), [(1, IN + IN), (9, IN * 5)])

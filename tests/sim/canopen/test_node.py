@@ -382,12 +382,13 @@ class TestEmergencies:
 
 def test_identity_and_name_are_those_of_the_profile() -> None:
     bench = DriveBench(settings=DriveSettings(serial=0x1234))
-    identity = profile().identity
     assert bench.read(0x1000) == 0x0002_0192
     assert bench.read(0x1018) == 4
-    assert bench.read(0x1018, 1) == identity.vendor_id
-    assert bench.read(0x1018, 2) == (identity.product_codes or (0,))[0]
     assert bench.read(0x1018, 4) == 0x1234
+    elmo = DriveBench(profile("elmo_gold"))
+    assert (elmo.read(0x1018, 1), elmo.read(0x1018, 2)) == (0x9A, 0)
+    joint = DriveBench(profile("zeroerr_erob"))
+    assert (joint.read(0x1018, 1), joint.read(0x1018, 2)) == (0x5A65_726F, 0x2648_3052)
     assert (bench.read(0x1200, 1), bench.read(0x1200, 2)) == (0x605, 0x585)
 
 

@@ -235,9 +235,9 @@ class TestObjects:
 
     def test_a_unit_that_cannot_be_simulated_is_refused(self) -> None:
         base = profile()
-        amperes = MappedObject(0x6071, DataType.INT16, unit="mA")
-        with pytest.raises(UsageError, match='"mA" cannot be simulated'):
-            DriveBench(replace(base, torque=replace(base.torque, target=amperes)))
+        turns = MappedObject(0x6071, DataType.INT16, unit="turns")
+        with pytest.raises(UsageError, match='"turns" cannot be simulated'):
+            DriveBench(replace(base, torque=replace(base.torque, target=turns)))
 
     @pytest.mark.parametrize(
         ("index", "subindex", "value", "code", "refusal"),

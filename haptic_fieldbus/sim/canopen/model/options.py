@@ -3,14 +3,17 @@
 from dataclasses import dataclass, replace
 
 from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
+from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.vendor.pdos import pdo_shape
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim.canopen.services.cob_id import INVALID, NO_RTR
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 
-_PREDEFINED = 4
-"""Number of PDOs of each direction that have a predefined identifier (CiA 301, table 39)."""
+_PREDEFINED = range(1, 5)
+"""Numbers of the PDOs of each direction that have a predefined identifier (CiA 301, table 39)."""
 
 
 @dataclass(frozen=True)
@@ -38,35 +41,40 @@ def node_options(node: int, profile: CanopenProfile, settings: DriveSettings) ->
     # Seconds to the steps of 100 µs of 1800h:03.
     inhibit = round(profile.pdo.inhibit_time_default * 1e4)
     measured = signals.get(Signal.POSITION) or signals[Signal.VELOCITY]
-    pdo = profile.pdo
-    rpdos = _defaults(pdo.rpdos, 0x200 + node, pdo.entries, 0, control, signals[Signal.TARGET_TORQUE])
+    rpdos = _defaults(_shape(profile, Direction.RPDO), 0x200 + node, 0, control, signals[Signal.TARGET_TORQUE])
     return NodeOptions(
         rpdos=[replace(rpdo, sync_honoured=profile.simulation.sync_honoured) for rpdo in rpdos],
-        tpdos=_defaults(pdo.tpdos, 0x180 + node, pdo.entries, inhibit, status, measured),
+        tpdos=_defaults(_shape(profile, Direction.TPDO), 0x180 + node, inhibit, status, measured),
         consumer=profile.link_loss.heartbeat_consumer,
         acts_at_sync=profile.pdo.rpdo_acts == "next_sync",
         reset_ns=settings.reset_ns,
     )
 
 
+def _shape(profile: CanopenProfile, direction: Direction) -> dict[int, int]:
+    """Return the number of mapping entries of each PDO that the model has, by the number of the PDO."""
+    if isinstance(profile, EdsProfile):
+        return pdo_shape(profile.eds, direction)
+    return {number: room for number, room in profile.pdo.room(direction).items() if room}
+
+
 def _defaults(
-    count: int, first_id: int, max_entries: int, inhibit: int, word: ObjectEntry, value: ObjectEntry
+    shape: dict[int, int], first_id: int, inhibit: int, word: ObjectEntry, value: ObjectEntry
 ) -> list[PdoDefaults]:
     """Return the PDOs of one direction.
 
     PDO 1 maps the word, PDO 2 word and value if its mapping has room for two, the others nothing.
     """
-    both = (word.mapping, value.mapping) if max_entries > 1 else ()
-    mappings = {1: (word.mapping,), 2: both}
+    mappings = {1: (word.mapping,), 2: (word.mapping, value.mapping)}
     return [
         PdoDefaults(
             number=number,
             cob_id=(0 if number == 1 else INVALID)
             | NO_RTR
-            | (first_id + 0x100 * (number - 1) if number <= _PREDEFINED else 0),
-            mapping=mappings.get(number, ()),
-            max_entries=max_entries,
+            | (first_id + 0x100 * (number - 1) if number in _PREDEFINED else 0),
+            mapping=mappings[number] if len(mappings.get(number, ())) in range(1, entries + 1) else (),
+            max_entries=entries,
             inhibit_time=inhibit,
         )
-        for number in range(1, count + 1)
+        for number, entries in shape.items()
     ]

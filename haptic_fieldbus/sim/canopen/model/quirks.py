@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-from haptic_fieldbus.protocols.canopen.si_units import VELOCITY_UNIT_CODES
+from haptic_fieldbus.protocols.canopen.vendor.values import number_of, velocity_unit
+from haptic_fieldbus.sim.canopen.model.described import install_described
 from haptic_fieldbus.sim.canopen.model.vendor import extend
 from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
@@ -66,6 +67,21 @@ QUIRKS = (
         "the boot-up message comes only after this time, and nothing is answered before",
         "ros-industrial/ros2_canopen issue 370 (1 s asked for, as 20 ms did not do)",
     ),
+    Quirk(
+        "modes",
+        "the modes of operation that the drive has, and no others; 6502h shows them",
+        "every drive lacks some of the standard's modes",
+    ),
+    Quirk(
+        "objects",
+        "access, type, limits, mappability and power-on value of objects, and objects beyond those of the simulation",
+        "every shipped profile of a drive whose vendor's file was read",
+    ),
+    Quirk(
+        "differs",
+        "none: the reasons for which the simulated drive differs from the vendor's file",
+        "profiles check",
+    ),
 )
 """All keys. Inhibit times of TPDOs after power-on are set by `pdo.inhibit_time_default` instead."""
 
@@ -73,6 +89,8 @@ _NS = 1_000_000_000
 _HEARTBEAT_CONSUMER = 0x1016
 _APPLICATION = range(0x6000, 0x6800)
 _FIRST_MANUFACTURER_BIT = 16
+_TARGETS = {1: 0x607A, 3: 0x60FF, 4: 0x6071, 6: 0x6098, 8: 0x607A, 9: 0x60FF, 10: 0x6071}
+"""Mode of operation → the object that commands it (CiA 402-2)."""
 _PDO_COMMUNICATION = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
 
 
@@ -116,6 +134,7 @@ def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -
     notes = extend(dictionary, profile.eds, node) if isinstance(profile, EdsProfile) else ()
     for index in quirks.absent:
         dictionary.remove(index)
+    install_described(dictionary, quirks.objects, node)
     for index, value in ((0x6072, quirks.max_torque), (0x6502, quirks.supported_modes)):
         if value is not None and index in dictionary:
             _start_with(dictionary.find(index), value)
@@ -150,15 +169,21 @@ def _not_in_file(profile: CanopenProfile) -> frozenset[int]:
 
 def _velocity_unit(profile: CanopenProfile) -> str | None:
     """Return the unit of 60A9h in a vendor's file; None when it names none that is known."""
-    entry = profile.eds.find(0x60A9) if isinstance(profile, EdsProfile) else None
-    value = entry.value(1) if entry is not None else None
-    return VELOCITY_UNIT_CODES.get(value & 0xFFFF_FFFF) if isinstance(value, int) else None
+    if not isinstance(profile, EdsProfile) or number_of(profile.eds, 0x60A9) is None:
+        return None
+    return velocity_unit(profile.eds)
 
 
 def _modes(profile: CanopenProfile) -> frozenset[int] | None:
-    """Return the modes of operation in 6502h of a vendor's file; None when it gives none."""
-    entry = profile.eds.find(0x6502) if isinstance(profile, EdsProfile) else None
-    value = entry.value(1) if entry is not None else None
-    if not isinstance(value, int) or not value:
+    """Return the modes of operation of the profile, else those of a vendor's file; None when there is neither.
+
+    Where 6502h of the file says nothing, a mode is taken to be there when its target is.
+    """
+    if profile.simulation.modes is not None:
+        return frozenset(profile.simulation.modes)
+    if not isinstance(profile, EdsProfile):
         return None
+    value = number_of(profile.eds, 0x6502)
+    if not value:
+        return frozenset(mode for mode, target in _TARGETS.items() if target in profile.eds)
     return frozenset(bit + 1 for bit in range(_FIRST_MANUFACTURER_BIT) if value >> bit & 1)

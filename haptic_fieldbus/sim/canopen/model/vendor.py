@@ -8,11 +8,13 @@ as one octet. Larger types, and types that the file leaves open, are stored as o
 """
 
 import struct
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType, NodeOffset
-from haptic_fieldbus.protocols.canopen.from_eds import data_type, pdo_count
+from haptic_fieldbus.protocols.canopen.pdo import Direction
+from haptic_fieldbus.protocols.canopen.vendor.pdos import COMMUNICATION, MAPPING, MOST_ENTRIES, pdo_shape
+from haptic_fieldbus.protocols.canopen.vendor.values import data_type
 from haptic_fieldbus.sim.canopen.services.cob_id import INVALID
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, Refused
 
@@ -24,13 +26,13 @@ UNKNOWN_OCTETS = 8
 """Capacity of an entry whose type the file leaves open."""
 BENCH_VALUES = frozenset((0x6075, 0x6076, 0x6081, 0x6083, 0x6084, 0x6085, 0x608F, 0x6090, 0x6091, 0x6092))
 """Rated current and torque, profile velocity, ramps and factors, which follow from the rig."""
-COMMUNICATION = range(0x1000, 0x2000)
+COMMUNICATION_PROFILE = range(0x1000, 0x2000)
 """Objects whose types and limits stay those of CiA 301: one file limits 1016h to 65535, which names no node."""
 SHOWN_VALUES = frozenset((0x1000, 0x1008, 0x1009, 0x100A, 0x1018, 0x6502))
 """Read-only objects whose values are taken from the file; the drive computes its other read-only values itself."""
-_MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
-_MAPPING = 0x200
-"""Difference of index from the communication record of a PDO to its mapping record."""
+MANDATORY = frozenset(((0x1000, 0), (0x1001, 0), (0x1018, 0), (0x1018, 1)))
+"""Entries that every CANopen device has (CiA 301, 7.5.2), whether its file names them or not."""
+_PDO_RECORDS = range(0x1400, 0x1C00)
 _LEFT_OPEN = {0: 2, 1: INVALID, 2: 255}
 """Values of a communication record by sub-index where the file gives none: no identifier, event-driven."""
 _DUMMIES = range(2, 8)
@@ -48,18 +50,37 @@ def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
     Returns notes, in words, on the PDOs that could not be taken over.
     """
     implemented = {(entry.index, entry.subindex): entry for entry in dictionary}
+    pdos = _records(eds)
     _take_away(dictionary, eds)
     for described in eds:
         entry = implemented.get((described.index, described.subindex))
         if entry is not None and _understood(entry, described):
             _take_over(entry, described, node)
-        elif not _belongs_to_a_pdo(described, implemented):
+        elif described.index not in _PDO_RECORDS or (described.index in pdos and not _beyond(described)):
             dictionary.add(_stored(described, node))
-    notes = tuple(_set_up_pdos(dictionary, eds, node))
+    notes = (*_lone(eds, pdos), *_set_up_pdos(dictionary, implemented, eds, node))
     for entry in dictionary:
-        formula = eds.objects[entry.index].entries[entry.subindex].formula
-        entry.numbered = isinstance(formula, NodeOffset)
+        source = eds.find(entry.index, entry.subindex)
+        entry.numbered = source is not None and isinstance(source.formula, NodeOffset)
     return notes
+
+
+def _records(eds: Eds) -> frozenset[int]:
+    """Return the indices of the records of all PDOs that have both."""
+    first = (COMMUNICATION[way].start - 1 + number for way in Direction for number in pdo_shape(eds, way))
+    return frozenset(index + part for index in first for part in (0, MAPPING))
+
+
+def _lone(eds: Eds, pdos: frozenset[int]) -> Iterator[str]:
+    """Yield a note on each record of a PDO that lacks its other one."""
+    for index in eds.objects:
+        if index in _PDO_RECORDS and index not in pdos:
+            yield f"{index:04X}h: the other record of this PDO is missing; it is left out"
+
+
+def _beyond(described: EdsEntry) -> bool:
+    """Return whether this is a mapping entry that no PDO can have (CiA 301, 7.5.2.36)."""
+    return described.index & MAPPING != 0 and described.subindex > MOST_ENTRIES
 
 
 def _understood(entry: Entry, described: EdsEntry) -> bool:
@@ -76,17 +97,10 @@ def _understood(entry: Entry, described: EdsEntry) -> bool:
     return not shown and _limits(described, type)[0] >= entry.type.limits[0]
 
 
-def _belongs_to_a_pdo(described: EdsEntry, implemented: Container[tuple[int, int]]) -> bool:
-    """Return whether this is a mapping entry beyond the room of the drive's PDOs."""
-    return any(described.index in records for records in _MAPPINGS) and (described.index, 0) in implemented
-
-
 def _take_away(dictionary: Dictionary, eds: Eds) -> None:
     """Remove the entries that the file does not have."""
     for entry in list(dictionary):
-        if entry.index not in eds:
-            dictionary.remove(entry.index)
-        elif eds.find(entry.index, entry.subindex) is None:
+        if eds.find(entry.index, entry.subindex) is None and (entry.index, entry.subindex) not in MANDATORY:
             dictionary.remove(entry.index, entry.subindex)
 
 
@@ -97,7 +111,7 @@ def _take_over(entry: Entry, described: EdsEntry, node: int) -> None:
     if entry.index in BENCH_VALUES or (measured and entry.index not in SHOWN_VALUES):
         return
     type, value = data_type(described), described.value(node)
-    if type is not None and entry.type is not None and not shown and entry.index not in COMMUNICATION:
+    if type is not None and entry.type is not None and not shown and entry.index not in COMMUNICATION_PROFILE:
         entry.type, (entry.low, entry.high) = type, _limits(described, type)
     if isinstance(value, int) and entry.type is not None:
         entry.value = entry.default = value
@@ -184,24 +198,29 @@ def _whole(size: int) -> Callable[[int], None]:
 # PDOs.
 
 
-def _set_up_pdos(dictionary: Dictionary, eds: Eds, node: int) -> Iterator[str]:
-    """Give the PDOs their power-on values of the file; switch off each PDO that cannot work and yield a note on it."""
-    for communication, way in ((0x1400, Mappable.RPDO), (0x1800, Mappable.TPDO)):
-        for index in range(communication, communication + pdo_count(eds, communication)):
-            for subindex, entry in _record(dictionary, index).items():
+def _set_up_pdos(
+    dictionary: Dictionary, implemented: Mapping[tuple[int, int], Entry], eds: Eds, node: int
+) -> Iterator[str]:
+    """Give the PDOs their power-on values of the file; switch off each PDO that cannot work and yield a note on it.
+
+    An entry of a PDO that the file lacks is out of reach, but the drive works with it all the same.
+    """
+    records: dict[int, dict[int, Entry]] = {}
+    for (index, subindex), entry in implemented.items():
+        if index in _PDO_RECORDS:
+            records.setdefault(index, {})[subindex] = entry
+    for direction, way in ((Direction.RPDO, Mappable.RPDO), (Direction.TPDO, Mappable.TPDO)):
+        for index in (COMMUNICATION[direction].start - 1 + number for number in pdo_shape(eds, direction)):
+            communication, mapping = records[index], records[index + MAPPING]
+            for subindex, entry in communication.items():
                 _default(entry, _given(eds, index, subindex, node), _LEFT_OPEN.get(subindex, 0))
-            for subindex, entry in _record(dictionary, index + _MAPPING).items():
-                _default(entry, _given(eds, index + _MAPPING, subindex, node), 0)
-            reason = _unmappable(dictionary, index + _MAPPING, way)
+            for subindex, entry in mapping.items():
+                _default(entry, _given(eds, index + MAPPING, subindex, node), 0)
+            reason = _unmappable(dictionary, mapping, way)
             if reason:
-                yield f"{index + _MAPPING:04X}h: {reason}; this PDO is left without objects"
-                _default(dictionary.find(index + _MAPPING), 0, 0)
-                cob_id = dictionary.find(index, 1)
-                _default(cob_id, cob_id.default | INVALID, INVALID)
-
-
-def _record(dictionary: Dictionary, index: int) -> dict[int, Entry]:
-    return {entry.subindex: entry for entry in dictionary if entry.index == index}
+                yield f"{index + MAPPING:04X}h: {reason}; this PDO is left without objects"
+                _default(mapping[0], 0, 0)
+                _default(communication[1], communication[1].default | INVALID, INVALID)
 
 
 def _given(eds: Eds, index: int, subindex: int, node: int) -> int | None:
@@ -214,12 +233,12 @@ def _default(entry: Entry, value: int | None, otherwise: int) -> None:
     entry.value = entry.default = otherwise if value is None else value
 
 
-def _unmappable(dictionary: Dictionary, index: int, way: Mappable) -> str:
+def _unmappable(dictionary: Dictionary, record: Mapping[int, Entry], way: Mappable) -> str:
     """Return why the mapping of a PDO cannot work, empty when it can.
 
     Objects that the file itself maps become mappable, even if their entry in the file forbids it.
     """
-    record, bits = _record(dictionary, index), 0
+    bits = 0
     for position in range(1, record[0].default + 1):
         if position not in record:
             return f"there are fewer than {record[0].default} entries"

@@ -5,10 +5,11 @@ from collections.abc import Callable
 from haptic_fieldbus.sim.drive.modes.homing import Homing
 from haptic_fieldbus.sim.drive.modes.mode import Mode
 from haptic_fieldbus.sim.drive.modes.position import CyclicPosition, ProfilePosition
-from haptic_fieldbus.sim.drive.modes.torque import CyclicTorque, ProfileTorque
+from haptic_fieldbus.sim.drive.modes.torque import CyclicTorque, OwnTorque, ProfileTorque
 from haptic_fieldbus.sim.drive.modes.velocity import CyclicVelocity, ProfileVelocity
 from haptic_fieldbus.sim.drive.object_table import (
     CYCLIC_POSITION,
+    CYCLIC_TORQUE,
     CYCLIC_VELOCITY,
     HOMING,
     PROFILE_POSITION,
@@ -32,6 +33,7 @@ def build_modes(stage: Stage, objects: Objects, failed: Callable[[int], None]) -
         HOMING: Homing,
         CYCLIC_VELOCITY: CyclicVelocity,
     }
-    modes = {number: others.get(number, CyclicTorque)(stage, objects) for number in objects.modes - watched.keys()}
+    others[CYCLIC_TORQUE] = CyclicTorque
+    modes = {number: others.get(number, OwnTorque)(stage, objects) for number in objects.modes - watched.keys()}
     modes |= {number: watched[number](stage, objects, failed) for number in objects.modes & watched.keys()}
     return modes | {NO_MODE: Mode(stage)}

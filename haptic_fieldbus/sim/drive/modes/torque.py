@@ -2,7 +2,7 @@
 
 Theory (CiA 402-2). Cyclic: the demand is target torque 6071h plus torque offset 60B2h, at once. Profile: the demand
 goes to the target by the torque slope 6087h [‰/s], one step at each control tick; bit 10 is set when it has reached the
-target.
+target. A mode of the manufacturer may need bits of the controlword to follow its target, as the iPOS needs bit 4.
 """
 
 from haptic_fieldbus.sim.drive.modes.mode import FOLLOWS_COMMAND, INTERNAL_LIMIT, TARGET_REACHED, Mode
@@ -22,6 +22,21 @@ class CyclicTorque(Mode):
         stage = self.stage
         stage.torque(self._target.value * self._unit + self._offset.value * stage.permille, t_ns)
         self.status = FOLLOWS_COMMAND | INTERNAL_LIMIT if stage.limited else FOLLOWS_COMMAND
+
+
+class OwnTorque(CyclicTorque):
+    """A torque mode of the manufacturer, which follows its target while bits of the controlword are set."""
+
+    def __init__(self, stage: Stage, objects: Objects) -> None:
+        super().__init__(stage, objects)
+        self._controlword, self._bits = objects.controlword, objects.mode_bits
+
+    def act(self, t_ns: int) -> None:
+        if self._controlword.value & self._bits == self._bits:
+            super().act(t_ns)
+        else:
+            self.stage.torque(0.0, t_ns)
+            self.status = 0
 
 
 class ProfileTorque(Mode):

@@ -1,0 +1,94 @@
+"""Preparation of a drive beyond what all drives need: values that its profile asks for, and what its tool has set.
+
+What is written is read back. A value that is there already is not written, so that a constant that is right is no
+fault. Nothing is stored: 1010h is never written, and a drive that is switched off forgets all of it.
+"""
+
+from collections.abc import Iterator
+
+from haptic_fieldbus.buses.canopen.node import Node
+from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
+from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.enabling import first_enabling
+from haptic_fieldbus.protocols.canopen.periods import period_objects
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+
+RATED_TOLERANCE = 0.02
+"""Of a rated value in the rig; what a drive holds may differ by its rounding."""
+
+
+def prepare(node: Node, profile: CanopenProfile, rate: float) -> None:
+    """Make the drive hold what its profile needs before the mode is set, and the period; raises BusError."""
+    for each in profile.setup.writes:
+        ensure(node, each.entry, each.value)
+    for entry, value in period_objects(profile, rate):
+        ensure(node, entry, value)
+    slope = profile.torque.slope
+    if slope is not None:
+        ensure(node, slope.entry, slope.value)
+
+
+def ensure(node: Node, entry: ObjectEntry, value: int) -> None:
+    """Write an entry unless it has this value already, and read it back; raises BusError."""
+    if node.read(entry) != value:
+        node.write(entry, value)
+
+
+def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterator[str]:
+    """Yield a sentence with what the vendor's tool has set, and one for a commutation search.
+
+    Raises BusConfigurationError when a value is missing without which torque means nothing, or when the rated current,
+    by which every command is scaled, is not that of the rig.
+    """
+    section = profile.commissioning
+    shown: list[str] = []
+    for each in section.shown:
+        value = node.optional(each.entry)
+        if each.needed and not value:
+            raise BusConfigurationError(
+                f"{node.label}: {each.name} ({each.entry.object:04X}h:{each.entry.subindex:02X}) is not set, so the "
+                f"drive does not know its motor. Commission it with {section.tool or 'the tool of its vendor'} first"
+            )
+        if value is not None:
+            shown.append(f"{each.name} {value}{f' {each.unit}' if each.unit else ''}")
+    if profile.torque.rated_current is not None:
+        _check_rated_current(node, profile.torque.rated_current.entry, axis)
+    if shown:
+        yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
+    warning = first_enabling(profile)
+    if warning:
+        yield warning
+
+
+def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> float | None:
+    """Return the drive's rated torque [N·m], which scales every command; None when the profile names no object.
+
+    Raises BusError, BusConfigurationError when it is not that of the rig.
+    """
+    mapped = profile.torque.rated
+    if mapped is None:
+        return None
+    if mapped.unit not in RATED_TORQUE_UNITS:
+        wrong = f"unit {mapped.unit!r} of {mapped.entry} is not one of {', '.join(RATED_TORQUE_UNITS)}"
+        raise BusConfigurationError(f"{profile.title}: {wrong}")
+    rated = node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
+    _check_rating(node, axis, mapped.entry, "torque", rated, axis.rig.rated_torque, "N·m")
+    return rated
+
+
+def _check_rated_current(node: Node, entry: ObjectEntry, axis: AxisPlan) -> None:
+    _check_rating(node, axis, entry, "current", node.read(entry) * 1e-3, axis.rig.rated_current, "A")
+
+
+def _check_rating(
+    node: Node, axis: AxisPlan, entry: ObjectEntry, what: str, rated: float, expected: float | None, unit: str
+) -> None:
+    """Raise BusConfigurationError when the rated torque or current of a drive is not that of the rig."""
+    if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
+        raise BusConfigurationError(
+            f"{node.label}: its rated {what} is {exactly(rated)} {unit} ({entry}), the rig says {exactly(expected)} "
+            f"{unit} (axis.{axis.name}.rated_{what}); every command would be off by that"
+        )

@@ -1,0 +1,54 @@
+"""Scales of one axis: steps of torque and position, and motor and mechanism in the workspace of the handle."""
+
+import math
+
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.drive.units import COUNTS, TORQUE_UNITS, needed_for, steps_per_revolution, torque_step
+from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.signals import Signal
+
+
+def torque_unit(signal: Signal, profile: DriveProfile, axis: RigAxis) -> float:
+    """Return one step of a torque in the workspace [N or N·m], that of the target when the drive does not offer it.
+
+    Raises PlanError when the rig lacks its scale.
+    """
+    offered = profile.offers()
+    unit = offered.get(signal, offered[Signal.TARGET_TORQUE]).unit
+    if unit not in TORQUE_UNITS:
+        raise PlanError(f"{profile.title}: torque unit {unit!r} is not supported")
+    step = torque_step(unit, axis)
+    if step is None:
+        raise PlanError(
+            f"the rig's {needed_for(unit, axis)} of node {axis.node} is unknown: torque cannot be scaled without it"
+        )
+    return step / axis.mechanism.ratio
+
+
+def rated_effort(axis: RigAxis) -> float:
+    if axis.rated_torque is None:
+        raise PlanError(f"the rig's rated_torque of node {axis.node} is unknown: torque cannot be limited without it")
+    return 1000.0 * (axis.rated_torque / 1000.0 / axis.mechanism.ratio)  # exactly 1000 steps of 1 ‰
+
+
+def position_steps(profile: DriveProfile, axis: RigAxis) -> float:
+    """Return the position steps in one revolution of the motor; encoder counts when the drive offers no position."""
+    offered = profile.offers().get(Signal.POSITION)
+    return steps_per_revolution(offered.unit if offered else COUNTS, axis.encoder_counts_per_revolution)
+
+
+def plant_of(axis: RigAxis, profile: DriveProfile, steps: float) -> Plant | None:
+    """Return motor and mechanism in the workspace; None when inertia or damping is unknown."""
+    if axis.inertia is None or axis.viscous_damping is None:
+        return None
+    # With x = ratio·θ and F = τ/ratio: J·θ̈ = τ becomes (J/ratio²)·ẍ = F.
+    ratio = axis.mechanism.ratio
+    return Plant(
+        mass=axis.inertia / ratio**2,
+        damping=axis.viscous_damping / ratio**2,
+        coulomb=axis.coulomb_friction / ratio,
+        resolution=2 * math.pi * ratio / steps,
+        torque_lag=profile.torque_lag,
+    )

@@ -1,0 +1,106 @@
+"""The PDOs of an EDS: which there are, and the room that each has for a mapping of ours.
+
+A PDO is there when both of its records are. Their numbers may have gaps: some drives have only every other one.
+"""
+
+from haptic_fieldbus.eds import Eds, EdsObject
+from haptic_fieldbus.protocols.canopen.pdo import Direction
+from haptic_fieldbus.protocols.canopen.profile import PdoSection
+from haptic_fieldbus.protocols.canopen.vendor.values import WRITABLE, number_of
+
+COMMUNICATION = {Direction.RPDO: range(0x1400, 0x1600), Direction.TPDO: range(0x1800, 0x1A00)}
+"""Communication records of each direction."""
+MAPPING = 0x200
+"""Difference of index from the communication record of a PDO to its mapping record."""
+MOST_ENTRIES = 64
+"""Largest number of mapping entries of one PDO."""
+_INHIBIT_UNIT = 1e-4
+"""Unit of the inhibit time, 1800h:03 [s]."""
+_USUAL_TYPES = (1, 254, 255)
+"""Transmission types that CiA 301 lets one expect; an EDS does not list those of the drive."""
+
+
+def pdo_shape(eds: Eds, direction: Direction) -> dict[int, int]:
+    """Return the highest mapping entry of each PDO of a direction, by the number of the PDO."""
+    records = COMMUNICATION[direction]
+    present = sorted(index for index in eds.objects if index in records and index + MAPPING in eds)
+    return {index - records.start + 1: _highest(eds.objects[index + MAPPING]) for index in present}
+
+
+def pdo_room(eds: Eds, direction: Direction) -> dict[int, int]:
+    """Return the mapping entries of each PDO that can be written, by its number; 0 for a mapping that is fixed."""
+    first = COMMUNICATION[direction].start - 1
+    return {number: _room(eds, first + number) for number in pdo_shape(eds, direction)}
+
+
+def pdo_section(eds: Eds) -> PdoSection:
+    """Return the PDOs of a file: their numbers, the room of each, and the longest inhibit time of any."""
+    rooms = {direction: pdo_room(eds, direction) for direction in Direction}
+    entries = max((room for each in rooms.values() for room in each.values()), default=0) or 1
+    irregular = {direction: _listed(room, entries) for direction, room in rooms.items()}
+    return PdoSection(
+        tpdo_types=_types(eds, Direction.TPDO),
+        rpdo_types=_types(eds, Direction.RPDO),
+        tpdos=len(rooms[Direction.TPDO]),
+        rpdos=len(rooms[Direction.RPDO]),
+        entries=entries,
+        tpdo_entries=irregular[Direction.TPDO],
+        rpdo_entries=irregular[Direction.RPDO],
+        inhibit_time_default=inhibit_time(eds),
+    )
+
+
+def inhibit_time(eds: Eds) -> float:
+    """Return the longest inhibit time of any TPDO after power-on [s]."""
+    first = COMMUNICATION[Direction.TPDO].start - 1
+    times = (number_of(eds, first + number, 3) or 0 for number in pdo_shape(eds, Direction.TPDO))
+    return round(max(times, default=0) * _INHIBIT_UNIT, 4)
+
+
+def default_types(eds: Eds, direction: Direction) -> set[int]:
+    """Return the transmission types that the PDOs of a direction have after power-on."""
+    first = COMMUNICATION[direction].start - 1
+    found = {number_of(eds, first + number, 2) for number in pdo_shape(eds, direction)}
+    return {kind for kind in found if kind is not None}
+
+
+def _types(eds: Eds, direction: Direction) -> tuple[int, ...]:
+    """Return the usual transmission types and those of the file, without types that the file's limits forbid."""
+    types = {kind for kind in default_types(eds, direction) if 0 <= kind <= 0xFF}
+    low, high = type_limits(eds, direction)
+    return tuple(sorted(types | {kind for kind in _USUAL_TYPES if low <= kind <= high}))
+
+
+def type_limits(eds: Eds, direction: Direction) -> tuple[int, int]:
+    """Return the limits that the file sets for the transmission types of a direction."""
+    first = COMMUNICATION[direction].start - 1
+    found = [eds.find(first + number, 2) for number in pdo_shape(eds, direction)]
+    lows = [entry.low for entry in found if entry is not None and isinstance(entry.low, int)]
+    highs = [entry.high for entry in found if entry is not None and isinstance(entry.high, int)]
+    low, high = max(lows, default=0), min(highs, default=0xFF)
+    # Limits that leave nothing are a slip of the file.
+    return (low, high) if low < high else (0, 0xFF)
+
+
+def _highest(mapping: EdsObject) -> int:
+    return max((subindex for subindex in mapping.entries if subindex <= MOST_ENTRIES), default=0)
+
+
+def _room(eds: Eds, index: int) -> int:
+    """Return the entries of a PDO that can be written one after another, 0 when its mapping is fixed."""
+    mapping, cob_id = eds.objects[index + MAPPING].entries, eds.find(index, 1)
+    if cob_id is None or cob_id.access not in WRITABLE or 0 not in mapping or mapping[0].access not in WRITABLE:
+        return 0
+    most = mapping[0].high
+    limit = most if isinstance(most, int) and 0 < most <= MOST_ENTRIES else MOST_ENTRIES
+    count = 0
+    while count < limit and count + 1 in mapping and mapping[count + 1].access in WRITABLE:
+        count += 1
+    return count
+
+
+def _listed(room: dict[int, int], entries: int) -> tuple[int, ...]:
+    """Return the entries of PDO 1, 2, 3 … where they differ from `entries`, 0 for one that is not there."""
+    highest = max(room, default=0)
+    listed = tuple(room.get(number, 0) for number in range(1, highest + 1))
+    return listed if any(each != entries for each in listed) else ()

@@ -1,0 +1,68 @@
+"""Values, types and units that an EDS gives, in the terms of a profile."""
+
+from collections.abc import Mapping
+
+from haptic_fieldbus.drive.objects import NAMES, DataType
+from haptic_fieldbus.drive.units import COUNTS_PER_SECOND
+from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
+from haptic_fieldbus.protocols.canopen.si_units import POSITION_UNIT_CODES, VELOCITY_UNIT_CODES
+
+RECEIVED, SENT = ("rw", "rww", "wo"), ("ro", "rw", "rwr", "const")
+"""Access types with which an object may be mapped into an RPDO, and into a TPDO."""
+WRITABLE, READABLE = ("rw", "rww", "rwr", "wo"), ("ro", "rw", "rww", "rwr", "const")
+"""Access types with which an SDO may write an object, and read it."""
+_TYPES: Mapping[EdsType | None, DataType] = {
+    EdsType.INTEGER8: DataType.INT8,
+    EdsType.INTEGER16: DataType.INT16,
+    EdsType.INTEGER32: DataType.INT32,
+    EdsType.UNSIGNED8: DataType.UINT8,
+    EdsType.UNSIGNED16: DataType.UINT16,
+    EdsType.UNSIGNED32: DataType.UINT32,
+}
+ANY_NODE = 1
+"""Node-ID for which default values are evaluated; a default that does not follow the node-ID is the same for all."""
+
+
+def data_type(entry: EdsEntry) -> DataType | None:
+    """Return the type of an entry as profiles write it; None for a type that profiles do not have."""
+    return _TYPES.get(entry.type)
+
+
+def number_of(eds: Eds, index: int, subindex: int = 0) -> int | None:
+    """Return the default value of an entry; None when there is none, or no number."""
+    entry = eds.find(index, subindex)
+    value = entry.value(ANY_NODE) if entry is not None else None
+    return value if isinstance(value, int) else None
+
+
+def object_name(index: int) -> str:
+    """Return index and name of an object, as messages write it."""
+    return f"{index:04X}h {NAMES[index]}"
+
+
+def is_mappable(entry: EdsEntry, access: tuple[str, ...]) -> bool:
+    """Return whether a PDO of a direction may carry an entry; `access` is `RECEIVED` or `SENT`."""
+    return entry.mappable and entry.access in access
+
+
+def position_unit(eds: Eds) -> str | None:
+    """Return the unit of 6064h by 60A8h, counts where it says nothing; None for a unit that is not known."""
+    # The mask makes a default that is written with a sign unsigned.
+    return POSITION_UNIT_CODES.get((number_of(eds, 0x60A8) or 0) & 0xFFFF_FFFF)
+
+
+def velocity_unit(eds: Eds) -> str | None:
+    """Return the unit of 606Ch by 60A9h, counts a second without it; None for a unit that is not known."""
+    code = number_of(eds, 0x60A9)
+    return COUNTS_PER_SECOND if code is None else VELOCITY_UNIT_CODES.get(code & 0xFFFF_FFFF)
+
+
+def supported_modes(eds: Eds) -> int:
+    """Return the supported drive modes, 6502h; 0 when the file has no value."""
+    return number_of(eds, 0x6502) or 0
+
+
+def identity(eds: Eds, subindex: int) -> int | None:
+    """Return the vendor-ID (1) or the product code (2) by 1018h, else by [DeviceInfo]; None for none, and for 0."""
+    device = eds.device
+    return number_of(eds, 0x1018, subindex) or (device.vendor_number, device.product_number)[subindex - 1] or None

@@ -1,0 +1,289 @@
+"""Profiles beside the files of their vendors: what agrees, what is a fault, what the profile explains."""
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCode, WrittenObject
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.eds import Eds, EdsType
+from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
+from haptic_fieldbus.protocols.canopen.profile import (
+    CanopenProfile,
+    CommissioningSection,
+    SetupSection,
+    ShownObject,
+    SimulatedObject,
+)
+from haptic_fieldbus.protocols.canopen.vendor.check import Comparison
+from haptic_fieldbus.protocols.catalogue import profile_names
+from haptic_fieldbus.protocols.folders import profile_file
+from haptic_fieldbus.sim.canopen.proof import proof_of
+from tests.builders import canopen
+from tests.eds.sheets import changed, generic, without, without_member
+from tests.eds.vendor_files import FILES, needs_files, vendor_eds
+from tests.sim.canopen.profile_mutants import configure, mutants, told_by
+
+GENERIC = "generic_cia402"
+ITS_FILES = {
+    "delta_asda_a2": ("delta_asda_a2.eds",),
+    "elmo_gold": ("elmo_gold_drive.dcf",),
+    "ingenia_everest": ("ingenia_everest_xcr.eds",),
+    "maxon_epos2": ("maxon_epos2_50_5_347717.eds", "maxon_epos2_70_10.eds"),
+    "maxon_epos4": tuple(name for name in FILES if name.startswith("maxon_epos4")),
+    "nanotec_c5_e": ("nanotec_c5_e_1_09.eds",),
+    "nanotec_pd4_c": ("nanotec_pd4_c6018.eds", "nanotec_pd4_cb59.eds"),
+    "oriental_blvd_krd": ("orientalmotor_blvd_krd_v400.eds",),
+    "technosoft_ipos": ("technosoft_ipos.eds",),
+    "zeroerr_erob": ("zeroerr_erob_v1_5.eds",),
+}
+"""Shipped profiles, and the vendors' files of the same drive."""
+EVERY = [(profile, name) for profile, names in ITS_FILES.items() for name in names]
+
+
+def proved(eds: Eds, **changes: object) -> Comparison:
+    profile = replace(canopen(GENERIC), **changes)  # type: ignore[arg-type]
+    return proof_of(profile, replace(eds, source="own.eds"))
+
+
+def told(eds: Eds, **changes: object) -> dict[str, str]:
+    """Faults by their keys."""
+    return {fault.key: fault.message for fault in proved(eds, **changes).faults}
+
+
+def plain() -> Eds:
+    """What the generic profile says, and nothing beyond it."""
+    return without(changed(generic(), 0x1018, 2, default=0), 0x1006, 0x60C2)
+
+
+def test_a_profile_agrees_with_the_file_of_its_own_simulated_drive() -> None:
+    found = proved(plain())
+    assert not found.faults
+    assert not found.known
+    assert {"torque.target", "position.actual", "pdo.entries", "link_loss.heartbeat_consumer"} <= {
+        each.key for each in found.agreed
+    }
+    target = next(each for each in found.agreed if each.key == "torque.target")
+    assert target.shows == "6071h:00 INTEGER16 rw, mappable"
+    assert target.line == plain().objects[0x6071].line
+
+
+@pytest.mark.parametrize(
+    ("index", "changes", "key", "message"),
+    [
+        (0x6071, {"type": EdsType.INTEGER32}, "torque.target", '6071h:00 is INTEGER32, the profile says "int16"'),
+        (0x6071, {"type": None}, "torque.target", "6071h:00 is a type that only the drive knows"),
+        (0x6071, {"access": "ro"}, "torque.target", "its AccessType is ro, expected rw or rww or wo"),
+        (0x6071, {"mappable": False}, "torque.target", "received in a PDO: its PDOMapping is 0, expected 1"),
+        (0x6064, {"mappable": False}, "position.actual", "sent in a PDO: its PDOMapping is 0, expected 1"),
+        (0x6076, {"access": "wo"}, "torque.rated", "6076h:00 cannot be read by SDO"),
+        (0x6007, {"access": "ro"}, "link_loss.abort_connection_option", "6007h:00 cannot be written by SDO"),
+        (0x6007, {"low": 0, "high": 1, "default": 0}, "link_loss.abort_connection_option", "2; 6007h:00 takes 0 to 1"),
+        (0x6060, {"low": 0, "high": 8}, "torque.mode_of_operation", "10; [6060] takes 0 to 8"),
+        (0x6502, {"default": 0x6D}, "torque.mode_of_operation", "10, which 6502h = 6Dh does not name"),
+        (0x6060, {"type": EdsType.UNSIGNED8}, "drive.usable", '6060h:00 is UNSIGNED8, the profile says "int8"'),
+        (0x60A8, {"type": EdsType.UNSIGNED32, "default": 0xFF41_0000}, "position.actual.unit", 'expected "0.1 deg"'),
+    ],
+)
+def test_an_entry_that_the_file_has_otherwise_is_a_fault(
+    index: int, changes: dict[str, object], key: str, message: str
+) -> None:
+    assert message in told(changed(plain(), index, **changes))[key]
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "changes", "key", "message"),
+    [
+        (0x1016, 1, {"access": "ro"}, "link_loss.heartbeat_consumer", "1016h:01 cannot be written by SDO"),
+        (0x1018, 1, {"default": 0xFB}, "identity.vendor_id", "left out; 1018h:01 or [DeviceInfo] is FBh"),
+        (0x1800, 3, {"default": 10}, "pdo.inhibit_time_default", "0 s; the longest 1800h:03 is 0.001 s"),
+        (
+            0x1400,
+            2,
+            {"default": 253},
+            "pdo.rpdo_types",
+            "without 253, which 1400h:02 or a later one has after power-on",
+        ),
+        (0x1800, 2, {"low": 2, "high": 255}, "pdo.tpdo_types", "1; 1800h:02 takes 2 to 255"),
+        (0x1A02, 3, {"access": "ro"}, "pdo.entries", "8; 1A02h has 2 entries that can be written"),
+    ],
+)
+def test_a_sub_index_that_the_file_has_otherwise_is_a_fault(
+    index: int, subindex: int, changes: dict[str, object], key: str, message: str
+) -> None:
+    # Without sources there is no reason for what is left out.
+    assert message in told(changed(plain(), index, subindex, **changes), sources={})[key]
+
+
+@pytest.mark.parametrize(
+    ("gone", "key", "message"),
+    [
+        (0x6071, "torque.target", "6071h:00 is not in the file"),
+        (0x6077, "torque.actual", "6077h:00 is not in the file"),
+        (0x6061, "drive.usable", "6061h:00 is not in the file"),
+        (0x1803, "pdo.tpdos", "4; TPDO 4 is not in the file"),
+    ],
+)
+def test_an_object_that_the_file_lacks_is_a_fault(gone: int, key: str, message: str) -> None:
+    assert told(without(plain(), gone))[key] == message
+
+
+def test_a_missing_sub_index_is_told_with_the_line_of_its_object() -> None:
+    (fault,) = (each for each in proved(without_member(plain(), 0x1016, 1)).faults if "1016h" in each.message)
+    assert fault.message == "1016h:01 is not in the file; it has 1016h without that sub-index"
+    assert fault.line == plain().objects[0x1016].line
+
+
+def test_more_pdos_than_the_profile_knows_would_stay_on() -> None:
+    profile = canopen(GENERIC)
+    fault = told(plain(), pdo=replace(profile.pdo, rpdos=2))["pdo.rpdos"]
+    assert fault == "2; the file has RPDO 3 and 4 too, which would stay switched on"
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "message"),
+    [
+        ({"actual": MappedObject(0x6078, DataType.INT16, unit="permille_of_rated_torque")}, "torque.actual",
+         "6078h:00 object has another meaning; expected 6077h torque actual value"),
+        ({"mode_of_operation": 9}, "torque.mode_of_operation", "9 is no torque mode of CiA 402-2"),
+        ({"demand": None, "echo": "actual"}, "torque.demand", "left out, although the file has 6074h:00"),
+        ({"echo": "none"}, "torque.echo", "none, although a torque is named in which it comes back"),
+        ({"slope": WrittenObject(0x6087, DataType.INT16, 1)}, "torque.slope", '6087h:00 is UNSIGNED32'),
+    ],
+)  # fmt: skip
+def test_a_torque_that_the_file_does_not_bear_out_is_a_fault(
+    changes: dict[str, object], key: str, message: str
+) -> None:
+    profile = canopen(GENERIC)
+    torque = replace(profile.torque, **changes)  # type: ignore[arg-type]
+    assert message in told(plain(), torque=torque)[key]
+
+
+def test_current_is_an_actual_torque_where_the_unit_is_one_of_current() -> None:
+    actual = MappedObject(0x6078, DataType.INT16, unit="mA")
+    assert "torque.actual" not in told(plain(), torque=replace(canopen(GENERIC).torque, actual=actual))
+
+
+def test_what_is_left_out_is_excused_by_its_reason_and_by_no_other_text() -> None:
+    profile = canopen(GENERIC)
+    torque = replace(profile.torque, demand=None, echo="actual")
+    for source, faults in (("left out: it lies", 0), ("CiA 402-2", 1)):
+        found = proved(plain(), torque=torque, sources={**profile.sources, "torque.demand": source})
+        assert sum(fault.key == "torque.demand" for fault in found.faults) == faults
+        assert [known.reason for known in found.known] == ["left out: it lies"] * (1 - faults)
+
+
+def test_a_value_is_kept_against_the_file_with_its_reason() -> None:
+    eds = changed(plain(), 0x6502, default=0x6D)
+    sources = {"torque.mode_of_operation": "against the file: its 6502h is that of another model"}
+    found = proved(eds, sources={**canopen(GENERIC).sources, **sources})
+    assert found.faults == ()
+    assert [known.fault.key for known in found.known] == ["torque.mode_of_operation"]
+
+
+def test_an_identity_that_differs_is_a_fault() -> None:
+    eds = changed(changed(plain(), 0x1018, 1, default=0xFB), 0x1018, 2, default=0x6150_0000)
+    assert told(eds, identity=IdentitySection(0xFB, (1, 2))) == {
+        "identity.product_codes": "1h or 2h; 1018h:02 or [DeviceInfo] is 61500000h"
+    }
+
+
+def test_life_guarding_is_left_out_where_there_is_no_other_guard() -> None:
+    link_loss = replace(canopen(GENERIC).link_loss, heartbeat_consumer=None)
+    fault = told(without(plain(), 0x1016), link_loss=link_loss)["link_loss.life_guarding"]
+    assert fault.startswith("left out, although the file has 100Ch:00")
+
+
+def test_what_is_written_and_shown_is_looked_up_too() -> None:
+    shown = ShownObject("gain", 0x2000, DataType.UINT16)
+    writes = (WrittenObject(0x2001, DataType.UINT16, 7), WrittenObject(0x2002, DataType.UINT16, 7))
+    eds = changed(plain(), 0x2000, type=EdsType.UNSIGNED32)
+    eds = changed(changed(eds, 0x2001, access="const", default=7), 0x2002, access="const", default=8)
+    found = told(eds, commissioning=CommissioningSection("tool", (shown, shown)), setup=SetupSection(writes))
+    assert found["setup.writes"].startswith("2002h:00 cannot be written by SDO: its AccessType is const")
+    assert found["commissioning.shown"] == "2000h:00 stands twice; expected it once"
+
+
+def test_an_option_of_a_second_axis_is_the_same_object() -> None:
+    option = OptionCode(0x6807, 2)
+    link_loss = replace(canopen(GENERIC).link_loss, abort_connection_option=option)
+    faults = told(changed(plain(), 0x6807, type=EdsType.INTEGER16), link_loss=link_loss)
+    assert "link_loss.abort_connection_option" not in faults
+
+
+def test_a_drive_that_is_not_usable_is_not_asked_for_torque() -> None:
+    eds = without(plain(), 0x6071)
+    profile = profile_from_eds(replace(eds, source="own.eds"))
+    assert proof_of(profile, eds).faults == ()
+
+
+def test_the_simulated_drive_is_compared_where_the_profile_describes_it() -> None:
+    profile = canopen(GENERIC)
+    described = replace(profile.simulation, objects={"6007": SimulatedObject(value=1)})
+    eds = changed(without(plain(), 0x5FF0), 0x605A, default=6)
+    assert told(eds) == {}
+    (fault,) = (each for each in proved(eds, simulation=described).faults if "605A" in each.message)
+    assert fault.message == "605A:00: the file has value 6, the simulated drive has it otherwise"
+    excused = replace(described, differs={"605A": "chosen by hand", "1000-1FFF": "as it is", "60C2": "as it is"})
+    assert all("605A" not in each.message for each in proved(eds, simulation=excused).faults)
+
+
+# Vendors' files.
+
+
+@needs_files
+def test_every_shipped_profile_of_a_drive_has_its_file_here() -> None:
+    assert set(profile_names()) - {GENERIC} == ITS_FILES.keys()
+
+
+@needs_files
+@pytest.mark.thorough("every profile with every file of its drive", quick=2)
+@pytest.mark.parametrize(("name", "file"), EVERY)
+def test_a_shipped_profile_has_no_fault_beside_its_vendors_file_but_for_those_it_explains(name: str, file: str) -> None:
+    found = proof_of(canopen(name), vendor_eds(file))
+    assert [str(fault) for fault in found.faults] == []
+    assert len(found.agreed) > 25
+    assert all(known.reason for known in found.known)
+
+
+@needs_files
+@pytest.mark.thorough("a profile made from every file", quick=2)
+@pytest.mark.parametrize("file", FILES)
+def test_a_profile_made_from_a_file_has_no_fault_beside_it(file: str) -> None:
+    if file != "roboteq_v60.eds":
+        eds = vendor_eds(file)
+        assert [str(fault) for fault in proof_of(profile_from_eds(eds), eds).faults] == []
+
+
+UNNOTICED = {
+    "commissioning.shown.object", "commissioning.shown.subindex", "identity.product_codes", "sync.powers",
+}  # fmt: skip
+"""Keys where a wrong value can pass: another object of the same type, one more code, a power without limits."""
+
+
+def unnoticed(name: str, profile: CanopenProfile, eds: Eds, folder: Path) -> tuple[int, list[str]]:
+    """Number of mutants of a profile, and those that nobody noticed."""
+    assert proof_of(profile, eds).faults == ()
+    configure(profile, name)
+    by = [(mutant, told_by(mutant, profile, eds, folder)) for mutant in mutants(profile_file(name).read_text())]
+    assert {"load", "check"} <= Counter(who for _, who in by).keys()
+    return len(by), [mutant.key for mutant, who in by if not who]
+
+
+@needs_files
+@pytest.mark.thorough("a hundred mutants of each profile")
+@pytest.mark.parametrize("name", ITS_FILES)
+def test_of_one_step_mutations_nearly_all_are_noticed_before_torque(name: str, tmp_path: Path) -> None:
+    count, missed = unnoticed(name, canopen(name), vendor_eds(ITS_FILES[name][0]), tmp_path)
+    assert count > 60
+    assert set(missed) <= UNNOTICED
+    assert len(missed) <= 0.05 * count, missed
+
+
+@pytest.mark.thorough("a hundred mutants of the generic profile")
+def test_mutations_of_the_generic_profile_are_noticed_beside_its_own_sheet(tmp_path: Path) -> None:
+    count, missed = unnoticed(GENERIC, canopen(GENERIC), plain(), tmp_path)
+    assert count > 60
+    assert missed == []
