@@ -73,6 +73,9 @@ arguments = { host = "192.168.1.20", port = 29536 }
 **What is left out** is unknown, or has the default that is shown. On a real bus a run needs `rated_torque`, `inertia`
 and `viscous_damping`; without them it is refused, and names the keys that are missing.
 
+**Limits.** `haptic-fieldbus plan wall --rig rig.toml` tells which limits hold, and to a rig without limits of its own
+those to begin with.
+
 **Faults.** Each command that is given the file tells all its faults at once, with line, key, value and what was
 expected, and ends with status 2.
 
