@@ -1,6 +1,7 @@
 """Which buses a run is on: those of the rig, or the simulation in their place."""
 
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 from can.interfaces.virtual import channels
@@ -26,14 +27,20 @@ def test_a_mass_that_is_none_is_told_the_smallest_one_at_the_rate_that_is_asked_
         select(Task(scene=scene, rate=250.0, method="semi-implicit"))
 
 
-def counted_from(zero: int) -> Rig:
-    """The bench of the wall with an encoder count as its zero, and limits around it."""
+def counted_from(zero: int | Literal["start"]) -> Rig:
+    """The bench of the wall with this zero, and limits around it."""
     bench = plan("wall").rig
     axis = bench.axis["handle"]
     mechanism, limits = replace(axis.mechanism, zero=zero), replace(axis.limits, position=(-0.1, 0.1))
     return replace(bench, axis={"handle": replace(axis, mechanism=mechanism, limits=limits)})
 
 
+def test_zero_here_stands_in_the_place_of_the_zero_of_the_rig() -> None:
+    assert plan("wall", counted_from(10_000)).rig.axis["handle"].mechanism.zero == 10_000
+    assert plan("wall", counted_from(10_000), zero="here").rig == counted_from("start")
+
+
+@pytest.mark.thorough("four runs")
 def test_a_run_may_begin_where_the_handle_is() -> None:
     """The encoder begins at 0, which is 122 mm before the count of this rig, and outside of its limits."""
     assert run("wall", counted_from(0), duration=1.0).trips == ()

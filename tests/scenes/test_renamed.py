@@ -51,6 +51,7 @@ def knob() -> Rig:
     return replace(bench, axis={"knob": bench.axis["handle"]}, source="rig.toml")
 
 
+@pytest.mark.thorough("two runs")
 def test_a_run_on_a_renamed_axis_is_the_run_on_its_own() -> None:
     settings = {"wall.stiffness": "max/4"}
     changes = [(0.5, {"wall.stiffness": 200.0})]
