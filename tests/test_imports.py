@@ -49,11 +49,13 @@ DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli.options": "planning.request protocols.registry",
         "cli.pictures": "planning.request",
+        "cli.doctor": "api.bench",
         "cli.plan": "api planning.explain planning.plan_json planning.task",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue protocols.folders sim.canopen.sheet",
         "cli.report": "api study.make_report study.measure.bench",
         "cli.response": "api api.open_loop report.plot_response report.responses",
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
+        "cli.scan": "api.bench",
         "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
         " scenes.scene",
         "cli.simulate": "drive.rig_text running.rights sim.canopen.host_request sim.canopen.hosting sim.faults",
@@ -61,6 +63,7 @@ DOES_WITHOUT = {
         " protocols.canopen.vendor.draft protocols.catalogue sim.canopen.proof",
         "cli.stability": "api.judging report.plot_region report.stability",
         "cli.vcan": "vcan.runner",
+        "cli.watch": "api.bench clock running.ending running.watching",
     },
     "import haptic_fieldbus.pytest_plugin": {"pytest_plugin": "testing"},
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {

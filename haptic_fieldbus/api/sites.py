@@ -60,7 +60,7 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
                     buses[part.name], world = _simulated(plan, part, clock, conditions, log)
                     worlds |= {} if world is None else {part.name: world}
                 else:
-                    buses[part.name] = _access(part.protocol).open_bus(plan.rig.bus[part.name], clock, log)
+                    buses[part.name] = access_of(part.protocol).open_bus(plan.rig.bus[part.name], clock, log)
                 # Closes the buses that are open when a later one fails; a site that is complete is closed by the run.
                 failing.callback(buses[part.name].close)
             failing.pop_all()
@@ -81,7 +81,7 @@ def ask_rated_torques(rig: Rig) -> Rig:
     for name, axis in rig.axis.items():
         if axis.rated_torque is None:
             section = rig.bus[axis.bus]
-            axis = replace(axis, rated_torque=_access(section.protocol).rated_torque(section, name, axis))
+            axis = replace(axis, rated_torque=access_of(section.protocol).rated_torque(section, name, axis))
         axes[name] = axis
     return replace(rig, axis=axes)
 
@@ -96,7 +96,7 @@ def _logs(plan: Plan, record: Path | None, opened: ExitStack, faults: list[str])
         names = [bus.name for bus in plan.buses if bus.protocol == protocol]
         recorder = ExitStack()
         try:
-            logs |= recorder.enter_context(_access(protocol).logs(record, names, simulated=plan.simulated))
+            logs |= recorder.enter_context(access_of(protocol).logs(record, names, simulated=plan.simulated))
         except OSError as error:
             raise UsageError(f"cannot record to {record}: {error.strerror}") from error
         opened.callback(_closed, recorder, faults)
@@ -143,7 +143,8 @@ def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
         raise UsageError("\n".join(unknown))
 
 
-def _access(protocol: str) -> BusAccess:
+def access_of(protocol: str) -> BusAccess:
+    """Return the half of a protocol that does I/O; raises UsageError when there is none."""
     return cast(BusAccess, _found(ACCESS, BUS_GROUP, protocol, "real bus"))
 
 

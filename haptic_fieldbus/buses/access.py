@@ -6,8 +6,25 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from haptic_fieldbus.buses.bus import Bus
+from haptic_fieldbus.buses.found import Check, Glimpse, Scan
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
+from haptic_fieldbus.errors import UsageError
+
+
+class Onlooker(Protocol):
+    """Somebody who reads from drives and writes nothing; it listens only as soon as somebody else commands them."""
+
+    @property
+    def listened(self) -> str:
+        """Sentence about what was heard before anything was sent."""
+
+    @property
+    def masters(self) -> str:
+        """Sentence about somebody else who commands, because of whom nothing is asked; empty while there is none."""
+
+    def look(self) -> Mapping[str, Glimpse]:
+        """Return what each drive says now, by the name of its axis; raises BusError only when the bus is dead."""
 
 
 class BusAccess(Protocol):
@@ -34,3 +51,21 @@ class BusAccess(Protocol):
         Raises UsageError or BusError, as `open_bus` does, and BusError when the drive does not answer.
         """
         return None
+
+    def scan(self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None) -> Scan:
+        """Find the devices of a bus by reading alone; `axes` are those that a simulated bus has.
+
+        `profiles` is a folder of own profiles. Raises UsageError or BusError.
+        """
+        raise UsageError(f"{section.protocol} buses cannot be scanned")
+
+    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> AbstractContextManager[Onlooker]:
+        """Open a bus to look at the drives of these axes; raises UsageError or BusError."""
+        raise UsageError(f"drives on {section.protocol} buses cannot be watched")
+
+    def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
+        """Check adapter and bus for a loop of this rate [Hz], with the help of the drives of these axes.
+
+        A fault of the bus is a check that fails. Raises UsageError.
+        """
+        return ()

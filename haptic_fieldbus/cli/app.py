@@ -5,13 +5,16 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli import profiles, scenes
+from haptic_fieldbus.cli.doctor import doctor
 from haptic_fieldbus.cli.plan import plan
 from haptic_fieldbus.cli.report import report
 from haptic_fieldbus.cli.response import response
 from haptic_fieldbus.cli.run import run
+from haptic_fieldbus.cli.scan import scan
 from haptic_fieldbus.cli.simulate import simulate
 from haptic_fieldbus.cli.stability import stability
 from haptic_fieldbus.cli.vcan import vcan
+from haptic_fieldbus.cli.watch import watch
 
 app = typer.Typer(
     name="haptic-fieldbus",
@@ -49,6 +52,9 @@ app.command()(stability)
 app.command()(response)
 app.command()(report)
 app.command()(simulate)
+app.command()(scan)
+app.command()(watch)
+app.command()(doctor)
 app.command(context_settings={"allow_interspersed_args": False})(vcan)
 app.add_typer(profiles.app, name="profiles")
 app.add_typer(scenes.app, name="scenes")

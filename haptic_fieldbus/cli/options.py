@@ -105,14 +105,18 @@ class BenchOptions(SceneOptions):
 
     def given(self, kind: type[Asked]) -> Asked:
         """Return `asked` as for a scene; raises UsageError also when `--rig` meets `--drive` or `--node`."""
-        named = {"--drive": self.drive, "--node": self.node}
-        wrong = [name for name, value in named.items() if value is not None]
-        if self.rig is not None and wrong:
-            raise UsageError(f"--rig says which drives and nodes there are; leave out {' and '.join(wrong)}")
+        refuse_beside_rig(self.rig, self.drive, self.node)
         from haptic_fieldbus.planning.request import parse_axes
 
         asked = super().given(kind)
         return replace(asked, axes=parse_axes(self.axes)) if self.axes else asked  # type: ignore[call-arg]
+
+
+def refuse_beside_rig(rig: Path | None, drive: str | None, node: int | None) -> None:
+    """Raise UsageError for a drive or node-ID beside a rig, which has its own."""
+    wrong = [name for name, value in {"--drive": drive, "--node": node}.items() if value is not None]
+    if rig is not None and wrong:
+        raise UsageError(f"--rig says which drives and nodes there are; leave out {' and '.join(wrong)}")
 
 
 def options_of(make: Callable[P, Options]) -> Callable[[Callable[[Options], None]], Callable[P, None]]:

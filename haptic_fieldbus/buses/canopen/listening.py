@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from haptic_fieldbus.buses.canopen.foreign import OneMaster, Severity, advice, frame_words
 from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
 from haptic_fieldbus.buses.canopen.wire import Wire
-from haptic_fieldbus.errors import ForeignMasterError
+from haptic_fieldbus.errors import BusError, ForeignMasterError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 
@@ -31,6 +31,14 @@ class Heard:
         if not self.seconds:
             return f"{self.bus}: not listened to before sending (bus listen = 0)"
         return f"{self.bus}: listened for {exactly(self.seconds)} s, nothing sent; heard {_named(self.frames)}. {DEAF}"
+
+    def refuse_noise(self) -> None:
+        """Raise BusError when nothing but error frames came: what is sent at a wrong bit rate destroys other frames."""
+        if self.frames and all(can_id & ERROR_FLAG for can_id in self.frames):
+            raise BusError(
+                f"{self.bus}: within {exactly(self.seconds)} s came nothing but error frames, so nothing was sent: "
+                "is the bit rate that of the other devices? Check CAN high and CAN low, and both 120 Ω terminators"
+            )
 
     def refuse(self, master_node: int) -> None:
         """Raise ForeignMasterError when a master was heard; `master_node` is our own node-ID."""

@@ -15,7 +15,7 @@ from haptic_fieldbus.buses.canopen.frames import REMOTE_FLAG
 from haptic_fieldbus.buses.canopen.ports import Received
 from haptic_fieldbus.buses.canopen.sdo_client import PumpedResponses, PumpedSdoClient, WireNetwork
 from haptic_fieldbus.buses.canopen.wire import Wire
-from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen.cob_ids import (
@@ -108,18 +108,26 @@ class Node:
 
         Raises BusTimeoutError without an answer, BusConfigurationError for a refusal, BusError from the bus.
         """
-        self._client.RESPONSE_TIMEOUT, self._responses.entry = timeout, entry
-        try:
-            data = self._client.upload(entry.object, entry.subindex)
-        except BusError:  # a fault of the wire, already translated; BusTimeoutError is also an OSError, thus FOREIGN
-            raise
-        except FOREIGN as error:
-            raise self._explained(translate(error, f"{self.label}, reading {entry}")) from error
+        data = self._upload(entry, timeout)
         if len(data) < entry.type.size:
             raise BusConfigurationError(
                 f"{self.label}, reading {entry}: {len(data)} octets came, {entry.type.value} was expected"
             )
         return entry.type.unpack(data[: entry.type.size])
+
+    def text(self, index: int) -> str:
+        """Upload an object that is a text; raises the errors of `read`."""
+        data = self._upload(ObjectEntry(index, DataType.UINT8), SDO_TIMEOUT)
+        return data.split(b"\0")[0].decode("ascii", "replace").strip()
+
+    def _upload(self, entry: ObjectEntry, timeout: float) -> bytes:
+        self._client.RESPONSE_TIMEOUT, self._responses.entry = timeout, entry
+        try:
+            return bytes(self._client.upload(entry.object, entry.subindex))
+        except BusError:  # a fault of the wire, already translated; BusTimeoutError is also an OSError, thus FOREIGN
+            raise
+        except FOREIGN as error:
+            raise self._explained(translate(error, f"{self.label}, reading {entry}")) from error
 
     def send(self, entry: ObjectEntry, value: int, timeout: float = SDO_TIMEOUT) -> None:
         """Download one entry within `timeout` [s]; raises the errors of `read`."""
@@ -174,16 +182,26 @@ class Node:
             else:
                 self._await(state, deadline_ns)
         if self.state != state:
-            said = "none came" if self.state is None else f"the last says {_state_name(self.state)}"
+            said = "none came" if self.state is None else f"the last says {nmt_state_name(self.state)}"
             sign = "answer to node guarding" if self.guarded else "heartbeat"
             raise BusTimeoutError(
-                f"{self.label} was told to go {_state_name(state)}, but no {sign} confirmed it in "
+                f"{self.label} was told to go {nmt_state_name(state)}, but no {sign} confirmed it in "
                 f"{exactly(timeout)} s: {said}. A raised error register (1001h) can keep a node from starting"
             )
 
     def _await(self, state: NmtState, deadline_ns: int) -> None:
         """Receive until the node says that it is in this state, or the deadline [ns] is reached."""
         while self.state != state and self._wire.pump(deadline_ns):
+            pass
+
+    def ask_state(self) -> None:
+        """Ask for the NMT state by node guarding, once; raises BusError."""
+        self._wire.send(*self.guarding_request)
+
+    def wait_for_state(self, duration_ns: int) -> None:
+        """Receive until the node tells its NMT state, this time [ns] at most."""
+        deadline_ns = self.now_ns() + duration_ns
+        while self.state is None and self._wire.pump(deadline_ns):
             pass
 
     def take_answers(self) -> None:
@@ -249,7 +267,8 @@ def _shown(value: int) -> str:
     return f"{value}" if -10 < value < 10 else f"{value} (0x{value & 0xFFFF_FFFF:X})"
 
 
-def _state_name(state: int) -> str:
+def nmt_state_name(state: int) -> str:
+    """Return an NMT state in words."""
     try:
         return NmtState(state).name.lower().replace("_", "-")
     except ValueError:

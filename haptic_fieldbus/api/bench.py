@@ -1,0 +1,89 @@
+"""The drives of a bench before any scene is there: found, checked and watched, and none of them enabled."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from haptic_fieldbus.api.sites import access_of
+from haptic_fieldbus.buses.access import Onlooker
+from haptic_fieldbus.buses.found import Check, Scan
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.drive.rig import BusSection, RigAxis
+from haptic_fieldbus.planning.request import check_request
+from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.registry import protocol_named
+from haptic_fieldbus.running.examining import examine
+from haptic_fieldbus.running.watching import Watched
+
+ANY_SCENE = "wall"
+"""The scene whose one axis the shipped bench gets; nothing of it is rendered."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchRequest:
+    """A bench by its rig, or by one drive on a bus, as for a `Task`."""
+
+    drive: str = DEFAULT_DRIVE
+    bus: str | None = None
+    node: int = DEFAULT_NODE
+    rig: Path | None = None
+    profiles: str | None = None
+    rate: float = DEFAULT_RATE
+    """Rate for which computer and bus are checked [Hz]."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """The buses of a bench, the axes on each, and whether a rig or the simulation describes them."""
+
+    buses: Mapping[str, tuple[BusSection, Mapping[str, RigAxis]]]
+    known: bool
+
+
+def placed_on(bench: BenchRequest) -> Placed:
+    """Load a bench; raises DocumentError or UsageError."""
+    check_request(bus=bench.bus or DEFAULT_BUS, node=bench.node, rate=bench.rate)
+    task = Task(ANY_SCENE, bench.rig, drive=bench.drive, bus=bench.bus, node=bench.node, profiles=bench.profiles)
+    loaded = load(task)
+    axes = loaded.rig.axis
+    buses = {
+        name: (loaded.rig.bus[name], {axis: each for axis, each in axes.items() if each.bus == name})
+        for name in dict.fromkeys(each.bus for each in axes.values())
+    }
+    return Placed(buses, bench.rig is not None or loaded.bus.simulated)
+
+
+def scans(bench: BenchRequest) -> Iterator[Scan]:
+    """Yield what is found on each bus; raises DocumentError, UsageError or BusError."""
+    for section, axes in placed_on(bench).buses.values():
+        yield access_of(section.protocol).scan(section, axes, bench.profiles)
+
+
+def examined(bench: BenchRequest) -> list[Check]:
+    """Return the checks of buses and computer; raises DocumentError or UsageError."""
+    buses = placed_on(bench).buses.values()
+    return examine(
+        lambda: (
+            check for section, axes in buses for check in access_of(section.protocol).checks(section, axes, bench.rate)
+        ),
+        bench.rate,
+    )
+
+
+@contextmanager
+def watched(bench: BenchRequest) -> Iterator[tuple[dict[str, Watched], list[Onlooker]]]:
+    """Open the buses to watch the drives; raises DocumentError, UsageError or BusError."""
+    placed = placed_on(bench)
+    axes: dict[str, Watched] = {}
+    with ExitStack() as open_buses:
+        onlookers = []
+        for section, on_it in placed.buses.values():
+            protocol = protocol_named(section.protocol)
+            for name, axis in on_it.items():
+                profile = load_profile(axis.profile)
+                axes[name] = Watched(axis, profile, protocol.power_table(profile), placed.known)
+            onlookers.append(open_buses.enter_context(access_of(section.protocol).onlooker(section, on_it)))
+        yield axes, onlookers

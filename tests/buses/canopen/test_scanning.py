@@ -1,0 +1,160 @@
+"""Scanning simulated buses in virtual time: who is found, what is told, and that nothing is written."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import can
+import pytest
+
+from haptic_fieldbus.buses.canopen.scanning import scan_bus
+from haptic_fieldbus.buses.canopen.wire import Wire
+from haptic_fieldbus.buses.found import Scan
+from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.drive.cia402 import MappedObject
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.errors import BusError
+from haptic_fieldbus.protocols.canopen.profile import canopen_profile
+from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from tests.buses.canopen.test_foreign import COMMANDS, QUESTIONS
+from tests.buses.canopen.two_programs import TwoPrograms, assert_uploads_alone
+
+PROFILES = [canopen_profile(load_profile(name)) for name in ("generic_cia402", "maxon_epos4")]
+OF_A_MASTER = {**COMMANDS, **{name: (can_id, data) for name, (can_id, data, _) in QUESTIONS.items()}}
+ANY_NODE_MAY_SEND = {"our heartbeat", "boot-up of our node-ID"}
+
+
+@pytest.fixture
+def two() -> Iterator[TwoPrograms]:
+    made = TwoPrograms()
+    yield made
+    made.close()
+
+
+def scanned(two: TwoPrograms) -> Scan:
+    return scan_bus(two.wire, 1.0, 1_000_000, PROFILES)
+
+
+def test_both_drives_are_found_with_identity_state_and_profile(two: TwoPrograms) -> None:
+    epos, generic = scanned(two).nodes
+    assert (epos.node, epos.vendor_id, epos.name, epos.profile) == (5, 0xFB, "maxon EPOS4", "maxon_epos4")
+    assert (generic.node, generic.profile) == (99, "generic_cia402")
+    assert {each.nmt_state for each in (epos, generic)} == {"pre-operational"}
+    assert {each.power_state for each in (epos, generic)} == {"switch on disabled"}
+    assert (epos.sure or "").startswith("likely")
+    assert (generic.sure or "").startswith("no more than a guess")
+    assert None not in (epos.product_code, epos.revision, epos.serial)
+
+
+@pytest.mark.thorough("eleven drives, each asked for the objects of all that may fit")
+def test_each_shipped_drive_is_taken_for_itself() -> None:
+    profiles = [canopen_profile(load_profile(name)) for name in profile_names()]
+    two = TwoPrograms(",".join(f"{profile.name}@{10 + place}" for place, profile in enumerate(profiles)))
+    found = scan_bus(two.wire, 0.1, 1_000_000, profiles).nodes
+    assert_uploads_alone([frame for frame in two.sent() if not frame.is_remote_frame])
+    two.close()
+    assert [node.profile for node in found] == [profile.name for profile in profiles]
+    for node, profile in zip(found, profiles, strict=True):
+        assert (node.sure or "").startswith("sure") is bool(profile.identity.product_codes)
+
+
+def test_two_profiles_that_fit_alike_are_both_named(two: TwoPrograms) -> None:
+    twin = replace(PROFILES[0], name="a_twin")
+    generic = scan_bus(two.wire, 0.1, 1_000_000, [*PROFILES, twin]).nodes[1]
+    assert generic.profile == "generic_cia402"
+    assert "a_twin would fit as well" in (generic.sure or "")
+
+
+def test_a_profile_that_cannot_render_force_says_so(two: TwoPrograms) -> None:
+    own = replace(PROFILES[0], drive=replace(PROFILES[0].drive, usable=False))
+    generic = scan_bus(two.wire, 0.1, 1_000_000, [own]).nodes[1]
+    assert "cannot render force" in (generic.sure or "")
+
+
+def test_nothing_is_sent_but_uploads_and_a_question_for_the_state(two: TwoPrograms) -> None:
+    scanned(two)
+    sent = two.sent()
+    asked = [frame for frame in sent if frame.is_remote_frame]
+    assert [frame.arbitration_id for frame in asked] == [0x705, 0x763]
+    assert_uploads_alone([frame for frame in sent if not frame.is_remote_frame])
+    assert len(sent) > 127
+
+
+def test_a_drive_under_life_guarding_is_not_asked_for_its_state(two: TwoPrograms) -> None:
+    two.put(99, 0x100C, 0, 100, 2)
+    two.put(99, 0x100D, 0, 3, 1)
+    two.forget()
+    nodes = scanned(two).nodes
+    assert [frame.arbitration_id for frame in two.sent() if frame.is_remote_frame] == [0x705]
+    assert [node.nmt_state for node in nodes] == ["pre-operational", None]
+
+
+def test_a_heartbeat_tells_the_state_without_a_question(two: TwoPrograms) -> None:
+    two.put(99, 0x1017, 0, 1500, 2)  # rarer than we listen
+    two.forget()
+    nodes = scanned(two).nodes
+    assert [frame.arbitration_id for frame in two.sent() if frame.is_remote_frame] == [0x705]
+    assert [node.nmt_state for node in nodes] == ["pre-operational", "pre-operational"]
+
+
+def test_a_drive_without_the_objects_of_any_profile_has_none() -> None:
+    two = TwoPrograms()
+    target = MappedObject(0x2FF1, DataType.INT16, unit="permille_of_rated_torque")
+    own = [replace(profile, torque=replace(profile.torque, target=target)) for profile in PROFILES]
+    found = scan_bus(two.wire, 0.1, 1_000_000, own).nodes
+    two.close()
+    assert [(node.node, node.profile) for node in found] == [(5, None), (99, None)]
+    assert "it lacks 2FF1h:00" in (found[0].sure or "")
+
+
+@pytest.mark.parametrize("name", OF_A_MASTER.keys() - ANY_NODE_MAY_SEND)
+def test_with_another_master_it_only_listens(two: TwoPrograms, name: str) -> None:
+    two.send(0x733, b"\x05")
+    two.send(*OF_A_MASTER[name])
+    found = scanned(two)
+    assert "somebody else commands" in found.masters
+    assert (0x33, "operational", None, None) in [(n.node, n.nmt_state, n.vendor_id, n.profile) for n in found.nodes]
+    assert two.sent() == []
+
+
+def test_a_master_that_begins_while_nodes_are_asked_ends_the_questions(two: TwoPrograms) -> None:
+    asked: list[int] = []
+    send = two.wire._send
+
+    def sent(can_id: int, data: bytes | bytearray) -> None:
+        asked.append(can_id)
+        if can_id == 0x67F:
+            two.send(0x080)
+        send(can_id, data)
+
+    two.wire._send = sent
+    found = scanned(two)
+    assert "SYNC (080h)" in found.masters
+    assert asked == [0x600 + node for node in range(1, 128)]
+    assert [(node.node, node.vendor_id) for node in found.nodes] == [(5, None), (99, None)]
+
+
+def test_an_empty_bus_has_no_nodes_and_one_that_only_beats_is_told() -> None:
+    with can.Bus(interface="virtual", channel="scan") as bus, can.Bus(interface="virtual", channel="scan") as other:
+        wire = Wire(bus, Ticking(), "wire")
+        assert scan_bus(wire, 0.001, 1_000_000, PROFILES).nodes == ()
+        other.send(can.Message(arbitration_id=0x77F, data=b"\x04", is_extended_id=False))
+        (node,) = scan_bus(wire, 0.001, 1_000_000, PROFILES).nodes
+        assert (node.node, node.nmt_state, node.vendor_id, node.profile) == (127, "stopped", None, None)
+
+
+def test_a_bus_of_nothing_but_error_frames_is_not_asked() -> None:
+    """What one sends at a wrong bit rate destroys the frames of others."""
+    with can.Bus(interface="virtual", channel="noise") as bus, can.Bus(interface="virtual", channel="noise") as other:
+        for _ in range(3):
+            other.send(can.Message(is_error_frame=True, arbitration_id=0x08, dlc=8, data=bytes(8)))
+        with pytest.raises(BusError, match=r"nothing but error frames.*bit rate"):
+            scan_bus(Wire(bus, Ticking(), "wire"), 0.01, 1_000_000, PROFILES)
+        assert other.recv(0.0) is None
+
+
+class Ticking(VirtualClock):
+    """Time that passes whenever somebody looks, as on a bus where nothing comes."""
+
+    def now_ns(self) -> int:
+        self.compute(1_000_000)
+        return super().now_ns()

@@ -1,0 +1,136 @@
+"""What docs/how-to/your_first_real_drive.md tells is walked in its order on real sockets beside a simulated drive."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+
+from haptic_fieldbus.cli.watch import lines_of
+from haptic_fieldbus.running.watching import View
+from tests.cli.test_beside_guide import TOO_SLOW
+from tests.peers.hosts import GROUP, PROJECT, STARTS_WITHIN, free_port, line_of, require_multicast
+
+pytestmark = pytest.mark.xdist_group("peers")
+
+TEXT = (PROJECT / "docs" / "how-to" / "your_first_real_drive.md").read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^```console\nhaptic-fieldbus (.*?)\n```", TEXT, re.MULTILINE | re.DOTALL)
+SIMULATE, SCAN, WATCH, DOCTOR, RUN, WALL = COMMANDS
+SCANNED, WATCHED, EXAMINED = re.findall(r"^```text\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+ON_PAGE = "socketcan:can0@1000000"
+(BUS,) = re.findall(r"--bus (\S+)", SIMULATE)
+
+
+class Walk:
+    """The folder and the port in which the page is walked."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.port = folder, free_port()
+
+    def start(self, command: str) -> "subprocess.Popen[str]":
+        words = command.replace(ON_PAGE, BUS).split()
+        return subprocess.Popen(
+            [sys.executable, "-m", "haptic_fieldbus", *words],
+            cwd=self.folder,
+            env={**os.environ, "CAN_CONFIG": f'{{"port": {self.port}}}', "PYTHONPATH": str(PROJECT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def done(self, command: str) -> tuple[int, str, str]:
+        process = self.start(command)
+        out, err = process.communicate(timeout=2 * STARTS_WITHIN)
+        return process.returncode, out, err
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> Iterator[Walk]:
+    """A walk beside the simulated drive of the page."""
+    walk = Walk(tmp_path)
+    require_multicast(walk.port)
+    hosting = walk.start(SIMULATE)
+    try:
+        assert "maxon_epos4, node 5" in line_of(hosting)
+        yield walk
+        hosting.send_signal(signal.SIGINT)
+        assert hosting.wait(STARTS_WITHIN) == 0
+    finally:
+        hosting.kill()
+        hosting.communicate()
+
+
+def test_the_page_has_the_commands_in_their_order() -> None:
+    assert [command.split()[0] for command in COMMANDS] == ["simulate", "scan", "watch", "doctor", "run", "run"]
+
+
+@pytest.mark.thorough("real time beside a drive in another process")
+def test_scan_watch_doctor_and_run_in_the_order_of_the_page(walk: Walk) -> None:
+    rig = (walk.folder / "rig.toml").read_text(encoding="utf-8")
+    _scanned(walk)
+    _watched(walk)
+    _examined(walk)
+    assert (walk.folder / "rig.toml").read_text(encoding="utf-8") == rig, "so far everything was only read"
+    status, out, err = walk.done(f"{RUN} --yes")
+    assert status == 0 or TOO_SLOW.search(err), err
+    if "guard" in out:
+        assert "[axis.handle.proved]" in (walk.folder / "rig.toml").read_text(encoding="utf-8")
+    # After the run, as before it, the drive is off, and `scan` finds it as on the first day.
+    _scanned(walk)
+
+
+def _scanned(walk: Walk) -> None:
+    status, out, err = walk.done(SCAN)
+    assert status == 0, err
+    heading, row, sure = out.splitlines()[-3:]
+    shown = SCANNED.splitlines()
+    assert heading.split() == shown[0].split()
+    assert row.split()[0] == "5"
+    assert row.split()[-1] == "maxon_epos4"
+    assert "switch on disabled" in row
+    assert sure.split(":")[0].split()[:2] == shown[2].split(":")[0].split()[:2]
+
+
+def _watched(walk: Walk) -> None:
+    command = re.sub(r"--duration \d+", "--duration 3 --json", WATCH)
+    status, out, err = walk.done(command)
+    assert status == 0, err
+    seen = [json.loads(line)["axes"]["handle"] for line in out.splitlines()]
+    assert len(seen) == 3
+    assert {each["state"] for each in seen} == {"switch on disabled"}
+    assert all(each["age_s"] < 0.5 and each["note"] is None and each["torque_actual"] == 0.0 for each in seen)
+    # The line of the page has the parts of a line that is told.
+    told = next(lines_of(View(**seen[-1])))
+    assert len(told.split(" · ")) == len(WATCHED.split(" · "))
+
+
+def _examined(walk: Walk) -> None:
+    status, out, err = walk.done(DOCTOR)
+    assert status == 0, err
+    names = re.findall(r"^(?:ok|not ok|-) +([a-zA-Z ]+):", out, re.MULTILINE)
+    shown = re.findall(r"^(?:ok|not ok|-) +([a-zA-Z ]+):", EXAMINED, re.MULTILINE)
+    assert set(shown) - set(names) == {"state"}, "the state is that of a SocketCAN interface"
+    assert {"scheduling", "memory", "clock", "wake up", "usb latency timer", "other masters"} <= set(names)
+
+
+@pytest.mark.thorough("real time beside a drive in another process")
+def test_while_another_master_commands_all_three_only_listen(walk: Walk) -> None:
+    with can.Bus(interface="udp_multicast", channel=GROUP, port=walk.port) as other:
+        sync = other.send_periodic(can.Message(arbitration_id=0x080, is_extended_id=False), 0.05)
+        status, out, err = walk.done(SCAN)
+        assert (status, "somebody else commands" in out) == (0, True), err
+        status, out, err = walk.done(WATCH.replace("--duration 20", "--duration 1 --json"))
+        assert (status, "somebody else commands" in err) == (0, True)
+        assert json.loads(out.splitlines()[0])["axes"]["handle"]["statusword"] is None
+        status, out, err = walk.done(f"{DOCTOR} --json")
+        checks = {check["name"]: check["ok"] for check in json.loads(out)["checks"]}
+        assert (status, checks["other_masters"], checks["round_trip"]) == (0, False, None)
+        sync.stop()
+        heard = {frame.arbitration_id for frame in iter(lambda: other.recv(0.1), None)}
+        assert heard <= {0x080, 0x705}, "SYNC of our own, and heartbeats of the drive"

@@ -1,0 +1,63 @@
+"""`scan`, `watch` and `doctor` as docs/how-to/your_first_real_drive.md has them, on a real SocketCAN interface."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.vcan.links import Link
+
+pytestmark = [pytest.mark.vcan, pytest.mark.thorough("processes in a guest kernel")]
+
+PROJECT = Path(__file__).parents[2]
+PATIENCE = 120.0
+
+
+def done(*words: str) -> tuple[int, str, str]:
+    command = [sys.executable, "-m", "haptic_fieldbus", *words]
+    ended = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False, timeout=PATIENCE)
+    return ended.returncode, ended.stdout, ended.stderr
+
+
+def test_a_drive_on_vcan_is_found_watched_and_the_interface_examined(vcan: Link) -> None:
+    bus = f"{vcan.bus}@1000000"
+    hosting = subprocess.Popen(
+        [sys.executable, "-m", "haptic_fieldbus", "simulate", "--drive", "maxon_epos4@5", "--bus", bus],
+        cwd=PROJECT,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None,
+    )
+    try:
+        assert hosting.stdout is not None
+        assert hosting.stdout.readline().startswith("ready")
+        status, out, err = done("scan", "--bus", bus, "--json")
+        assert status == 0, err
+        (node,) = json.loads(out)["nodes"]
+        assert (node["node"], node["vendor_id"], node["profile"]) == (5, 0xFB, "maxon_epos4")
+        status, out, err = done("watch", "--bus", bus, "--node", "5", "--duration", "1.5", "--json")
+        assert status == 0, err
+        assert json.loads(out.splitlines()[-1])["axes"]["handle"]["state"] == "switch on disabled"
+        status, out, err = done("doctor", "--bus", bus, "--node", "5", "--json")
+        assert status == 0, err
+        checks = {check["name"]: check for check in json.loads(out)["checks"]}
+        assert checks["adapter"]["ok"] is checks["driver"]["ok"] is checks["other_masters"]["ok"] is True
+        assert checks["driver"]["measured"] == "virtual"
+        assert checks["queue"]["measured"].endswith("frames")
+        assert checks["bit_rate"]["ok"] is None
+        assert (checks["state"]["ok"], checks["state"]["measured"]) == (True, "up, virtual")
+    finally:
+        hosting.kill()
+        hosting.communicate()
+
+
+def test_an_interface_that_is_down_is_told_with_the_line_that_brings_it_up(vcan: Link) -> None:
+    vcan.down()
+    status, out, _ = done("doctor", "--bus", f"{vcan.bus}@1000000", "--json")
+    checks = {check["name"]: check for check in json.loads(out)["checks"]}
+    assert status == 1
+    assert checks["adapter"]["ok"] is checks["state"]["ok"] is False
+    assert f"ip link set {vcan.name} up" in checks["state"]["advice"]
