@@ -79,7 +79,7 @@ DOES_WITHOUT = {
         "numerics.sampled": "numerics.estimators numerics.integrators",
         "planning.compile": "numerics.estimators",
         "planning.plan": "planning.coupled_plan",
-        "planning.selection": "numerics.estimators numerics.integrators",
+        "planning.selection": "numerics.estimators numerics.integrators scenes.renamed",
         "planning.settings": "scenes.changed",
         "protocols.canopen.protocol": "eds protocols.canopen.from_eds",
         "scenes.checked": "numerics.integrators",

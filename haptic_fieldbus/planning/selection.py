@@ -15,7 +15,6 @@ from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
 from haptic_fieldbus.protocols.folders import own_profile
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.checked import check_elements
-from haptic_fieldbus.scenes.renamed import with_axes
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
 
@@ -58,7 +57,7 @@ def load(task: Task) -> Loaded:
         rig = _on_bus(rig, bus)
     scene = settled(task.scene, task.settings)
     if rig is None:
-        rig = _shipped_bench(with_axes(scene.scene, task.axes or {}), task.drive, bus, task.node)
+        rig = _shipped_bench(_renamed(scene.scene, task), task.drive, bus, task.node)
     return Loaded(task, scene, _with_own_profiles(_with_zero(rig, task.zero), task.profiles), bus)
 
 
@@ -131,8 +130,17 @@ def _compiled(loaded: Loaded, scene: Scene) -> Plan:
     """Return the plan of `scene` on the loaded bench."""
     task, rig = loaded.task, loaded.rig
     profiles = {axis.profile: load_profile(axis.profile) for axis in rig.axis.values()}
-    scene = with_axes(scene, task.axes or {})
-    return compile_plan(scene, rig, profiles, task.rate, method=task.method, estimator=task.estimator)
+    return compile_plan(_renamed(scene, task), rig, profiles, task.rate, method=task.method, estimator=task.estimator)
+
+
+def _renamed(scene: Scene, task: Task) -> Scene:
+    """Return the scene with the names that the task gives its axes; raises UsageError for an unknown axis."""
+    if not task.axes:
+        return scene
+    # Imported here, because a scene whose axes keep their names does without it.
+    from haptic_fieldbus.scenes.renamed import with_axes
+
+    return with_axes(scene, task.axes)
 
 
 def _used(rig: Rig) -> dict[str, BusSection]:

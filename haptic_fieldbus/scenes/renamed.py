@@ -15,8 +15,6 @@ def with_axes(scene: Scene, names: Mapping[str, str]) -> Scene:
 
     Raises UsageError for an axis that the scene does not have, and when two axes would have one name.
     """
-    if not names:
-        return scene
     known = [axis.name for axis in scene.axes]
     for name in names:
         if name not in known:
