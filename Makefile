@@ -74,6 +74,7 @@ docs: setup
 	$(BIN)/python docs/make_api.py
 	$(BIN)/python docs/make_elements.py
 	$(BIN)/python docs/make_faults.py
+	$(BIN)/python docs/make_rig_files.py
 	$(BIN)/python docs/make_tables.py
 	$(BIN)/python -m haptic_fieldbus.schemas docs/reference/schemas --shipped
 

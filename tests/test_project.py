@@ -83,7 +83,7 @@ def maker(name: str) -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", ["make_elements", "make_api", "make_faults"])
+@pytest.mark.parametrize("name", ["make_elements", "make_api", "make_faults", "make_rig_files"])
 def test_a_page_that_is_written_by_a_script_is_what_it_writes_now(name: str) -> None:
     script = maker(name)
     assert script.FILE.read_text(encoding="utf-8") == script.page(), "run: make docs"

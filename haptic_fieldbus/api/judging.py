@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD
+from haptic_fieldbus.documents.quantities import RANGES, Quantity
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, Stability, stiffness_limit
 from haptic_fieldbus.margins.group import Group, Member, groups_of
@@ -15,7 +16,6 @@ from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering, select
 from haptic_fieldbus.planning.settings import settled
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.scenes.quantities import RANGES, Quantity
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 

@@ -6,7 +6,7 @@ the fields as parameters; `given` turns their values into the dataclass that the
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ParamSpec, TypeVar
@@ -26,7 +26,7 @@ Asked = TypeVar("Asked", bound="Rendering")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
 SHOWN = (
-    "scene", "input", "amplitude", "drive", "bus", "node", "rig", "profiles",
+    "scene", "input", "amplitude", "drive", "bus", "node", "rig", "axes", "zero", "profiles",
     "rate", "duration", "settings", "change", "method", "estimator",
 )  # fmt: skip
 """Options that the help lists first, in this order; others follow in the order of their dataclass."""
@@ -93,12 +93,23 @@ class BenchOptions(SceneOptions):
     ] = None
     node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None
+    axes: Annotated[
+        list[str] | None,
+        option("SCENE_AXIS=RIG_AXIS", "Render an axis of the scene on another one; may be repeated.", BENCH, "--axis"),
+    ] = None
+    zero: Annotated[
+        str | None,
+        option("here", "Count positions from where the handle is at enabling, whatever the rig says.", BENCH),
+    ] = None
     profiles: ProfilesOption = None
 
     def given(self, kind: type[Asked]) -> Asked:
         """Return `asked` as for a scene; raises UsageError also when `--rig` meets `--drive` or `--node`."""
         refuse_beside_rig(self.rig, self.drive, self.node)
-        return super().given(kind)
+        from haptic_fieldbus.planning.request import parse_axes
+
+        asked = super().given(kind)
+        return replace(asked, axes=parse_axes(self.axes)) if self.axes else asked  # type: ignore[call-arg]
 
 
 def refuse_beside_rig(rig: Path | None, drive: str | None, node: int | None) -> None:

@@ -7,6 +7,7 @@ positions only when there is a fault.
 
 from haptic_fieldbus.documents.document import Document, knows, read_document, schema_of
 from haptic_fieldbus.documents.expected import KeyPath
+from haptic_fieldbus.documents.kinds import check_kind
 from haptic_fieldbus.documents.names import beside, file_names, file_of, is_eds, is_path, nearest, suggestion
 from haptic_fieldbus.documents.octets import EDS_SIZE, TABLE_SIZE, TOML_SIZE, read_octets
 
@@ -17,6 +18,7 @@ __all__ = [
     "Document",
     "KeyPath",
     "beside",
+    "check_kind",
     "file_names",
     "file_of",
     "is_eds",

@@ -9,20 +9,30 @@ from typing import Annotated, ClassVar
 
 from annotated_types import Gt, Le
 
-from haptic_fieldbus.drive.fields import STRICT, AnyFloat, Inertia, NonNegativeFloat, PositiveFloat
+from haptic_fieldbus.documents.quantities import Quantity
+from haptic_fieldbus.drive.fields import (
+    STRICT,
+    AnyFloat,
+    Damping,
+    Friction,
+    Inertia,
+    Measured,
+    NonNegativeFloat,
+    PositiveFloat,
+)
 
 
 @dataclass(frozen=True)
 class CompliantCoupling:
     """A compliant shaft, belt or gear: spring and damper between motor and load, with the encoder on the motor."""
 
-    stiffness: PositiveFloat
+    stiffness: Annotated[PositiveFloat, Measured(Quantity.STIFFNESS)]
     """[N·m/rad]"""
     load_inertia: Inertia
     """Part of the axis' inertia that lies behind the spring [kg·m²]."""
-    damping: NonNegativeFloat = 0.0
+    damping: Damping = 0.0
     """Damping parallel to the spring [N·m·s/rad]."""
-    backlash: NonNegativeFloat = 0.0
+    backlash: Annotated[NonNegativeFloat, Measured(Quantity.LENGTH)] = 0.0
     """Play from one flank to the other [rad]."""
     __pydantic_config__: ClassVar = STRICT
 
@@ -31,12 +41,12 @@ class CompliantCoupling:
 class Weight:
     """A weight on the handle."""
 
-    torque: AnyFloat
+    torque: Annotated[AnyFloat, Measured(Quantity.EFFORT)]
     """Torque of the weight [N·m].
 
     Linear mechanism: constant, positive towards positive angles. Rotary mechanism: the largest, at a horizontal lever.
     """
-    hanging_at: AnyFloat = 0.0
+    hanging_at: Annotated[AnyFloat, Measured(Quantity.LENGTH)] = 0.0
     """Angle of a rotary handle at which its lever hangs down [rad], counted from the zero of the simulated encoder."""
     __pydantic_config__: ClassVar = STRICT
 
@@ -45,9 +55,10 @@ class Weight:
 class Cogging:
     """Cogging torque of the motor: −torque·sin(periods_per_revolution·θ), with a stable rest at θ = 0."""
 
-    torque: NonNegativeFloat
+    torque: Friction
     """[N·m]"""
     periods_per_revolution: Annotated[int, Gt(0), Le(1_000_000)]
+    """Places of rest in a turn of the motor."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -55,16 +66,16 @@ class Cogging:
 class Stribeck:
     """Friction in addition to Coulomb and viscous friction, falling with speed: torque·exp(−(ω/velocity)²)."""
 
-    torque: NonNegativeFloat
+    torque: Friction
     """Friction at rest beyond Coulomb friction [N·m]; the shaft breaks away at the sum of both."""
-    velocity: PositiveFloat
+    velocity: Annotated[PositiveFloat, Measured(Quantity.SPEED)]
     """Speed at which the additional friction has fallen to 1/e [rad/s]."""
     __pydantic_config__: ClassVar = STRICT
 
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Optional parts of the simulated mechanics; a part that is `None` is not simulated and costs no time."""
+    """Optional parts of the simulated mechanics; None: it is not simulated, and costs no time."""
 
     coupling: CompliantCoupling | None = None
     gravity: Weight | None = None

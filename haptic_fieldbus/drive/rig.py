@@ -11,16 +11,24 @@ from annotated_types import Ge, Len
 
 from haptic_fieldbus.drive.fields import (
     STRICT,
-    AnyFloat,
     Counts,
     CountsPerRevolution,
+    Current,
+    Damping,
+    Friction,
     GearRatio,
+    HandleAcceleration,
+    HandleEffort,
+    HandleLength,
+    HandleRange,
+    HandleSpeed,
     Inertia,
     MetresPerRevolution,
-    NonNegativeFloat,
     PositiveFloat,
+    Power,
     Time,
     Torque,
+    TorqueConstant,
     UInt32,
 )
 from haptic_fieldbus.drive.mechanics import Mechanics
@@ -45,7 +53,9 @@ class BusSection:
     """A bus of a rig, with the keys that all protocols share; each protocol may add keys of its own."""
 
     interface: Annotated[str, Len(1)]
+    """What speaks to the wires: an interface of python-can, or the first word of a bus name of another protocol."""
     channel: Annotated[str, Len(1)]
+    """Which of them, as the interface names it."""
     protocol: ClassVar[str] = ""
     # Further keys are checked by the section of the protocol, which is chosen by `interface`.
     __pydantic_config__: ClassVar[dict[str, object]] = {"extra": "ignore"}
@@ -60,16 +70,24 @@ class BusSection:
         """Time by which the simulated host of a simulated bus may be late in a period [s]."""
         return 0.0
 
+    @property
+    def wires(self) -> str:
+        """What tells one pair of wires from another."""
+        return f"{self.interface}:{self.channel}"
+
 
 @dataclass(frozen=True)
 class LinearMechanism:
     """A capstan, belt or screw: the handle moves by `metres_per_revolution` for each turn of the motor."""
 
     kind: Literal["linear"]
+    """Chooses this table."""
     metres_per_revolution: MetresPerRevolution
+    """[m] of the handle for a turn of the motor."""
     sign: Literal[-1, 1] = 1
+    """-1 where the handle goes to its negative side while the drive counts up."""
     zero: Literal["start"] | Counts = "start"
-    """Zero of the handle: its place when the drive is enabled, or an encoder count."""
+    """Zero of the handle: its place when the drive is enabled, as with `--zero here`, or an encoder count."""
     __pydantic_config__: ClassVar = STRICT
 
     @property
@@ -87,9 +105,13 @@ class RotaryMechanism:
     """A gear, or none: the motor turns `gear_ratio` times as far as the handle."""
 
     kind: Literal["rotary"]
+    """Chooses this table."""
     gear_ratio: GearRatio = 1.0
+    """Turns of the motor for a turn of the handle."""
     sign: Literal[-1, 1] = 1
+    """-1 where the handle goes to its negative side while the drive counts up."""
     zero: Literal["start"] | Counts = "start"
+    """Zero of the handle: its place when the drive is enabled, as with `--zero here`, or an encoder count."""
     __pydantic_config__: ClassVar = STRICT
 
     @property
@@ -104,16 +126,19 @@ class RotaryMechanism:
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the handle, in its workspace; `None`: derived (effort, speed, drift), or not limited (position)."""
+    """Limits of the handle, in its workspace."""
 
-    effort: PositiveFloat | None = None
-    speed: PositiveFloat | None = None
-    position: tuple[AnyFloat, AnyFloat] | None = None
-    drift: PositiveFloat | None = None
-    """How far a position that is integrated from velocity may be uncertain; no other position is."""
-    acceleration: PositiveFloat | None = None
+    effort: HandleEffort | None = None
+    """[N or N·m] that the motor may give to the handle; None: its rated torque."""
+    speed: HandleSpeed | None = None
+    """[m/s or rad/s] at which a run ends; None: one that `plan` shows."""
+    position: HandleRange | None = None
+    """[m or rad], the lower and the upper place at which a run ends; None: not limited."""
+    drift: HandleLength | None = None
+    """[m or rad] by which a position that is integrated from velocity may be uncertain; no other position is."""
+    acceleration: HandleAcceleration | None = None
     """[m/s² or rad/s²]; None: what the motor and a hand can do to the inertia, where it is known."""
-    power: PositiveFloat | None = None
+    power: Power | None = None
     """[W] that the motor may give to the hand; None: not limited."""
     stall: Time | None = None
     """[s] for which counts may stand still under torque before the limit falls; None: 90 s."""
@@ -131,6 +156,7 @@ class Proved:
     asked_ms: PositiveFloat
     """Time for which the guard was set [ms]; a proof of another time does not count."""
     date: Annotated[str, Len(1)]
+    """When that was."""
     guard_ms: PositiveFloat | None = None
     """Measured time from the last thing that we sent until the motor was off [ms]; None: it stayed on."""
     serial: UInt32 | None = None
@@ -153,28 +179,31 @@ class Seen:
 
 @dataclass(frozen=True)
 class RigAxis:
-    """One drive with its motor and mechanism; `None` means unknown."""
+    """One drive with its motor and mechanism, at the motor shaft; None: unknown."""
 
     bus: str
+    """Name of its [bus.NAME]."""
     node: Annotated[int, Ge(0)]
     """Number of the drive on its bus, in the range of the protocol."""
     profile: str
+    """Drive profile by name, or a file in the folder of the rig."""
     mechanism: Annotated[LinearMechanism | RotaryMechanism, ByKind()]
     encoder_counts_per_revolution: CountsPerRevolution
+    """Counts of the position actual value in a turn of the motor."""
     rated_torque: Torque | None = None
-    """[N·m]"""
-    torque_constant: PositiveFloat | None = None
+    """[N·m] of the motor; compared with what the drive states."""
+    torque_constant: TorqueConstant | None = None
     """[N·m/A]; needed only for drives whose torque is given as a current."""
-    rated_current: PositiveFloat | None = None
+    rated_current: Current | None = None
     """[A]; needed only for drives whose torque is given in ‰ of it."""
-    peak_current: PositiveFloat | None = None
+    peak_current: Current | None = None
     """[A] of the power stage; needed only for drives whose torque is given as a share of it."""
     inertia: Inertia | None = None
-    """[kg·m²]"""
-    viscous_damping: NonNegativeFloat | None = None
-    """[N·m·s/rad]"""
-    coulomb_friction: NonNegativeFloat = 0.0
-    """[N·m]"""
+    """[kg·m²] of motor, mechanism and handle together."""
+    viscous_damping: Damping | None = None
+    """[N·m·s/rad], the friction that grows with speed."""
+    coulomb_friction: Friction = 0.0
+    """[N·m], the friction that does not."""
     on_link_loss: Literal["free", "brake"] = "free"
     """Reaction of the drive when its master is gone: the shaft is free, or the drive brakes by quick stop."""
     raise_max_torque: bool = False

@@ -59,7 +59,7 @@ def _table(path: tuple[str, ...], value: Any, units: dict[str, str]) -> Iterator
 
 def _is_default(each: Field[Any], value: Any) -> bool:
     held = getattr(value, each.name)
-    return held is None or held == each.default
+    return held is None or held == each.default or held == {}
 
 
 def _text(value: object) -> str:
@@ -69,4 +69,6 @@ def _text(value: object) -> str:
         return "true" if value else "false"
     if isinstance(value, float):
         return repr(value).replace("e-0", "e-")
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{table_name((key,))} = {_text(one)}' for key, one in value.items())} }}"
     return f"[{', '.join(map(_text, value))}]" if isinstance(value, tuple) else repr(value)

@@ -137,7 +137,8 @@ def draft_axis(
     axis = rig.axis.get(scene_axis.name)
     if axis is None:
         raise PlanError(
-            f"{scene.name} needs the axis {scene_axis.name!r}; the rig {rig.source} has: {', '.join(rig.axis)}"
+            f"{scene.name} needs the axis {scene_axis.name!r}; the rig {rig.source} has: {', '.join(rig.axis)}. "
+            f"--axis {scene_axis.name}=NAME renders it on another one"
         )
     profile = profiles[axis.profile]
     _check_usable(profile)

@@ -12,7 +12,7 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER
 from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.guards import guard_lines
-from haptic_fieldbus.planning.limit_table import limit_lines
+from haptic_fieldbus.planning.limit_table import limit_lines, recommended_limits
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.signals import Workspace
 
@@ -38,6 +38,8 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
     for axis in plan.axes:
         prefix = f"{axis.name}: " if len(plan.axes) > 1 else ""
         yield from _listed("limits", [prefix + line for line in limit_lines(axis, plan.period)])
+    if plan.rig.source:  # the shipped bench is nobody's, and has no file to write them into
+        yield from _listed("advice", [text for axis in plan.axes if (text := recommended_limits(axis))])
     yield from _listed("guard", list(guard_lines(plan.guards, simulated=plan.simulated)))
     yield from _listed("enabling", list(enabling_lines(plan.axes)))
     yield "delay", delay_text(plan)

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 
-from haptic_fieldbus.numerals import exactly, in_unit
+from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.limits import START_SHARE
+from haptic_fieldbus.planning.limits import FIRST_SHARE, FIRST_SPEED, START_SHARE
 from haptic_fieldbus.planning.sign_probe import sign_probe
 
 
@@ -76,6 +76,21 @@ def limit_lines(axis: AxisPlan, period: float) -> Iterator[str]:
     rows = tuple(limit_rows(axis, period))
     for reaction in Reaction:
         yield f"{reaction.value}: {', '.join(_text(row) for row in rows if row.reaction is reaction)}"
+
+
+def recommended_limits(axis: AxisPlan) -> str:
+    """Return the limits that the rig leaves out as its file would state them for the first runs; empty for none.
+
+    Where the handle may go is known to the person alone, so places are named and not numbered.
+    """
+    given, length = axis.rig.limits, axis.workspace.length_unit
+    told = (
+        ("effort", given.effort, rounded(FIRST_SHARE * axis.rated_effort, 2)),
+        ("speed", given.speed, exactly(FIRST_SPEED[axis.workspace.value])),
+        ("position", given.position, f"[lowest, highest], the free way of the handle in {length}"),
+    )
+    missing = ", ".join(f"{name} = {value}" for name, known, value in told if known is None)
+    return f"for the first runs [axis.{axis.name}.limits] {missing}" if missing else ""
 
 
 def _text(row: LimitRow) -> str:

@@ -15,6 +15,10 @@ SLEW_TIME = 0.005
 """Shortest time in which the command goes from 0 to the effort limit [s]."""
 SPEED_LIMIT = {"linear": 2.0, "rotary": 60.0}
 """[m/s or rad/s]; where a rig states none."""
+FIRST_SHARE = 0.2
+"""Share of rated torque that is recommended as a limit to a rig that states none, for the first runs."""
+FIRST_SPEED = {"linear": 1.0, "rotary": 30.0}
+"""[m/s or rad/s]; recommended likewise, half of what holds where a rig states none."""
 HAND = {"linear": 500.0, "rotary": 25.0}
 """The largest force [N] or torque [N·m] that a hand is taken to exert, in a blow: from it follows which jump of the
 encoder no motion can make. Chosen here, well above a push (some 200 N) and below a hammer."""

@@ -50,6 +50,21 @@ def parse_settings(texts: Iterable[str]) -> dict[str, str]:
     return settings
 
 
+def parse_axes(texts: Iterable[str]) -> dict[str, str]:
+    """Return `scene axis=rig axis` texts as a mapping; raises one UsageError for all malformed or repeated ones."""
+    axes: dict[str, str] = {}
+    faults = []
+    for text in texts:
+        own, _, other = (part.strip() for part in text.partition("="))
+        if not (own and other):
+            faults.append(f"--axis \"{text}\": expected the scene's axis=the rig's axis, for example knob=handle")
+        elif own in axes:
+            faults.append(f"--axis {own}: given twice, as {axes[own]} and {other}")
+        axes[own] = other
+    _raise(faults)
+    return axes
+
+
 def parse_changes(texts: Iterable[str]) -> list[tuple[float, dict[str, str]]]:
     """Return `SECONDS:element.parameter=value` texts as (time [s], settings), sorted by time, one entry for each time.
 

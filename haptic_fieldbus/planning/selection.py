@@ -18,6 +18,9 @@ from haptic_fieldbus.scenes.checked import check_elements
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
 
+HERE = "here"
+"""Zero of all axes: where the handle is when the drive is enabled."""
+
 
 @dataclass(frozen=True)
 class Loaded:
@@ -54,8 +57,22 @@ def load(task: Task) -> Loaded:
         rig = _on_bus(rig, bus)
     scene = settled(task.scene, task.settings)
     if rig is None:
-        rig = _shipped_bench(scene.scene, task.drive, bus, task.node)
-    return Loaded(task, scene, _with_own_profiles(rig, task.profiles), bus)
+        rig = _shipped_bench(_renamed(scene.scene, task), task.drive, bus, task.node)
+    return Loaded(task, scene, _with_own_profiles(_with_zero(rig, task.zero), task.profiles), bus)
+
+
+def _with_zero(rig: Rig, zero: str | None) -> Rig:
+    """Return the rig with the zero that a task names in the place of its own; raises UsageError for another word."""
+    if zero is None:
+        return rig
+    if zero != HERE:
+        raise UsageError(
+            f'--zero "{zero}": expected {HERE}; an encoder count stands in the rig, axis.NAME.mechanism.zero'
+        )
+    return replace(
+        rig,
+        axis={name: replace(axis, mechanism=replace(axis.mechanism, zero="start")) for name, axis in rig.axis.items()},
+    )
 
 
 def _with_own_profiles(rig: Rig, profiles: str | Path | None) -> Rig:
@@ -113,7 +130,17 @@ def _compiled(loaded: Loaded, scene: Scene) -> Plan:
     """Return the plan of `scene` on the loaded bench."""
     task, rig = loaded.task, loaded.rig
     profiles = {axis.profile: load_profile(axis.profile) for axis in rig.axis.values()}
-    return compile_plan(scene, rig, profiles, task.rate, method=task.method, estimator=task.estimator)
+    return compile_plan(_renamed(scene, task), rig, profiles, task.rate, method=task.method, estimator=task.estimator)
+
+
+def _renamed(scene: Scene, task: Task) -> Scene:
+    """Return the scene with the names that the task gives its axes; raises UsageError for an unknown axis."""
+    if not task.axes:
+        return scene
+    # Imported here, because a scene whose axes keep their names does without it.
+    from haptic_fieldbus.scenes.renamed import with_axes
+
+    return with_axes(scene, task.axes)
 
 
 def _used(rig: Rig) -> dict[str, BusSection]:
@@ -131,7 +158,7 @@ def _bus_of(rig: Rig) -> BusName:
             "time; --bus sim simulates all of them"
         )
     # Two masters on one pair of wires would each send a SYNC.
-    if len({(bus.section.interface, bus.section.channel) for bus in names.values()}) < len(names):
+    if len({section.wires for section in _used(rig).values()}) < len(names):
         raise UsageError(
             f"{rig.source or 'the rig'} names one bus twice: {listed}. What hangs on one pair of wires is one [bus]"
         )

@@ -46,5 +46,9 @@ class Task(Rendering):
     """sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE]; None is the simulation, or the buses of the rig."""
     node: int = DEFAULT_NODE
     """Node-ID of the first axis of the shipped bench; the others count from it."""
+    axes: Mapping[str, str] | None = None
+    """Names of the rig for axes of the scene, {"knob": "handle"}; an axis that is not named here has its own."""
+    zero: str | None = None
+    """"here": positions count from where the handle is when the drive is enabled, whatever the rig says; or None."""
     profiles: str | Path | None = None
     """Folder of one's own profiles, beside the shipped ones; None is HAPTIC_FIELDBUS_PROFILES of the environment."""

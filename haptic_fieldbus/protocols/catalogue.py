@@ -13,6 +13,7 @@ from haptic_fieldbus.defaults import DEFAULT_PROTOCOL
 from haptic_fieldbus.documents import (
     Document,
     KeyPath,
+    check_kind,
     is_eds,
     is_path,
     knows,
@@ -21,7 +22,8 @@ from haptic_fieldbus.documents import (
     suggestion,
 )
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import BusSection, Rig
+from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
+from haptic_fieldbus.drive.rig_units import convert_units, schema_with_units
 from haptic_fieldbus.errors import DocumentError, ProfileError, RigError, UsageError
 from haptic_fieldbus.protocols.folders import known_names, own_profile, profile_file
 from haptic_fieldbus.protocols.folders import profile_folder as profile_folder
@@ -54,6 +56,7 @@ def load_profile(name_or_path: str | Path, profiles: str | Path | None = None) -
     if is_eds(name_or_path):
         return protocol_named(DEFAULT_PROTOCOL).vendor_profile(name_or_path)
     document = read_document(profile_file(name_or_path, profiles), ProfileError)
+    check_kind(document, "drive")
     protocol = _protocol_of(document)
     profile = document.validate(protocol.profile, loaded=PROFILE_LOADED)
     document.integers(("schema",))  # Pydantic takes 1.0 and true for the literal 1
@@ -114,6 +117,11 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
     folder of profiles that cannot be listed.
     """
     document = read_document(Path(path), RigError)
+    check_kind(document, "bus")
+    for name in document.table("bus"):
+        _channel_as_text(document, name)
+    for name in document.table("axis"):
+        convert_units(document, RigAxis, ("axis", name))
     rig = document.validate(Rig, loaded=RIG_LOADED)
     nodes: dict[tuple[object, object], str] = {}
     known = known_names(profiles)
@@ -146,12 +154,16 @@ def profile_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
 
 def bus_schema(protocol: str = DEFAULT_PROTOCOL) -> dict[str, Any]:
     """Return the JSON Schema of a bus of `protocol` in a rig file; raises UsageError for an unknown one."""
-    return schema_of(protocol_named(protocol).section)
+    section = protocol_named(protocol).section
+    schema = schema_with_units(section, schema_of(section))
+    number = {"minimum": 0, "type": "integer"}
+    schema["properties"]["channel"] = {"anyOf": [schema["properties"]["channel"], number]}
+    return schema
 
 
 def rig_schema() -> dict[str, Any]:
     """Return the JSON Schema of a rig file with buses of the protocols in this package."""
-    schema = schema_of(Rig, loaded=RIG_LOADED)
+    schema = schema_with_units(Rig, schema_of(Rig, loaded=RIG_LOADED))
     # `Rig` knows only the common keys of a bus; the schema lists the whole bus of each protocol.
     schema["$defs"]["BusSection"] = {"anyOf": [bus_schema(name) for name in BUILT_IN]}
     return schema
@@ -208,6 +220,14 @@ def _check_bus(document: Document, axis: str, nodes: dict[tuple[object, object],
         document.fault(("axis", axis, "node"), f"{node} is the node-ID of axis {other} on {bus}; expected another one")
 
 
+def _channel_as_text(document: Document, bus: str) -> None:
+    """Let a channel be a number too; interfaces that count their channels read it from the text."""
+    table, channel = document.table("bus", bus), document.value("bus", bus, "channel")
+    # `type`, not `isinstance`: true is an int too.
+    if type(channel) is int and channel >= 0:
+        table["channel"] = str(channel)
+
+
 def _check_bus_section(document: Document, name: str) -> BusSection | None:
     """Return the bus as its protocol defines it; None when it has faults, which are noted."""
     try:
@@ -215,6 +235,7 @@ def _check_bus_section(document: Document, name: str) -> BusSection | None:
     except UsageError as error:
         document.fault(("bus", name, "interface"), str(error))
         return None
+    convert_units(document, protocol.section, ("bus", name))
     return document.validate(protocol.section, ("bus", name))
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from haptic_fieldbus.documents import file_names, file_of, schema_of
+from haptic_fieldbus.documents.quantities import with_units
 from haptic_fieldbus.scenes.files import apply_settings, check_together, elements_of, raise_faults
 from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.parts import LIBRARY, SceneFile, ScenePart, read_parts
-from haptic_fieldbus.scenes.quantities import Quantity
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, own_elements
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Workspace
@@ -92,18 +92,8 @@ def _element_schema(kind: str, name: str) -> dict[str, Any]:
     written = json.dumps(schema_of(element_type(kind)))
     element: dict[str, Any] = json.loads(written.replace('"#/$defs/', f'"#/$defs/{name}.'))
     for name, quantity in quantities(element_type(kind)).items():
-        element["properties"][name] = _with_units(element["properties"][name], quantity)
+        units = dict.fromkeys(quantity.unit(workspace) for workspace in Workspace if quantity.unit(workspace))
+        element["properties"][name] = with_units(element["properties"][name], " or ".join(units))
     element["properties"] = {"kind": {"const": kind}} | element["properties"]
     element["required"] = ["kind", *element.get("required", ())]
     return element
-
-
-def _with_units(schema: dict[str, Any], quantity: Quantity) -> dict[str, Any]:
-    """Return the schema of a number in SI that may also be a text of a number and its unit."""
-    units = " or ".join(dict.fromkeys(quantity.unit(workspace) for workspace in Workspace if quantity.unit(workspace)))
-    described = {"description": f"in {units}"} if units else {}
-    text = {"type": "string", "pattern": r"^\s*[-+.0-9]"}
-    # Default and title are of the value as a whole, whichever alternative it has.
-    kept = [key for key in ("default", "title") if key in schema]
-    whole: dict[str, Any] = {key: schema.pop(key) for key in kept} | described
-    return whole | {"anyOf": [*schema.get("anyOf", [schema]), text]}

@@ -25,8 +25,8 @@ from typing import Annotated, Protocol, Self, runtime_checkable
 
 from annotated_types import Ge, Le, Len
 
+from haptic_fieldbus.documents.quantities import RANGES, Quantity
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.quantities import RANGES, Quantity
 from haptic_fieldbus.signals import Signal
 
 # Pydantic's configuration of every element: an unknown key, an infinity or not-a-number is a fault of the file.

@@ -8,11 +8,11 @@ numbers.
 from collections.abc import Iterator, Mapping
 
 from haptic_fieldbus.documents import Document, suggestion
+from haptic_fieldbus.documents.quantities import parse_quantity
 from haptic_fieldbus.errors import Fault, SceneError, UsageError
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.parameters import parameters, quantities
 from haptic_fieldbus.scenes.parts import ScenePart
-from haptic_fieldbus.scenes.quantities import parse_quantity
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type
 from haptic_fieldbus.signals import Workspace
 

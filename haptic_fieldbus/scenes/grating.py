@@ -19,9 +19,9 @@ from typing import Annotated, ClassVar
 
 from annotated_types import Ge, Gt, Le
 
+from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Law, Length, PositiveEffort, Stiffness
-from haptic_fieldbus.scenes.quantities import Quantity
 from haptic_fieldbus.signals import Signal
 
 

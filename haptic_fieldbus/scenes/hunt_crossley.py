@@ -21,9 +21,9 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from annotated_types import Ge, Le
 
+from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, InverseSpeed, Length, Place, PositiveEffort
-from haptic_fieldbus.scenes.quantities import Quantity
 from haptic_fieldbus.signals import Signal
 
 DEEPEST = 1e60

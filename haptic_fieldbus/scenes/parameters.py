@@ -1,12 +1,11 @@
 """The parameters of an element class: which ones a setting can change, and the quantity that each of them measures."""
 
-from collections.abc import Iterator
 from dataclasses import fields
 from functools import cache
-from typing import Any, cast, get_origin, get_type_hints
+from typing import Any, cast, get_type_hints
 
+from haptic_fieldbus.documents.quantities import Quantity, annotations
 from haptic_fieldbus.scenes.element import AnyElement
-from haptic_fieldbus.scenes.quantities import Quantity
 
 # Fields that tie an element to its scene, and are no parameters.
 NOT_SETTABLE = ("name", "axis", "axes")
@@ -24,15 +23,6 @@ def quantities(element: type[AnyElement]) -> dict[str, Quantity]:
     return {
         name: quantity
         for name in parameters(element)
-        for quantity in _metadata(hints[name])
+        for quantity in annotations(hints[name])
         if isinstance(quantity, Quantity)
     }
-
-
-def _metadata(hint: Any) -> Iterator[object]:
-    """Yield the annotations of a type, also those inside of unions."""
-    yield from getattr(hint, "__metadata__", ())
-    # Annotations inside of a list belong to its members, not to the list.
-    if get_origin(hint) is not tuple:
-        for member in getattr(hint, "__args__", ()):
-            yield from _metadata(member)

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Len
 
-from haptic_fieldbus.documents import Document, beside, file_of, is_path, read_document, suggestion
+from haptic_fieldbus.documents import Document, beside, check_kind, file_of, is_path, read_document, suggestion
 from haptic_fieldbus.errors import Fault, SceneError, UsageError
 from haptic_fieldbus.scenes.element import STRICT
 from haptic_fieldbus.scenes.registry import element_type, kind_names
@@ -75,6 +75,7 @@ def read_parts(path: Path) -> list[ScenePart]:
 def _read(path: Path, above: tuple[Path, ...], numbers: Iterator[int]) -> list[ScenePart]:
     """Read a file and those that it includes; `above` are the files that include it, `numbers` count the files."""
     document = read_document(path, SceneError)
+    check_kind(document, "element")
     frame = document.validate(SceneFile)
     if not document.value("element") and not document.value("include"):
         document.fault(("element",), "missing; expected a list that is not empty")

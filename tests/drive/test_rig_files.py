@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from haptic_fieldbus.drive.rig import ByKind, LinearMechanism, Rig, RotaryMechanism
 from haptic_fieldbus.errors import DocumentError, RigError
-from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.canopen.bus import Argument, CanSection
 from haptic_fieldbus.protocols.catalogue import load_profile, load_rig, profile_folder
 from haptic_fieldbus.signals import Workspace
 
@@ -96,6 +96,17 @@ def test_what_a_rig_leaves_out_is_unknown(tmp_path: Path) -> None:
     assert (knob.limits.effort, knob.limits.speed, knob.limits.position) == (None, None, None)
 
 
+def test_a_channel_may_be_a_number_and_an_interface_have_arguments(tmp_path: Path) -> None:
+    text = COMPLETE.replace(
+        'interface = "socketcan"\nchannel = "can0"',
+        'interface = "slcan"\nchannel = 0\narguments = { ttyBaudrate = 115200, timeout = 0.5, rtscts = true, x = "y" }',
+    )
+    section = read(tmp_path, text).bus["can0"]
+    arguments: dict[str, Argument] = {"ttyBaudrate": 115_200, "timeout": 0.5, "rtscts": True, "x": "y"}
+    assert section == CanSection("slcan", "0", 500_000, arguments=arguments)
+    assert [type(value) for value in arguments.values()] == [int, float, bool, str]
+
+
 def test_a_profile_given_as_a_path_is_found_beside_the_rig(tmp_path: Path) -> None:
     text = (profile_folder() / "maxon_epos4.toml").read_text(encoding="utf-8")
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
@@ -116,10 +127,27 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
         (
             "bitrate = 500_000",
             'bitrate = "500k"',
-            'line 4: bus.can0.bitrate: "500k"; expected a whole number from 10000 to 1000000',
+            'line 4: bus.can0.bitrate: "500k"; expected a bit rate in bit/s; the unit is not known',
         ),
         ('channel = "can0"', "", "line 1: bus.can0.channel: missing; expected text that is not empty"),
         ('bus = "can0"', 'bus = "cann0"', "line 6: axis.handle.bus: no [bus.cann0] in this file; nearest: can0"),
+        (
+            "bitrate = 500_000",
+            "arguments = { bitrate = 500_000 }",
+            "line 4: bus.can0.arguments: bitrate is a key of the bus itself; expected it one table above",
+        ),
+        (
+            "bitrate = 500_000",
+            "arguments = { receive_own_messages = true }",
+            "line 4: bus.can0.arguments: receive_own_messages would show the master its own frames as those of "
+            "somebody else; expected none",
+        ),
+        (
+            "bitrate = 500_000",
+            "arguments = { x = [1] }",
+            "line 4: bus.can0.arguments.x: [1]; expected true or false or a whole number or a number or text",
+        ),
+        ('channel = "can0"', "channel = -1", "line 3: bus.can0.channel: -1; expected text that is not empty"),
         ("node = 5", "node = 128", "line 7: axis.handle.node: 128; expected a whole number from 1 to 127"),
         (
             "node = 6",
@@ -190,7 +218,8 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
         (
             "[-0.10, 0.10]",
             '["a", 0.10]',
-            'line 23: axis.handle.limits.position[0]: "a"; expected a number from -1e9 to 1e9',
+            'line 23: axis.handle.limits.position[0]: "a"; expected a number without quotes, '
+            'or one with its unit such as "2 m"',
         ),
         (
             '{ kind = "rotary", gear_ratio = 4, zero = 120 }',

@@ -8,7 +8,7 @@ import pytest
 from haptic_fieldbus.drive.mechanics import Cogging, CompliantCoupling, Mechanics, Weight
 from haptic_fieldbus.drive.rig import BusSection, Limits, Proved, Rig, RigAxis, RotaryMechanism, Seen, default_axis
 from haptic_fieldbus.drive.rig_text import rig_text
-from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.canopen.bus import Argument, CanSection
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.signals import Workspace
 
@@ -51,6 +51,12 @@ def test_what_is_read_is_what_was_written(axis: RigAxis, tmp_path: Path) -> None
 def test_names_and_channels_may_be_any_text(name: str, tmp_path: Path) -> None:
     sections: dict[str, BusSection] = {name: CanSection("udp_multicast", name)}
     rig = Rig(sections, {name: replace(LINEAR, bus=name)})
+    assert written(rig, tmp_path / "rig.toml") == rig
+
+
+def test_arguments_of_an_interface_are_written_too(tmp_path: Path) -> None:
+    arguments: dict[str, Argument] = {"ttyBaudrate": 115_200, "rtscts": True, "sleep_after_open": 0.5, "a b": 'x"y'}
+    rig = Rig({"can": CanSection("slcan", "/dev/ttyACM0", arguments=arguments)}, {"handle": LINEAR})
     assert written(rig, tmp_path / "rig.toml") == rig
 
 

@@ -1,14 +1,20 @@
 """The table of limits: what `plan` says of an axis is what its cycle keeps."""
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.rig import Limits
+import haptic_fieldbus
+from haptic_fieldbus.drive.rig import Limits, Rig
+from haptic_fieldbus.drive.rig_text import rig_text
 from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.planning.explain import explain
-from haptic_fieldbus.planning.limit_table import LimitRow, Reaction, limit_rows
+from haptic_fieldbus.planning.limit_table import LimitRow, Reaction, limit_rows, recommended_limits
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.plan_json import plan_json
+from haptic_fieldbus.protocols.canopen.bus import CanSection
 from tests.builders import PROFILE, VELOCITY_ONLY, WALL, plan_of, rig_of
 
 RATED = 0.4 / (0.05 / (2 * math.pi))
@@ -41,6 +47,36 @@ def test_the_rig_may_set_each_limit_of_motion() -> None:
     assert (found["force"].value, found["speed"].value, found["power"].value) == (8.0, 1.5, 3.0)
     assert (found["acceleration"].value, found["force at standstill"].time) == (100.0, 10.0)
     assert (found["lowest position"].value, found["highest position"].value) == (-0.1, 0.2)
+
+
+def with_limits(folder: Path, limits: str) -> Plan:
+    """The plan of a wall on a rig file of the shipped bench with these lines of limits."""
+    bench = haptic_fieldbus.plan("wall").rig
+    axis = replace(bench.axis["handle"], limits=Limits(), bus="can0")
+    text = rig_text(Rig({"can0": CanSection("socketcan", "can0")}, {"handle": axis}), "A bench")
+    path = folder / "rig.toml"
+    path.write_text(f"{text}\n[axis.handle.limits]\n{limits}\n", encoding="utf-8")
+    return haptic_fieldbus.plan("wall", path, bus="sim")
+
+
+def test_a_rig_without_limits_is_told_those_of_the_first_runs(tmp_path: Path) -> None:
+    """As they can be written into its file; the force is a fifth of 50.27 N, the way is the person's to know."""
+    (advice,) = [line for line in explain(with_limits(tmp_path, "")).splitlines() if line.startswith("advice")]
+    _, _, told = advice.partition("[axis.handle.limits] ")
+    assert told == "effort = 10, speed = 1, position = [lowest, highest], the free way of the handle in m"
+    effort, speed, _ = told.split(", ", 2)
+    plan = with_limits(tmp_path, f"{effort}\n{speed}\nposition = [-0.1, 0.1]")
+    assert "advice" not in explain(plan)
+    assert (plan.axes[0].limits.effort, plan.axes[0].limits.speed) == (10.0, 1.0)
+
+
+def test_of_limits_that_are_known_nothing_is_recommended(tmp_path: Path) -> None:
+    advice = recommended_limits(with_limits(tmp_path, "effort = 8.0\nposition = [-0.1, 0.1]").axes[0])
+    assert advice == "for the first runs [axis.handle.limits] speed = 1"
+
+
+def test_the_shipped_bench_is_given_no_advice() -> None:
+    assert "advice" not in explain(haptic_fieldbus.plan("wall"))
 
 
 def test_a_limit_that_is_not_there_is_not_shown() -> None:

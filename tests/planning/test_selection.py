@@ -1,13 +1,14 @@
 """Which buses a run is on: those of the rig, or the simulation in their place."""
 
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 from can.interfaces.virtual import channels
 
 from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.drive.rig import LinearMechanism, Rig
-from haptic_fieldbus.errors import BusError, BusOverloadError, PlanError, SceneError, UsageError
+from haptic_fieldbus.errors import BusError, BusOverloadError, PlanError, SafetyTripError, SceneError, UsageError
 from haptic_fieldbus.planning.selection import check_rendering, load, select
 from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
@@ -24,6 +25,34 @@ def test_a_mass_that_is_none_is_told_the_smallest_one_at_the_rate_that_is_asked_
     scene = scene_of(SprungMass("left", stiffness=200.0, mass=0.0))
     with pytest.raises(SceneError, match=r"semi-implicit renders it .* from 0\.0008 up, at 250 Hz"):
         select(Task(scene=scene, rate=250.0, method="semi-implicit"))
+
+
+def counted_from(zero: int | Literal["start"]) -> Rig:
+    """The bench of the wall with this zero, and limits around it."""
+    bench = plan("wall").rig
+    axis = bench.axis["handle"]
+    mechanism, limits = replace(axis.mechanism, zero=zero), replace(axis.limits, position=(-0.1, 0.1))
+    return replace(bench, axis={"handle": replace(axis, mechanism=mechanism, limits=limits)})
+
+
+def test_zero_here_stands_in_the_place_of_the_zero_of_the_rig() -> None:
+    assert plan("wall", counted_from(10_000)).rig.axis["handle"].mechanism.zero == 10_000
+    assert plan("wall", counted_from(10_000), zero="here").rig == counted_from("start")
+
+
+@pytest.mark.thorough("four runs")
+def test_a_run_may_begin_where_the_handle_is() -> None:
+    """The encoder begins at 0, which is 122 mm before the count of this rig, and outside of its limits."""
+    assert run("wall", counted_from(0), duration=1.0).trips == ()
+    with pytest.raises(SafetyTripError, match="position"):
+        run("wall", counted_from(10_000), duration=1.0)
+    here = run("wall", counted_from(10_000), duration=1.0, zero="here")
+    assert here.torque_error == run("wall", counted_from(0), duration=1.0).torque_error
+
+
+def test_zero_is_here_or_that_of_the_rig() -> None:
+    with pytest.raises(UsageError, match=r'^--zero "there": expected here; an encoder count stands in the rig'):
+        plan("wall", zero="there")
 
 
 def rig(interface: str = "haptic_sim", right: int = 1_000_000) -> Rig:

@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 
 import haptic_fieldbus
+from haptic_fieldbus.documents.quantities import RANGES
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.plan_json import plan_json
 from haptic_fieldbus.protocols.catalogue import profile_folder, profile_names
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.parameters import quantities
-from haptic_fieldbus.scenes.quantities import RANGES
 
 BEYOND = (1e308, -1e308, 1e-300, 5e-324, 0.0, -0.0, -1.0, 9e15, math.nan, math.inf)
 EDGES = (1e-12, 1e-9, 1e-6, 1e6, 1e9)

@@ -236,7 +236,6 @@ def test_a_run_imports_only_what_its_scene_needs(scene: str) -> None:
         "haptic_fieldbus.scenes.files",
         "haptic_fieldbus.scenes.parameters",
         "haptic_fieldbus.scenes.parts",
-        "haptic_fieldbus.scenes.quantities",
         "haptic_fieldbus.scenes.registry",
         "haptic_fieldbus.scenes.scene",
         "haptic_fieldbus.numerics.exact",

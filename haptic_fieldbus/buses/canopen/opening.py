@@ -6,6 +6,7 @@ every exception counts as a refusal.
 
 import logging
 from collections.abc import Mapping
+from typing import Any
 
 import can
 
@@ -33,7 +34,7 @@ ADVICE: Mapping[str, str] = {
     "serial": f'install "python-can[serial]" by pip, {_PORT} serial:/dev/ttyUSB0',
     "slcan": f'install "python-can[serial]" by pip, {_PORT} slcan:/dev/ttyACM0',
     "socketcan": "type an interface that is up, as `ip -details link show type can` lists them",
-    "socketcand": "install nothing, but write host and port of the daemon into a can.conf of python-can",
+    "socketcand": "install nothing, but give host and port of the daemon in [bus.NAME.arguments] of a rig",
     "systec": f"install the USB-CANmodul driver of SYS TEC, which is for Windows only; {_SOCKETCAN}",
     "udp_multicast": 'install "python-can[multicast]" by pip, and type a group, for example udp_multicast:239.74.163.2',
     "usb2can": 'install the CANAL driver of 8devices, which is for Windows only, and "pywin32" by pip',
@@ -54,6 +55,7 @@ def open_can(section: CanSection) -> can.BusABC:
 
     Both name the bus, the reason and what to install or to type, in one sentence.
     """
+    given: dict[str, Any] = {**section.arguments, "bitrate": section.bitrate}
     subject = f"cannot open {section.interface}:{section.channel}"
     advice = ADVICE.get(section.interface, OF_A_PACKAGE)
     # python-can warns of a missing driver before it raises, and of a bus half opened when it is forgotten. The error
@@ -61,7 +63,7 @@ def open_can(section: CanSection) -> can.BusABC:
     logger = logging.getLogger("can")
     logger.addHandler(SILENT)
     try:
-        bus = can.Bus(interface=section.interface, channel=section.channel, bitrate=section.bitrate)
+        bus = can.Bus(section.channel, section.interface, **given)
     except FOREIGN as error:
         raise type(ours := translate(error, subject))(f"{ours}; {advice}") from error
     except _NO_DRIVER as error:

@@ -1,7 +1,8 @@
 """Names of CAN buses, as users and rig files write them."""
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
 from typing import Annotated, ClassVar
 
@@ -9,7 +10,8 @@ from annotated_types import Ge, Le
 
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, SIMULATION
 from haptic_fieldbus.documents import suggestion
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime
+from haptic_fieldbus.documents.quantities import Quantity
+from haptic_fieldbus.drive.fields import STRICT, Measured, NonNegativeTime
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
@@ -39,12 +41,28 @@ LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 """Usual name of a CAN interface under Linux, which users write without `socketcan:`."""
 
 
+Argument = bool | int | float | str
+"""What an argument of an interface may be in a rig file."""
+_OF_THE_BUS = "is a key of the bus itself; expected it one table above"
+OURS = {
+    "interface": _OF_THE_BUS,
+    "channel": _OF_THE_BUS,
+    "bitrate": _OF_THE_BUS,
+    "bustype": "is the old name of interface; expected none",
+    "receive_own_messages": "would show the master its own frames as those of somebody else; expected none",
+    "ignore_config": "is not passed on to the interface; expected none",
+    "config_context": "is not passed on to the interface; expected none",
+}
+"""Arguments of python-can that are not for a rig to give, and why."""
+
+
 @dataclass(frozen=True)
 class CanSection(BusSection):
     """A CAN bus of a rig, by the names of python-can; the bit rate is in bit/s."""
 
-    bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1])] = DEFAULT_BIT_RATE
-    listen: Annotated[float, Ge(0.0), Le(LONGEST_LISTENING)] = LISTENING
+    bitrate: Annotated[int, Ge(BITRATES[0]), Le(BITRATES[1]), Measured(Quantity.BIT_RATE)] = DEFAULT_BIT_RATE
+    """[bit/s] at which the wires run."""
+    listen: Annotated[float, Ge(0.0), Le(LONGEST_LISTENING), Measured(Quantity.TIME)] = LISTENING
     """Time for which the master listens for somebody else before it sends anything [s]; 0: not at all."""
     master_node: Annotated[int, Ge(NODES[0]), Le(NODES[-1])] | None = None
     """Node-ID of the master's heartbeat; None: the highest that no drive of the rig has."""
@@ -53,8 +71,14 @@ class CanSection(BusSection):
     assumed time in the cautious limit of a real bus."""
     jitter: NonNegativeTime | None = None
     """Time by which the host may be late in a period [s]; None as for the adapter."""
+    arguments: Mapping[str, Argument] = field(default_factory=dict)
+    """Further arguments of the interface, by the names that python-can gives them: `ttyBaudrate`, `host`, `port`."""
     protocol: ClassVar[str] = "canopen"
     __pydantic_config__: ClassVar[dict[str, object]] = STRICT
+
+    def __post_init__(self) -> None:
+        for name in self.arguments.keys() & OURS.keys():
+            raise ValueError(f"arguments: {name} {OURS[name]}")
 
     @property
     def simulated(self) -> bool:
@@ -63,6 +87,11 @@ class CanSection(BusSection):
     @property
     def lateness(self) -> float:
         return self.jitter or 0.0
+
+    @property
+    def wires(self) -> str:
+        """What tells one pair of wires from another: a channel may be that of one host or of another."""
+        return f"{super().wires}{sorted(self.arguments.items())}"
 
 
 def can_section(section: BusSection) -> CanSection:
@@ -94,7 +123,11 @@ def in_place_of(section: CanSection, named: BusName, channel: str | None) -> Can
         raise UsageError(f'bus "{named.text}" is no CAN bus, the rig\'s {section.interface}:{section.channel} is one')
     # A simulation without a bit rate is that of the bus which it replaces.
     bitrate = section.bitrate if named.text == SIMULATION else new.bitrate
-    return replace(section, interface=new.interface, channel=channel or new.channel, bitrate=bitrate)
+    # The arguments of one interface are not those of another.
+    arguments = section.arguments if new.interface == section.interface else {}
+    return replace(
+        section, interface=new.interface, channel=channel or new.channel, bitrate=bitrate, arguments=arguments
+    )
 
 
 def _parse_bare(text: str) -> BusName:

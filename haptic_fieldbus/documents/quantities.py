@@ -1,15 +1,17 @@
-"""Quantities that the numbers of a scene measure, and the units in which a file may write them.
+"""Quantities that the numbers of a scene or a rig measure, and the units in which a file may write them.
 
 A bare number is SI, in the workspace of its axis: `stiffness = 600` is N/m on a linear axis, N·m/rad on a rotary one. A
-text holds a number and a unit, `"0.6 N/mm"`; it is refused when the unit measures another quantity.
+text holds a number and a unit, `"0.6 N/mm"`; it is refused when the unit measures another quantity. The annotation of a
+field says which quantity it is.
 """
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
+from typing import Any, get_origin
 
 from annotated_types import Interval
 
@@ -32,6 +34,10 @@ class Quantity(Enum):
     TIME = ("s", "s")
     FREQUENCY = ("Hz", "Hz")
     RATIO = ("", "")
+    POWER = ("W", "W")
+    CURRENT = ("A", "A")
+    EFFORT_PER_CURRENT = ("N/A", "N·m/A")
+    BIT_RATE = ("bit/s", "bit/s")
 
     def unit(self, workspace: Workspace) -> str:
         """Return the SI unit in this workspace; empty for a ratio."""
@@ -81,6 +87,7 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6}
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180, "rev": 2 * math.pi}
 _FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 _TORQUES = {"N·m": 1.0, "mN·m": 1e-3, "µN·m": 1e-6, "kN·m": 1e3}
+_CURRENTS = {"A": 1.0, "mA": 1e-3}
 _TIMES = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "min": 60.0}
 
 
@@ -106,6 +113,10 @@ _FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
     Quantity.TIME: (_TIMES, _TIMES),
     Quantity.FREQUENCY: ({"Hz": 1.0, "kHz": 1e3, "1/s": 1.0},) * 2,
     Quantity.RATIO: ({"": 1.0, "%": 1e-2},) * 2,
+    Quantity.POWER: ({"W": 1.0, "mW": 1e-3, "kW": 1e3},) * 2,
+    Quantity.CURRENT: (_CURRENTS,) * 2,
+    Quantity.EFFORT_PER_CURRENT: (_over(_FORCES, _CURRENTS), _over(_TORQUES, _CURRENTS)),
+    Quantity.BIT_RATE: ({"bit/s": 1.0, "kbit/s": 1e3, "Mbit/s": 1e6},) * 2,
 }
 """SI value of one of each unit, on a linear and on a rotary axis."""
 _WRITTEN = re.compile(r"\s*([-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
@@ -115,11 +126,11 @@ _ONE_SPELLING = str.maketrans({"*": "", "·": "", "⋅": "", "μ": "µ", "−": 
 _PLAIN = (("^2", "²"), ("s2", "s²"), ("m2", "m²"), ("us", "µs"), ("um", "µm"), ("uN", "µN"))
 
 
-def parse_quantity(text: str, quantity: Quantity, workspace: Workspace) -> float:
+def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: str | None = None) -> float:
     """Return the SI value of a text such as "0.6 N/mm".
 
     Raises ValueError with the expected form, such as "a stiffness in N·m/rad, as the axis is rotary", when the text is
-    no number with a unit, or its unit measures another quantity.
+    no number with a unit, or its unit measures another quantity. A `reason` is told in the place of that of the axis.
     """
     match = _WRITTEN.fullmatch(text.translate(_ONE_SPELLING))
     if match is None or not match.group(2):
@@ -131,7 +142,8 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace) -> float
         unit = unit.replace(plain, proper)
     if unit in factors:
         return float(number) * factors[unit]
-    raise ValueError(f"{_in_words(quantity, workspace)}{_other(unit, quantity, workspace)}")
+    reason = f"as the axis is {workspace.value}" if reason is None else reason
+    raise ValueError(f"{_in_words(quantity, workspace, reason)}{_other(unit, quantity, workspace)}")
 
 
 @cache
@@ -145,13 +157,12 @@ def _example(quantity: Quantity, workspace: Workspace) -> str:
     return f', or one with its unit such as "2 {unit}"' if unit else ""
 
 
-def _in_words(quantity: Quantity, workspace: Workspace) -> str:
+def _in_words(quantity: Quantity, workspace: Workspace, reason: str) -> str:
     unit = quantity.unit(workspace)
     if not unit:
         return "a number without a unit"
     always = quantity.unit(Workspace.LINEAR) == quantity.unit(Workspace.ROTARY)
-    reason = "" if always else f", as the axis is {workspace.value}"
-    return f"{_named(quantity, workspace)} in {unit}{reason}"
+    return f"{_named(quantity, workspace)} in {unit}{'' if always else f', {reason}'}"
 
 
 _WORDS = {
@@ -159,6 +170,7 @@ _WORDS = {
     Quantity.EFFORT: ("force", "torque"),
     Quantity.MASS: ("mass", "moment of inertia"),
     Quantity.EFFORT_RATE: ("force per time", "torque per time"),
+    Quantity.EFFORT_PER_CURRENT: ("force per current", "torque per current"),
 }
 """Names on a linear and on a rotary axis, for quantities whose enum name does not serve."""
 
@@ -178,3 +190,22 @@ def _other(unit: str, quantity: Quantity, workspace: Workspace) -> str:
             if unit in _spelt(found, space is Workspace.ROTARY):
                 return f"; {unit} measures {_named(found, space)} on a {space.value} axis"
     return "; the unit is not known"
+
+
+def annotations(hint: Any) -> Iterator[object]:
+    """Yield the annotations of a type, also those inside of unions."""
+    yield from getattr(hint, "__metadata__", ())
+    # Annotations inside of a list belong to its members, not to the list.
+    if get_origin(hint) is not tuple:
+        for member in getattr(hint, "__args__", ()):
+            yield from annotations(member)
+
+
+def with_units(schema: dict[str, Any], units: str) -> dict[str, Any]:
+    """Return the JSON Schema of a number in SI that may also be a text of a number and its unit."""
+    described = {"description": f"in {units}"} if units else {}
+    text = {"type": "string", "pattern": r"^\s*[-+.0-9]"}
+    # Default and title are of the value as a whole, whichever alternative it has.
+    kept = [key for key in ("default", "title") if key in schema]
+    whole: dict[str, Any] = {key: schema.pop(key) for key in kept} | described
+    return whole | {"anyOf": [*schema.get("anyOf", [schema]), text]}

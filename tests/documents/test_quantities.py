@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.scenes.quantities import Quantity, parse_quantity
+from haptic_fieldbus.documents.quantities import Quantity, parse_quantity
 from haptic_fieldbus.signals import Workspace
 
 LINEAR, ROTARY = Workspace.LINEAR, Workspace.ROTARY

@@ -1,0 +1,165 @@
+"""Write docs/reference/rig_files.md, the keys of rig files as their schema says: `python docs/make_rig_files.py`."""
+
+import ast
+import inspect
+import re
+import sys
+import textwrap
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, fields, is_dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, ClassVar, get_args, get_type_hints
+
+from haptic_fieldbus.documents import schema_of
+from haptic_fieldbus.documents.expected import Expectation
+from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.drive.rig_units import measured_by, units_of
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
+
+FILE = Path(__file__).resolve().parent / "reference" / "rig_files.md"
+
+HEAD = """\
+# Rig files
+
+A rig says what is on your bench: its buses, and on each axis a drive, a motor and what it moves. It is one TOML file:
+
+```toml
+[bus.can0]
+interface = "socketcan"
+channel = "can0"
+bitrate = 1_000_000
+
+[axis.handle]
+bus = "can0"
+node = 5
+profile = "maxon_epos4"
+rated_torque = 0.4
+encoder_counts_per_revolution = 4096
+inertia = 6.0e-5
+viscous_damping = 1.0e-4
+coulomb_friction = 2.0e-3
+
+[axis.handle.mechanism]
+kind = "linear"
+metres_per_revolution = 0.05
+
+[axis.handle.limits]
+effort = 20.0
+speed = 1.0
+position = [-0.10, 0.10]
+```
+
+`haptic-fieldbus run wall --rig rig.toml` renders a scene on it, `--bus sim` added simulates the same bench. The axes of
+the scene are looked for by their names, or by those that `--axis knob=handle` gives them.
+`haptic-fieldbus simulate --write-rig rig.toml` writes such a file.
+
+**Units.** A number is SI; a text with a unit is taken too: `rated_torque = "94 mN·m"`, `inertia = "60 g·cm²"`,
+`bitrate = "500 kbit/s"`, `position = ["-10 cm", "10 cm"]`. All is at the motor shaft, but for `limits`, which are those
+of the handle: N, m/s, m on a linear mechanism, N·m, rad/s, rad on a rotary one. A unit that measures something else is
+refused with the one that was expected.
+
+**Adapters.** `interface` is one of [python-can](https://python-can.readthedocs.io/en/stable/interfaces.html), and
+`channel` what it takes there, a text or a number (`channel = 0`). Its other arguments go into a table:
+
+```toml
+[bus.desk]
+interface = "socketcand"
+channel = "can0"
+arguments = { host = "192.168.1.20", port = 29536 }
+```
+
+**What is left out** is unknown, or has the default that is shown. On a real bus a run needs `rated_torque`, `inertia`
+and `viscous_damping`; without them it is refused, and names the keys that are missing.
+
+**Limits.** `haptic-fieldbus plan wall --rig rig.toml` tells which limits hold, and to a rig without limits of its own
+those to begin with.
+
+**Faults.** Each command that is given the file tells all its faults at once, with line, key, value and what was
+expected, and ends with status 2.
+
+The tables are written by `make docs`; the [JSON Schema](schemas/rig.schema.json) says the same to editors.
+"""
+
+
+def page() -> str:
+    """Return the text of the page."""
+    return "\n".join([HEAD, *_lines()]).rstrip() + "\n"
+
+
+def _lines() -> Iterator[str]:
+    for protocol in BUILT_IN:
+        yield from _table(protocol_named(protocol).section, ("bus", "NAME"))
+    yield from _table(RigAxis, ("axis", "NAME"))
+
+
+def _table(schema: type, path: tuple[str, ...]) -> Iterator[str]:
+    """Yield the section of a table, and then those of the tables in it."""
+    yield f"## `[{'.'.join(path)}]`{_kind(schema)}\n"
+    yield f"{_of_a_file(inspect.getdoc(schema) or '')}\n"
+    meanings, inner = _meanings(schema), _tables(schema)
+    values = [field for field in fields(schema) if field.name not in inner]
+    if values:
+        yield "| key | value | default | meaning |\n|---|---|---|---|"
+        for field in values:
+            cells = (f"`{field.name}`", _value(schema, field.name), _default(field), meanings[field.name])
+            yield f"| {' | '.join(cells)} |"
+        yield ""
+    for name, members in inner.items():
+        for member in members:
+            yield from _table(member, (*path, name))
+
+
+def _kind(schema: type) -> str:
+    """Return the end of a heading that tells the members of a union apart."""
+    kind = get_type_hints(schema).get("kind")
+    return f', `kind = "{get_args(kind)[0]}"`' if kind else ""
+
+
+def _tables(schema: type) -> dict[str, list[type]]:
+    """Return the keys of a table whose values are tables, with the dataclasses that those may be."""
+    hints = {name: hint for name, hint in get_type_hints(schema).items() if hint is not ClassVar}
+    found = {name: [each for each in (hint, *get_args(hint)) if is_dataclass(each)] for name, hint in hints.items()}
+    return {name: [each for each in each_of if isinstance(each, type)] for name, each_of in found.items() if each_of}
+
+
+def _meanings(schema: type) -> dict[str, str]:
+    """Return the text below each field of a dataclass, as its source has it, and of those that it inherits."""
+    found: dict[str, str] = {}
+    for owner in reversed([each for each in schema.__mro__ if is_dataclass(each)]):
+        (body,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
+        statements = body.body if isinstance(body, ast.ClassDef) else []
+        for statement, text in pairwise(statements):
+            match statement, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
+                    found[name] = _of_a_file(meaning)
+    return found
+
+
+def _of_a_file(text: str) -> str:
+    """Return what is said of a value as it is true of a file, which leaves out what is None."""
+    text = re.sub(r"(^|\. )None:", r"\1Left out:", " ".join(text.split()))
+    return text.replace("None:", "left out:")
+
+
+def _value(schema: type, name: str) -> str:
+    """Return what may stand at a key, in the words of its faults, with its unit."""
+    measured = measured_by(get_type_hints(schema, include_extras=True)[name])
+    words = Expectation(schema_of(schema)).describe((name,), {})
+    return words if measured is None else f"{words}, in {units_of(measured)}"
+
+
+def _default(field: "Field[Any]") -> str:
+    if field.default is MISSING:
+        return "must be given" if field.default_factory is MISSING else "none"
+    if isinstance(field.default, bool):
+        return f"`{str(field.default).lower()}`"
+    if isinstance(field.default, float | int):
+        return exactly(field.default)
+    return "none" if field.default is None else f'`"{field.default}"`'
+
+
+if __name__ == "__main__":
+    FILE.write_text(page(), encoding="utf-8")
+    print(FILE, file=sys.stderr)
