@@ -6,7 +6,7 @@ Golden files keep this text for each scene, and for each profile.
 import math
 from collections.abc import Iterator
 
-from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.margins.cautious import Cautious
 from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER
@@ -108,16 +108,14 @@ def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
     limits = f"stable {_up_to(limit.stable)}, passive {_up_to(limit.passive)}"
     yield "stability", f"{stability.verdict.value}: {rounded_limit(stability.stiffness)} {per} asked, {limits}"
     if stability.cautious is not None:
-        yield "", f"cautious {_up_to(stability.cautious.stable)}: {cautious_text(stability, axis.workspace)}"
+        yield "", f"cautious {_up_to(stability.cautious.stable)}: {cautious_text(stability.cautious, axis.workspace)}"
     if stability.recommended is not None:
         yield "", f"recommended up to {rounded_limit(stability.recommended)} {per}"
 
 
-def cautious_text(stability: Stability, workspace: Workspace) -> str:
+def cautious_text(least: Cautious, workspace: Workspace) -> str:
     """Return the values at which the cautious limit is judged, as long as nothing else is known."""
-    least, effort, travel = stability.cautious, workspace.effort_unit, workspace.length_unit
-    if least is None:
-        return ""
+    effort, travel = workspace.effort_unit, workspace.length_unit
     mass = "kg" if workspace is Workspace.LINEAR else "kg·m²"
     at = [
         f"mass {rounded(each.plant.mass)} {mass}, damping {rounded(each.plant.damping)} {effort}·s/{travel}, "

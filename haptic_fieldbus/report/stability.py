@@ -116,7 +116,7 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
         yield f"at rest between two {between} {_up_to(limit.quantisation, unit)} (2·fc/D)"
     least = judgement.stability.cautious
     if least is not None:
-        yield f"cautious {_up_to(least.stable, unit)}: {cautious_text(judgement.stability, judgement.workspace)}"
+        yield f"cautious {_up_to(least.stable, unit)}: {cautious_text(least, judgement.workspace)}"
     # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
     less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"

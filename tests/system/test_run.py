@@ -202,13 +202,13 @@ def test_another_process_gives_the_same_frames(tmp_path: Path) -> None:
 
 def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_numbers() -> None:
     with pytest.raises(BusOverloadError, match=r"5000 Hz needs 285 bits a period: 1\d\d %"):
-        run("wall", rate=5000.0)
+        run("wall", drive="generic_cia402", rate=5000.0)
 
 
 @pytest.mark.thorough("two long runs")
 @pytest.mark.parametrize("rate", [250.0, 1500.0])
 def test_other_rates_run_too(rate: float) -> None:
-    result = run("wall", rate=rate, duration=1.0, settings={"wall.stiffness": "max/3"})
+    result = run("wall", drive="generic_cia402", rate=rate, duration=1.0, settings={"wall.stiffness": "max/3"})
     assert result.cycles == rate
 
 

@@ -1,0 +1,46 @@
+"""What a profile names and a file shows otherwise: units, guards by requests, and the period that a drive is told."""
+
+from dataclasses import replace
+
+import pytest
+
+from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds
+from haptic_fieldbus.protocols.canopen.vendor.named import named_objects
+from haptic_fieldbus.protocols.catalogue import load_profile
+from tests.builders import VELOCITY_ONLY, canopen
+from tests.eds.sheets import changed, generic, own, without
+
+COUNTS, PER_MINUTE = 0x00B5_0000, 0x00B4_4700
+
+
+def found(eds: object, profile: object) -> dict[str, str]:
+    return {each.key: each.fault for each in named_objects(profile, eds) if each.fault}  # type: ignore[arg-type]
+
+
+def test_units_of_position_and_velocity_are_those_of_60a8h_and_60a9h() -> None:
+    eds = changed(changed(generic(), 0x60A8, default=COUNTS), 0x60A9, default=PER_MINUTE)
+    assert "position.actual.unit" not in found(eds, canopen("generic_cia402"))
+    assert "position.actual.unit" in found(changed(eds, 0x60A8, default=0xFD41_0000), canopen("generic_cia402"))
+    velocity = replace(VELOCITY_ONLY.velocity, actual=replace(VELOCITY_ONLY.velocity.actual, unit="counts/s"))  # type: ignore[union-attr, type-var]
+    assert "velocity.actual.unit" in found(eds, replace(canopen("generic_cia402"), velocity=velocity))
+
+
+def test_a_guard_by_requests_needs_its_two_objects() -> None:
+    profile = canopen("generic_cia402")
+    guarded = replace(profile, link_loss=replace(profile.link_loss, heartbeat_consumer=None, life_guarding=True))
+    assert "link_loss.life_guarding" not in found(generic(), guarded)
+    assert "link_loss.life_guarding" in found(without(generic(), 0x100D), guarded)
+
+
+@pytest.mark.parametrize(("power", "fault"), [(-3, ""), (-4, "without -4, which 60C2h:02 has after power-on")])
+def test_the_power_of_the_period_is_that_of_power_on(power: int, fault: str) -> None:
+    profile = canopen("maxon_epos4")
+    eds = changed(own(profile), 0x60C2, 2, default=power)
+    assert found(eds, profile).get("sync.powers", "") == fault
+
+
+def test_a_profile_of_a_file_tells_its_faults_and_what_keeps_it_from_force() -> None:
+    profile = profile_from_eds(without(generic(), 0x6071))
+    assert isinstance(profile, EdsProfile)
+    assert [str(fault) for fault in profile.faults()] == ["not usable for force: there is no 6071h target torque"]
+    assert load_profile("generic_cia402").name == "generic_cia402"
