@@ -32,6 +32,13 @@ def test_a_guard_by_requests_needs_its_two_objects() -> None:
     assert "link_loss.life_guarding" in found(without(generic(), 0x100D), guarded)
 
 
+def test_a_target_that_is_asked_for_must_be_readable() -> None:
+    profile = canopen("generic_cia402")
+    asked = replace(profile, torque=replace(profile.torque, echo="asked"))
+    assert "torque.echo" not in found(generic(), asked)
+    assert "torque.echo" in found(changed(generic(), 0x6071, access="wo"), asked)
+
+
 @pytest.mark.parametrize(("power", "fault"), [(-3, ""), (-4, "without -4, which 60C2h:02 has after power-on")])
 def test_the_power_of_the_period_is_that_of_power_on(power: int, fault: str) -> None:
     profile = canopen("maxon_epos4")
