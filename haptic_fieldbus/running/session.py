@@ -1,8 +1,8 @@
 """One run at a site: configure, ask for confirmation, render, record, and end torque-free whatever happens."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -35,6 +35,7 @@ from haptic_fieldbus.running.rows import Rows
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
 
+EARLY = "ended before operation enabled: no torque was given"
 LONGEST_RECORD = 300_000
 """Largest number of rows that are kept of a run on real drives; files of rows are written while it goes on."""
 
@@ -79,25 +80,16 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     """
     plan = request.selection.plan
     cycles = max(1, round(request.duration * plan.rate))
-    cycle, report = Cycle(plan), LoopReport()
-    kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
-    record = Record(columns(plan), min(cycles, kept) + math.ceil(enabling_time(plan) * plan.rate) + 1)
-    try:
-        rows = Rows(record, request.record, simulated=plan.simulated)
-    except OSError as error:
-        raise UsageError(f"cannot record to {request.record}: {error.strerror}") from error
-    recordings: list[str] = []
-    bus: Bus | None = None
-    prepared = Preparation(request)
+    cycle, report, prepared = Cycle(plan), LoopReport(), Preparation(request)
+    record = _record_of(plan, cycles)
+    rows = _rows_of(request, record)
     started = perf_counter()
-    host: tuple[Right, ...] = ()
     try:
-        with ended_by_signals() as ending, place as site, _rights(plan) as host:
-            recordings = site.faults
-            bus = _one_of(site.buses)
+        with ended_by_signals() as ending, place as site, _rights(plan) as prepared.host:
+            prepared.bus = bus = _one_of(site.buses)
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
             assessment = Assessment(run)
-            try:
+            with _freed(bus, ending):
                 _open(request, plan, bus, site.clock, prepared, ending)
                 ending.hold()
                 run_loop(
@@ -112,37 +104,58 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
                     changes=request.changes,
                     ending=ending,
                 )
-            except BaseException as error:
-                ending.hold()
-                if not bus.stop():
-                    error.add_note(UNCONFIRMED)
-                raise
-            finally:
-                ending.hold()
-                bus.close()
     except KeyboardInterrupt as early:
         if UNCONFIRMED in getattr(early, "__notes__", ()):
             raise BusError(UNCONFIRMED) from early
         report.interrupted = True
-        warnings = (*prepared.warnings, "ended before operation enabled: no torque was given")
-        return replace(known_before(request.selection, report), warnings=warnings, proofs=prepared.proofs, host=host)
+        return prepared.told_with(known_before(request.selection, report), [EARLY])
     except HapticFieldbusError as error:
         # A run that fails has a result too: the command line prints it beside the error.
-        error.result = known_before(request.selection, report, cycle.trip, str(error))
-        known = (*(bus.warnings if bus is not None else ()), *prepared.warnings, *notices(plan, cycle, report))
+        known = known_before(request.selection, report, cycle.trip, str(error))
         seen = tuple(passivities(plan, cycle, report.cycles))
-        error.result = replace(error.result, warnings=known, passivity=seen, proofs=prepared.proofs, host=host)
+        error.result = prepared.told_with(replace(known, passivity=seen), notices(plan, cycle, report))
         raise
     finally:
         rows.close()
-        if rows.fault is not None:
-            recordings.append(rows.fault.strerror or str(rows.fault))
-    elapsed = perf_counter() - started
-    result = assessment.finish(elapsed)
-    fault = next(iter(recordings), None)
+    result = assessment.finish(perf_counter() - started)
+    fault = _recording_fault(rows, site)
     told = [] if fault is None else [f"the recording {request.record} ended before the run: {fault}"]
-    warnings = (*bus.warnings, *prepared.warnings, *told, *result.warnings)
-    return replace(result, warnings=warnings, recording_fault=fault, proofs=prepared.proofs, host=host)
+    return prepared.told_with(replace(result, recording_fault=fault), [*told, *result.warnings])
+
+
+def _record_of(plan: Plan, cycles: int) -> Record:
+    """Return the record of a run, with room for the periods until the drives are enabled."""
+    kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
+    return Record(columns(plan), min(cycles, kept) + math.ceil(enabling_time(plan) * plan.rate) + 1)
+
+
+def _rows_of(request: Request, record: Record) -> Rows:
+    """Open the file of rows; raises UsageError when it cannot be written."""
+    try:
+        return Rows(record, request.record, simulated=request.selection.plan.simulated)
+    except OSError as error:
+        raise UsageError(f"cannot record to {request.record}: {error.strerror}") from error
+
+
+def _recording_fault(rows: Rows, site: Site) -> str | None:
+    """Return why a recording ended before the run: that of frames, else that of rows; None when it did not."""
+    told = [] if rows.fault is None else [rows.fault.strerror or str(rows.fault)]
+    return next(iter([*site.faults, *told]), None)
+
+
+@contextmanager
+def _freed(bus: Bus, ending: EndSignals) -> Iterator[None]:
+    """Stop the drives when the block fails, with a note where one did not confirm it, and leave the bus."""
+    try:
+        yield
+    except BaseException as error:
+        ending.hold()
+        if not bus.stop():
+            error.add_note(UNCONFIRMED)
+        raise
+    finally:
+        ending.hold()
+        bus.close()
 
 
 def _rights(plan: Plan) -> AbstractContextManager[tuple[Right, ...]]:
@@ -160,12 +173,20 @@ def _one_of(buses: Mapping[str, Bus]) -> Bus:
 
 
 class Preparation:
-    """The proofs of guards before a run renders, and what is to be told of them and of the bench."""
+    """What is known before a run renders: its bus, the rights of the host, proofs of guards, and what is to be told."""
 
     def __init__(self, request: Request) -> None:
+        self.bus: Bus | None = None
+        self.host: tuple[Right, ...] = ()
         self.proofs: tuple[Proof, ...] = ()
         self.warnings: list[str] = []
         self._plan, self._asked = request.selection.plan, request.prove
+
+    def told_with(self, result: Result, warnings: Iterable[str]) -> Result:
+        """Return a result with what is known from before, and with these warnings after those of bus and guards."""
+        earlier = () if self.bus is None else self.bus.warnings
+        told = (*earlier, *self.warnings, *warnings)
+        return replace(result, warnings=told, proofs=self.proofs, host=self.host)
 
     def due(self, bus: Bus) -> dict[str, str]:
         """Return the axes of an inspected bus whose guards are to be proved, with the reason of each."""
