@@ -35,24 +35,6 @@ sys.path.insert(0, str(PROJECT))
 
 GROUP, NODE, RATE = "239.74.163.2", 5, 1000
 PERIOD_NS = 1_000_000_000 // RATE
-RIG = f"""
-[bus.can]
-interface = "udp_multicast"
-channel = "{GROUP}"
-
-[axis.handle]
-bus = "can"
-node = {NODE}
-profile = "generic_cia402"
-encoder_counts_per_revolution = 4096
-rated_torque = 0.4
-inertia = 4.0e-5
-viscous_damping = 1.0e-4
-coulomb_friction = 2.0e-3
-mechanism = {{ kind = "linear", metres_per_revolution = 0.05 }}
-limits = {{ speed = 10.0 }}
-"""
-"""The shipped bench, on a real bus."""
 TRIP_AGE, TO_SPARE = 0.030, 0.005
 """[s]; 0.6 of the guard of 50 ms, and what of it the timer must leave for a start to count."""
 LATE_ENDS = re.compile(r"feedback.*(old|lost)|loop (missed|slept)")
@@ -168,12 +150,13 @@ def start(folder: Path, seconds: float) -> Start:
 
     port = free_port()
     rig, kept, slept = (folder / name for name in ("rig.toml", "loop.npy", "timer.npy"))
-    if not rig.exists():  # what the first start proves of the drive is kept in it
-        rig.write_text(RIG, encoding="utf-8")
     for path in (kept, slept):
         path.unlink(missing_ok=True)
     bus = f"udp_multicast:{GROUP}@1000000"
-    with process("simulate", "--drive", f"generic_cia402@{NODE}", "--bus", bus, "--hand", "push", port=port) as drive:
+    # Written once: what the first start proves of the drive is kept in it.
+    written = () if rig.exists() else ("--write-rig", str(rig))
+    simulated = ("simulate", "--drive", f"generic_cia402@{NODE}", "--bus", bus, "--hand", "push", *written)
+    with process(*simulated, port=port) as drive:
         assert drive.stdout is not None
         drive.stdout.readline()
         words = ("run", "wall", "--rig", str(rig), "--yes", "--rate", str(RATE), "--duration", str(seconds), "--json")
