@@ -163,7 +163,7 @@ def draft_axis(
         profile=profile,
         rig=axis,
         power=protocol.power_table(profile),
-        traffic=protocol.axis_traffic(axis, profile, incoming, ALWAYS_OUT),
+        traffic=protocol.axis_traffic(axis, rig.bus[axis.bus], profile, incoming, ALWAYS_OUT),
         elements=elements,
         couplings=couplings,
         estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,

@@ -64,9 +64,17 @@ class FieldbusProtocol(Protocol):
         """Return the table of statuswords and controlwords by which the master commands the power state."""
 
     def axis_traffic(
-        self, axis: RigAxis, profile: DriveProfile, incoming: Sequence[Signal], outgoing: Sequence[Signal]
+        self,
+        axis: RigAxis,
+        section: BusSection,
+        profile: DriveProfile,
+        incoming: Sequence[Signal],
+        outgoing: Sequence[Signal],
     ) -> AxisTraffic:
-        """Lay out the signals of one axis; raises PlanError (ImageTooLargeError) when the drive cannot carry them."""
+        """Lay out the signals of one axis on its bus.
+
+        Raises PlanError (ImageTooLargeError) when the drive cannot carry them.
+        """
 
     def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> BusTraffic:
         """Return the traffic of a bus at `rate` [Hz], whose feedback waits for that of other buses, `waiting` in s."""

@@ -62,8 +62,8 @@ class TestMixedUp:
         toy = load_profile(PLUGIN / "toy_drive.toml")
         axis = default_axis(Workspace.LINEAR, bus="b", node=1, profile="toy")
         with pytest.raises(UsageError, match="toy works Mover speaks toy; here a CANopen drive is needed"):
-            PROTOCOL.axis_traffic(axis, toy, (), ())
-        traffic = self.toy().axis_traffic(axis, toy, (), ())
+            PROTOCOL.axis_traffic(axis, CanSection("haptic_sim", "sim"), toy, (), ())
+        traffic = self.toy().axis_traffic(axis, parse_bus("toy").section, toy, (), ())
         with pytest.raises(TypeError, match="expected PDOs, not ToyAxis"):
             PROTOCOL.bus_traffic(CanSection("haptic_sim", "sim"), {"handle": (PROFILE, traffic)}, 1000.0, 0.0)
 

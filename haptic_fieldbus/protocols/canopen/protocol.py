@@ -57,9 +57,14 @@ class Canopen(FieldbusProtocol):
         return with_mode_bits(canopen_profile(profile).torque.controlword)
 
     def axis_traffic(
-        self, axis: RigAxis, profile: DriveProfile, incoming: Sequence[Signal], outgoing: Sequence[Signal]
+        self,
+        axis: RigAxis,
+        section: BusSection,
+        profile: DriveProfile,
+        incoming: Sequence[Signal],
+        outgoing: Sequence[Signal],
     ) -> PdoTraffic:
-        """Return the PDOs of one axis.
+        """Return the PDOs of one axis, which are the same on every CAN bus.
 
         Raises ImageTooLargeError when they do not fit into the drive's PDOs, PlanError when no TPDO can answer every
         SYNC, UsageError for a profile of another protocol.

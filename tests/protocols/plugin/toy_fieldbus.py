@@ -173,7 +173,12 @@ class ToyProtocol(FieldbusProtocol):
         return profile.power
 
     def axis_traffic(
-        self, axis: RigAxis, profile: DriveProfile, incoming: Sequence[Signal], outgoing: Sequence[Signal]
+        self,
+        axis: RigAxis,
+        section: BusSection,
+        profile: DriveProfile,
+        incoming: Sequence[Signal],
+        outgoing: Sequence[Signal],
     ) -> ToyAxis:
         offered = profile.offers()
         return ToyAxis(axis.node, tuple(offered[s] for s in incoming), tuple(offered[s] for s in outgoing))

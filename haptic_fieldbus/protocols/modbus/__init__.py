@@ -1,0 +1,1 @@
+"""Modbus, RTU and TCP: registers of a drive, what is exchanged in a period, and what it takes."""

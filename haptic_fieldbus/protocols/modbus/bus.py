@@ -1,0 +1,119 @@
+"""Names of Modbus buses, as users and rig files write them."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal
+
+from annotated_types import Ge, Le
+
+from haptic_fieldbus.documents.quantities import Quantity
+from haptic_fieldbus.drive.fields import STRICT, Measured, NonNegativeTime
+from haptic_fieldbus.drive.rig import BusSection
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.bus_name import BusName
+
+TCP, RTU, SIM_TCP, SIM_RTU = INTERFACES = ("modbus-tcp", "modbus-rtu", "sim-modbus-tcp", "sim-modbus-rtu")
+"""First words of bus names, and interfaces in rig files."""
+BUS_FORMS = (
+    "sim-modbus-tcp, sim-modbus-rtu[@BAUD], modbus-tcp:HOST[:PORT] or modbus-rtu:DEVICE[@BAUD], for example "
+    "modbus-tcp:192.168.0.10, modbus-rtu:/dev/ttyUSB0@115200"
+)
+PORT = 502
+"""TCP port of the standard."""
+BAUDS = (1200, 20_000_000)
+"""Lowest and highest bit rate of a serial line [bit/s]."""
+UNITS = range(1, 248)
+"""Unit ids of drives (Modbus over serial line 1.02, 2.2); 0 is everybody's."""
+SIMULATION_CHANNEL = "sim"
+
+
+@dataclass(frozen=True)
+class ModbusSection(BusSection):
+    """A Modbus line of a rig: host and port, or a serial device."""
+
+    baud: Annotated[int, Ge(BAUDS[0]), Le(BAUDS[1]), Measured(Quantity.BIT_RATE)] | None = None
+    """[bit/s]; None: that which the profile of the first drive has after power-on."""
+    parity: Literal["none", "even", "odd"] | None = None
+    """None: that of the profile."""
+    stop_bits: Literal[1, 2] | None = None
+    """None: that of the profile."""
+    silence: NonNegativeTime | None = None
+    """Silence between two frames [s]; None: that of the profile, else that of the standard."""
+    round_trip: NonNegativeTime | None = None
+    """Time that a network and both its ends take for a request and its answer [s]; None: an assumed time."""
+    jitter: NonNegativeTime | None = None
+    """Time by which the host may be late in a period [s]; None: 0 in the plan, and an assumed time in the cautious
+    limit of a real bus."""
+    echo: bool = False
+    """True: the adapter gives back what one sends, as some of two wires do."""
+    protocol: ClassVar[str] = "modbus"
+    __pydantic_config__: ClassVar[dict[str, object]] = STRICT
+
+    @property
+    def simulated(self) -> bool:
+        return self.interface in (SIM_TCP, SIM_RTU)
+
+    @property
+    def serial(self) -> bool:
+        """True on RTU, False on TCP."""
+        return self.interface in (RTU, SIM_RTU)
+
+    @property
+    def lateness(self) -> float:
+        return self.jitter or 0.0
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port of a TCP bus; raises UsageError for a port that is none."""
+        host, colon, port = self.channel.rpartition(":")
+        if not colon or (host.count(":") and not host.endswith("]")):  # an IPv6 address without a port
+            return self.channel.strip("[]"), PORT
+        if not port.isdecimal() or not 0 < int(port) <= 0xFFFF:
+            raise UsageError(f'bus "{self.interface}:{self.channel}": after the host stands a port, 1 to 65535')
+        return host.strip("[]"), int(port)
+
+
+def modbus_section(section: BusSection) -> ModbusSection:
+    """Return the section as a Modbus line; raises TypeError when it is one of another protocol."""
+    if not isinstance(section, ModbusSection):
+        raise TypeError(f"{section.interface}:{section.channel} is no Modbus line")
+    return section
+
+
+def parse_bus(text: str) -> BusName:
+    """Parse the name of a Modbus bus; raises UsageError with the known forms."""
+    interface, colon, rest = text.partition(":")
+    if not colon:
+        interface, _, _ = text.partition("@")
+        rest = text[len(interface) :]
+    if interface not in INTERFACES:
+        raise UsageError(f'no bus "{text}". Buses are {BUS_FORMS}')
+    simulated, serial = interface in (SIM_TCP, SIM_RTU), interface in (RTU, SIM_RTU)
+    channel, at, digits = rest.rpartition("@") if serial and "@" in rest else (rest, "", "")
+    if simulated and channel not in ("", SIMULATION_CHANNEL):
+        raise UsageError(f'bus "{text}": a simulated bus has no channel, it is written {interface}')
+    if not simulated and not channel:
+        raise UsageError(f'bus "{text}" lacks its channel. Buses are {BUS_FORMS}')
+    section = ModbusSection(interface, channel or SIMULATION_CHANNEL, _baud(text, digits) if at else None)
+    if interface == TCP:
+        _ = section.address
+    return BusName(text, section)
+
+
+def in_place_of(section: ModbusSection, named: BusName, channel: str | None) -> ModbusSection:
+    """Return the `named` bus in the place of `section` of a rig; `channel`, unless None, replaces the named channel.
+
+    Raises UsageError when the named bus is no Modbus line.
+    """
+    new = named.section
+    if not isinstance(new, ModbusSection):
+        raise UsageError(
+            f'bus "{named.text}" is no Modbus line, the rig\'s {section.interface}:{section.channel} is one'
+        )
+    return replace(section, interface=new.interface, channel=channel or new.channel, baud=new.baud or section.baud)
+
+
+def _baud(text: str, digits: str) -> int:
+    """Return the bit rate [bit/s]; raises UsageError for a text or a number that is none."""
+    if not digits.isdecimal() or not BAUDS[0] <= int(digits) <= BAUDS[1]:
+        raise UsageError(f'bus "{text}": after @ stands the bit rate in bit/s, {BAUDS[0]} to {BAUDS[1]}')
+    return int(digits)

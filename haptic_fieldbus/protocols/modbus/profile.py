@@ -1,0 +1,214 @@
+"""A drive profile on Modbus: the registers of a drive, and the facts of its line.
+
+The dataclasses are the schema of a profile file with `protocol = "modbus"`. An address is the one on the wire, which
+counts from 0; manuals often print a number that is one higher.
+
+Reference: Modbus application protocol 1.1b3 (function codes); Modbus over serial line 1.02 (silence, character).
+"""
+
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar, Literal
+
+from annotated_types import Ge, Gt, Le, Len
+
+from haptic_fieldbus.drive.cia402 import Index
+from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, UInt32
+from haptic_fieldbus.drive.objects import DataType, Order
+from haptic_fieldbus.drive.power import PowerRow
+from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.signals import Signal
+
+Address = Annotated[int, Ge(0), Le(0xFFFF)]
+FunctionCode = Annotated[int, Ge(1), Le(127)]
+WordOrder = Literal["high first", "low first"]
+"""Which register of a value of 32 bits has the lower address: that with its high 16 bits, or that with its low ones."""
+Transport = Literal["rtu", "tcp"]
+Parity = Literal["none", "even", "odd"]
+
+READ_HOLDING, READ_INPUT, WRITE_SINGLE, WRITE_MULTIPLE, READ_WRITE = 3, 4, 6, 16, 23
+"""Function codes."""
+ECHOES = {"demand": Signal.TORQUE_DEMAND, "actual": Signal.TORQUE_ACTUAL}
+"""Way of `torque.echo` → signal that comes back."""
+
+
+@dataclass(frozen=True)
+class Register:
+    """One register, or two for a value of 32 bits."""
+
+    address: Address
+    type: Literal[DataType.INT16, DataType.UINT16, DataType.INT32, DataType.UINT32]
+    unit: str = ""
+    object: Index | None = None
+    """The object of CiA 402 whose value the register has."""
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def count(self) -> int:
+        """Number of registers."""
+        return self.type.size // 2
+
+
+@dataclass(frozen=True)
+class WrittenRegister(Register):
+    """A register that is written before the drive is enabled, and read back."""
+
+    value: Annotated[int, Ge(-0x8000_0000), Le(0xFFFF_FFFF)] = field(kw_only=True)
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineSection:
+    """Facts of the drive's line: what it understands, and how fast it answers."""
+
+    transports: Annotated[tuple[Transport, ...], Len(1)]
+    functions: Annotated[tuple[FunctionCode, ...], Len(1)]
+    """Function codes that the drive understands."""
+    word_order: WordOrder = "high first"
+    longest_read: Annotated[int, Ge(1), Le(125)] = 125
+    """Most registers of one reading request."""
+    longest_write: Annotated[int, Ge(1), Le(123)] = 123
+    """Most registers of one writing request."""
+    answer_time: NonNegativeTime = 0.001
+    """Time from the end of a request to the begin of the answer [s]; registers are read and written at its end."""
+    baud: Annotated[int, Ge(1200), Le(20_000_000)] = 19200
+    """[bit/s] after power-on."""
+    parity: Parity = "even"
+    stop_bits: Literal[1, 2] = 1
+    silence: NonNegativeTime | None = None
+    """Silence that the drive needs between two frames [s]; None: 3.5 characters, 1.75 ms above 19200 bit/s."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class ModbusTorque:
+    """Torque registers, and the way in which a set-point is seen to act."""
+
+    target: Register
+    actual: Register | None = None
+    demand: Register | None = None
+    """Target torque as the drive has taken it over, in the unit of `target`."""
+    rated: Register | None = None
+    """Rated torque, read at configuration and compared with the rig."""
+    limit: Register | None = None
+    """Torque limit of the drive itself, in the unit of `target`; written with the limit of the run, and put back."""
+    echo: Literal["demand", "actual", "none"] = "none"
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class ModbusMotion:
+    """Register of a measured motion."""
+
+    actual: Register
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class ModeSection:
+    """Register of the mode in which the drive follows its target torque; it is set before the drive is enabled."""
+
+    write: Register
+    value: Annotated[int, Ge(-0x8000), Le(0xFFFF)]
+    display: Register | None = None
+    """Register in which the drive confirms the mode."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class WatchdogSection:
+    """The drive's watch on its master: the register of its time, and what it does when nothing comes."""
+
+    time: Register
+    """`unit` is ms or s."""
+    deadline: Annotated[float, Gt(0), Ge(0.001), Le(65.535)] = 0.05
+    """Longest time without a request that writes the target torque [s]."""
+    reaction: Annotated[str, Len(1)] = "the shaft is free"
+    writes: tuple[WrittenRegister, ...] = ()
+    """Registers that choose the reaction."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class PowerSection:
+    """Registers by which the power stage is commanded, and what their values mean."""
+
+    status: Register
+    command: Register
+    table: Literal["cia402", "rows"] = "cia402"
+    """cia402: statusword and controlword of CiA 402; rows: `rows` tells."""
+    rows: tuple[PowerRow, ...] = ()
+    off: UInt32 = 0
+    """Command that frees the shaft in every state; only with `rows`."""
+    error: Register | None = None
+    """Code of the fault."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
+class IdentityRegister(Register):
+    """A register whose value tells the model; it is compared before anything is written."""
+
+    name: str = field(kw_only=True)
+    values: tuple[UInt32, ...] = field(default=(), kw_only=True)
+    """None given: the value is only shown."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModbusProfile(DriveProfile):
+    """Profile of a drive model on Modbus."""
+
+    line: LineSection
+    power: PowerSection
+    torque: ModbusTorque
+    position: ModbusMotion | None = None
+    velocity: ModbusMotion | None = None
+    """Velocity measured by the drive; read only when the drive offers no position."""
+    mode: ModeSection | None = None
+    setup: tuple[WrittenRegister, ...] = ()
+    """Registers that the drive needs to hold, in the order in which they are written."""
+    watchdog: WatchdogSection | None = None
+    identity: tuple[IdentityRegister, ...] = ()
+    serial: Register | None = None
+    """Serial number."""
+    __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def guarded(self) -> bool:
+        return self.watchdog is not None
+
+    @property
+    def echo(self) -> Signal | None:
+        return ECHOES.get(self.torque.echo)
+
+    def registers(self) -> dict[Signal, Register]:
+        """Return the register of each signal that the drive offers."""
+        named = {
+            Signal.STATUSWORD: self.power.status,
+            Signal.POSITION: self.position.actual if self.position else None,
+            Signal.VELOCITY: self.velocity.actual if self.velocity else None,
+            Signal.TORQUE_ACTUAL: self.torque.actual,
+            Signal.TORQUE_DEMAND: self.torque.demand,
+            Signal.CONTROLWORD: self.power.command,
+            Signal.TARGET_TORQUE: self.torque.target,
+        }
+        return {signal: register for signal, register in named.items() if register is not None}
+
+    def offers(self) -> dict[Signal, MappedSignal]:
+        return {signal: self.mapped(signal, register) for signal, register in self.registers().items()}
+
+    def mapped(self, signal: Signal, register: Register) -> MappedSignal:
+        """Return a register as it is carried."""
+        low_first = register.count > 1 and self.line.word_order == "low first"
+        order = Order.BIG_LOW_WORD_FIRST if low_first else Order.BIG
+        return MappedSignal(
+            signal, f"register {register.address:04X}h {signal.value}", register.type, register.unit, order
+        )
+
+
+def modbus_profile(profile: DriveProfile) -> ModbusProfile:
+    """Return the profile as one of Modbus; raises UsageError when it is one of another protocol."""
+    if not isinstance(profile, ModbusProfile):
+        raise UsageError(f"{profile.title} speaks {profile.drive.protocol}; here a Modbus drive is needed")
+    return profile
