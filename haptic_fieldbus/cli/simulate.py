@@ -54,9 +54,9 @@ def simulate(
 ) -> None:
     """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
     from haptic_fieldbus.running.rights import real_time
-    from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve, rig_of
     from haptic_fieldbus.sim.canopen.hosting import host
     from haptic_fieldbus.sim.faults import load_faults
+    from haptic_fieldbus.sim.host_request import HostRequest, resolve, rig_of
 
     known_faults = load_faults(faults) if faults is not None else ()
     name, slots = resolve(HostRequest(drive or [DEFAULT_DRIVE], bus, node, hand, known_faults, profiles))

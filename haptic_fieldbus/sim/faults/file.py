@@ -9,11 +9,12 @@ from haptic_fieldbus.documents import read_document
 from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.rig import ByKind
 from haptic_fieldbus.errors import FaultFileError
+from haptic_fieldbus.sim.faults.answers import AnswerFault
 from haptic_fieldbus.sim.faults.drive import DriveFaultKind, LastingFault
 from haptic_fieldbus.sim.faults.frames import LineFault
 from haptic_fieldbus.sim.faults.host import HandFault, HostFault
 
-TimedFault = DriveFaultKind | LineFault | HostFault | HandFault
+TimedFault = DriveFaultKind | LineFault | AnswerFault | HostFault | HandFault
 """Kinds that happen at an instant."""
 Fault = TimedFault | LastingFault
 
