@@ -4,6 +4,7 @@
 `run` renders on a drive.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from haptic_fieldbus.planning.refusal import check_stable
 from haptic_fieldbus.planning.request import check_fade_in, check_request
 from haptic_fieldbus.planning.selection import Selection, check_known, compiled, load, select
 from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.sim.faults import Fault, load_faults
 from haptic_fieldbus.sim.hand import hand_named
 
@@ -96,13 +98,16 @@ def run(trial: Trial) -> Result:
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
     faults = _faults(trial)
     bus = trial.bus or DEFAULT_BUS
-    check_request(bus=bus, node=trial.node, rate=trial.rate, duration=trial.duration, seed=trial.seed, record=recording)
+    name = check_request(
+        bus=bus, node=trial.node, rate=trial.rate, duration=trial.duration, seed=trial.seed, record=recording
+    )
     check_fade_in(trial.fade_in)
     try:
         selection = _selected(trial)
     except PlanError as error:
         # No plan exists yet, so the result holds the request alone.
-        error.result = Result(scene=str(trial.scene), drive=trial.drive, bus=bus, rate=trial.rate)
+        drive, rate = trial.drive or protocol_named(name.section.protocol).default_drive, trial.rate or math.nan
+        error.result = Result(scene=str(trial.scene), drive=drive, bus=bus, rate=rate)
         raise
     changes = _checked(selection, trial)
     if trial.announce is not None:

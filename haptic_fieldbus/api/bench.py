@@ -8,7 +8,7 @@ from pathlib import Path
 from haptic_fieldbus.api.sites import access_of
 from haptic_fieldbus.buses.access import Onlooker
 from haptic_fieldbus.buses.found import Check, Scan
-from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import load
@@ -26,7 +26,7 @@ ANY_SCENE = "wall"
 class BenchRequest:
     """A bench by its rig, or by one drive on a bus, as for a `Task`."""
 
-    drive: str = DEFAULT_DRIVE
+    drive: str | None = None
     bus: str | None = None
     node: int = DEFAULT_NODE
     rig: Path | None = None

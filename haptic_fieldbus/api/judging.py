@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 
-from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD, DEFAULT_RATE
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, Stability, stiffness_limit
@@ -121,7 +121,7 @@ def _on_device(task: Task, device: Device) -> Judgement:
     """Judge the scene with this device, and ideal torque, on each of its axes."""
     check_rendering(task)
     # The loop counts its period in whole nanoseconds.
-    period = round(1e9 / task.rate) * 1e-9
+    period = round(1e9 / (task.rate or DEFAULT_RATE)) * 1e-9
     plant = _plant_of(device, period)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
 

@@ -80,7 +80,7 @@ def run(options: RunOptions) -> None:
     show(note_assumed_bitrate(options.bus), sys.stderr)
     show(_drawn_faults(options), sys.stderr)
     changes = parse_changes(options.change or [])
-    progress = bar(trial.rate)
+    progress = bar(trial.duration)
     trial = replace(
         trial,
         changes=changes,

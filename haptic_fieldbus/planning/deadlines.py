@@ -71,7 +71,7 @@ def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Tor
     alone, end = bool(unguarded(axis.profile, axis.rig)), _end(axis, traffic)
     guard = math.inf if alone else traffic.guard(axis.name)
     # The event may happen just after a latch, so the next one shows it.
-    seen = period + traffic.latch + axis.delay.transport + end
+    seen = period + traffic.latch(axis.name) + axis.delay.transport + end
     faded, old = _missing(axis, period)
     by_loop = "seen in the next period, whose set-points are torque-free"
     by_guard = "a person who cuts the power" if alone else f"the guard of the drive, {rounded(1e3 * guard)} ms"

@@ -95,9 +95,19 @@ class BusTraffic(Protocol):
     def highest_rate(self) -> float:
         """Highest rate of the loop that the bus can sustain [Hz]; 0 or less: none."""
 
+    def of(self, axis: str) -> AxisTraffic:
+        """Return the traffic of an axis as it is exchanged on this bus."""
+
+    def others(self) -> "tuple[BusTraffic, ...]":
+        """Return other ways of the same exchange that were not chosen, each at the rate of this one or, if that is too
+        fast for it, at its own highest; empty where there is one way."""
+
     @property
-    def latch(self) -> float:
-        """Time from the beginning of the exchange until the drives latch [s]."""
+    def rate(self) -> float:
+        """Rate of the loop [Hz]."""
+
+    def latch(self, axis: str) -> float:
+        """Return the time from the beginning of the exchange until the drive of an axis latches [s]."""
 
     @property
     def feedback_time(self) -> float:

@@ -112,6 +112,12 @@ def in_place_of(section: ModbusSection, named: BusName, channel: str | None) -> 
     return replace(section, interface=new.interface, channel=channel or new.channel, baud=new.baud or section.baud)
 
 
+def simulated(section: ModbusSection, channel: str | None) -> ModbusSection:
+    """Return the simulated line in the place of `section` of a rig."""
+    interface = SIM_RTU if section.serial else SIM_TCP
+    return replace(section, interface=interface, channel=channel or SIMULATION_CHANNEL)
+
+
 def _baud(text: str, digits: str) -> int:
     """Return the bit rate [bit/s]; raises UsageError for a text or a number that is none."""
     if not digits.isdecimal() or not BAUDS[0] <= int(digits) <= BAUDS[1]:

@@ -37,7 +37,8 @@ class Register:
     """One register, or two for a value of 32 bits."""
 
     address: Address
-    type: Literal[DataType.INT16, DataType.UINT16, DataType.INT32, DataType.UINT32]
+    type: DataType
+    """Of 16 or 32 bits."""
     unit: str = ""
     object: Index | None = None
     """The object of CiA 402 whose value the register has."""
@@ -69,8 +70,11 @@ class LineSection:
     """Most registers of one reading request."""
     longest_write: Annotated[int, Ge(1), Le(123)] = 123
     """Most registers of one writing request."""
+    readable: tuple[tuple[Address, Address], ...] = ()
+    """First and last address of ranges in which every register can be read, so that a gap may be read through."""
     answer_time: NonNegativeTime = 0.001
-    """Time from the end of a request to the begin of the answer [s]; registers are read and written at its end."""
+    """Time that the drive works on a request before its answer begins [s]; at its end registers are written and read.
+    On RTU it follows the silence by which the end of a request is known."""
     baud: Annotated[int, Ge(1200), Le(20_000_000)] = 19200
     """[bit/s] after power-on."""
     parity: Parity = "even"
@@ -78,6 +82,20 @@ class LineSection:
     silence: NonNegativeTime | None = None
     """Silence that the drive needs between two frames [s]; None: 3.5 characters, 1.75 ms above 19200 bit/s."""
     __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def reading(self) -> int | None:
+        """Function that reads registers; None when the drive has none."""
+        return next((each for each in (READ_HOLDING, READ_INPUT) if each in self.functions), None)
+
+    def writing(self, count: int) -> int | None:
+        """Return the function that writes so many registers with the fewest octets; None when the drive has none."""
+        either = (WRITE_SINGLE, WRITE_MULTIPLE) if count == 1 else (WRITE_MULTIPLE,)
+        return next((each for each in either if each in self.functions), None)
+
+    def has_all(self, first: int, end: int) -> bool:
+        """Return True when every register from `first` to the one before `end` can be read."""
+        return any(low <= first and end - 1 <= high for low, high in self.readable)
 
 
 @dataclass(frozen=True)
