@@ -1,9 +1,11 @@
 """What `simulate` is asked to host: drives with their node-IDs, on a bus that other programs can join."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
+from typing import Protocol
 
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_PROTOCOL
 from haptic_fieldbus.documents import is_path
@@ -20,6 +22,11 @@ from haptic_fieldbus.sim.slot import Slot
 
 _BUS = "simulated"
 """Name of the bus in a rig that is written."""
+# Functions as texts, so that only the protocol of the bus is imported.
+_HOSTS = {
+    "canopen": "haptic_fieldbus.sim.canopen.hosting:host",
+    "modbus": "haptic_fieldbus.sim.modbus.hosting:host",
+}
 
 
 @dataclass(frozen=True)
@@ -27,7 +34,7 @@ class HostRequest:
     """Drives to host and the bus to host them on.
 
     `drives` are written `PROFILE` or `PROFILE@NODE`; the first without a node-ID gets `node`, the others the next free
-    ones.
+    ones. None at all: the one that is assumed on such a bus.
     """
 
     drives: Sequence[str]
@@ -63,7 +70,7 @@ def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
         bus = joined_bus(request.bus)
     with _collecting(faults):
         protocol = protocol_named(bus.section.protocol if bus is not None else DEFAULT_PROTOCOL)
-        drives = numbered(request.drives, request.node, protocol.nodes)
+        drives = numbered(request.drives or [protocol.default_drive], request.node, protocol.nodes)
     for drive in drives:
         with _collecting(faults):
             bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
@@ -71,6 +78,33 @@ def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
     if bus is None or faults:
         raise UsageError("\n".join(faults))
     return bus, slots
+
+
+class Host(Protocol):
+    """A function that hosts drives on a bus until `stopped()` is True, and returns how many frames it could not send.
+
+    `opened` is called with the bus once it is open, `ready` for each drive, and `tell` with sentences for people.
+    """
+
+    def __call__(
+        self,
+        bus: BusName,
+        slots: Sequence[Slot],
+        seed: int,
+        ready: Callable[[Slot], None],
+        stopped: Callable[[], bool],
+        tell: Callable[[str], None] = ...,
+        opened: Callable[[BusName], None] = ...,
+    ) -> int: ...
+
+
+def host_on(bus: BusName) -> Host:
+    """Return the function that hosts drives on a bus; raises UsageError when there is none for its protocol."""
+    if bus.section.protocol not in _HOSTS:
+        raise UsageError(f"{bus.text}: drives on {bus.section.protocol} cannot be hosted")
+    module, name = _HOSTS[bus.section.protocol].split(":")
+    host: Host = getattr(import_module(module), name)
+    return host
 
 
 @contextmanager

@@ -45,6 +45,7 @@ from haptic_fieldbus.sim.faults.file import FaultFile as FaultFile
 from haptic_fieldbus.sim.faults.file import TimedFault as TimedFault
 from haptic_fieldbus.sim.faults.file import faults_of as faults_of
 from haptic_fieldbus.sim.faults.file import faults_on as faults_on
+from haptic_fieldbus.sim.faults.file import kinds_of as kinds_of
 from haptic_fieldbus.sim.faults.file import load_faults as load_faults
 from haptic_fieldbus.sim.faults.file import toml_of as toml_of
 from haptic_fieldbus.sim.faults.frames import BusOff as BusOff

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, get_args
 
 from haptic_fieldbus.documents import read_document
 from haptic_fieldbus.drive.fields import STRICT
@@ -36,6 +36,11 @@ def load_faults(path: str | Path) -> tuple[Fault, ...]:
 def toml_of(faults: Iterable[Fault]) -> str:
     """Return the text of a file of these faults; a value that is the default of its key is left out."""
     return "\n".join("[[fault]]\n" + "".join(_lines(fault)) for fault in faults)
+
+
+def kinds_of(union: object) -> frozenset[str]:
+    """Return the names of the kinds in a union of them."""
+    return frozenset(kind.__annotations__["kind"].__args__[0] for kind in get_args(union))
 
 
 def faults_of(faults: Iterable[Fault], node: int) -> tuple[Fault, ...]:

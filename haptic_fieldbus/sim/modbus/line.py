@@ -25,9 +25,8 @@ from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.drive.broken import until
 from haptic_fieldbus.sim.host import HostClock, truth_of
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
-from haptic_fieldbus.sim.modbus.disturbance import Disturbances
-from haptic_fieldbus.sim.modbus.rack import Rack
-from haptic_fieldbus.sim.modbus.station import Asked, Station, refused
+from haptic_fieldbus.sim.modbus.desk import Desk
+from haptic_fieldbus.sim.modbus.station import Asked
 from haptic_fieldbus.sim.modbus.unit import Unit
 from haptic_fieldbus.sim.slot import Slot
 
@@ -35,7 +34,7 @@ _TOLERANCE_NS = 1_000
 """By how much a silence may be shorter than it should be, for rounding."""
 
 Tap = Callable[[int, bool, bytes], None]
-"""Callback for a frame: first octet [ns], whether the master sent it, octets."""
+"""Callback for a frame: begin [ns], whether the master sent it, and the octets that arrive."""
 
 
 @dataclass
@@ -71,9 +70,8 @@ class SimulatedLine:
         """`echo` gives the master back what it sends, as some adapters do."""
         self.name, self.serial = name, serial
         self._wire, self._host, self._clock, self._echo = wire, clock, truth_of(clock), echo
-        self._rack = Rack(self, seed)
-        self._station = Station(self._rack.units, serial=serial)
-        self._disturbances = Disturbances(seed, serial=serial)
+        self._desk = Desk(self, seed, serial=serial)
+        self._rack = self._desk.rack
         self._coming: deque[_Coming] = deque()
         self._octet_ns = wire.octet * 1e9
         self._way_ns, self._silence_ns = round(0.5 * wire.round_trip * 1e9), round(wire.silence * 1e9)
@@ -93,7 +91,7 @@ class SimulatedLine:
         return self._rack.units[number]
 
     def tap(self, callback: Tap) -> None:
-        """Call `callback` with every frame that is sent, as its sender sent it."""
+        """Call `callback` with every frame."""
         self._taps.append(callback)
 
     def let_happen(self, number: int, fault: faults.DriveFaultKind | faults.AnswerFault | faults.HostFault) -> None:
@@ -120,9 +118,9 @@ class SimulatedLine:
         self._traffic.append((begin_ns, end_ns))
         if self._echo:
             self._comes(begin_ns, frame)
-        for octets in self._disturbances.released():
+        for octets in self._desk.disturbances.released():
             self._comes(begin_ns + self._way_ns, octets)
-        _, asked = self._station.next(frame)
+        _, asked = self._desk.station.next(frame)
         if asked is not None and not glued:
             heard_ns = end_ns + self._way_ns + self._silence_ns
             self._rack.agenda.plan(heard_ns + self._answer_ns(asked), partial(self._execute, asked))
@@ -183,7 +181,7 @@ class SimulatedLine:
             self._broken, self._dead_since_ns, self._dead_until_ns = True, t_ns, until(t_ns, fault.duration)
             self._coming.clear()
         else:
-            self._disturbances.add(fault, number)
+            self._desk.disturbances.add(fault, number)
 
     def host_fault(self, fault: faults.HostFault) -> None:
         """Let a fault of the master's computer happen; raises ValueError when its clock is not simulated."""
@@ -204,21 +202,9 @@ class SimulatedLine:
 
     def _execute(self, asked: Asked, t_ns: int) -> None:
         """Carry a request out, and send its answer."""
-        unit = self._rack.units.get(asked.unit)
-        fault = self._disturbances.take(asked.unit) if unit is not None and unit.hears(t_ns) else None
-        if isinstance(fault, faults.AnswerException):
-            answer = refused(asked, fault.code)
-        else:
-            found = self._station.carry_out(asked, t_ns)
-            if found is None:
-                return
-            answer = found
-        if isinstance(fault, faults.AnswerWrongUnit):
-            asked = Asked(fault.to, asked.transaction, asked.function, None)
-        octets = self._station.frame(asked, answer)
-        self._tell(t_ns, False, octets)
-        for later_ns, arriving in self._disturbances.arriving(fault, octets):
-            self._comes(t_ns + later_ns + self._way_ns, arriving)
+        for later_ns, octets in self._desk.answer(asked, t_ns):
+            self._tell(t_ns + later_ns, False, octets)
+            self._comes(t_ns + later_ns + self._way_ns, octets)
 
     def _comes(self, begin_ns: int, octets: bytes) -> None:
         """Let octets come, the first of them one character after `begin_ns`."""

@@ -2,15 +2,15 @@
 
 Theory (Modbus application protocol 1.1b3). A request names a first address and a count. It is carried out as a whole or
 not at all, so a value of two registers is never torn inside one request. A request with only one half of a value is
-refused: this drive leaves no master the choice to tear one. Registers between those of the drive read as 0 and cannot
-be written; the first and the last register of a request must be the drive's own.
+refused: this drive leaves no master the choice to tear one. Registers of which nothing is known read as 0 where the
+profile says that they can be read, and cannot be written.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-from haptic_fieldbus.protocols.modbus.profile import Register, WordOrder
+from haptic_fieldbus.protocols.modbus.profile import LineSection, Register, WordOrder
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry, Refused
 
 
@@ -48,8 +48,8 @@ class Cell:
 class Registers:
     """All registers of a drive; `changed` is called after a request that has written."""
 
-    def __init__(self, order: WordOrder) -> None:
-        self._order = order
+    def __init__(self, line: LineSection) -> None:
+        self._order, self._can_be_read = line.word_order, line.has_all
         self._cells: dict[int, Cell] = {}
         self._owner: dict[int, int] = {}
         """Address of each register → first address of its value."""
@@ -98,9 +98,9 @@ class Registers:
         return list(taken)
 
     def _whole(self, address: int, count: int) -> dict[int, Cell] | None:
-        """Return the values within these registers, by address; None when one is cut, or the ends are nobody's."""
+        """Return the values within these registers, by address; None when one is cut, or a register does not exist."""
         asked = range(address, address + count)
-        if asked[0] not in self._owner or asked[-1] not in self._owner:
+        if not all(each in self._owner or self._can_be_read(each, each + 1) for each in asked):
             return None
         firsts = dict.fromkeys(self._owner[each] for each in asked if each in self._owner)
         cells = {first: self._cells[first] for first in firsts}

@@ -27,6 +27,8 @@ from haptic_fieldbus.protocols.modbus.profile import READ_INPUT
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
 
+LONGEST_TCP = 254
+"""Largest number that the length field of an MBAP header may have: unit id and PDU."""
 EVERYBODY = 0
 """Unit id of a request to all drives."""
 
@@ -75,6 +77,13 @@ class Station:
         """Return the octets of an answer."""
         answer.dev_id, answer.transaction_id = asked.unit, asked.transaction
         return self._framer.buildFrame(answer)
+
+
+def starts_no_frame(octets: bytes) -> bool:
+    """Return whether octets of a TCP connection cannot begin with an MBAP header."""
+    if len(octets) < 6:
+        return False
+    return octets[2:4] != b"\0\0" or not 2 <= int.from_bytes(octets[4:6], "big") <= LONGEST_TCP
 
 
 def refused(asked: Asked, code: int) -> ModbusPDU:

@@ -55,7 +55,7 @@ class Unit:
         self.causes: set[object] = set()
         """Causes of faults that last."""
         self.drive = Drive(inner_profile(self.profile), axis, self, hand, settings or DriveSettings(), t_ns)
-        self.registers = Registers(self.profile.line.word_order)
+        self.registers = Registers(self.profile.line)
         self.identity: list[Entry] = []
         self._kept: list[Entry] = []
         """Entries that stand for no object."""
