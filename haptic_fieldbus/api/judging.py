@@ -16,6 +16,7 @@ from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering, select
 from haptic_fieldbus.planning.settings import settled
 from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.planning.ways import WayLimit, ways
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -78,6 +79,8 @@ class Judgement:
     group: Group
     assumed: tuple[str, ...] = ()
     """What the profiles of the judged drives state without a source."""
+    ways: tuple[WayLimit, ...] = ()
+    """Limits of all ways in which the buses could exchange; empty where each has one way, and for a device."""
 
     @property
     def estimator(self) -> str | None:
@@ -104,9 +107,10 @@ def judge_scene(inquiry: Inquiry) -> Judgement:
     if inquiry.device is not None:
         return _on_device(inquiry, inquiry.device)
     plan = select(inquiry).plan
+    found = ways(plan)
     # Axes that are coupled have one judgement, in the units of one of them.
     return _weakest(
-        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group, plan.assumed)
+        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group, plan.assumed, found)
         for axis in plan.axes
         if axis.stability is not None and axis.group is not None and axis.group.reference_axis == axis.name
     )

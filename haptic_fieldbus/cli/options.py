@@ -25,6 +25,11 @@ Options = TypeVar("Options")
 Asked = TypeVar("Asked", bound="Rendering")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
+BUSES = (
+    "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0; on Modbus sim-modbus-tcp, "
+    "sim-modbus-rtu@BAUD, modbus-tcp:HOST:PORT or modbus-rtu:DEVICE@BAUD."
+)
+"""Names of buses, for the help."""
 DRIVE = f"{DEFAULT_DRIVE} on CAN, generic_cia402_modbus on Modbus"
 RATE = f"{exactly(DEFAULT_RATE)} on CAN, the highest that it sustains on Modbus"
 """Default of the rate, for the help."""
@@ -90,7 +95,7 @@ class BenchOptions(SceneOptions):
     drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DRIVE)] = None
     bus: Annotated[
         str | None,
-        option("BUS", "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0.", BENCH, default=DEFAULT_BUS),
+        option("BUS", BUSES, BENCH, default=DEFAULT_BUS),
     ] = None
     node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None

@@ -221,17 +221,13 @@ def _channel_as_text(document: Document, bus: str) -> None:
 
 def _check_bus_section(document: Document, name: str) -> BusSection | None:
     """Return the bus as its protocol defines it; None when it has faults, which are noted."""
-    try:
-        protocol = _protocol_of_bus(document, name)
-    except UsageError as error:
-        document.fault(("bus", name, "interface"), str(error))
-        return None
+    protocol = _protocol_of_bus(document, name)
     convert_units(document, protocol.section, ("bus", name))
     return document.validate(protocol.section, ("bus", name))
 
 
 def _protocol_of_bus(document: Document, name: str) -> FieldbusProtocol:
-    """Return the protocol of a bus by its interface; raises UsageError when it is not available yet."""
+    """Return the protocol of a bus by its interface."""
     interface = document.value("bus", name, "interface")
     return protocol_of_bus(interface) if isinstance(interface, str) else protocol_named(DEFAULT_PROTOCOL)
 

@@ -8,7 +8,7 @@ import re
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 
-from haptic_fieldbus.defaults import DEFAULT_PROTOCOL
+from haptic_fieldbus.defaults import DEFAULT_PROTOCOL, SIMULATION
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
@@ -53,8 +53,9 @@ def protocol_of_bus(word: str) -> FieldbusProtocol:
 
 def parse_bus(text: str) -> BusName:
     """Parse the name of a bus; raises UsageError with the nearest names and the known forms."""
-    # The first word ends at the channel or at the bit rate.
-    return protocol_of_bus(re.split("[:@]", text)[0]).parse_bus(text)
+    word = re.split("[:@]", text)[0]  # ends at the channel or at the bit rate
+    slip = next((name for name in WORDS.values() if word.startswith((name, f"{SIMULATION}-{name}"))), None)
+    return (protocol_named(slip) if slip else protocol_of_bus(word)).parse_bus(text)
 
 
 def added(group: str) -> dict[str, EntryPoint]:

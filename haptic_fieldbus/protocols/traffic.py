@@ -103,6 +103,10 @@ class BusTraffic(Protocol):
         fast for it, at its own highest; empty where there is one way."""
 
     @property
+    def exchange(self) -> str:
+        """The way of the exchange in words; empty where there is one way."""
+
+    @property
     def rate(self) -> float:
         """Rate of the loop [Hz]."""
 

@@ -5,7 +5,7 @@ for slower buses, computing, RPDOs. Worst-case stuffing is assumed, and a bus wi
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from haptic_fieldbus.errors import BusOverloadError
@@ -50,6 +50,7 @@ class CanTraffic:
     chosen_master_node: int | None = None
     host: HostTimes = IDEAL
     """Times of adapter and host."""
+    exchange: str = field(default="", init=False)
 
     @property
     def heartbeat_every(self) -> int:

@@ -168,7 +168,7 @@ class ModbusTraffic:
             return
         subject = f"bus {bus}: " if bus else ""
         raise BusOverloadError(
-            f"{subject}{exactly(self.rate)} Hz is too fast: {self.way_words} takes "
+            f"{subject}{exactly(self.rate)} Hz is too fast: {self.exchange} takes "
             f"{rounded(1e3 * self.shortest_period)} ms a period at {self.speed}. Would fit: "
             f"--rate {exactly(self.sustained_rate)}"
         )
@@ -193,7 +193,7 @@ class ModbusTraffic:
         return next(member for member in self.members if member.axis == axis)
 
     @property
-    def way_words(self) -> str:
+    def exchange(self) -> str:
         """The way by its functions."""
         traffic = self.of(self.members[0].axis)
         functions = dict.fromkeys(request.function for request in traffic.requests)
@@ -206,7 +206,7 @@ class ModbusTraffic:
 
     def line(self) -> str:
         """Return rate, way, speed of the line and load in words."""
-        return f"{exactly(self.rate)} Hz by {self.way_words} on {self.speed}, load {percent(self.load)}"
+        return f"{exactly(self.rate)} Hz by {self.exchange} on {self.speed}, load {percent(self.load)}"
 
 
 def guard_time(deadline: float, rate: float) -> float:

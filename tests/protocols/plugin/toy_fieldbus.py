@@ -112,6 +112,7 @@ class ToyTraffic:
     speed: str = f"{BAUD} baud"
     silence: float = math.inf
     disturbance: float = 0.0
+    exchange: str = ""
 
     def of(self, axis: str) -> AxisTraffic:
         return self.members[axis][1]
