@@ -25,7 +25,10 @@ from haptic_fieldbus.sim.simulation import Simulation
 from haptic_fieldbus.sim.slot import Slot
 
 # Objects as texts, so that a run imports only the protocols of its buses.
-ACCESS = {"canopen": "haptic_fieldbus.buses.canopen.access:ACCESS"}
+ACCESS = {
+    "canopen": "haptic_fieldbus.buses.canopen.access:ACCESS",
+    "modbus": "haptic_fieldbus.buses.modbus.access:ACCESS",
+}
 SIMULATIONS = {
     "canopen": "haptic_fieldbus.sim.canopen.site:SIMULATION",
     "modbus": "haptic_fieldbus.sim.modbus.site:SIMULATION",

@@ -42,7 +42,7 @@ class ModbusSimulation(Simulation):
         apart = any(isinstance(fault, faults.ClockStep) for slot in slots for fault in slot.faults)
         for slot in slots:
             line.add(slot)
-        return ModbusBus(line, clock, log, owned=True), (None if apart else line)
+        return ModbusBus(line, clock, own), (None if apart else line)
 
 
 SIMULATION = ModbusSimulation()
