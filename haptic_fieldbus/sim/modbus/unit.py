@@ -178,7 +178,6 @@ class Unit:
         self.registers.add(power.command, front.command, front.command)
         # No register tells this drive its mode of operation in the words of CiA 402.
         objects.mode.value = objects.mode.default = CYCLIC_TORQUE
-        objects.mode_display.value = objects.mode_display.default = CYCLIC_TORQUE
         return front
 
     def _obey(self, controlword: int) -> None:
