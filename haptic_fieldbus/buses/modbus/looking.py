@@ -26,7 +26,10 @@ class Looking:
     """A look at the drives of one line; it listens before it sends anything. Raises BusError."""
 
     def __init__(
-        self, requester: Requester, drives: Mapping[str, tuple[int, ModbusProfile, PowerTable]], seconds: float = LISTENING
+        self,
+        requester: Requester,
+        drives: Mapping[str, tuple[int, ModbusProfile, PowerTable]],
+        seconds: float = LISTENING,
     ) -> None:
         self.masters = ""
         self._requester = requester

@@ -34,7 +34,9 @@ def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[Mod
     asked = sorted(set(units))
     found = [_found(requester, unit, profiles) for unit in asked if _answers(requester, unit)]
     numbers = ", ".join(str(unit) for unit in asked)
-    return Scan(requester.name, tuple(found), f"{listened}. Asked: unit {numbers}; others with --node, as in --node 1-8")
+    return Scan(
+        requester.name, tuple(found), f"{listened}. Asked: unit {numbers}; others with --node, as in --node 1-8"
+    )
 
 
 def _answers(requester: Requester, unit: int) -> bool:
