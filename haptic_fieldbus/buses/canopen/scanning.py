@@ -75,8 +75,8 @@ def scan_bus(
             continue
         found[node] = _found(Node(wire, node, f"node {node}"), states.get(node), profiles)
     began = [] if foreign.cob_id is None else [f"somebody else began to command: {frame_words(foreign.cob_id)}"]
-    nodes = tuple(found[node] for node in sorted(found))
-    return Scan(wire.name, nodes, heard.sentence(), "; ".join([*began, *others]))
+    in_order = tuple(found[node] for node in sorted(found))
+    return Scan(wire.name, in_order, heard.sentence(), "; ".join([*began, *others]))
 
 
 def _only_listened(words: str) -> str:
