@@ -37,8 +37,8 @@ class ModbusAccess(BusAccess):
         """Return no logs; raises UsageError when `record` is a file of CAN frames."""
         if record is not None and record.suffix in FRAME_SUFFIXES:
             raise UsageError(
-                f"cannot record {', '.join(buses)} to {record}: {record.suffix} is for CAN frames, and a Modbus line has "
-                "none. Record the rows of all periods, as .csv or .npz"
+                f"cannot record {', '.join(buses)} to {record}: {record.suffix} is for CAN frames, and a Modbus line "
+                "has none. Record the rows of all periods, as .csv or .npz"
             )
         return nullcontext({})
 

@@ -37,7 +37,7 @@ def _access(device: str) -> Check:
         return Check("serial_access", False, f"no {device}", "plug the adapter in; ports are listed by: ls /dev/tty*")
     if os.access(device, os.R_OK | os.W_OK):
         return Check("serial_access", True, f"{device} may be read and written")
-    advice = f"add this user to the group of the port (ls -l {device}), often: usermod -aG dialout USER; then log in anew"
+    advice = f"add this user to the group of {device} (ls -l), often: usermod -aG dialout USER; then log in anew"
     return Check("serial_access", False, f"{device} may not be opened", advice)
 
 
@@ -55,6 +55,4 @@ def round_trip_checks(requester: Requester, unit: Unit, profile: ModbusProfile, 
             break  # a unit that is not there
         requester.forget()
     serial = requester.transport.serial
-    return timing_checks(
-        f"unit {unit.id}", times, QUESTIONS, rate, silent=ADVICE[serial], slow=SLOW[serial]
-    )
+    return timing_checks(f"unit {unit.id}", times, QUESTIONS, rate, silent=ADVICE[serial], slow=SLOW[serial])

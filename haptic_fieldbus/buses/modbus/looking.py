@@ -22,12 +22,14 @@ ANSWER_TIMEOUT = 0.1
 """Time for which an answer is waited for [s]: a drive that is gone must not hold up the look at another."""
 
 
+Drive = tuple[int, ModbusProfile, PowerTable]
+"""Unit id, profile, and the table of its power states."""
+
+
 class Looking:
     """A look at the drives of one line; it listens before it sends anything. Raises BusError."""
 
-    def __init__(
-        self, requester: Requester, drives: Mapping[str, tuple[int, ModbusProfile, PowerTable]], seconds: float = LISTENING
-    ) -> None:
+    def __init__(self, requester: Requester, drives: Mapping[str, Drive], seconds: float = LISTENING) -> None:
         self.masters = ""
         self._requester = requester
         self._drives = {

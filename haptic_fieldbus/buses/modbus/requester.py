@@ -42,6 +42,7 @@ class Requester:
         self._framing = Framing(serial=transport.serial)
         self._gathered = b""
         self._echo = b""
+        self._replaced = False
         self._free_ns = clock.now_ns()
 
     @property
@@ -56,6 +57,7 @@ class Requester:
             self._drop(dropped)
         frame = self._framing.frame(question)
         self._gathered, self._echo = b"", frame if self.transport.serial else b""
+        self._replaced = self.outstanding is not None
         self.outstanding = question
         self.sent_ns = self.clock.now_ns()
         self.transport.send(frame)
@@ -96,7 +98,7 @@ class Requester:
         """Note octets that came when nothing was asked, or too late."""
         if self.outstanding is None:
             self.unasked = bytearray(octets[-256:])
-        self.surprises[Surprise.EARLIER] += 1
+            self.surprises[Surprise.EARLIER] += 1
 
     def _taken(self) -> Answer | None:
         """Take frames from the octets that were gathered, until one is the answer."""
@@ -111,7 +113,9 @@ class Requester:
                 self.outstanding, self.arrived_ns = None, self.clock.now_ns()
                 self._free_ns = self.arrived_ns + self.silence_ns
                 return found
-            if found is not None:
+            if found is Surprise.EARLIER and self._replaced:
+                self._replaced = False  # we did not wait for it
+            elif found is not None:
                 self.surprises[found] += 1
         return None
 

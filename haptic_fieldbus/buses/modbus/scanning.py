@@ -33,8 +33,8 @@ def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[Mod
         return Scan(requester.name, (), str(error), f"{error}; nothing was asked")
     asked = sorted(set(units))
     found = [_found(requester, unit, profiles) for unit in asked if _answers(requester, unit)]
-    numbers = ", ".join(str(unit) for unit in asked)
-    return Scan(requester.name, tuple(found), f"{listened}. Asked: unit {numbers}; others with --node, as in --node 1-8")
+    told = f"Asked: unit {', '.join(str(unit) for unit in asked)}; others with --node, as in --node 1-8"
+    return Scan(requester.name, tuple(found), f"{listened}. {told}")
 
 
 def _answers(requester: Requester, unit: int) -> bool:

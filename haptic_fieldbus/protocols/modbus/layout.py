@@ -42,10 +42,11 @@ def characters(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> tup
 
     Raises PlanError when the drives differ in what the rig leaves open.
     """
+    baud, parity, stops = section.baud, section.parity, section.stop_bits
     return (
-        section.baud or _one("baud", (each.line.baud for each in profiles)),
-        section.parity or _one("parity", (each.line.parity for each in profiles)),
-        section.stop_bits or _one("stop_bits", (each.line.stop_bits for each in profiles)),
+        _one("baud", (each.line.baud for each in profiles)) if baud is None else baud,
+        _one("parity", (each.line.parity for each in profiles)) if parity is None else parity,
+        _one("stop_bits", (each.line.stop_bits for each in profiles)) if stops is None else stops,
     )
 
 

@@ -13,15 +13,14 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, parse_bus
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
+from haptic_fieldbus.protocols.modbus.register_traffic import Way
+from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
 from tests.builders import WALL, unproved
 
 NAME = "generic_cia402_modbus"
 PROFILE = modbus_profile(load_profile(NAME))
-READ_WRITE = replace(PROFILE, line=replace(PROFILE.line, functions=(3, 16, 23)))
-READ_THEN_WRITE = replace(PROFILE, line=replace(PROFILE.line, functions=(3, 6, 16)))
-"""The shipped profile, with the functions of one way alone that is taken."""
 
 
 def section_of(name: str, **changes: Any) -> ModbusSection:
@@ -35,18 +34,27 @@ def plan_of(
     name: str,
     profile: ModbusProfile = PROFILE,
     *,
-    rate: float = 200.0,
+    way: Way | None = None,
+    rate: float = 80.0,
     scene: Scene = WALL,
     section: dict[str, Any] | None = None,
     **changes: Any,
 ) -> Plan:
-    """A plan of a scene with one unit an axis, from 1, on the line of that name, with changes to every axis."""
+    """A plan of a scene with one unit an axis, from 1, on the line of that name, with changes to every axis.
+
+    `way` is that of the set-points, also where the plan would take the other one.
+    """
     axes = {}
     for position, axis in enumerate(scene.axes):
         bench = default_axis(Workspace.LINEAR, bus="bus", node=1 + position, profile=NAME)
         axes[axis.name] = replace(bench, **{"limits": Limits(), **changes})
     rig = Rig({"bus": section_of(name, **(section or {}))}, axes)
-    return unproved(compile_plan(scene, rig, {NAME: profile}, rate))
+    plan = unproved(compile_plan(scene, rig, {NAME: profile}, rate))
+    if way is None:
+        return plan
+    (bus,) = plan.buses
+    assert isinstance(bus.traffic, ModbusTraffic)
+    return replace(plan, buses=(replace(bus, traffic=replace(bus.traffic, way=way)),))
 
 
 class Bench:
@@ -69,7 +77,7 @@ class Bench:
         self.bus.open(self.plan)
         return self
 
-    def read(self, seconds: float = 0.05) -> tuple[int, ...]:
+    def read(self, seconds: float = 0.5) -> tuple[int, ...]:
         """Exchange once; what the cycle would decode of the first axis."""
         self.image = bytes(self.bus.read(self.clock.now_ns() + round(1e9 * seconds)))
         return self.decoded()
