@@ -191,12 +191,17 @@ def _shipped_bench(scene: Scene, drive: str | None, bus: BusName, node: int) -> 
     On a real bus nothing is known of the motors, so that rated torque, inertia and damping are None.
     """
     name, drive = bus.text.partition("@")[0], drive or protocol_named(bus.section.protocol).default_drive
-    make = default_axis if bus.simulated else _unknown_axis
+    make = _simulated_axis if bus.simulated else _unknown_axis
     axes = {
         axis.name: make(axis.workspace, bus=name, node=node + position, profile=drive)
         for position, axis in enumerate(scene.axes)
     }
     return Rig({name: bus.section}, axes)
+
+
+def _simulated_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
+    """Return an axis of the shipped bench; nobody holds it, and its power can be cut at any time."""
+    return replace(default_axis(workspace, bus=bus, node=node, profile=profile), emergency_stop="power")
 
 
 def _unknown_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE
+from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE, SIMULATION
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
@@ -44,6 +44,10 @@ class FieldbusProtocol(Protocol):
     def default_drive(self) -> str:
         """Profile of a drive on its buses when none is named."""
         return DEFAULT_DRIVE
+
+    def simulated_bus(self, profile: DriveProfile) -> str:
+        """Return the name of a simulated bus on which a drive of its own can be."""
+        return SIMULATION
 
     def vendor_profile(self, path: str | Path) -> DriveProfile:
         """Return the profile described by a vendor's file; raises ProfileError or EdsError."""

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 from annotated_types import Ge, Gt, Le, Len
 
 from haptic_fieldbus.drive.cia402 import Index
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, UInt32
+from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, Torque, UInt32
 from haptic_fieldbus.drive.objects import NAMES, DataType, Order
 from haptic_fieldbus.drive.power import PowerRow
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
@@ -112,7 +112,9 @@ class ModbusTorque:
     rated: Register | None = None
     """Rated torque, read at configuration and compared with the rig."""
     limit: Register | None = None
-    """Torque limit of the drive itself, in the unit of `target`; written with the limit of the run, and put back."""
+    """Torque limit of the drive itself; written with the limit of the run, and put back."""
+    full_scale: Torque | None = None
+    """Torque at 32767 [N·m], for the unit full_scale/32767."""
     echo: Literal["demand", "actual", "none"] = "none"
     __pydantic_config__: ClassVar = STRICT
 
@@ -200,6 +202,10 @@ class ModbusProfile(DriveProfile):
     @property
     def guarded(self) -> bool:
         return self.watchdog is not None
+
+    @property
+    def full_scale(self) -> float | None:
+        return self.torque.full_scale
 
     @property
     def echo(self) -> Signal | None:

@@ -11,7 +11,7 @@ from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.protocols.acting import HostTimes
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.cia402 import CIA402
-from haptic_fieldbus.protocols.modbus import bus
+from haptic_fieldbus.protocols.modbus import bus, checks
 from haptic_fieldbus.protocols.modbus.layout import lay_out, line_of
 from haptic_fieldbus.protocols.modbus.line import Line
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
@@ -32,8 +32,11 @@ class Modbus(FieldbusProtocol):
     bus_forms = bus.BUS_FORMS
     default_drive = "generic_cia402_modbus"
 
+    def simulated_bus(self, profile: DriveProfile) -> str:
+        return bus.SIM_TCP if "tcp" in modbus_profile(profile).line.transports else bus.SIM_RTU
+
     def check_profile(self, document: Document) -> None:
-        """Note faults that the schema cannot state."""
+        checks.check_profile(document)
 
     def parse_bus(self, text: str) -> BusName:
         return bus.parse_bus(text)

@@ -39,10 +39,8 @@ class Front:
         state = state if state in self._rows else _BEHIND.get(state, state)
         if state in self._rows:
             return self._rows[state]
-        passed = _WAY[: _WAY.index(state)] if state in _WAY else ()
-        return next(
-            (self._rows[each] for each in reversed(passed) if each in self._rows), next(iter(self._rows.values()))
-        )
+        passed = reversed(_WAY[: _WAY.index(state)] if state in _WAY else ())
+        return next(self._rows[each] for each in (*passed, *_WAY) if each in self._rows)
 
     def _commanded(self) -> None:
         command, row = self.command.value, self._row()

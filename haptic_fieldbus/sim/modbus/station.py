@@ -35,7 +35,7 @@ EVERYBODY = 0
 
 @dataclass(frozen=True)
 class Asked:
-    """A request that was understood; `pdu` None: its function is one that no drive knows."""
+    """A whole request; `pdu` None: its function, or what it asks for, is none of Modbus."""
 
     unit: int
     transaction: int
@@ -55,7 +55,7 @@ class Station:
         try:
             used, pdu = self._framer.handleFrame(octets, 0, 0)
         except ModbusException as error:
-            # The frame is whole, and pymodbus knows no such request.
+            # The frame is whole, but pymodbus knows no such function, or no such count.
             used, unit, transaction, data = self._framer.decode(octets)
             return used, Asked(unit, transaction, data[0] & 0x7F, None) if data and error else None
         return used, None if pdu is None else Asked(pdu.dev_id, pdu.transaction_id, pdu.function_code, pdu)
@@ -93,8 +93,10 @@ def refused(asked: Asked, code: int) -> ModbusPDU:
 
 def _carry_out(asked: Asked, unit: Unit, t_ns: int) -> ModbusPDU | Refusal:
     pdu = asked.pdu
-    if pdu is None or not unit.has(asked.function):
+    if not unit.has(asked.function):
         return Refusal.FUNCTION
+    if pdu is None:  # its function is known, so what it asks for cannot be
+        return Refusal.VALUE
     if isinstance(pdu, ReadHoldingRegistersRequest):  # the request for input registers is one of them
         words = unit.read(asked.function, pdu.address, pdu.count, t_ns)
         answer = ReadInputRegistersResponse if asked.function == READ_INPUT else ReadHoldingRegistersResponse
