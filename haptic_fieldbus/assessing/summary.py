@@ -124,7 +124,10 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
 def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
     """Yield a sentence for each limit that was at work during the run."""
     for axis in plan.axes:
-        share = cycle.clipped(axis.name) / report.cycles if report.cycles else 0.0
+        gaps, gapped = cycle.gapped(axis.name)
+        share = (cycle.clipped(axis.name) - gapped) / report.cycles if report.cycles else 0.0
+        if report.cycles and gapped >= WORTH_TELLING * report.cycles:
+            yield _capped(axis, gaps, gapped / report.cycles)
         if share >= WORTH_TELLING:
             yield (
                 f"axis {axis.name}: in {100 * share:.0f} % of the periods the scene asked for more "
@@ -132,7 +135,7 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
                 f"{axis.workspace.effort_unit}"
             )
         if report.cycles and (unseen := cycle.unseen(axis.name)) is not None:
-            yield _unseen(axis, tried=unseen > 0)
+            yield _unseen(axis, unseen, cycle.broken_off(axis.name))
         if doubts := cycle.doubts(axis.name):
             yield (
                 f"axis {axis.name}: the motion went against the torque {doubts} times, as by a blow of the hand; "
@@ -147,11 +150,25 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
             )
 
 
-def _unseen(axis: AxisPlan, *, tried: bool) -> str:
-    told = "nothing moved the way of the torque or against it: let go of the handle, or friction is larger than told"
+def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
+    times = "a gap" if gaps == 1 else f"{gaps} gaps"
+    return (
+        f"axis {axis.name}: after {times} in the feedback the {axis.workspace.effort_name} stayed capped at what it was "
+        f"before, in {100 * share:.0f} % of the periods; it comes back when the handle leaves contact"
+    )
+
+
+def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
+    told = "the run was too short"
+    if failures:
+        told = (
+            "nothing moved the way of the torque or against it: let go of the handle, or friction is larger than told"
+        )
+    elif broken_off:
+        told = f"gaps in the feedback broke the proof off, {broken_off} times: see how late periods and feedback were"
     return (
         f"axis {axis.name}: the sign from torque to motion was not seen, so that the scene was given at most "
-        f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)}; {told if tried else 'the run was too short'}"
+        f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)}; {told}"
     )
 
 
