@@ -153,8 +153,8 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
 def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
     times = "a gap" if gaps == 1 else f"{gaps} gaps"
     return (
-        f"axis {axis.name}: after {times} in the feedback the {axis.workspace.effort_name} stayed capped at what it was "
-        f"before, in {100 * share:.0f} % of the periods; it comes back when the handle leaves contact"
+        f"axis {axis.name}: after {times} in the feedback the {axis.workspace.effort_name} stayed capped at what it "
+        f"was before, in {100 * share:.0f} % of the periods; it comes back when the handle leaves contact"
     )
 
 
