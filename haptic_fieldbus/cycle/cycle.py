@@ -162,6 +162,10 @@ class Cycle:
         """Return in how many periods limit or cap cut the force of the scene."""
         return self._axes[axis].permission.clipped
 
+    def asked(self, axis: str) -> float:
+        """Return the largest force beyond the effort limit that the scene asked for [N or N·m]; 0 without any."""
+        return self._axes[axis].permission.asked
+
     def gapped(self, axis: str) -> tuple[int, int]:
         """Return how many gaps in the feedback capped the force, and in how many periods those caps cut it."""
         permission = self._axes[axis].permission

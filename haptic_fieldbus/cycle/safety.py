@@ -102,6 +102,8 @@ class Permission:
     """Whether neither fade-in nor a cap is at work, so that only effort and slew limit the force."""
     clipped: int = 0
     """Periods in which effort, fade-in or cap cut the force."""
+    asked: float = 0.0
+    """Largest force that the scene asked for beyond the effort limit, once force has faded in."""
     gaps: int = 0
     """How often feedback was missing for so long that a cap followed."""
     gapped: int = 0
@@ -161,6 +163,8 @@ def bind_limiter(
         bound = min(effort * fade, permission.cap)
         if not -bound <= force <= bound:
             permission.clipped += 1
+            if bound == effort:
+                permission.asked = max(permission.asked, abs(force))
             permission.gapped += permission.after_gap and permission.cap < effort * fade
             force = math.copysign(bound, force)
         before = permission.before
