@@ -25,7 +25,7 @@ from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import Hand, Piece
-from tests.builders import PROFILE, can_traffic, canopen, rig_of, scene_of
+from tests.builders import PROFILE, can_traffic, canopen, endless_rig, rig_of, scene_of
 from tests.softened import softened
 
 RATES = (1000.0, 250.0, 50.0)
@@ -156,6 +156,7 @@ def test_no_scene_of_the_library_trips(scene: str, drive: str) -> None:
 @pytest.mark.parametrize("drive", SHIPPED)
 @pytest.mark.parametrize("hand", ["push", "tap"])
 def test_no_wall_at_half_its_limit_trips(drive: str, rate: float, hand: str) -> None:
-    result = run("wall", drive=drive, rate=rate, hand=hand, duration=5.0, settings={"wall.stiffness": "max/2"})
+    rig = endless_rig("wall", drive)
+    result = run("wall", rig, rate=rate, hand=hand, duration=5.0, settings={"wall.stiffness": "max/2"})
     assert result.trips == ()
     assert np.abs(result.traces[0].force).max() > 0.0
