@@ -47,9 +47,11 @@ class Member:
         return self.ranges or exactly_timed(self.plant.torque_lag, self.delay)
 
     def at(self, values: Values) -> "Member":
-        """Return the same axis with these values, its further bodies heavier or lighter by the same share."""
+        """Return the same axis with these values; its further bodies are heavier by the same share as its plant."""
         share = values.plant.mass / self.plant.mass if self.plant.mass else 1.0
-        bodies = tuple(replace(body, mass=share * body.mass) for body in self.bodies)
+        bodies = tuple(
+            replace(body, mass=share * body.mass, stiffness=values.coupling * body.stiffness) for body in self.bodies
+        )
         return replace(self, plant=values.plant, delay=values.delay, bodies=bodies)
 
 
