@@ -12,7 +12,7 @@ from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Array, Conversion, Recording, Times, TrueMotion, Truth
 from haptic_fieldbus.assessing.result import Trace
-from haptic_fieldbus.assessing.run_verdict import Felt
+from haptic_fieldbus.assessing.run_verdict import FeltError
 from haptic_fieldbus.assessing.spans import Handover, Kind, Span, spans
 from haptic_fieldbus.assessing.torque_error import Splitter
 from haptic_fieldbus.assessing.traces import Traces
@@ -38,7 +38,7 @@ class Run:
     """Name of the clock."""
     periods: int
     """Number of periods that the run is to last."""
-    hand: str = ""
+    hand: str
     """Name of the simulated hand; empty where a person or nobody moves the handle."""
 
 
@@ -80,16 +80,16 @@ class AxisAssessment:
         return self._splitter.figures if self._splitter is not None else None
 
     @property
-    def felt(self) -> Felt | None:
+    def felt(self) -> FeltError | None:
         """What a hand felt; None without contact, and for a run shorter than the fade-in."""
         found = self.figures
         if found is None or not found.touched:
             return None
         seconds = found.scored * self._run.selection.plan.period / POINTS_PER_PERIOD
         if not found.ideal_rms_contact:
-            return Felt(None, 0.0, 0.0, 0.0)
+            return FeltError(None, 0.0, 0.0, 0.0)
         ideal = found.ideal_rms_contact
-        return Felt(found.error_rms_contact / ideal, found.shape_rms_contact / ideal, found.late, seconds)
+        return FeltError(found.error_rms_contact / ideal, found.shape_rms_contact / ideal, found.late, seconds)
 
     @property
     def trace(self) -> Trace | None:

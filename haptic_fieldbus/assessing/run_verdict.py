@@ -38,7 +38,7 @@ def ripple(force: Array, rate: float) -> float | None:
 
 
 @dataclass(frozen=True)
-class Felt:
+class FeltError:
     """What a hand felt of one axis: shares of the rms of the ideal, over the time in moving contact."""
 
     contact: float | None
@@ -52,7 +52,7 @@ class Felt:
 
 
 def run_verdict(
-    *, scene: str, effort: str, hand: str, stable: bool, felt: Felt | None, ripple: float | None, missed: int
+    *, scene: str, effort: str, hand: str, stable: bool, felt: FeltError | None, ripple: float | None, missed: int
 ) -> str:
     """Return the verdict on a simulated run as one sentence.
 
@@ -74,7 +74,7 @@ def run_verdict(
     return "; ".join(parts) + "."
 
 
-def _felt(scene: str, effort: str, hand: str, felt: Felt, contact: float) -> str:
+def _felt(scene: str, effort: str, hand: str, felt: FeltError, contact: float) -> str:
     to = f" to the hand {hand}" if hand else ""
     limit = f"the {percent(JUST_NOTICEABLE)} a hand can tell"
     share = f"error {percent(contact)} of the {effort} in {felt.seconds:.2g} s of moving contact"

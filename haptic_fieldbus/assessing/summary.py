@@ -13,7 +13,7 @@ from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
-from haptic_fieldbus.assessing.run_verdict import Felt, ripple, run_verdict
+from haptic_fieldbus.assessing.run_verdict import FeltError, ripple, run_verdict
 from haptic_fieldbus.assessing.spans import first_periods
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.margins import Verdict
@@ -184,7 +184,7 @@ def _is_stable(plan: Plan) -> bool:
     return all(axis.stability is None or axis.stability.verdict is not Verdict.UNSTABLE for axis in plan.axes)
 
 
-def _error_of(split: ErrorFigures, worst: Felt | None) -> TorqueError:
+def _error_of(split: ErrorFigures, worst: FeltError | None) -> TorqueError:
     """Return the error of one axis with the largest relative error in moving contact of all axes."""
     contact, seconds = (None, 0.0) if worst is None else (worst.contact, worst.seconds)
     return TorqueError(split.rms, split.max, split.unit, split.by_source, contact, seconds)

@@ -67,10 +67,10 @@ class Site:
     clock: Clock
     buses: Mapping[str, Bus]
     worlds: Mapping[str, Truth]
+    hand: str
+    """Name of the simulated hand that moves the handles; empty where there is none."""
     faults: list[str] = field(default_factory=list)
     """Reasons for which a recording of frames ended early; complete when the site has been left."""
-    hand: str = ""
-    """Name of the simulated hand that moves the handles; empty where there is none."""
 
 
 def render(request: Request, place: AbstractContextManager[Site]) -> Result:

@@ -7,7 +7,7 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.result import Percentiles, Result, Timing, TorqueError, TripRecord
 from haptic_fieldbus.assessing.rights import Right
-from haptic_fieldbus.assessing.run_verdict import Felt, run_verdict
+from haptic_fieldbus.assessing.run_verdict import FeltError, run_verdict
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.numerals import rounded, rounded_limit, two_digits_down
 from haptic_fieldbus.protocols.canopen.bus import CanSection
@@ -116,7 +116,7 @@ def test_of_several_elements_each_is_named() -> None:
 
 @pytest.mark.parametrize(("share", "shown"), [(0.0123, "1.2 %"), (0.5, "50 %"), (1.53, "153 %"), (20.0, "2000 %")])
 def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> None:
-    felt = Felt(share, share, 0.001, 0.4)
+    felt = FeltError(share, share, 0.001, 0.4)
     told = run_verdict(scene="wall", effort="force", hand="push", stable=True, felt=felt, ripple=None, missed=0)
     assert f"error {shown} of the force in 0.4 s of moving contact" in told
 
@@ -124,14 +124,23 @@ def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> 
 @pytest.mark.parametrize(
     ("felt", "told"),
     [
-        (Felt(0.02, 0.02, 0.001, 0.4), "Feels like the ideal wall to the hand push: error 2 % of the force in 0.4 s"),
-        (Felt(0.5, 0.02, 0.0007, 0.4), "Feels like the ideal wall to the hand push, 0.7 ms late: error 50 % of the"),
-        (Felt(0.5, 0.2, 0.0007, 0.4), "Feels different from the ideal wall to the hand push: error 50 % of the force"),
-        (Felt(None, 0.0, 0.0, 0.0), "Not judged: the handle rested whenever the wall acted with the hand push."),
+        (
+            FeltError(0.02, 0.02, 0.001, 0.4),
+            "Feels like the ideal wall to the hand push: error 2 % of the force in 0.4 s",
+        ),
+        (
+            FeltError(0.5, 0.02, 0.0007, 0.4),
+            "Feels like the ideal wall to the hand push, 0.7 ms late: error 50 % of the",
+        ),
+        (
+            FeltError(0.5, 0.2, 0.0007, 0.4),
+            "Feels different from the ideal wall to the hand push: error 50 % of the force",
+        ),
+        (FeltError(None, 0.0, 0.0, 0.0), "Not judged: the handle rested whenever the wall acted with the hand push."),
         (None, "The handle met nothing: no contact in this run with the hand push."),
     ],
 )
-def test_a_verdict_says_what_was_felt_and_by_which_hand(felt: Felt | None, told: str) -> None:
+def test_a_verdict_says_what_was_felt_and_by_which_hand(felt: FeltError | None, told: str) -> None:
     said = run_verdict(scene="wall", effort="force", hand="push", stable=True, felt=felt, ripple=None, missed=0)
     assert said.startswith(told)
 
