@@ -74,6 +74,22 @@ def run_verdict(
     return "; ".join(parts) + "."
 
 
+def real_verdict(*, effort: str, in_time: float, cut: float, behind: float | None) -> str:
+    """Return the verdict on a run on real drives, of which only what the loop and the drives tell is known.
+
+    `in_time` is the share of the periods that began in time; `cut` that in which the force of the scene was cut, by
+    limit or cap, of the worst axis; `behind` is rms(torque actual − target) / rms(target) of the worst axis whose drive
+    tells its torque, None when none does.
+    """
+    parts = [
+        f"Rendered on a real drive: its true error is not known here; {percent(in_time)} of the periods began in time",
+        f"the {effort} was " + (f"cut in {percent(cut)} of them" if cut else "never cut"),
+    ]
+    if behind is not None:
+        parts.append(f"the drive's own torque differs from its target by {percent(behind)}")
+    return "; ".join(parts) + "."
+
+
 def _felt(scene: str, effort: str, hand: str, felt: FeltError, contact: float) -> str:
     to = f" to the hand {hand}" if hand else ""
     limit = f"the {percent(JUST_NOTICEABLE)} a hand can tell"

@@ -4,6 +4,7 @@ A simulated run is assessed part by part while it goes on, so that an hour needs
 virtual time nothing waits for it. A run on real drives has no known error, and its assessment waits for its end.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -13,7 +14,7 @@ from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
-from haptic_fieldbus.assessing.run_verdict import FeltError, ripple, run_verdict
+from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.spans import first_periods
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.margins import Verdict
@@ -117,9 +118,32 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
         torque_error=_error_of(known[0], worst) if known else None,
         energy_generated=sum(found.energy_generated for found in known) if known else None,
         traces=tuple(traces.get(axis.name) or _recorded(axis, run) for axis in plan.axes),
-        verdict=verdict if run.worlds else "Rendered on a real drive: its true error is not known here.",
+        verdict=verdict if run.worlds else _rendered(run),
         warnings=tuple(notices(run.selection.plan, run.cycle, run.report)),
     )
+
+
+def _rendered(run: Run) -> str:
+    """Return the verdict on a run on real drives."""
+    plan, report = run.selection.plan, run.report
+    periods = max(1, report.cycles + report.missed)
+    behind = [share for axis in plan.axes if (share := _behind(run, axis)) is not None]
+    return real_verdict(
+        effort=plan.axes[0].workspace.effort_name,
+        in_time=(report.cycles - report.late) / periods,
+        cut=max(run.cycle.clipped(axis.name) for axis in plan.axes) / max(1, report.cycles),
+        behind=max(behind, default=None),
+    )
+
+
+def _behind(run: Run, axis: AxisPlan) -> float | None:
+    """Return rms(torque actual − target) / rms(target); None where the drive does not tell, or nothing was asked."""
+    if not any(mapped.signal is Signal.TORQUE_ACTUAL for mapped in axis.incoming):
+        return None
+    told = _enabled(run, f"{axis.name}.{Signal.TORQUE_ACTUAL.value}") * axis.shown_unit
+    asked = _enabled(run, f"{axis.name}.{Signal.TARGET_TORQUE.value}") * axis.effort_unit
+    square = float(asked @ asked)
+    return math.sqrt(float((told - asked) @ (told - asked)) / square) if square else None
 
 
 def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
