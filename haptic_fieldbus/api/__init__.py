@@ -5,7 +5,7 @@
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -96,7 +96,6 @@ def run(trial: Trial) -> Result:
     """
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
-    faults = _faults(trial)
     bus = trial.bus or DEFAULT_BUS
     name = check_request(
         bus=bus, node=trial.node, rate=trial.rate, duration=trial.duration, seed=trial.seed, record=recording
@@ -114,6 +113,7 @@ def run(trial: Trial) -> Result:
         trial.announce(selection.plan)
     if trial.hand is None:
         hand = hand_named(selection.plan.scene.hand or DEFAULT_HAND)
+    faults = faults_for(trial.faults, trial.duration, selection.plan)
     from haptic_fieldbus.api.sites import Conditions, site_of
     from haptic_fieldbus.running.session import Request, render
 
@@ -132,14 +132,21 @@ def run(trial: Trial) -> Result:
     )
 
 
-def _faults(trial: Trial) -> tuple[Fault, ...]:
-    """Return the faults of the run; those of a seed fall between enabling and the end."""
-    if not isinstance(trial.faults, str | Path):
-        return tuple(trial.faults)
+def faults_for(source: str | Path | Iterable[Fault], duration: float, plan: Plan) -> tuple[Fault, ...]:
+    """Return the faults of a run; those of a seed fall between enabling and the end, and are such as its buses have.
+
+    Raises FaultFileError or UsageError.
+    """
+    if not isinstance(source, str | Path):
+        return tuple(source)
     from haptic_fieldbus.sim.faults.drawing import drawn, seed_of
 
-    seed = seed_of(str(trial.faults))
-    return load_faults(trial.faults) if seed is None else drawn(seed, trial.duration)
+    seed = seed_of(str(source))
+    if seed is None:
+        return load_faults(source)
+    from haptic_fieldbus.api.sites import kinds_on
+
+    return drawn(seed, duration, kinds_on(plan))
 
 
 def _selected(trial: Trial) -> Selection:

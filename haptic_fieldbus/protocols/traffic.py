@@ -42,6 +42,8 @@ class Delay:
     """Shortest `transport` over all that is assumed; None: always as it is."""
     longest: float | None = None
     """Longest `transport` over all that is assumed, or that changes from period to period; None: always as it is."""
+    acts_first: bool = False
+    """True: a set-point that acts at the instant of a sample acts before it, so that the sample shows it."""
 
     @property
     def total(self) -> float:

@@ -27,6 +27,8 @@ class Requester:
         self.transport = transport
         self.clock = clock
         self.echo = echo
+        self.silence_ns = 0
+        """Silence that must separate two frames [ns]."""
         self.surprises: Counter[Surprise] = Counter()
         """How often octets were dropped, and why."""
         self.unasked = bytearray()
@@ -40,6 +42,8 @@ class Requester:
         self._framing = Framing(serial=transport.serial)
         self._gathered = b""
         self._echo = b""
+        self._replaced = False
+        self._free_ns = clock.now_ns()
 
     @property
     def name(self) -> str:
@@ -47,11 +51,13 @@ class Requester:
 
     def ask(self, question: Question) -> None:
         """Send a question, after octets of before were dropped; raises BusError when the line is dead."""
+        self.clock.sleep_until(self._free_ns)
         dropped = self.transport.discard()
         if dropped:
             self._drop(dropped)
         frame = self._framing.frame(question)
         self._gathered, self._echo = b"", frame if self.transport.serial else b""
+        self._replaced = self.outstanding is not None
         self.outstanding = question
         self.sent_ns = self.clock.now_ns()
         self.transport.send(frame)
@@ -71,6 +77,12 @@ class Requester:
                 return answer
         return None
 
+    def quiet(self, duration_ns: int) -> None:
+        """Send nothing for this time [ns], and drop what comes; raises BusError when the line is dead."""
+        self.forget()
+        if self.listen(self.clock.now_ns() + duration_ns):
+            self.surprises[Surprise.EARLIER] += 1
+
     def listen(self, deadline_ns: int) -> bytes:
         """Return what comes until the deadline [ns] although nothing was asked; raises BusError when dead."""
         heard = b""
@@ -86,7 +98,7 @@ class Requester:
         """Note octets that came when nothing was asked, or too late."""
         if self.outstanding is None:
             self.unasked = bytearray(octets[-256:])
-        self.surprises[Surprise.EARLIER] += 1
+            self.surprises[Surprise.EARLIER] += 1
 
     def _taken(self) -> Answer | None:
         """Take frames from the octets that were gathered, until one is the answer."""
@@ -99,8 +111,11 @@ class Requester:
             self._gathered = self._gathered[used:]
             if isinstance(found, Answer):
                 self.outstanding, self.arrived_ns = None, self.clock.now_ns()
+                self._free_ns = self.arrived_ns + self.silence_ns
                 return found
-            if found is not None:
+            if found is Surprise.EARLIER and self._replaced:
+                self._replaced = False  # we did not wait for it
+            elif found is not None:
                 self.surprises[found] += 1
         return None
 

@@ -63,11 +63,11 @@ class ModbusSection(BusSection):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port of a TCP bus; raises UsageError for a port that is none."""
+        """Host and port of a TCP bus, port 0 for a free one of a host of drives; raises UsageError for none."""
         host, colon, port = self.channel.rpartition(":")
         if not colon or (host.count(":") and not host.endswith("]")):  # an IPv6 address without a port
             return self.channel.strip("[]"), PORT
-        if not port.isdecimal() or not 0 < int(port) <= 0xFFFF:
+        if not port.isdecimal() or int(port) > 0xFFFF:
             raise UsageError(f'bus "{self.interface}:{self.channel}": after the host stands a port, 1 to 65535')
         return host.strip("[]"), int(port)
 

@@ -7,7 +7,7 @@ from typing import TypeVar
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.line import Line, serial_line, tcp_line
-from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile
+from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Parity
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
 from haptic_fieldbus.protocols.modbus.requests import Block, Request, blocks
 from haptic_fieldbus.signals import Signal
@@ -29,14 +29,25 @@ def line_of(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> Line:
             raise PlanError(f"{profile.title} speaks Modbus {has}, but {section.interface} is {transport.upper()}")
     if not section.serial:
         return tcp_line(section.round_trip)
-    baud = section.baud or _one("baud", (each.line.baud for each in profiles))
-    parity = section.parity or _one("parity", (each.line.parity for each in profiles))
-    stops: int = section.stop_bits or _one("stop_bits", (each.line.stop_bits for each in profiles))
+    baud, parity, stops = characters(section, profiles)
     bits = FRAME_BITS + int(parity != "none") + stops
     own = [each.line.silence for each in profiles]
     silences = [serial_line(baud, bits, silence).silence for silence in own]
     silence = max(silences) if section.silence is None else section.silence
     return serial_line(baud, bits, silence, section.round_trip or 0.0)
+
+
+def characters(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> tuple[int, Parity, int]:
+    """Return bit rate [bit/s], parity and number of stop bits of a serial line: those of the rig, else of the drives.
+
+    Raises PlanError when the drives differ in what the rig leaves open.
+    """
+    baud, parity, stops = section.baud, section.parity, section.stop_bits
+    return (
+        _one("baud", (each.line.baud for each in profiles)) if baud is None else baud,
+        _one("parity", (each.line.parity for each in profiles)) if parity is None else parity,
+        _one("stop_bits", (each.line.stop_bits for each in profiles)) if stops is None else stops,
+    )
 
 
 def _one(key: str, values: Iterable[Value]) -> Value:

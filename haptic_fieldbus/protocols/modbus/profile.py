@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le, Len
 
 from haptic_fieldbus.drive.cia402 import Index
 from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, Torque, UInt32
-from haptic_fieldbus.drive.objects import DataType, Order
+from haptic_fieldbus.drive.objects import NAMES, DataType, Order
 from haptic_fieldbus.drive.power import PowerRow
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.errors import UsageError
@@ -48,6 +48,9 @@ class Register:
     def count(self) -> int:
         """Number of registers."""
         return self.type.size // 2
+
+    def __str__(self) -> str:
+        return f"register {self.address:04X}h {NAMES.get(self.object or 0, '')}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,8 @@ class WatchdogSection:
     reaction: Annotated[str, Len(1)] = "the shaft is free"
     writes: tuple[WrittenRegister, ...] = ()
     """Registers that choose the reaction."""
+    fault: UInt32 | None = None
+    """Code in `power.error` by which the drive says that it lost its master; None: it has no code for it."""
     __pydantic_config__: ClassVar = STRICT
 
 

@@ -185,7 +185,13 @@ class ModbusTraffic:
         late = 0.0 if self.way is Way.READ_WRITE else early
         lag = member.profile.torque_lag
         return Delay(
-            arrival - compute, compute, found.planned - arrival, lag, found.shortest - early, found.longest + late
+            arrival - compute,
+            compute,
+            found.planned - arrival,
+            lag,
+            found.shortest - early,
+            found.longest + late,
+            acts_first=self.way is Way.READ_WRITE,
         )
 
     def member(self, axis: str) -> ModbusMember:
