@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from haptic_fieldbus.defaults import DEFAULT_DRIVE
 from haptic_fieldbus.drive.cia402 import (
     IdentitySection,
     MappedObject,
@@ -18,6 +19,8 @@ from haptic_fieldbus.drive.profile import DriveSection, TimingSection
 from haptic_fieldbus.drive.rig import Limits, Rig, RigAxis, default_axis
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.selection import load
+from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.canopen.pdo import Pdo
 from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic
@@ -66,6 +69,13 @@ def rig_of(scene: Scene, **changes: Any) -> Rig:
         bench = default_axis(axis.workspace, bus="bus", node=1 + position, profile=PROFILE.name)
         axes[axis.name] = replace(bench, **{"limits": Limits(), **changes})
     return Rig({"bus": CanSection("haptic_sim", "sim")}, axes)
+
+
+def endless_rig(scene: str | Scene, drive: str = DEFAULT_DRIVE) -> Rig:
+    """The shipped bench with an endless way, for hands whose handle may go further than a run of that bench may."""
+    rig = load(Task(scene, drive=drive)).rig
+    axes = {name: replace(axis, limits=replace(axis.limits, position=None)) for name, axis in rig.axis.items()}
+    return replace(rig, axis=axes)
 
 
 def scene_of(*elements: AnyElement, workspace: Workspace = Workspace.LINEAR) -> Scene:

@@ -18,6 +18,7 @@ from haptic_fieldbus.numerals import (
     percent,
     rounded,
     rounded_limit,
+    two_digits_down,
 )
 from tests.number_style import strange_numbers
 
@@ -41,6 +42,14 @@ def test_a_number_is_read_back_within_its_digits(value: float, digits: int) -> N
 def test_what_somebody_gave_is_read_back(value: float) -> None:
     given_back = float(f"{value:.{GIVEN_DIGITS}g}")
     assert float(exactly(given_back)) == given_back
+
+
+@given(PLAIN)
+def test_two_digits_are_never_above_and_within_a_tenth(value: float) -> None:
+    found = two_digits_down(value)
+    assert 0.9 * value <= found <= value * (1.0 + 1e-12)
+    assert len(f"{found:e}".partition("e")[0].rstrip("0").replace(".", "")) <= 2
+    assert two_digits_down(found) == found
 
 
 @given(FINITE, FINITE, DIGIT_COUNTS)

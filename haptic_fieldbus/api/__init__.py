@@ -37,7 +37,7 @@ class Trial(Task):
     duration: float = DEFAULT_DURATION
     """Time from *operation enabled* on [s]."""
     hand: str | None = None
-    """Motion of the simulated hand: push, tap, sine, guide, release or none; None is that of the scene, else push."""
+    """Simulated hand: push, tap, sine, guide, shake, release or none; None is that of the scene, else push."""
     fade_in: float = DEFAULT_FADE_IN
     """Time from *operation enabled* to the full limit of the force [s]."""
     seed: int = DEFAULT_SEED

@@ -71,7 +71,7 @@ def site_of(plan: Plan, record: Path | None, conditions: Conditions) -> Iterator
                 # Closes the buses that are open when a later one fails; a site that is complete is closed by the run.
                 failing.callback(buses[part.name].close)
             failing.pop_all()
-        yield Site(clock, buses, worlds, faults)
+        yield Site(clock, buses, worlds, "" if conditions.hand is None else conditions.hand.name, faults)
 
 
 def _clock(plan: Plan, conditions: Conditions) -> Clock:

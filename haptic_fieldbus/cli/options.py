@@ -40,7 +40,7 @@ SHOWN = (
 """Options that the help lists first, in this order; others follow in the order of their dataclass."""
 
 
-HANDS = "push, tap, sine, guide, release or none."
+HANDS = "push, tap, sine, guide, shake, release or none."
 """Names of the simulated hands, for the help."""
 
 

@@ -242,6 +242,14 @@ COUNTS_PER_REVOLUTION = 4096
 """Of the shipped bench."""
 
 
+SHIPPED_LIMITS = {
+    # So far the hand of each library scene goes at most; the speed is above what a hand reaches in free space.
+    Workspace.LINEAR: Limits(speed=10.0, position=(-0.1, 0.1)),
+    Workspace.ROTARY: Limits(speed=1.0e4),  # a knob turns without end
+}
+"""Limits of the shipped bench."""
+
+
 def shipped_mechanism(workspace: Workspace) -> LinearMechanism | RotaryMechanism:
     """How the motor of the shipped bench moves the handle."""
     if workspace is Workspace.LINEAR:
@@ -266,8 +274,7 @@ def default_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> 
         coulomb_friction=2.0e-3,
         # The limits of a simulated drive are nobody's settings.
         raise_max_torque=True,
-        # Above the speed that the simulated hand reaches in free space, where only damping holds back its 6 N.
-        limits=Limits(speed=10.0 if workspace is Workspace.LINEAR else 1.0e4),
+        limits=SHIPPED_LIMITS[workspace],
         # A test per profile proves it.
         seen=Seen(sign="seen"),
     )

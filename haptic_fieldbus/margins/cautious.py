@@ -37,11 +37,19 @@ class Values:
 
     plant: Plant
     delay: float
+    coupling: float = 1.0
+    """Share of the stiffness of a compliant coupling."""
 
     def to_json(self) -> dict[str, float]:
         """Return the values that were varied, in the workspace of the axis."""
         plant = self.plant
-        return {"mass": plant.mass, "damping": plant.damping, "torque_lag": plant.torque_lag, "delay_s": self.delay}
+        return {
+            "mass": plant.mass,
+            "damping": plant.damping,
+            "torque_lag": plant.torque_lag,
+            "delay_s": self.delay,
+            "coupling_share": self.coupling,
+        }
 
 
 @dataclass(frozen=True)
@@ -69,20 +77,22 @@ class Varied(Protocol):
 def corners(axes: Sequence[tuple[Plant, Ranges]]) -> Iterator[tuple[Values, ...]]:
     """Yield the corners of the ranges of all axes, the one that is the worst for a spring first.
 
-    All axes are at the same corner of friction, lag and delay; their masses differ at the worst one of these.
+    All axes are at the same corner of friction, lag, delay and compliant coupling; their masses differ at the worst one
+    of these.
     """
     count = len(axes)
     alike = [(1,) * count, (0,) * count]
     mixed = [each for each in product((1, 0), repeat=count) if each not in alike] if count <= MOST_MIXED else []
-    for friction, lag, delay in product((0, 1), (1, 0), (1, 0)):
+    springs = (0, 1) if any(len({*ranges.coupling}) > 1 for _, ranges in axes) else (0,)
+    for friction, lag, delay, spring in product((0, 1), (1, 0), (1, 0), springs):
         for heavy in alike + (mixed if (friction, lag, delay) == WORST else []):
             yield tuple(
-                _at(plant, ranges, mass, friction, lag, delay)
+                _at(plant, ranges, mass, friction, lag, delay, spring)
                 for (plant, ranges), mass in zip(axes, heavy, strict=True)
             )
 
 
-def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay: int) -> Values:
+def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay: int, spring: int) -> Values:
     changed = replace(
         plant,
         mass=plant.mass * ranges.mass[mass],
@@ -90,12 +100,12 @@ def _at(plant: Plant, ranges: Ranges, mass: int, friction: int, lag: int, delay:
         coulomb=plant.coulomb * ranges.coulomb[friction],
         torque_lag=ranges.torque_lag[lag],
     )
-    return Values(changed, ranges.delay[delay])
+    return Values(changed, ranges.delay[delay], ranges.coupling[spring])
 
 
 def least_friction(axes: Sequence[tuple[Plant, Ranges]]) -> tuple[Values, ...]:
     """Return the values of all axes with the least friction."""
-    return tuple(_at(plant, ranges, 0, 0, 0, 0) for plant, ranges in axes)
+    return tuple(_at(plant, ranges, 0, 0, 0, 0, 0) for plant, ranges in axes)
 
 
 def least(found: Iterator[tuple[tuple[Values, ...], Varied]]) -> tuple[float, tuple[Values, ...]]:

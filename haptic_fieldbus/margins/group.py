@@ -4,6 +4,7 @@ A single axis is a group of one. The stiffness that varies is that of the stiffe
 of an axis without couplings. Everything else is kept.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 from haptic_fieldbus.margins import cautious, contact
 from haptic_fieldbus.margins.cautious import Cautious, Values
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
+from haptic_fieldbus.margins.contact import Kind
 from haptic_fieldbus.margins.linear import EnvironmentOf
 from haptic_fieldbus.margins.plant import Plant, weakened
 from haptic_fieldbus.margins.ranges import Ranges, exactly_timed
@@ -45,9 +47,11 @@ class Member:
         return self.ranges or exactly_timed(self.plant.torque_lag, self.delay)
 
     def at(self, values: Values) -> "Member":
-        """Return the same axis with these values, its further bodies heavier or lighter by the same share."""
+        """Return the same axis with these values; its further bodies are heavier by the same share as its plant."""
         share = values.plant.mass / self.plant.mass if self.plant.mass else 1.0
-        bodies = tuple(replace(body, mass=share * body.mass) for body in self.bodies)
+        bodies = tuple(
+            replace(body, mass=share * body.mass, stiffness=values.coupling * body.stiffness) for body in self.bodies
+        )
         return replace(self, plant=values.plant, delay=values.delay, bodies=bodies)
 
 
@@ -168,15 +172,35 @@ class Group:
 
     def suggested(self) -> Suggestion:
         """Return round values that make an unstable group stable; all None when there is no stiffness to vary."""
-        least = self.cautious_limit()
-        if self.stiffest is None or least is None:
+        if self.stiffest is None:
             return Suggestion(None, None, None)
         return suggest(
             self.loop,
             lambda stiffness, damping: self.environment(stiffness=stiffness, damping=damping),
             contact.stiffness_of(self.stiffest),
             getattr(self.stiffest, "damping", None),
-            least.stable,
+            self._cautious_with,
+        )
+
+    def _cautious_with(self, damping: float) -> float:
+        """Return the cautious limit when the stiffest has this damping; its own where it has none to vary."""
+        own = getattr(self.stiffest, "damping", None)
+        least = (self if own is None or damping == own else self._damped(damping)).cautious_limit()
+        return math.inf if least is None else least.stable
+
+    def _damped(self, damping: float) -> "Group":
+        """Return the same axes with this damping of the stiffest."""
+        if self.couplings:
+            return replace(self, couplings=self._with_damping(self.couplings, damping))
+        (alone,) = self.members
+        return replace(self, members=(replace(alone, elements=self._with_damping(alone.elements, damping)),))
+
+    def _with_damping(self, elements: tuple[Kind, ...], damping: float) -> tuple[Kind, ...]:
+        """Return the elements with this damping of the stiffest."""
+        # An element that has a damping is a dataclass.
+        return tuple(
+            replace(each, damping=damping) if each is self.stiffest else each  # type: ignore[type-var]
+            for each in elements
         )
 
     @cached_property

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import EnvironmentOf
+from haptic_fieldbus.numerals import two_digits_down
 from haptic_fieldbus.numerics.linear import StateSpace
 
 
@@ -26,38 +27,35 @@ def suggest(
     environment_of: Callable[[float, float], StateSpace],
     stiffness: float,
     damping: float | None,
-    cautious: float | None = None,
+    cautious: Callable[[float], float] | None = None,
 ) -> Suggestion:
     """Return round values that make an unstable scene stable; `damping` is None when the scene has none to vary.
 
-    `environment_of` takes (stiffness, damping). The suggested stiffness is the `cautious` limit; where it is None,
-    0.7 of the limit with the present damping. The suggested damping is the smallest with a limit of at least 1.2 times
-    the present stiffness.
+    `environment_of` takes (stiffness, damping). `cautious` returns the cautious limit for a damping; the suggested
+    stiffness is this limit with the present damping, and the suggested damping the smallest at which it is at least the
+    present stiffness. Where it is None, the stiffness is 0.7 of the limit, and the damping has a limit of at least 1.2
+    times the present stiffness.
     """
 
     def damped(value: float) -> EnvironmentOf:
         return lambda stiffness: environment_of(stiffness, value)
 
-    if cautious is None:
-        cautious = 0.7 * loop.limit(damped(damping or 0.0))
-    softer = _two_digits(cautious) if 0.0 < cautious < math.inf else None
+    def limit_of(value: float) -> float:
+        return cautious(value) if cautious is not None else loop.limit(damped(value))
+
+    kept, asked = (0.7, 1.2 * stiffness) if cautious is None else (1.0, stiffness)
+    least = kept * limit_of(damping or 0.0)
+    softer = two_digits_down(least) if 0.0 < least < math.inf else None
     largest = 0.0 if damping is None else loop.largest_damping(damped(damping))
     for candidate in _round_values(largest):
         if (
             candidate > (damping or 0.0)
             # One growth is much quicker to compute than a limit, and rules out most candidates.
-            and loop.growth(environment_of(1.2 * stiffness, candidate)) <= 1.0
-            and (limit := loop.limit(damped(candidate))) >= 1.2 * stiffness
+            and loop.growth(environment_of(asked, candidate)) <= 1.0
+            and (limit := limit_of(candidate)) >= asked
         ):
             return Suggestion(softer, candidate, limit)
     return Suggestion(softer, None, None)
-
-
-def _two_digits(value: float) -> float:
-    """Return a value with two digits, rounded down: a suggested stiffness must not exceed its limit."""
-    # The factor just above 1 keeps rounding from lowering a value that already has two digits.
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.2g}")
 
 
 def _round_values(largest: float) -> list[float]:

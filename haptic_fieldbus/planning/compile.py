@@ -101,10 +101,20 @@ def _traffics(
     """Return the traffic of each bus at `rate` [Hz]; its feedback waits so long for that of other buses [s]."""
     on = {name: (protocol_named(rig.bus[name].protocol), rig.bus[name], _members(name, drafts)) for name in waits}
     if rate is None:
-        rate = min(protocol.default_rate(bus, members, waits[name]) for name, (protocol, bus, members) in on.items())
+        rate = _default_rate(
+            [protocol.default_rate(bus, members, waits[name]) for name, (protocol, bus, members) in on.items()]
+        )
     return {
         name: protocol.bus_traffic(bus, members, rate, waits[name]) for name, (protocol, bus, members) in on.items()
     }
+
+
+def _default_rate(rates: list[float]) -> float:
+    """Return the rate [Hz] of a loop that is not told one, from those of its buses.
+
+    With several buses its period is in whole milliseconds, which every drive that is told of it can take.
+    """
+    return min(rates) if len(rates) == 1 else 1e3 / math.ceil(1e3 / min(rates))
 
 
 def _members(name: str, drafts: list[AxisPlan]) -> Members:

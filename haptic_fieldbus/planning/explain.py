@@ -122,6 +122,7 @@ def cautious_text(least: Cautious, workspace: Workspace) -> str:
     at = [
         f"mass {rounded(each.plant.mass)} {mass}, damping {rounded(each.plant.damping)} {effort}·s/{travel}, "
         f"torque loop {rounded(1e3 * each.plant.torque_lag)} ms, delay {rounded(1e3 * each.delay)} ms"
+        + (f", coupling {rounded(each.coupling)} times as stiff" if each.coupling != 1.0 else "")
         for each in least.judged_at
     ]
     return f"the worst of the ranges, {'; '.join(at)}"

@@ -73,5 +73,5 @@ def _hints(group: Group) -> list[str]:
     hints = [] if found.stiffness is None else [_softer(element, found.stiffness)]
     if found.damping is not None and found.damping_limit is not None:
         limit = rounded_limit(found.damping_limit)
-        hints.append(f"--set {element.name}.damping={exactly(found.damping)} (limit {limit})")
+        hints.append(f"--set {element.name}.damping={exactly(found.damping)} (cautious limit {limit})")
     return hints

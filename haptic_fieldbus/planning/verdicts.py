@@ -60,7 +60,7 @@ def _member(axis: AxisPlan, plant: Plant) -> Member:
         axis.method,
         _estimator(axis),
         () if load is None else (load,),
-        ranges_of(axis.profile, axis.delay),
+        ranges_of(axis.profile, axis.delay, compliant=load is not None),
     )
 
 

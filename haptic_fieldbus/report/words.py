@@ -11,7 +11,7 @@ from haptic_fieldbus.assessing.result import Percentiles, Result, TorqueError
 from haptic_fieldbus.assessing.rights import rights_texts
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability
-from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit
+from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit, two_digits_down
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.explain import delay_text, milliseconds
@@ -184,8 +184,11 @@ def _cautious_text(stability: Stability) -> str:
     least = stability.cautious
     if least is None or math.isinf(least.stable) or stability.stiffness is None:
         return ""
-    more = ", and you ask more" if stability.stiffness > least.stable else ""
-    return f"; cautious limit {rounded_limit(least.stable)}{more}"
+    limit = f"cautious limit {rounded_limit(least.stable)}"
+    if stability.stiffness <= least.stable:
+        return f"; {limit}"
+    inside = exactly(two_digits_down(least.stable)) if least.stable else "no stiffness"
+    return f"; above the {limit}, {inside} would be inside"
 
 
 def _passive_text(stability: Stability) -> str:

@@ -38,7 +38,7 @@ class SceneFile:
     include: tuple[str, ...] = ()
     """Scenes by name, or files beside this one; their axes and elements come before those of this file."""
     description: str = ""
-    hand: Literal["push", "tap", "sine", "guide", "release", "none"] | None = None
+    hand: Literal["push", "tap", "sine", "guide", "shake", "release", "none"] | None = None
     """Motion of the simulated hand in this scene, unless a run names another."""
     passivity: Literal["observer", "controller"] | None = None
     """Whether energy that the loop gives of its own ends the run, or is taken back by damping before that; the

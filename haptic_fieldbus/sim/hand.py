@@ -89,18 +89,23 @@ _PULSES = tuple(
     piece for start in (0.5, 1.5, 2.5) for piece in (Piece(start, 10.0), Piece(round(start + 0.05, 9), 0.0))
 )
 _SINE = 2 * math.pi
-_STROKE, _GUIDED, _ARM = 0.06, 2 * math.pi * 0.25, 1000.0
-"""Stroke [m], angular frequency [rad/s] and mass [kg] of the guiding hand.
+_STROKE, _ARM = 0.06, 1000.0
+"""Stroke [m] and mass [kg] of a leading hand; the mass is so large that no handle deflects it."""
 
-The mass is so large that no handle deflects it. It moves over its stroke and back, x = ½·stroke·(1 − cos ωt).
-"""
+
+def _leading(name: str, frequency: float) -> Hand:
+    """Return a hand that moves over its stroke and back at a frequency [Hz], x = ½·stroke·(1 − cos ωt)."""
+    omega = 2 * math.pi * frequency
+    # The force that moves its mass in this way: ½·mass·stroke·ω² at t = 0, a cosine from there.
+    return Hand(name, (Piece(0.0, 0.5 * _ARM * _STROKE * omega**2),), angular_frequency=omega, mass=_ARM)
+
 
 HANDS: dict[str, Hand | None] = {
     "push": Hand("push", _PUSH),
     "tap": Hand("tap", _PULSES),
     "sine": Hand("sine", (Piece(0.0, 0.0, 4.0 * _SINE),), angular_frequency=_SINE),
-    # The force that moves its mass by x = ½·stroke·(1 − cos ωt): ½·mass·stroke·ω² at t = 0, a cosine from there.
-    "guide": Hand("guide", (Piece(0.0, 0.5 * _ARM * _STROKE * _GUIDED**2),), angular_frequency=_GUIDED, mass=_ARM),
+    "guide": _leading("guide", 0.25),
+    "shake": _leading("shake", 1.0),
     "release": Hand("release", _PUSH, release=2.0),
     "none": None,
 }

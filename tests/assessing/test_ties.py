@@ -15,7 +15,7 @@ from haptic_fieldbus.scenes.damper import Damper
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
-from tests.builders import scene_of
+from tests.builders import endless_rig, scene_of
 
 SHAFT = Coupling(("left", "right"), stiffness=200.0)
 
@@ -30,7 +30,8 @@ def splits(monkeypatch: pytest.MonkeyPatch, *elements: AnyElement) -> list[Error
         return summarise(run, axes, elapsed)
 
     monkeypatch.setattr(summary, "summarise", watched)
-    run(scene_of(*elements), duration=1.2)
+    scene = scene_of(*elements)
+    run(scene, endless_rig(scene), duration=1.2)
     return found
 
 
@@ -66,9 +67,11 @@ def test_an_axis_names_the_sources_that_it_has(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_picture_names_each_axis(tmp_path: Path) -> None:
-    plot_run(run(scene_of(SHAFT), duration=1.0), tmp_path / "shaft.svg")
+    shaft = scene_of(SHAFT)
+    plot_run(run(shaft, endless_rig(shaft), duration=1.0), tmp_path / "shaft.svg")
     text = (tmp_path / "shaft.svg").read_text(encoding="utf-8")
     assert "left: the whole run" in text
     assert "right: the whole run" in text
-    plot_run(run(scene_of(Wall("handle", 300.0)), duration=1.0), tmp_path / "wall.svg")
+    wall = scene_of(Wall("handle", 300.0))
+    plot_run(run(wall, endless_rig(wall), duration=1.0), tmp_path / "wall.svg")
     assert "<!-- the whole run -->" in (tmp_path / "wall.svg").read_text(encoding="utf-8")

@@ -65,7 +65,7 @@ def test_json_is_the_only_thing_on_standard_output(command: Command) -> None:
     spreads = [each for key, each in result["timing"].items() if key != "late"]
     assert all(set(each) == {"p50", "p99", "p999", "max"} for each in spreads)
     assert result["timing"]["period_us"]["p50"] == pytest.approx(1000.0)
-    assert set(result["torque_error"]) == {"rms", "max", "unit", "by_source"}
+    assert set(result["torque_error"]) == {"rms", "max", "unit", "by_source", "contact", "contact_s"}
     assert set(result["stability"]) == STABILITY
     assert set(result["stability"]["stiffness_limit"]) == {"passive", "stable", "quantisation", "cautious"}
 

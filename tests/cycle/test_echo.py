@@ -155,6 +155,19 @@ def test_a_drive_that_takes_over_at_a_sync_never_trips(way: Way, name: str) -> N
         assert trip_of(plan_with(MOTIONS[name], 1000.0, plan), Drive(way, 1000.0, waits=True), 3.0) is None
 
 
+def swinging_a_little(number: int) -> int:
+    """A jump of two steps to the middle of a swing of two steps, which never leaves the tolerance around it."""
+    return (-21, -22, -20)[number % 3] if number > 900 else -19
+
+
+def test_a_control_tick_at_the_next_sync_may_show_either_target_and_never_trips() -> None:
+    late = replace(PROFILE, timing=replace(PROFILE.timing, control_period=0.001))
+    plan = plan_with(swinging_a_little, 1000.0, profile_of("demand", late))
+    assert plan.delay.bus + plan.delay.compute + plan.delay.drive == pytest.approx(plan.period)
+    for waits in (False, True):
+        assert trip_of(plan, Drive("demand", 1000.0, waits=waits), 3.0) is None
+
+
 @pytest.mark.thorough("every motion at every rate", quick=4)
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("way", WAYS)

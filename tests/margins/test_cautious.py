@@ -8,6 +8,7 @@ from random import Random
 import pytest
 
 import haptic_fieldbus
+from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.margins.cautious import WORST
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.ranges import Ranges
@@ -111,3 +112,25 @@ def test_of_300_benches_within_the_ranges_none_grows_at_the_cautious_limit() -> 
         beyond_nominal += drawn.grows(found.stiffness_limit.stable)
     # The nominal limit is no such promise: many of these benches are worse than what is stated.
     assert beyond_nominal > 60
+
+
+@pytest.mark.thorough("draws 40 benches with couplings", quick=4)
+@pytest.mark.parametrize("seed", range(40))
+def test_no_coupling_within_its_range_has_a_smaller_limit(seed: int) -> None:
+    """Between the ends of the range too, where the load may swing at another frequency than at both ends."""
+    random = Random(f"coupling {seed}")
+    mass, share = 10 ** random.uniform(-0.5, 0.5), random.uniform(0.1, 0.8)
+    stiffness = 10 ** random.uniform(2.5, 5.5)
+    losses = 2.0 * random.uniform(0.01, 0.2) * math.sqrt(stiffness * mass * share)
+    plant = replace(BENCH, mass=mass * (1.0 - share), damping=10 ** random.uniform(-0.5, 0.7), torque_lag=LAG)
+    body, ranges = (
+        HungBody(mass * share, stiffness, losses),
+        Ranges((LAG, 3 * LAG), (0.4e-3, 1e-3), coupling=(0.5, 2.0)),
+    )
+    member = Member("a", plant, 0.4e-3, (Wall("a", 100.0),), None, "backward-difference", (body,), ranges)
+    least = Group((member,), (), PERIOD).cautious_limit()
+    assert least is not None
+    (at,) = least.judged_at
+    for each in (0.5, *(random.uniform(0.5, 2.0) for _ in range(20)), 2.0):
+        within = member.at(replace(at, coupling=each))
+        assert least.stable <= Group((within,), (), PERIOD).rough_limit() * (1.0 + 1e-3)

@@ -64,6 +64,22 @@ def test_scenes_of_every_steepness_were_looked_at() -> None:
     assert {"detents", "texture", "magnet", "hunt_crossley", "pendulum"} <= set(GRADED)
 
 
+@pytest.mark.parametrize("stiffness", [3000.0, 12_000.0, 1e6])
+def test_what_is_proposed_is_inside_the_cautious_limit(stiffness: float) -> None:
+    """Each proposal, the softer wall and the one with damping, is planned again and judged over all ranges."""
+    soft = Wall("handle", stiffness=stiffness, damping=0.5)
+    with pytest.raises(UnstableSceneError) as refused:
+        check_stable(plan_of(scene_of(soft)))
+    given = dict(re.findall(r"--set wall\.(\w+)=([.0-9]*[0-9])", str(refused.value)))
+    assert set(given) == ({"stiffness", "damping"} if stiffness < 1e6 else {"stiffness"})
+    for name, value in given.items():
+        mended: Wall = replace(soft, **{name: float(value)})  # type: ignore[arg-type]  # both are numbers
+        judged = plan_of(scene_of(mended)).stability
+        assert judged is not None
+        assert judged.cautious is not None
+        assert mended.stiffness <= judged.cautious.stable
+
+
 class Pushing:
     """Something that pushes the handle the way that it already goes, and has no stiffness."""
 

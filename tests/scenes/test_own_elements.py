@@ -78,7 +78,7 @@ class TestUsedLikeOurs:
         assert "own_memory" in haptic_fieldbus.plan(path).modules
         judged = haptic_fieldbus.stability(path, settings={"clay.stiffness": "max/2"})
         assert judged.margin == pytest.approx(2.0)
-        result = haptic_fieldbus.run(path, duration=2.0, changes=[(1.5, {"clay.stiffness": "0.6 N/mm"})])
+        result = haptic_fieldbus.run(path, hand="guide", duration=2.0, changes=[(1.5, {"clay.stiffness": "0.6 N/mm"})])
         assert result.verdict is not None
         assert result.verdict.startswith("Feels like the ideal mine")
         answer = haptic_fieldbus.response(path, input="ramp", amplitude=0.1)

@@ -36,6 +36,8 @@ def _expected(name: str, t: float) -> float:
         return min(12 * t, 6.0) if t < 2 else 0.0
     if name == "guide":
         return 1000.0 * 0.03 * (0.5 * math.pi) ** 2 * math.cos(0.5 * math.pi * t)
+    if name == "shake":
+        return 1000.0 * 0.03 * (2.0 * math.pi) ** 2 * math.cos(2.0 * math.pi * t)
     if name == "sine":
         return 4 * math.sin(2 * math.pi * t)
     return 10.0 if any(start <= t < start + 0.05 for start in (0.5, 1.5, 2.5)) else 0.0
@@ -115,5 +117,5 @@ def test_a_hand_may_wait_before_it_begins() -> None:
 def test_hands_are_found_by_name() -> None:
     assert hand_named("tap") is HANDS["tap"]
     assert hand_named("none") is None
-    with pytest.raises(UsageError, match='no hand "punch"; hands are: push, tap, sine, guide, release, none'):
+    with pytest.raises(UsageError, match='no hand "punch"; hands are: push, tap, sine, guide, shake, release, none'):
         hand_named("punch")

@@ -45,9 +45,12 @@ SMALL = 0.05
 
 
 def unseen_rig(task: Task, **changes: Any) -> Rig:
-    """The bench of a task, of which no sign is known, with changes to every axis."""
-    rig = load(task).rig
-    return replace(rig, axis={name: replace(axis, seen=Seen(), **changes) for name, axis in rig.axis.items()})
+    """The bench of a task with an endless way, of which no sign is known, with changes to every axis."""
+    axes = {}
+    for name, axis in load(task).rig.axis.items():
+        endless = replace(axis, limits=replace(axis.limits, position=None))
+        axes[name] = replace(endless, seen=Seen(), **changes)
+    return replace(load(task).rig, axis=axes)
 
 
 def unseen_plan(task: Task, **changes: Any) -> Plan:

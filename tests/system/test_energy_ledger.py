@@ -22,6 +22,7 @@ from haptic_fieldbus.scenes.gravity import Gravity
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal, Workspace
+from tests.builders import endless_rig
 from tests.system.test_run import LINEAR
 
 STIFFNESS, SURFACE = 600.0, 0.02
@@ -155,7 +156,8 @@ def contacts(trace: Trace) -> list[tuple[float, float]]:
 @pytest.mark.parametrize("source", [0.003, 0.0])
 def test_the_ledger_agrees_with_the_work_of_the_true_motor_on_the_true_shaft(source: float) -> None:
     """Taken from the simulation's own motion: the wall leaks K·∫(T/2 + τ)·v² dt, and a source comes on top of it."""
-    result = run(scene_with(HarderOnTheWayOut("handle", source)), hand="tap", duration=3.0)
+    scene = scene_with(HarderOnTheWayOut("handle", source))
+    result = run(scene, endless_rig(scene), hand="tap", duration=3.0)
     found = contacts(result.traces[0])
     assert len(found) >= 2
     above = [work - granted for work, granted in found]
@@ -171,7 +173,8 @@ def test_the_ledger_agrees_with_the_work_of_the_true_motor_on_the_true_shaft(sou
 def test_no_wall_at_half_its_limit_trips(scene: str, rate: float) -> None:
     duration = 60.0 if rate == 1000.0 else 5.0
     settings = {"wall.stiffness": "max/2"}
-    result = run(scene, drive="generic_cia402", hand="tap", rate=rate, duration=duration, settings=settings)
+    rig = endless_rig(scene, "generic_cia402")
+    result = run(scene, rig, hand="tap", rate=rate, duration=duration, settings=settings)
     assert all(ledger.largest < 0.1 * ledger.limit for ledger in result.passivity)
 
 
@@ -188,7 +191,7 @@ CHANGES = {
 @pytest.mark.thorough("live changes of six scenes", quick=("wall",))
 @pytest.mark.parametrize("scene", CHANGES)
 def test_no_live_change_trips(scene: str) -> None:
-    result = run(scene, duration=5.0, changes=CHANGES[scene])
+    result = run(scene, endless_rig(scene), duration=5.0, changes=CHANGES[scene])
     assert all(ledger.largest < 0.1 * ledger.limit for ledger in result.passivity)
 
 

@@ -20,7 +20,7 @@ from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.hand import HANDS
-from tests.builders import VELOCITY_ONLY, WALL, canopen, plan_of, rig_of, shipped
+from tests.builders import VELOCITY_ONLY, WALL, canopen, endless_rig, plan_of, rig_of, shipped
 from tests.system.sign_bench import HELD_BY, REVERSED, SMALL, rendered, unseen_plan, unseen_rig
 
 RATES = (1000.0, 250.0, 50.0)
@@ -188,7 +188,7 @@ def test_a_coarse_encoder_makes_the_pulses_longer_and_the_travel_is_told() -> No
 def test_a_minute_of_a_stiff_wall_is_no_contradiction(scene: str, hand: str) -> None:
     element = "wall" if scene == "damped_wall" else scene
     settings = {f"{element}.stiffness": "max/2"}
-    assert run(scene, hand=hand, duration=60.0, settings=settings).cycles == 60_000
+    assert run(scene, endless_rig(scene), hand=hand, duration=60.0, settings=settings).cycles == 60_000
 
 
 TURNED: tuple[faults.Fault, ...] = (
@@ -201,14 +201,15 @@ TURNED: tuple[faults.Fault, ...] = (
 def test_a_sign_that_turns_in_contact_ends_the_run(fault: faults.Fault) -> None:
     """Another tool reverses the drive two seconds later, when the motor holds the handle at its end stop."""
     with pytest.raises(SafetyTripError, match=r"pulses of .* moved the handle .* to the other side"):
-        run("constant", duration=8.0, faults=[fault])
+        run("constant", endless_rig("constant"), duration=8.0, faults=[fault])
 
 
 @pytest.mark.thorough("seconds of knocking", quick=1)
 @pytest.mark.parametrize("mass", [0.7, 1.2, 3.0])
 def test_a_virtual_mass_that_is_knocked_is_no_contradiction(mass: float) -> None:
     """Its torque goes against each change of the hand's force, as that of a wrong sign does."""
-    assert run("inertia", hand="tap", duration=5.0, force=True, settings={"inertia.mass": mass}).trips == ()
+    rig = endless_rig("inertia")
+    assert run("inertia", rig, hand="tap", duration=5.0, force=True, settings={"inertia.mass": mass}).trips == ()
 
 
 @pytest.mark.thorough("a run each", quick=3)
