@@ -5,14 +5,14 @@
 
 from haptic_fieldbus.buses.modbus.foreign import foreign_write
 from haptic_fieldbus.buses.modbus.framing import Answer, Question
-from haptic_fieldbus.buses.modbus.link import Link, Reading
+from haptic_fieldbus.buses.modbus.link import Reading, UnitLink
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE
 from haptic_fieldbus.protocols.traffic import answer_time
 
 
-class Exchange:
+class Turns:
     """The requests of all units of a line, and their answers in the input `image`."""
 
     def __init__(
@@ -31,7 +31,7 @@ class Exchange:
         self._begun_ns = 0
         self._patience_ns = round(1e9 * answer_time(1e-9 * period_ns))
         self._asked: Question | None = None
-        self._written: Link | None = None
+        self._written: UnitLink | None = None
         """Link whose set-point is under way."""
 
     @property
@@ -114,7 +114,7 @@ class Exchange:
         alone = link.set_point.alone
         return None if alone is None or alone in link.late else link.set_point.writing()
 
-    def _wait_for_quiet(self, link: Link, until_ns: int) -> None:
+    def _wait_for_quiet(self, link: UnitLink, until_ns: int) -> None:
         """Ask nothing, and drop what comes; when nothing did, no answer is late any more."""
         link.missing += 1
         if not self._requester.listen(until_ns):
@@ -132,7 +132,7 @@ class Exchange:
         else:
             link.missing += 1
 
-    def _accepted(self, link: Link, asked: Question, answer: Answer | None) -> bool:
+    def _accepted(self, link: UnitLink, asked: Question, answer: Answer | None) -> bool:
         """Note what an answer says of the unit; False without one, and for an exception."""
         if answer is None:
             if self._requester.transport.serial:
@@ -179,6 +179,6 @@ class Exchange:
                 now_ns = requester.clock.now_ns()
                 self._confirm(link, requester.answer(now_ns + (self._begun_ns + self._period_ns - now_ns) // left))
 
-    def _confirm(self, link: Link, answer: Answer | None) -> None:
+    def _confirm(self, link: UnitLink, answer: Answer | None) -> None:
         if self._asked is not None:
             self._accepted(link, self._asked, answer)

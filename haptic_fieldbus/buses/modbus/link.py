@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from struct import Struct
 
 from haptic_fieldbus.buses.modbus.framing import Answer, Question
-from haptic_fieldbus.buses.modbus.set_points import SetPoint
+from haptic_fieldbus.buses.modbus.set_points import StoredSetPoint
 from haptic_fieldbus.drive.objects import Order
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.planning.plan import Plan
@@ -20,10 +20,10 @@ TORN, TORN_WITHIN = 65536, 16384
 """Counts by which a value jumps when its two registers are of different instants, and how near to it a jump is one."""
 
 
-class Link:
+class UnitLink:
     """The link to one unit; `header` is the offset of its axis' header in the image."""
 
-    def __init__(self, unit: int, set_point: SetPoint, header: int, image: bytearray, latch_ns: int) -> None:
+    def __init__(self, unit: int, set_point: StoredSetPoint, header: int, image: bytearray, latch_ns: int) -> None:
         """`latch_ns` is the time from the beginning of the exchange until the drive should latch."""
         self.unit = unit
         self.set_point = set_point
@@ -77,7 +77,7 @@ class Reading:
 
     def __init__(
         self,
-        link: Link,
+        link: UnitLink,
         block: Block,
         times: "Times",
         image: bytearray,

@@ -21,18 +21,18 @@ Reference: Modbus application protocol 1.1b3, 6.3, 6.12, 6.17; Modbus over seria
 
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
 from haptic_fieldbus.buses.modbus.acknowledging import acknowledge
-from haptic_fieldbus.buses.modbus.exchange import Exchange
+from haptic_fieldbus.buses.modbus.exchange import Turns
 from haptic_fieldbus.buses.modbus.foreign import listen
-from haptic_fieldbus.buses.modbus.link import Link, Reading, offsets_of, times_of, traffic_of
-from haptic_fieldbus.buses.modbus.parting import Parting
+from haptic_fieldbus.buses.modbus.link import Reading, UnitLink, offsets_of, times_of, traffic_of
+from haptic_fieldbus.buses.modbus.parting import UnitParting
 from haptic_fieldbus.buses.modbus.registers import from_words
-from haptic_fieldbus.buses.modbus.release import Release
+from haptic_fieldbus.buses.modbus.release import LineRelease
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.set_points import SetPoint
+from haptic_fieldbus.buses.modbus.set_points import StoredSetPoint
 from haptic_fieldbus.buses.modbus.set_up import SetUp
 from haptic_fieldbus.buses.modbus.transport import Transport
-from haptic_fieldbus.buses.modbus.unit import Unit
-from haptic_fieldbus.buses.modbus.watchdog import Watchdog
+from haptic_fieldbus.buses.modbus.unit import UnitClient
+from haptic_fieldbus.buses.modbus.watchdog import DriveWatch
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -59,10 +59,10 @@ class ModbusBus(InSteps):
         self._requester = Requester(transport, clock, echo=section.echo)
         self._plan: Plan | None = None
         self._set_ups: tuple[SetUp, ...] = ()
-        self._links: tuple[Link, ...] = ()
-        self._partings: tuple[Parting, ...] = ()
-        self._release: Release | None = None
-        self._exchange: Exchange
+        self._links: tuple[UnitLink, ...] = ()
+        self._partings: tuple[UnitParting, ...] = ()
+        self._release: LineRelease | None = None
+        self._exchange: Turns
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
@@ -103,27 +103,27 @@ class ModbusBus(InSteps):
             for reading in _readings(link, axis, places, traffic, image)
         )
         writes = traffic.way is Way.READ_THEN_WRITE
-        self._exchange = Exchange(self._requester, readings, image, period_ns=plan.period_ns, writes=writes)
+        self._exchange = Turns(self._requester, readings, image, period_ns=plan.period_ns, writes=writes)
         self._partings = tuple(
-            Parting(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
+            UnitParting(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
         )
         longest = max(reading.times.whole_ns for reading in readings) * 1e-9
         guard = max(traffic.guard(axis.name) for axis in plan.axes)
-        self._release = Release(self._requester, self._partings, exchange=longest, guard=guard)
+        self._release = LineRelease(self._requester, self._partings, exchange=longest, guard=guard)
 
     def _set_up_of(self, axis: AxisPlan, traffic: ModbusTraffic, *, real: bool) -> SetUp:
         profile = traffic.member(axis.name).profile
-        unit = Unit(self._requester, axis.node, f"unit {axis.node} (axis {axis.name})", profile.line)
+        unit = UnitClient(self._requester, axis.node, f"unit {axis.node} (axis {axis.name})", profile.line)
         section = profile.watchdog
-        watchdog = None if section is None else Watchdog(unit, section, traffic.guard(axis.name))
+        watchdog = None if section is None else DriveWatch(unit, section, traffic.guard(axis.name))
         entries = () if profile.torque.limit is None else (profile.torque.limit,)
         limits = TorqueLimits(unit, axis, self.warnings.append, real, entries, axis.effort_unit)
         return SetUp(unit, axis, profile, watchdog, limits)
 
-    def _link_of(self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray) -> Link:
+    def _link_of(self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray) -> UnitLink:
         member = traffic.member(axis.name)
-        set_point = SetPoint(member.traffic, member.profile.line, places.outputs[0])
-        return Link(axis.node, set_point, places.header, image, round(1e9 * traffic.latch(axis.name)))
+        set_point = StoredSetPoint(member.traffic, member.profile.line, places.outputs[0])
+        return UnitLink(axis.node, set_point, places.header, image, round(1e9 * traffic.latch(axis.name)))
 
     def prepare(self, deadline_ns: int) -> None:
         """Take the answer to the last set-point, until the deadline [ns] at the latest; raises BusError when dead."""
@@ -224,7 +224,7 @@ class ModbusBus(InSteps):
 
 
 def _readings(
-    link: Link, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray
+    link: UnitLink, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray
 ) -> tuple[Reading, ...]:
     """Return the requests of the reading part of one axis."""
     member = traffic.member(axis.name)

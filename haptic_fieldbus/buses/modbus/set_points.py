@@ -13,7 +13,7 @@ from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
 from haptic_fieldbus.protocols.modbus.requests import Block
 
 
-class SetPoint:
+class StoredSetPoint:
     """The blocks that are written to one unit; `start` is their offset in the output image."""
 
     def __init__(self, traffic: RegisterTraffic, section: LineSection, start: int) -> None:
