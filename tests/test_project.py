@@ -265,12 +265,14 @@ def modules_in(folder: str) -> set[str]:
 # Public functions of one name in several modules: the same question, answered for what their module is about.
 SAME_QUESTION = {
     "bind": "a fresh step, its parameters bound",
+    "check_profile": "faults of a profile beyond its schema, by its protocol",
     "discrete": "the linear system that a step is",
     "draw": "a picture of what a page or a command shows",
     "dynamics": "(A, B) of bodies",
     "environment": "what a sampled loop is closed over, of one axis or several",
     "free_puck": "the lecture's free puck",
     "growth": "spectral radius but for shifts, of one axis or several",
+    "in_place_of": "a bus that is named in the place of one of a rig, by its protocol",
     "loop_matrix": "one period of a loop, of one axis or several",
     "main": "a program",
     "measure": "the points of a work-precision set",

@@ -19,6 +19,7 @@ from functools import partial
 from haptic_fieldbus.buses.modbus.errors import translate
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.defaults import DEFAULT_SEED
+from haptic_fieldbus.protocols.modbus.line import LineTimes
 from haptic_fieldbus.protocols.modbus.profile import Parity
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.drive.broken import until
