@@ -5,6 +5,7 @@ Values that a rig leaves open (inertia, damping, rated torque) are those of the 
 
 import math
 from dataclasses import dataclass
+from random import Random
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile
 from haptic_fieldbus.drive.profile import DriveProfile
@@ -23,6 +24,10 @@ from haptic_fieldbus.sim.mechanics.plant import Plant
 
 _RAMP = 0.05
 """Time in which the default ramp reaches the default profile velocity [s]; chosen here."""
+_START_JITTER_NS = 40_000
+_DRIFT = 5e-5
+"""Largest error of the clock of a drive; crystals have 20 to 100 ppm."""
+_RESET_NS = (20_000_000, 30_000_000)
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,20 @@ class DriveSettings:
     """By how much the drive's clock is slow, as a share; for ticks that run free."""
     velocity_unit: str | None = None
     """Unit of velocity after power-on, None: that of the profile."""
+
+
+def drawn_settings(seed: int | str, node: int) -> DriveSettings:
+    """Return the random properties of one drive, drawn from the seed and its number on the bus."""
+    # A generator for each drive, so that adding a drive changes no other one.
+    random = Random(f"{seed}/{node}")
+    return DriveSettings(
+        serial=random.getrandbits(32),
+        encoder_phase=random.random() - 0.5,
+        start_delay_ns=random.randrange(_START_JITTER_NS),
+        reset_ns=random.randrange(*_RESET_NS),
+        tick_phase=random.random(),
+        tick_drift=random.uniform(-_DRIFT, _DRIFT),
+    )
 
 
 def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
