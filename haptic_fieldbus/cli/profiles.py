@@ -91,6 +91,8 @@ def show_profile(
         return
     usable = "usable" if profile.drive.usable else "not usable for force"
     show([(None, f"{profile.title} · {profile.drive.protocol} · {usable} · evidence: {profile.drive.evidence}")])
+    if not profile.drive.usable:
+        show([(None, f"not usable because {profile.sources['drive.usable']}")])
     show([(None, profile.source), (None, "")])
     width = max(len(key) for key, _, _ in _rows(profile))
     for key, value, source in _rows(profile):

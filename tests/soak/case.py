@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 
 from haptic_fieldbus import api
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.folders import profile_names
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.scene import Scene
@@ -68,7 +69,7 @@ def scenes() -> tuple[str, ...]:
 
 @cache
 def profiles() -> tuple[str, ...]:
-    return tuple(profile_names())
+    return tuple(name for name in profile_names() if load_profile(name).drive.usable)
 
 
 def case_of(seed: int, duration: float = DURATION) -> Case:
