@@ -8,6 +8,7 @@ from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.sim.faults import MissingTpdos
 from tests.system.sign_bench import unseen_rig
+from tests.builders import endless_rig
 
 CONTACT = 2.0
 """[s] after operation enabled; the pushing hand has come to rest in the wall."""
@@ -68,3 +69,4 @@ def test_feedback_that_breaks_off_the_proof_of_the_sign_is_named_as_the_reason()
     (told,) = [text for text in found.warnings if "sign" in text]
     assert "gaps in the feedback broke the proof off" in told
     assert "too short" not in told
+    assert run("wall", endless_rig("wall"), duration=20.0, hand=hand, faults=faults).cycles == 20_000
