@@ -8,10 +8,8 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.catalogue import load_profile
-from tests.builders import canopen, shipped
-from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.sim.canopen.sheet import dictionary_of
-from tests.builders import canopen
+from tests.builders import canopen, shipped
 
 SHIPPED = [name for name in shipped() if load_profile(name).drive.usable]
 KINDS = {

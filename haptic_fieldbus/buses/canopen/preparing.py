@@ -19,8 +19,6 @@ from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, ShownObjec
 
 MAX_MOTOR_SPEED, MOTOR_SPEED_UNIT = 0x6080, "r/min"
 """Object of CiA 402-2; some drives have it in a unit of their own."""
-RATED_TOLERANCE = 0.02
-"""Of a rated value in the rig; what a drive holds may differ by its rounding."""
 
 
 def prepare(node: Node, profile: CanopenProfile, rate: float) -> None:

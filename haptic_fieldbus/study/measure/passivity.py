@@ -102,19 +102,10 @@ def _felt(scene: Scene, result: Result) -> Felt:
 
 
 def _endless(tools: Tools) -> Rig:
-    """Return the shipped bench with an endless way, over which a tapped handle flies off."""
-def _endless(tools: Tools) -> Rig:
     """Return the shipped bench with an endless way: a hand that taps carries the handle off it after some contacts."""
     rig = tools.plan("wall").rig
     axes = {name: replace(axis, limits=replace(axis.limits, position=None)) for name, axis in rig.axis.items()}
     return replace(rig, axis=axes)
-
-
-def _smooth(tools: Tools) -> Rig:
-    """Return the same bench without Coulomb friction."""
-    rig = _endless(tools)
-    free = {name: replace(axis, limits=replace(axis.limits, position=None)) for name, axis in rig.axis.items()}
-    return replace(rig, axis=free)
 
 
 def _smooth(tools: Tools) -> Rig:

@@ -204,7 +204,7 @@ def test_the_fault_of_a_lost_master_is_cleared_and_another_one_is_not(opened: Ex
     bench.open().enable()
     assert bench.bus.stop()
     server.drive.registers |= {STATUS: FAULT, ERROR: 0x2310}
-    with pytest.raises(DriveFaultError, match="error code 2310h. Nothing was cleared"):
+    with pytest.raises(DriveFaultError, match=r"error code 2310h\. Nothing was cleared"):
         bench.bus.acknowledge()
     server.drive.registers[ERROR] = 0x8130
     bench.bus.acknowledge()
