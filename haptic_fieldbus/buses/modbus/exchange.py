@@ -9,6 +9,7 @@ from haptic_fieldbus.buses.modbus.link import Link, Reading
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE
+from haptic_fieldbus.protocols.traffic import answer_time
 
 
 class Exchange:
@@ -27,7 +28,8 @@ class Exchange:
         self._period_ns, self._writes = period_ns, writes
         self._left_ns = tuple(sum(each.times.whole_ns for each in readings[at:]) for at in range(len(readings)))
         """Time that each request and those after it take."""
-        self._at = self._begun_ns = 0
+        self._begun_ns = 0
+        self._patience_ns = round(1e9 * answer_time(1e-9 * period_ns))
         self._asked: Question | None = None
         self._written: Link | None = None
         """Link whose set-point is under way."""
@@ -51,10 +53,16 @@ class Exchange:
             self._confirm(link, self._requester.answer(deadline_ns - self._left_ns[0]))
         elif self._requester.outstanding is not None:
             self._requester.answer(0)
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """Wait no more for an answer that has stayed away for long: the unit may have lost its question."""
+        if self._requester.clock.now_ns() - self._requester.sent_ns > self._patience_ns:
+            self._requester.forget()
 
     def begin(self) -> None:
         """Ask the first unit."""
-        self._begun_ns, self._at = self._requester.clock.now_ns(), 0
+        self._begun_ns = self._requester.clock.now_ns()
         for link in self._links:
             link.begin()
         self._asked = self._ask(self._readings[0])
@@ -63,8 +71,11 @@ class Exchange:
         """Receive, and ask the other units, until the deadline [ns] at the latest; return the image."""
         requester, last = self._requester, len(self._readings) - 1
         for at, reading in enumerate(self._readings):
-            answer = requester.answer(self._share_of(at, deadline_ns))
-            self._take(reading, self._asked, answer)
+            until_ns = self._share_of(at, deadline_ns)
+            if self._asked is None and requester.outstanding is None:
+                self._wait_for_quiet(reading.link, until_ns)
+            else:
+                self._take(reading, self._asked, requester.answer(until_ns))
             if at < last:
                 self._asked = self._ask(self._readings[at + 1])
         self._finish()
@@ -95,10 +106,17 @@ class Exchange:
     def _question(self, reading: Reading) -> Question | None:
         link = reading.link
         if not (reading.writes and link.set_point.waiting):
-            return None if link.still_late(reading.function) else reading.question
-        if not link.still_late(READ_WRITE):
+            return None if reading.function in link.late else reading.question
+        if READ_WRITE not in link.late:
             return link.set_point.writing_before(reading.block)
-        return link.set_point.writing() if link.set_point.alone else None
+        alone = link.set_point.alone
+        return None if alone is None or alone in link.late else link.set_point.writing()
+
+    def _wait_for_quiet(self, link: Link, until_ns: int) -> None:
+        """Ask nothing, and drop what comes; when nothing did, no answer is late any more."""
+        link.missing += 1
+        if not self._requester.listen(until_ns):
+            link.late.clear()
 
     def _take(self, reading: Reading, asked: Question | None, answer: Answer | None) -> None:
         """Take an answer, or that it stayed away."""
@@ -119,7 +137,8 @@ class Exchange:
                 self._requester.forget()
                 link.late.add(asked.function)
             return False
-        link.late.clear()
+        if asked.function not in link.late:  # a unit answers in order, so no earlier answer can come any more
+            link.late.clear()
         if answer.exception is not None:
             link.refused(answer.exception)
             return False

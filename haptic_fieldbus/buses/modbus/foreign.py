@@ -40,7 +40,6 @@ def listen(requester: Requester, seconds: float = LISTENING) -> str:
     """Listen before anything is sent, and return a sentence about it; raises ForeignMasterError, BusError."""
     if not requester.transport.serial:
         return f"{requester.name}: another master cannot be heard on TCP, only the registers of a drive tell of one"
-    requester.transport.discard()
     heard = requester.listen(requester.clock.now_ns() + round(seconds * 1e9))
     if heard:
         raise ForeignMasterError(

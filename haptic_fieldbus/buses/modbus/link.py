@@ -53,13 +53,6 @@ class Link:
         """Begin an exchange."""
         self.missing = 0
 
-    def still_late(self, function: int) -> bool:
-        """Whether an answer of this function may still come; asked once, as then a whole period has been waited."""
-        if function not in self.late:
-            return False
-        self.late.discard(function)
-        return True
-
     def refused(self, code: int) -> None:
         """Note an exception, for the header of the next exchange that ends."""
         self._code = code

@@ -1,7 +1,8 @@
 """One drive on its way to zero torque, one request after another.
 
-1. Target torque 0, then the command that frees the shaft: in one request where the registers are neighbours.
-2. The status is asked for. Until it says that the motor is off, the writes are repeated in turn with the question.
+1. Target torque 0, then the command that frees the shaft.
+2. The status is asked for. Until it says that the motor is off, command and question are repeated in turn. The target
+   torque is repeated only once, and only without an answer, since each write to it feeds the drive's watchdog.
 3. A drive that is off gets back what it held before the run: the time of its watchdog, its torque limit. Each is read
    back.
 """
@@ -16,6 +17,8 @@ from haptic_fieldbus.buses.modbus.unit import Unit
 from haptic_fieldbus.drive.power import ENERGISED, PowerState, PowerTable
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
 
+MOST_ZEROS = 2
+"""So often zero torque is sent on one line."""
 Undone = tuple[Register, int]
 """A register, and the value that it held before the run."""
 
@@ -47,12 +50,14 @@ class Parting:
         self._to_do: list[_Step] = []
         self._undoing: list[Undone] = []
         self._asked = False
+        self._zeros = 0
+        """How often zero torque is still sent, unless it is answered."""
 
     def begin(self) -> None:
         """Forget an earlier way to zero."""
         self.free, self.fault, self.refused, self._asked = False, None, [], False
         self._undoing = list(self._last())
-        self._to_do = self._freeing()
+        self.again()
 
     @property
     def settled(self) -> bool:
@@ -78,8 +83,10 @@ class Parting:
     def take(self, answer: Answer | None) -> None:
         """Take the answer to the last question; without one, and after an exception, the next question follows."""
         step = self._to_do.pop(0)
-        if answer is None:
-            self._to_do = []  # from the beginning: zero torque first
+        if answer is None and self.free:
+            self._to_do = []  # what is put back is read back only after it was written
+        elif answer is None:
+            return
         elif answer.exception is None:
             step.done(answer)
         elif self.free:
@@ -87,10 +94,17 @@ class Parting:
 
     def again(self) -> None:
         """Begin with zero torque once more, on a line that was opened anew."""
-        self._to_do = []
+        self._to_do, self._zeros = [], MOST_ZEROS
 
     def _freeing(self) -> list[_Step]:
-        return [_Step(self._zero, _nothing), _Step(self._off, _nothing), _Step(self._status, self._judge)]
+        steps = [_Step(self._off, _nothing), _Step(self._status, self._judge)]
+        if self._zeros:
+            self._zeros -= 1
+            steps.insert(0, _Step(self._zero, self._zeroed))
+        return steps
+
+    def _zeroed(self, answer: Answer) -> None:
+        self._zeros = 0
 
     def _judge(self, answer: Answer) -> None:
         state = self._power.state(from_words(self._profile.power.status, answer.registers, self._order))

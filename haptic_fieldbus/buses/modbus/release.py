@@ -2,8 +2,8 @@
 
 `begin` sends zero torque to the first drive without waiting for anything; the others follow in turn, since a line takes
 one request at a time. Every drive is sent zero torque and the command for off before any is asked whether it is off.
-No set-point but zero is sent from `begin` on; when a drive confirms nothing, its watchdog takes the torque away, and
-the looks end only after that time.
+No set-point but zero is sent from `begin` on, and that one twice at most. When a drive confirms nothing, its watchdog
+takes the torque away, and the looks end only after that time.
 
 A line that died is opened anew for this way alone: TCP connects again, a serial port is opened again. Nothing is ever
 enabled on it; the run has ended.
@@ -13,7 +13,7 @@ All times here are those of the line, not of the loop.
 
 from collections.abc import Callable, Sequence
 
-from haptic_fieldbus.buses.modbus.parting import Parting
+from haptic_fieldbus.buses.modbus.parting import MOST_ZEROS, Parting
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.errors import BusError
 
@@ -21,6 +21,8 @@ SLICE = 0.002
 """[s] of one look; longer where an exchange takes more than half of it."""
 PATIENCE = 0.015
 """Time that a drive has for an answer, before the next request is sent [s]; longer on a slow line."""
+QUESTIONS = 3
+"""Requests of one round: zero torque, command, status."""
 GRACE = 0.05
 """Time from the end of the longest watchdog to the last look [s]."""
 
@@ -35,7 +37,9 @@ class Release:
         self._partings = tuple(partings)
         self._slice_ns = round(1e9 * max(SLICE, 2.0 * exchange))
         self._patience_ns = round(1e9 * max(PATIENCE, 2.0 * exchange))
-        self._longest_ns = round(1e9 * (guard + GRACE + 8.0 * exchange * len(self._partings)))
+        # The watchdog runs from the last write of zero torque.
+        zeros_ns = MOST_ZEROS * QUESTIONS * len(self._partings) * self._patience_ns
+        self._longest_ns = round(1e9 * (guard + GRACE)) + zeros_ns
         self._end_ns = self._waiting_until_ns = 0
         self._asked: Parting | None = None
         self._begun = self._dead = False

@@ -3,7 +3,8 @@
 A request whose answer stays away is *outstanding*: its answer may still come. What that means differs:
 
 - On TCP the answer carries a transaction id, and nothing else gets through before it. Nothing is sent meanwhile, since
-  set-points would only queue up, to be obeyed one after another when they are old.
+  set-points would only queue up, to be obeyed one after another when they are old. After some periods the question
+  counts as lost.
 - On RTU the late answer to a request looks like the answer to the next one of the same function. The next request is
   therefore one of another function, or none: see `master`.
 
@@ -32,7 +33,7 @@ class Requester:
         self.surprises: Counter[Surprise] = Counter()
         """How often octets were dropped, and why."""
         self.unasked = bytearray()
-        """Octets that came when nothing was asked, the latest of them."""
+        """Octets that came when nothing was asked, or that were no answer; the latest of them."""
         self.outstanding: Question | None = None
         """The question whose answer has not come; None when the line is free."""
         self.sent_ns = self.arrived_ns = 0
@@ -105,10 +106,11 @@ class Requester:
         if self._echo and not self._echo_taken():
             return None
         while self._gathered:
-            used, found = self._framing.take(self._gathered)
+            octets = self._gathered
+            used, found = self._framing.take(octets)
             if not used:
                 return None
-            self._gathered = self._gathered[used:]
+            self._gathered = octets[used:]
             if isinstance(found, Answer):
                 self.outstanding, self.arrived_ns = None, self.clock.now_ns()
                 self._free_ns = self.arrived_ns + self.silence_ns
@@ -117,6 +119,8 @@ class Requester:
                 self._replaced = False  # we did not wait for it
             elif found is not None:
                 self.surprises[found] += 1
+                if found is Surprise.GARBAGE:
+                    self.unasked = bytearray(octets[:used])
         return None
 
     def _echo_taken(self) -> bool:

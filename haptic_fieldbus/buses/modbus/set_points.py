@@ -19,8 +19,8 @@ class SetPoint:
     def __init__(self, traffic: RegisterTraffic, section: LineSection, start: int) -> None:
         self.waiting = False
         """Whether a set-point was stored and has not been sent yet."""
-        self.alone = section.writing(traffic.set_point.count) is not None
-        """Whether the drive has a function that writes a set-point and reads nothing."""
+        self.alone = section.writing(traffic.set_point.count)
+        """Function that writes a set-point and reads nothing; None when the drive has none."""
         self._unit = traffic.unit
         self._blocks = [_Written(traffic.set_point, section, start)]
         if traffic.command is not None:

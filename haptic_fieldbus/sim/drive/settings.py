@@ -9,7 +9,7 @@ from random import Random
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis, RotaryMechanism, default_axis
+from haptic_fieldbus.drive.rig import LinearMechanism, RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.drive.units import COUNTS, COUNTS_PER_SECOND, steps_per_revolution, velocity_step
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.object_table import Defaults
@@ -63,6 +63,8 @@ class DriveSettings:
     """First control tick after power-on, as a share of the control period; for ticks that run free."""
     tick_drift: float = 0.0
     """By how much the drive's clock is slow, as a share; for ticks that run free."""
+    full_scale: float | None = None
+    """Torque that 32767 stands for in drives that count in shares of it [N·m]; None: it counts in none."""
     velocity_unit: str | None = None
     """Unit of velocity after power-on, None: that of the profile."""
 
@@ -168,7 +170,7 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     current, peak, constant = _known_currents(axis, settings)
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia
-    steps = steps_per_revolution(profile.position.actual.unit if profile.position is not None else COUNTS, counts)
+    steps = position_steps(profile.position.actual.unit if profile.position is not None else COUNTS, axis)
     return Defaults(
         max_torque_permille=settings.max_torque_permille,
         rated_current_ma=round(current * 1e3),
@@ -177,7 +179,15 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
         counts_per_revolution=counts,
         velocity=_whole(_RAMP * acceleration / velocity_step(_velocity_unit(profile, settings), counts)),
         acceleration=_whole(acceleration * steps / (2 * math.pi)),
+        lever=axis.mechanism.ratio if isinstance(axis.mechanism, LinearMechanism) else 0.0,
+        full_scale=settings.full_scale or 0.0,
     )
+
+
+def position_steps(unit: str, axis: RigAxis) -> float:
+    """Return the number of position units in one revolution of the motor."""
+    straight = axis.mechanism.metres_per_revolution if isinstance(axis.mechanism, LinearMechanism) else 0.0
+    return steps_per_revolution(unit, axis.encoder_counts_per_revolution, straight)
 
 
 def _whole(value: float) -> int:

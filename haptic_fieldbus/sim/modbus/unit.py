@@ -6,11 +6,12 @@ keeps what is written to it, and does nothing.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.drive.units import COUNTS, steps_per_revolution
+from haptic_fieldbus.drive.units import COUNTS
 from haptic_fieldbus.protocols.modbus.profile import (
     READ_HOLDING,
     READ_INPUT,
@@ -22,7 +23,7 @@ from haptic_fieldbus.protocols.modbus.profile import (
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry
-from haptic_fieldbus.sim.drive.settings import DriveSettings
+from haptic_fieldbus.sim.drive.settings import DriveSettings, position_steps
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.modbus.front import Front
 from haptic_fieldbus.sim.modbus.model import CYCLIC_TORQUE, inner_profile, written
@@ -54,7 +55,8 @@ class Unit:
         """Until this time the drive neither hears nor answers."""
         self.causes: set[object] = set()
         """Causes of faults that last."""
-        self.drive = Drive(inner_profile(self.profile), axis, self, hand, settings or DriveSettings(), t_ns)
+        settings = replace(settings or DriveSettings(), full_scale=self.profile.torque.full_scale)
+        self.drive = Drive(inner_profile(self.profile), axis, self, hand, settings, t_ns)
         self.registers = Registers(self.profile.line)
         self.identity: list[Entry] = []
         self._kept: list[Entry] = []
@@ -158,8 +160,7 @@ class Unit:
         position, table = self.profile.position, self.drive.objects.table
         if position is None or position.actual.unit in ("", COUNTS):
             return
-        counts = axis.encoder_counts_per_revolution
-        steps = Fraction(steps_per_revolution(position.actual.unit, counts)).limit_denominator(1_000_000)
+        steps = Fraction(position_steps(position.actual.unit, axis)).limit_denominator(1_000_000)
         for subindex, value in ((1, steps.numerator), (2, steps.denominator)):
             entry = table[0x6092, subindex]
             entry.value = entry.default = value
@@ -212,9 +213,9 @@ class Unit:
             self._add_limit(torque.limit)
 
     def _add_limit(self, register: Register) -> None:
-        """Let the drive's own limit, in the unit of its target, be that of 6072h."""
+        """Let the drive's own limit be that of 6072h, in whatever unit."""
         objects, most = self.drive.objects, self.drive.objects.row(0x6072)
-        scale = objects.torque_unit / (1e-3 * objects.rated_torque)
+        scale = objects.step(register.unit) / (1e-3 * objects.rated_torque)
         start = min(register.type.limits[1], round(most.default / scale))
         entry = Entry(0, 0, register.type, start, Access.RW, limits=(0, register.type.limits[1]))
 

@@ -143,6 +143,8 @@ class Server:
     ended: threading.Event = field(default_factory=threading.Event)
     cut: Callable[[], None] = lambda: None
     """Ends the connection, or closes the pseudo-terminal."""
+    put: Callable[[bytes], object] = lambda octets: None
+    """Sends octets that nobody asked for."""
 
     @property
     def drive(self) -> Drive:
@@ -245,7 +247,7 @@ def rtu_server(*drives: Drive, mischief: Mischief = honest) -> Iterator[Server]:
         while open_ends:
             os.close(open_ends.pop())
 
-    server.cut = cut
+    server.cut, server.put = cut, lambda octets: os.write(ours, octets)
 
     def take() -> bytes:
         while not server.ended.is_set():
