@@ -45,12 +45,14 @@ class Turns:
         self._written, self.foreign = None, None
         for link in self._links:
             link.forget()
+        for reading in self._readings:
+            reading.forget()
 
     def prepare(self, deadline_ns: int) -> None:
         """Take the answer to the last set-point, as long as the deadline [ns] leaves time for all that is read."""
         link, self._written = self._written, None
         if link is not None:
-            self._confirm(link, self._requester.answer(deadline_ns - self._left_ns[0]))
+            self._confirm(link, self._requester.waiting() or self._requester.answer(deadline_ns - self._left_ns[0]))
         elif self._requester.outstanding is not None:
             self._requester.answer(0)
             self._give_up()

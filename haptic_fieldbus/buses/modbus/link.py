@@ -119,6 +119,11 @@ class Reading:
             self._image[place : place + end - start] = self._octets[start:end]
         return True
 
+    def forget(self) -> None:
+        """Forget what was read: a statusword of before would count as that of now, until the first answer comes."""
+        for place, start, end in self._copies:
+            self._image[place : place + end - start] = bytes(end - start)
+
     def latched(self, sent_ns: int, arrived_ns: int) -> int:
         """Return the instant at which the drive latched [ns].
 

@@ -90,6 +90,7 @@ class ModbusBus(InSteps):
         for each in self._set_ups:
             each.start()
         self._requester.forget()
+        self._requester.keep_silence()  # it is no part of the first period
 
     def _bind(self, plan: Plan, traffic: ModbusTraffic, image: bytearray) -> None:
         """Prepare all requests and offsets, so that the loop looks nothing up."""

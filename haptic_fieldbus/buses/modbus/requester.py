@@ -52,7 +52,7 @@ class Requester:
 
     def ask(self, question: Question) -> None:
         """Send a question, after octets of before were dropped; raises BusError when the line is dead."""
-        self.clock.sleep_until(self._free_ns)
+        self.keep_silence()
         dropped = self.transport.discard()
         if dropped:
             self._drop(dropped)
@@ -77,6 +77,17 @@ class Requester:
             if answer is not None:
                 return answer
         return None
+
+    def waiting(self) -> Answer | None:
+        """Return the answer that has come while nobody looked; the silence after it has passed as well."""
+        answer = self.answer(self.clock.now_ns())
+        if answer is not None:
+            self._free_ns = self.clock.now_ns()
+        return answer
+
+    def keep_silence(self) -> None:
+        """Wait until the silence after the last answer is over."""
+        self.clock.sleep_until(self._free_ns)
 
     def quiet(self, duration_ns: int) -> None:
         """Send nothing for this time [ns], and drop what comes; raises BusError when the line is dead."""
