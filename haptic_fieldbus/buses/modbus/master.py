@@ -2,10 +2,11 @@
 
 One period is `read` and `write`, by the way that the plan has chosen:
 
-- Function 23 (`Way.READ_WRITE`): `write` stores the set-points, and the next `begin` sends them with the questions. A
-  period without a `write` asks by a reading function, so that a set-point is sent once, and feeds a watchdog once.
-- Reading, then writing (`Way.READ_THEN_WRITE`): `write` sends the set-points, one drive after another. The answer of
-  the last one is taken by the next `prepare`, as nothing is computed from it.
+- Function 23 (`Transaction.READ_WRITE`): `write` stores the set-points, and the next `begin` sends them with the
+  questions. A period without a `write` asks by a reading function, so that a set-point is sent once, and feeds a
+  watchdog once.
+- Reading, then writing (`Transaction.READ_THEN_WRITE`): `write` sends the set-points, one drive after another. The
+  answer of the last one is taken by the next `prepare`, as nothing is computed from it.
 
 Answers that stay away never make a period longer: each request has its share of the time until the deadline. Then the
 axis is stale, and the age of its feedback grows. `requester` tells why nothing is sent on TCP while an answer is
@@ -43,7 +44,7 @@ from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.layout import characters
-from haptic_fieldbus.protocols.modbus.register_traffic import Way
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
 
@@ -104,7 +105,7 @@ class ModbusBus(InSteps):
             for link, (axis, places) in zip(self._links, axes, strict=True)
             for reading in self._readings_of(link, axis, places, traffic, image)
         )
-        writes = traffic.way is Way.READ_THEN_WRITE
+        writes = traffic.way is Transaction.READ_THEN_WRITE
         self._exchange = Turns(self._requester, readings, image, period_ns=plan.period_ns, writes=writes)
         self._partings = tuple(
             UnitParting(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups

@@ -19,7 +19,7 @@ from functools import partial
 from haptic_fieldbus.buses.modbus.errors import translate
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.defaults import DEFAULT_SEED
-from haptic_fieldbus.protocols.modbus.line import Line
+from haptic_fieldbus.protocols.modbus.line import LineTimes
 from haptic_fieldbus.protocols.modbus.profile import Parity
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.drive.broken import until
@@ -65,7 +65,14 @@ class SimulatedLine:
     """A line with its drives; the times are those of `clock`, the host's."""
 
     def __init__(
-        self, name: str, wire: Line, clock: Clock, seed: int | str = DEFAULT_SEED, *, serial: bool, echo: bool = False
+        self,
+        name: str,
+        wire: LineTimes,
+        clock: Clock,
+        seed: int | str = DEFAULT_SEED,
+        *,
+        serial: bool,
+        echo: bool = False,
     ) -> None:
         """`echo` gives the master back what it sends, as some adapters do."""
         self.name, self.serial = name, serial
