@@ -79,7 +79,9 @@ def test_every_command_in_the_documents_does_what_they_say(
 
 
 def maker(name: str) -> ModuleType:
-    """A script of docs/ that writes a page."""
+    """A script of docs/ that writes a page; like a program it finds what stands beside it."""
+    if str(PROJECT / "docs") not in sys.path:
+        sys.path.append(str(PROJECT / "docs"))
     spec = importlib.util.spec_from_file_location(name, PROJECT / "docs" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
@@ -88,7 +90,13 @@ def maker(name: str) -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", ["make_elements", "make_api", "make_faults", "make_rig_files"])
+@pytest.mark.thorough(
+    "a page is written from runs",
+    quick=("make_elements", "make_api", "make_faults", "make_rig_files", "make_modbus_profiles"),
+)
+@pytest.mark.parametrize(
+    "name", ["make_elements", "make_api", "make_faults", "make_rig_files", "make_modbus_profiles", "make_buses"]
+)
 def test_a_page_that_is_written_by_a_script_is_what_it_writes_now(name: str) -> None:
     script = maker(name)
     assert script.FILE.read_text(encoding="utf-8") == script.page(), "run: make docs"
@@ -264,12 +272,14 @@ SAME_QUESTION = {
     "acknowledge": "the fault of a drive that lost its master cleared, by its protocol",
     "adapter_checks": "what the system tells of an adapter, by its protocol",
     "bind": "a fresh step, its parameters bound",
+    "check_profile": "faults of a profile beyond its schema, by its protocol",
     "discrete": "the linear system that a step is",
     "draw": "a picture of what a page or a command shows",
     "dynamics": "(A, B) of bodies",
     "environment": "what a sampled loop is closed over, of one axis or several",
     "free_puck": "the lecture's free puck",
     "growth": "spectral radius but for shifts, of one axis or several",
+    "in_place_of": "a bus that is named in the place of one of a rig, by its protocol",
     "listen": "a bus heard before anything is sent, by its protocol",
     "loop_matrix": "one period of a loop, of one axis or several",
     "main": "a program",

@@ -92,6 +92,8 @@ def show_profile(
     reason = profile.sources.get("drive.usable", "no reason given")
     usable = "usable" if profile.drive.usable else f"not usable for force: {reason}"
     show([(None, f"{profile.title} · {profile.drive.protocol} · {usable} · evidence: {profile.drive.evidence}")])
+    if not profile.drive.usable:
+        show([(None, f"not usable because {profile.sources['drive.usable']}")])
     show([(None, profile.source), (None, "")])
     width = max(len(key) for key, _, _ in _rows(profile))
     for key, value, source in _rows(profile):

@@ -60,6 +60,27 @@ def test_a_can_bus_is_interface_channel_and_bit_rate(
     assert bus.text == text
 
 
+@pytest.mark.parametrize(
+    ("text", "channel", "arguments"),
+    [
+        ("socketcand:can0@500000,host=192.168.1.20,port=29536", "can0", {"host": "192.168.1.20", "port": 29536}),
+        ("slcan:/dev/ttyACM0@500000,ttyBaudrate=115200,listen_only=true", "/dev/ttyACM0",
+         {"ttyBaudrate": 115200, "listen_only": True}),
+        ("vector:0,1@500000,app_name=a=b,poll_interval=0.5", "0,1", {"app_name": "a=b", "poll_interval": 0.5}),
+    ],
+)  # fmt: skip
+def test_what_an_interface_takes_beyond_the_channel_follows_behind_commas(
+    text: str, channel: str, arguments: dict[str, object]
+) -> None:
+    bus = parse_bus(text)
+    assert bus.section == CanSection(text.partition(":")[0], channel, 500_000, arguments=arguments)  # type: ignore[arg-type]
+    assert bus.text == text
+
+
+def test_a_bit_rate_that_is_not_given_is_asked_for_before_the_arguments() -> None:
+    assert parse_bus("socketcand:can0,port=29536").assumed.endswith("Give it as socketcand:can0@BITRATE")
+
+
 @pytest.mark.parametrize(("text", "bitrate"), [("sim", DEFAULT_BIT_RATE), ("sim@500000", 500_000)])
 def test_the_simulated_bus_has_a_bit_rate_that_is_known(text: str, bitrate: int) -> None:
     bus = parse_bus(text)
@@ -90,6 +111,7 @@ def test_a_rig_may_name_the_simulation_by_its_interface(text: str, channel: str,
         ("can0", "nearest: socketcan:can0"),
         ("vcan1@500000", "nearest: socketcan:vcan1@500000"),
         ("socketcan", "lacks its channel"),
+        ("socketcan:can0,receive_own_messages=true", "receive_own_messages would show the master its own frames"),
         ("socketcan:", "lacks its channel"),
         ("socketcan:@500000", "lacks its channel"),
         ("sim:1", "written sim[@BITRATE]"),

@@ -4,16 +4,21 @@ What is written is read back. A value that is there already is not written, so t
 fault. Nothing is stored: 1010h is never written, and a drive that is switched off forgets all of it.
 """
 
+import math
 from collections.abc import Iterator
 
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.rating import check_rating, rated_torque
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.enabling import first_enabling
 from haptic_fieldbus.protocols.canopen.periods import period_objects
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, ShownObject
+
+MAX_MOTOR_SPEED, MOTOR_SPEED_UNIT = 0x6080, "r/min"
+"""Object of CiA 402-2; some drives have it in a unit of their own."""
 
 
 def prepare(node: Node, profile: CanopenProfile, rate: float) -> None:
@@ -41,6 +46,7 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     """
     section = profile.commissioning
     shown: list[str] = []
+    told: list[str] = []
     for each in section.shown:
         value = node.optional(each.entry)
         if each.needed and not value:
@@ -50,13 +56,32 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
             )
         if value is not None:
             shown.append(f"{each.name} {value}{f' {each.unit}' if each.unit else ''}")
+            told.extend(_slower(node, each, value, axis))
     if profile.torque.rated_current is not None:
         _check_rated_current(node, profile.torque.rated_current.entry, axis)
     if shown:
         yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
+    yield from told
     warning = first_enabling(profile)
     if warning:
         yield warning
+
+
+def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Iterator[str]:
+    """Yield a sentence when the drive's max motor speed is below the speed at which the run ends.
+
+    What a drive does there is not laid down for torque modes: it may take torque away, or fault.
+    """
+    if shown.object != MAX_MOTOR_SPEED or shown.unit != MOTOR_SPEED_UNIT:
+        return
+    allowed = value * 2.0 * math.pi / 60.0 * axis.rig.mechanism.ratio
+    limit, unit = axis.limits.speed, f"{axis.workspace.length_unit}/s"
+    if allowed < limit:
+        yield (
+            f"{node.label}: its {shown.name} of {value} {shown.unit} (6080h) is {rounded(allowed)} {unit} at "
+            f"the handle, below the {exactly(limit)} {unit} at which the run ends, so the drive may take torque "
+            f"away or fault before that. Raise it with the drive's tool, or lower axis.{axis.name}.limits.speed"
+        )
 
 
 def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> float | None:
