@@ -116,10 +116,10 @@ class SimulatedLine:
         self._check_alive()
         return self._arrived()
 
-    def send(self, frame: bytes) -> None:
+    def send(self, frame: bytes | bytearray) -> None:
         """Send a frame; raises BusError when the line is dead."""
         self._check_alive()
-        begin_ns = self._clock.now_ns()
+        begin_ns, frame = self._clock.now_ns(), bytes(frame)  # a master fills the same octets again
         self._tell(begin_ns, True, frame)
         glued, end_ns = self._is_glued(begin_ns), begin_ns + round(self._octet_ns * len(frame))
         self._traffic.append((begin_ns, end_ns))
