@@ -28,7 +28,7 @@ from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
-from haptic_fieldbus.protocols.modbus.register_traffic import Way
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 
 ROUNDS, NUMBER = 40, 250
@@ -154,7 +154,7 @@ def planned(port: int) -> tuple[Plan, ModbusSection]:
     section = ModbusSection("modbus-tcp", f"127.0.0.1:{port}")
     plan = h.plan("wall", bus="sim-modbus-tcp", settings={"wall.stiffness": 100.0})
     (bus,) = plan.buses
-    traffic = replace(traffic_in(plan), way=Way.READ_WRITE)
+    traffic = replace(traffic_in(plan), way=Transaction.READ_WRITE)
     return replace(plan, buses=(replace(bus, traffic=traffic),)), section
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
-from haptic_fieldbus.protocols.modbus.register_traffic import Way
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from tests.buses.modbus.benches import Bench, plan_of
 from tests.buses.modbus.servers import DEMAND, ENABLED, STATUS, TARGET, Drive
 
@@ -48,8 +48,8 @@ def foreign_server() -> Iterator[tuple[Registers, str]]:
         server.stop()
 
 
-@pytest.mark.parametrize("way", Way)
-def test_a_drive_behind_a_foreign_server_is_set_up_driven_and_freed(way: Way) -> None:
+@pytest.mark.parametrize("way", Transaction)
+def test_a_drive_behind_a_foreign_server_is_set_up_driven_and_freed(way: Transaction) -> None:
     with foreign_server() as (registers, name), Bench(plan_of(name, way=way)) as bench:
         bench.open().enable()
         assert registers.drive.value(STATUS) == ENABLED
