@@ -150,7 +150,7 @@ class Turns:
 
     def _finish(self) -> None:
         """Write all headers."""
-        if self._requester.unasked:
+        if self._requester.unasked or self._requester.garbled:
             self._overhear()
         now_ns, latch_ns = self._requester.clock.now_ns(), 0
         for link in self._links:
@@ -160,10 +160,12 @@ class Turns:
         HEADER.pack_into(self._image, 0, latch_ns)
 
     def _overhear(self) -> None:
-        """Look at octets that nobody was asked for: is there a command of somebody else among them?"""
-        unasked, self._requester.unasked = self._requester.unasked, bytearray()
-        if self._requester.transport.serial and self.foreign is None:
-            self.foreign = foreign_write(unasked, self._units)
+        """Look at octets that were no answers: is there a command of somebody else among them?"""
+        requester = self._requester
+        for octets in (requester.unasked, requester.garbled):
+            if requester.transport.serial and self.foreign is None:
+                self.foreign = foreign_write(octets, self._units)
+        requester.unasked = requester.garbled = b""
 
     def _send(self) -> None:
         """Send the set-points, one unit after another; on TCP none while an answer is outstanding."""
