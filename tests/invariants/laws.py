@@ -64,7 +64,9 @@ def slew_within_limits(witness: Witness) -> Iterator[str]:
         if len(wire) < 2:
             continue
         change = np.abs(np.diff(wire[:, 1]))
-        change[wire[1:, 2] == 0] = 0.0  # torque-free
+        let_go_ns = witness.released_ns if witness.released_ns is not None else np.inf
+        # Torque-free by its controlword, or a zero after the order to let go.
+        change[(wire[1:, 2] == 0) | ((wire[1:, 1] == 0.0) & (wire[1:, 0] >= let_go_ns))] = 0.0
         largest = axis.slew * witness.stated.period + 1.5 * shaft.unit
         if float(change.max()) > largest:
             at = int(change.argmax())

@@ -19,6 +19,8 @@ from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, T
 from haptic_fieldbus.protocols.modbus.requests import Request
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay
 
+RESERVE = 0.05
+"""Share by which a period is longer than its requests need, where no rate is asked for: what was late is made up."""
 PERIODS_PER_GUARD = 5
 """A drive's watchdog covers at least so many periods."""
 
@@ -144,8 +146,9 @@ class ModbusTraffic:
 
     @property
     def sustained_rate(self) -> float:
-        """Rate of a loop that is not told one [Hz]: the highest, rounded down; 1000 Hz at most, as on other buses."""
-        return min(DEFAULT_RATE, round_down(self.highest_rate))
+        """Rate of a loop that is not told one [Hz]: the highest with a reserve, rounded down; 1000 Hz at most, as on
+        other buses."""
+        return min(DEFAULT_RATE, round_down(self.highest_rate / (1.0 + RESERVE)))
 
     @property
     def fits(self) -> bool:
