@@ -77,8 +77,8 @@ def _buses(drafts: list[AxisPlan], rig: Rig, rate: float | None) -> tuple[BusPla
 
     All buses begin together, and computing begins when the slowest has its feedback; the others wait for it.
     """
-    # First without any wait, because the waits follow from the feedback times; with several ways of exchange on a bus
-    # these can change with a wait.
+    # First without any wait, because the waits follow from the feedback times; where a bus has several ways of
+    # exchange, these can change with a wait.
     together = _traffics({draft.rig.bus: 0.0 for draft in drafts}, drafts, rig, rate)
     for _ in range(_ROUNDS):
         last = max(traffic.feedback_time for traffic in together.values())
