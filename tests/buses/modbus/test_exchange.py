@@ -236,15 +236,21 @@ def exchanged(bench: Bench, periods: int) -> None:
         bench.write((0x0F, 0))
 
 
-def test_on_tcp_nothing_is_sent_while_an_answer_is_outstanding(opened: ExitStack) -> None:
-    bench, server = bench_on(opened, "tcp", Transaction.READ_THEN_WRITE)
+@pytest.mark.parametrize("way", Transaction)
+def test_on_tcp_only_less_torque_is_sent_while_an_answer_is_outstanding(opened: ExitStack, way: Transaction) -> None:
+    bench, server = bench_on(opened, "tcp", way)
+    bench.write((0x0F, -100))
+    bench.read()
     server.mischief = silent
-    requests = len(server.frames)
-    for _ in range(5):
-        bench.read(0.002)
-        bench.write((0x0F, 100))
-    assert len(server.frames) == requests + 1
-    assert server.drive.value(TARGET) == 0
+    bench.write((0x0F, -100))
+    bench.read(0.002)
+    written = len(server.drive.written)
+    for torque in (-100, 120, -80, -90, 0, 0, 50):
+        bench.write((0x0F, torque))
+        bench.read(0.001)
+    server.mischief = honest
+    targets = [value for address, value in server.drive.written[written:] if address == TARGET]
+    assert targets == [-80 & 0xFFFF, 0]
 
 
 def test_after_function_23_stayed_unanswered_a_serial_line_gets_the_set_point_by_another_function(
