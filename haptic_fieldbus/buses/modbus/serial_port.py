@@ -89,7 +89,7 @@ class SerialTransport:
         except OSError as error:
             raise translate(error, self.name) from error
         if not octets:
-            raise BusError(f"{self.name}: the adapter is gone; was it unplugged?")
+            raise BusError(f"{self.name}: the adapter is gone, as when it is unplugged")
         return octets
 
     def reopen(self) -> None:

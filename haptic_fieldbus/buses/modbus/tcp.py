@@ -82,7 +82,7 @@ class TcpTransport:
         except OSError as error:
             raise translate(error, self.name) from error
         if not octets:
-            raise BusError(f"{self.name}: the drive closed the connection; it may have restarted")
+            raise BusError(f"{self.name}: the drive closed the connection, as it does when it restarts")
         return octets
 
     def reopen(self) -> None:
