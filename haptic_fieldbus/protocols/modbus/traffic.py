@@ -219,8 +219,15 @@ class ModbusTraffic:
         return self.wire.speed
 
     def line(self) -> str:
-        """Return rate, way, speed of the line and load in words."""
-        return f"{exactly(self.rate)} Hz by {self.exchange} on {self.speed}, load {percent(self.load)}"
+        """Return rate, way, speed of the line and load in words, and what it costs that units take turns."""
+        return f"{exactly(self.rate)} Hz by {self.exchange} on {self.speed}, load {percent(self.load)}{self._turns()}"
+
+    def _turns(self) -> str:
+        if len(self.members) == 1:
+            return ""
+        alone = max(replace(self, members=(member,)).shortest_period for member in self.members)
+        together = f"{rounded(1e3 * self.shortest_period)} ms a period"
+        return f"; {len(self.members)} units take turns, {together} instead of {rounded(1e3 * alone)} for one alone"
 
 
 def watchdog_time(deadline: float, rate: float) -> float:
