@@ -225,7 +225,9 @@ def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int
     # A drive that lets go by itself does so at the very instant of the event.
     at = int(np.searchsorted(times, event_ns, side="left")) - 1
     held = torques[max(at, 0) :]
-    first = abs(float(torques[at])) if at >= 0 else 0.0
+    # A set-point that was on its way at the event may still be taken over, up to a period later.
+    until = int(np.searchsorted(times, event_ns + 1e9 * witness.stated.period, side="right"))
+    first = float(np.abs(torques[max(at, 0) : max(until, at + 1)]).max()) if at >= 0 else 0.0
     zero = REMAINDER * max(first, shaft.permille)
     pushing = np.flatnonzero(np.abs(held) > zero)
     if not pushing.size:

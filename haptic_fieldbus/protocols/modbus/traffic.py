@@ -13,7 +13,7 @@ from haptic_fieldbus.defaults import DEFAULT_RATE
 from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.protocols.acting import IDEAL, HostTimes, ways
-from haptic_fieldbus.protocols.modbus.line import LineTimes
+from haptic_fieldbus.protocols.modbus.line import TCP_OCTETS, LineTimes
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, Transaction, possible
 from haptic_fieldbus.protocols.modbus.requests import Request
@@ -106,6 +106,11 @@ class ModbusTraffic:
     def silence(self) -> float:
         """Drives on Modbus send no signs of life of their own."""
         return math.inf
+
+    @property
+    def waits_for_answers(self) -> bool:
+        """On TCP requests would queue up behind one that is not answered, and be obeyed when they are old."""
+        return self.wire.frame_octets == TCP_OCTETS
 
     @property
     def disturbance(self) -> float:
