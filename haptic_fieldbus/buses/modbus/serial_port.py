@@ -67,6 +67,8 @@ class SerialTransport:
     def send(self, frame: bytes | bytearray) -> None:
         try:
             sent = os.write(self._number, frame)
+        except BlockingIOError:
+            sent = 0
         except OSError as error:
             raise translate(error, self.name) from error
         if sent < len(frame):

@@ -58,6 +58,8 @@ class TcpTransport:
     def send(self, frame: bytes | bytearray) -> None:
         try:
             sent = self._socket.send(frame)
+        except BlockingIOError:
+            sent = 0
         except OSError as error:
             raise translate(error, self.name) from error
         if sent < len(frame):

@@ -18,6 +18,8 @@ from tests.buses.modbus.servers import (
     DEMAND,
     ENABLED,
     FAULT,
+    POSITION,
+    RATED,
     STATUS,
     TARGET,
     Drive,
@@ -358,6 +360,22 @@ def test_a_command_of_somebody_else_on_a_serial_line_is_flagged(opened: ExitStac
         bench.write((0x0F, 0))
     assert flags & LinkFlag.FOREIGN
     assert bench.header()[2] == TARGET
+
+
+def test_a_drive_that_has_the_low_word_first_is_read_so_and_its_torn_positions_are_dropped(opened: ExitStack) -> None:
+    server = opened.enter_context(tcp_server(Drive()))
+    profile = replace(PROFILE, line=replace(PROFILE.line, word_order="low first"))
+    registers = server.drive.registers
+    registers[RATED], registers[RATED + 1] = registers[RATED + 1], 0
+    bench = opened.enter_context(Bench(plan_of(server.name, profile))).open().enable()
+    for counts in (30_000, 65_000):
+        registers[POSITION], registers[POSITION + 1] = counts & 0xFFFF, counts >> 16
+        assert bench.read()[5] == counts
+    registers[POSITION + 1] = 1
+    assert bench.read()[2] & STALE
+    assert bench.decoded()[5] == 65_000
+    registers[POSITION], registers[POSITION + 1] = 65_100, 0
+    assert bench.read()[5] == 65_100
 
 
 def test_a_drive_in_fault_is_seen_in_its_status(opened: ExitStack) -> None:
