@@ -39,6 +39,8 @@ TRIP_AGE, TO_SPARE = 0.030, 0.005
 """[s]; 0.6 of the guard of 50 ms, and what of it the timer must leave for a start to count."""
 LATE_ENDS = re.compile(r"feedback.*(old|lost)|loop (missed|slept)")
 """Words by which a run tells that it ended on the age of data or on late periods."""
+CAPPED = re.compile(r"stayed capped at what it was\s+before, in (\d+) %")
+"""Words by which a run tells that gaps took the force of the wall until contact is left, and for how long."""
 STRETCHED = re.compile(r"divides the stiffness that is stable by ([\d.]+)")
 """Words by which a run tells that it ended on many gaps within a second, each of them short."""
 ALIKE = 0.95
@@ -61,6 +63,8 @@ class Start:
     age: dict[str, float]
     missed: int
     rights: tuple[str, ...]
+    capped: int = 0
+    """Periods in which a cap after a gap in the feedback cut the force [%]."""
 
     @property
     def late(self) -> bool:
@@ -104,6 +108,7 @@ def worst_stretch(lateness: Array) -> float:
 def told(start: Start) -> str:
     """One start in a line."""
     end = "went to its end" if start.status == 0 else f"exit {start.status}: {start.words}"
+    end += f", without its wall for {start.capped} % of the time after a gap" if start.capped else ""
     not_counted = "" if start.counted else " (not counted: the timer was late itself)"
     return (
         f"stolen {100 * start.stolen:.1f} %, loop {spread(start.loop)}, timer {spread(start.timer)}, "
@@ -125,7 +130,11 @@ def judged(starts: list[Start]) -> int:
         print(f"     {text}")
     ended = [start for start in starts if start.late and start.counted]
     whole = sum(start.status == 0 for start in starts)
-    print(f"     {whole} of {len(starts)} went to their end; {len(ended)} ended late, with the timer in time")
+    walls = sum(start.status == 0 and not start.capped for start in starts)
+    print(
+        f"     {whole} of {len(starts)} went to their end, {walls} with their wall all the time; {len(ended)} ended "
+        "late, with the timer in time"
+    )
     if not len(loop):
         return 1
     ratio = float(np.percentile(loop, 99.9) / np.percentile(timer, 99.9))
@@ -182,7 +191,9 @@ def outcome(status: int, said: str, complaint: str, loop: Array, timer: Array, s
     last = complaint.strip().splitlines()[-1] if complaint.strip() else ""
     age = (figures.get("timing") or {}).get("age_us") or {}
     missed = figures.get("missed_cycles") or 0
-    return Start(status, " ".join(last.split()), stolen, loop, timer, age, missed, tuple(rights_texts(rights)))
+    capped = CAPPED.search(" ".join(complaint.split()))
+    lost = 0 if capped is None else int(capped.group(1))
+    return Start(status, " ".join(last.split()), stolen, loop, timer, age, missed, tuple(rights_texts(rights)), lost)
 
 
 def _loaded(path: Path) -> Array:

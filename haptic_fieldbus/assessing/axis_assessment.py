@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from haptic_fieldbus.assessing.element_forces import POINTS_PER_PERIOD
 from haptic_fieldbus.assessing.error_sums import ErrorFigures
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.recording import Array, Conversion, Recording, Times, TrueMotion, Truth
 from haptic_fieldbus.assessing.result import Trace
+from haptic_fieldbus.assessing.run_verdict import FeltError
 from haptic_fieldbus.assessing.spans import Handover, Kind, Span, spans
 from haptic_fieldbus.assessing.torque_error import Splitter
 from haptic_fieldbus.assessing.traces import Traces
@@ -36,6 +38,8 @@ class Run:
     """Name of the clock."""
     periods: int
     """Number of periods that the run is to last."""
+    hand: str
+    """Name of the simulated hand; empty where a person or nobody moves the handle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +80,18 @@ class AxisAssessment:
         return self._splitter.figures if self._splitter is not None else None
 
     @property
+    def felt(self) -> FeltError | None:
+        """What a hand felt; None without contact, and for a run shorter than the fade-in."""
+        found = self.figures
+        if found is None or not found.touched:
+            return None
+        seconds = found.scored * self._run.selection.plan.period / POINTS_PER_PERIOD
+        if not found.ideal_rms_contact:
+            return FeltError(None, 0.0, 0.0, 0.0)
+        ideal = found.ideal_rms_contact
+        return FeltError(found.error_rms_contact / ideal, found.shape_rms_contact / ideal, found.late, seconds)
+
+    @property
     def trace(self) -> Trace | None:
         """Trace of the true motion; None for a run shorter than the fade-in."""
         return self._traces.trace(self.axis) if self.figures is not None else None
@@ -97,6 +113,8 @@ class AxisAssessment:
                 begin_ns=begin_ns,
                 method=axis.method,
                 unit=axis.workspace.effort_unit,
+                step=axis.effort_unit,
+                late=(axis.delay.transport, axis.delay.torque_loop),
             )
         points = self._splitter.take(
             *self._known_of(axis, part),

@@ -93,10 +93,19 @@ class TorqueError:
     by_source: Mapping[str, float]
     """Share of each source of error; the shares sum to 1."""
     contact: float | None = None
-    """Largest rms(error) / rms(ideal) in contact of the axes that the hand holds; None without contact."""
+    """Largest rms(error) / rms(ideal) in moving contact of the axes that the hand holds; None without any."""
+    contact_s: float = 0.0
+    """Time of moving contact that `contact` is from [s]."""
 
     def to_json(self) -> Json:
-        return {"rms": self.rms, "max": self.max, "unit": self.unit, "by_source": dict(self.by_source)}
+        return {
+            "rms": self.rms,
+            "max": self.max,
+            "unit": self.unit,
+            "by_source": dict(self.by_source),
+            "contact": self.contact,
+            "contact_s": self.contact_s,
+        }
 
 
 @dataclass(frozen=True)

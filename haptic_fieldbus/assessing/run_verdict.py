@@ -4,10 +4,12 @@ People cannot tell two forces apart that differ by less than about 8 % (Jones, "
 differential thresholds", Perception 18, 1989, doi:10.1068/p180681).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.numerals import percent
+from haptic_fieldbus.numerals import percent, rounded
 
 JUST_NOTICEABLE = 0.08
 """Smallest difference of forces that a hand can tell, as a share of the force."""
@@ -35,19 +37,36 @@ def ripple(force: Array, rate: float) -> float | None:
     return float(np.sqrt(np.mean((middle - slow) ** 2)) / np.abs(slow).mean())
 
 
+@dataclass(frozen=True)
+class FeltError:
+    """What a hand felt of one axis: shares of the rms of the ideal, over the time in moving contact."""
+
+    contact: float | None
+    """Of the error; None when the handle rested all the time that it was in contact."""
+    shape: float
+    """Of what is left of the error when the ideal is delayed as the loop is."""
+    late: float
+    """That delay [s]."""
+    seconds: float
+    """Time in moving contact [s]."""
+
+
 def run_verdict(
-    *, scene: str, effort: str, stable: bool, contact: float | None, ripple: float | None, missed: int
+    *, scene: str, effort: str, hand: str, stable: bool, felt: FeltError | None, ripple: float | None, missed: int
 ) -> str:
     """Return the verdict on a simulated run as one sentence.
 
-    `effort` is "force" or "torque"; `contact` is rms(error) / rms(ideal) in contact, None without contact; `ripple` is
-    None when not measured; `missed` counts the periods skipped.
+    `effort` is "force" or "torque"; `hand` is the name of the simulated hand, empty when there is none; `felt` is that
+    of the worst axis, None without contact; `ripple` is None when not measured; `missed` counts the periods skipped.
     """
     if not stable:
         return f"Unstable: a {scene} beyond this bench's limit, which a hand may hold down but not the drive alone."
-    if contact is None:
-        return "The handle met nothing: no contact in this run."
-    parts = [_felt(scene, effort, contact)]
+    if felt is None:
+        return f"The handle met nothing: no contact in this run{_with(hand)}."
+    if felt.contact is None:
+        parts = [f"Not judged: the handle rested whenever the {scene} acted{_with(hand)}"]
+    else:
+        parts = [_felt(scene, effort, hand, felt, felt.contact)]
     if ripple is not None:
         parts.append("no chatter" if ripple < JUST_NOTICEABLE else f"it chatters: {percent(ripple)} ripple")
     if missed:
@@ -55,10 +74,35 @@ def run_verdict(
     return "; ".join(parts) + "."
 
 
-def _felt(scene: str, effort: str, contact: float) -> str:
-    # Two digits; from 100 % on whole percents, since ".2g" would turn to an exponent.
-    share = f"error {percent(contact)} of the {effort}"
+def real_verdict(*, effort: str, in_time: float, cut: float, behind: float | None) -> str:
+    """Return the verdict on a run on real drives, of which only what the loop and the drives tell is known.
+
+    `in_time` is the share of the periods that began in time; `cut` that in which the force of the scene was cut, by
+    limit or cap, of the worst axis; `behind` is rms(torque actual − target) / rms(target) of the worst axis whose drive
+    tells its torque, None when none does.
+    """
+    parts = [
+        f"Rendered on a real drive: its true error is not known here; {percent(in_time)} of the periods began in time",
+        f"the {effort} was " + (f"cut in {percent(cut)} of them" if cut else "never cut"),
+    ]
+    if behind is not None:
+        parts.append(f"the drive's own torque differs from its target by {percent(behind)}")
+    return "; ".join(parts) + "."
+
+
+def _felt(scene: str, effort: str, hand: str, felt: FeltError, contact: float) -> str:
+    to = f" to the hand {hand}" if hand else ""
     limit = f"the {percent(JUST_NOTICEABLE)} a hand can tell"
+    share = f"error {percent(contact)} of the {effort} in {felt.seconds:.2g} s of moving contact"
     if contact < JUST_NOTICEABLE:
-        return f"Feels like the ideal {scene}: {share}, below {limit}"
-    return f"Feels different from the ideal {scene}: {share}, above {limit}"
+        return f"Feels like the ideal {scene}{to}: {share}, below {limit}"
+    if felt.shape < JUST_NOTICEABLE:
+        late = f"{rounded(1e3 * felt.late)} ms late"
+        return (
+            f"Feels like the ideal {scene}{to}, {late}: {share}, {percent(felt.shape)} beside the delay, below {limit}"
+        )
+    return f"Feels different from the ideal {scene}{to}: {share}, above {limit}"
+
+
+def _with(hand: str) -> str:
+    return f" with the hand {hand}" if hand else ""

@@ -4,6 +4,7 @@ A simulated run is assessed part by part while it goes on, so that an hour needs
 virtual time nothing waits for it. A run on real drives has no known error, and its assessment waits for its end.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -13,7 +14,7 @@ from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
-from haptic_fieldbus.assessing.run_verdict import ripple, run_verdict
+from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.spans import first_periods
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.margins import Verdict
@@ -92,17 +93,18 @@ class Assessment:
 def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Result:
     """Return the result of a run that went to its end, from the assessments of its axes, none on real drives."""
     plan = run.selection.plan
-    figures = {each.axis.name: each.figures for each in assessed}
-    known = [found for found in figures.values() if found is not None]
+    known = [found for each in assessed if (found := each.figures) is not None]
     # Only an axis that the hand holds can be felt, so the verdict is about those.
-    felt = [found for name, found in figures.items() if found is not None and plan.scene.holds(name)]
-    contacts = [found.error_rms_contact / found.ideal_rms_contact for found in felt if found.ideal_rms_contact]
+    held = [each for each in assessed if plan.scene.holds(each.axis.name)]
+    felt = [each.felt for each in held if each.felt is not None]
+    worst = max(felt, key=lambda each: -1.0 if each.contact is None else each.contact, default=None)
     first = plan.axes[0]
     verdict = run_verdict(
         scene=plan.scene.name.replace("_", " "),
         stable=all(map(_is_stable, [plan, *[applied.change.plan for applied in run.report.changes]])),
         effort=first.workspace.effort_name,
-        contact=max(contacts, default=None),
+        hand=run.hand,
+        felt=worst,
         # A scene that needs the time is a wave: its force is meant to move fast.
         ripple=None if Signal.ELAPSED_NS in first.needs else ripple(_enabled(run, f"{first.name}.command"), plan.rate),
         missed=run.report.missed,
@@ -113,26 +115,48 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
         passivity=tuple(passivities(plan, run.cycle, run.report.cycles)),
         clock=run.clock,
         elapsed=elapsed,
-        torque_error=_error_of(known[0], contacts) if known else None,
+        torque_error=_error_of(known[0], worst) if known else None,
         energy_generated=sum(found.energy_generated for found in known) if known else None,
         traces=tuple(traces.get(axis.name) or _recorded(axis, run) for axis in plan.axes),
-        verdict=verdict if run.worlds else "Rendered on a real drive: its true error is not known here.",
+        verdict=verdict if run.worlds else _rendered(run),
         warnings=tuple(notices(run.selection.plan, run.cycle, run.report)),
     )
+
+
+def _rendered(run: Run) -> str:
+    """Return the verdict on a run on real drives."""
+    plan, report = run.selection.plan, run.report
+    periods = max(1, report.cycles + report.missed)
+    behind = [share for axis in plan.axes if (share := _behind(run, axis)) is not None]
+    return real_verdict(
+        effort=plan.axes[0].workspace.effort_name,
+        in_time=(report.cycles - report.late) / periods,
+        cut=max(run.cycle.clipped(axis.name) for axis in plan.axes) / max(1, report.cycles),
+        behind=max(behind, default=None),
+    )
+
+
+def _behind(run: Run, axis: AxisPlan) -> float | None:
+    """Return rms(torque actual − target) / rms(target); None where the drive does not tell, or nothing was asked."""
+    if not any(mapped.signal is Signal.TORQUE_ACTUAL for mapped in axis.incoming):
+        return None
+    told = _enabled(run, f"{axis.name}.{Signal.TORQUE_ACTUAL.value}") * axis.shown_unit
+    asked = _enabled(run, f"{axis.name}.{Signal.TARGET_TORQUE.value}") * axis.effort_unit
+    square = float(asked @ asked)
+    return math.sqrt(float((told - asked) @ (told - asked)) / square) if square else None
 
 
 def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
     """Yield a sentence for each limit that was at work during the run."""
     for axis in plan.axes:
-        share = cycle.clipped(axis.name) / report.cycles if report.cycles else 0.0
+        gaps, gapped = cycle.gapped(axis.name)
+        share = (cycle.clipped(axis.name) - gapped) / report.cycles if report.cycles else 0.0
+        if report.cycles and gapped >= WORTH_TELLING * report.cycles:
+            yield _capped(axis, gaps, gapped / report.cycles)
         if share >= WORTH_TELLING:
-            yield (
-                f"axis {axis.name}: in {100 * share:.0f} % of the periods the scene asked for more "
-                f"{axis.workspace.effort_name} than permitted; the limit is {axis.limits.effort:.3g} "
-                f"{axis.workspace.effort_unit}"
-            )
+            yield _clipped(axis, share, cycle.asked(axis.name))
         if report.cycles and (unseen := cycle.unseen(axis.name)) is not None:
-            yield _unseen(axis, tried=unseen > 0)
+            yield _unseen(axis, unseen, cycle.broken_off(axis.name))
         if doubts := cycle.doubts(axis.name):
             yield (
                 f"axis {axis.name}: the motion went against the torque {doubts} times, as by a blow of the hand; "
@@ -147,11 +171,35 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
             )
 
 
-def _unseen(axis: AxisPlan, *, tried: bool) -> str:
-    told = "nothing moved the way of the torque or against it: let go of the handle, or friction is larger than told"
+def _clipped(axis: AxisPlan, share: float, asked: float) -> str:
+    unit, often = axis.workspace.effort_unit, f"in {100 * share:.0f} % of the periods"
+    if asked > axis.limits.effort:
+        return f"axis {axis.name}: the motor gives {axis.limits.effort:.3g} of the {asked:.3g} {unit} asked, {often}"
+    return (
+        f"axis {axis.name}: {often} the scene asked for more {axis.workspace.effort_name} than permitted; the limit is "
+        f"{axis.limits.effort:.3g} {unit}"
+    )
+
+
+def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
+    times = "a gap" if gaps == 1 else f"{gaps} gaps"
+    return (
+        f"axis {axis.name}: after {times} in the feedback the {axis.workspace.effort_name} stayed capped at what it "
+        f"was before, in {100 * share:.0f} % of the periods; it comes back when the handle leaves contact"
+    )
+
+
+def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
+    told = "the run was too short"
+    if failures:
+        told = (
+            "nothing moved the way of the torque or against it: let go of the handle, or friction is larger than told"
+        )
+    elif broken_off:
+        told = f"gaps in the feedback broke the proof off, {broken_off} times: see how late periods and feedback were"
     return (
         f"axis {axis.name}: the sign from torque to motion was not seen, so that the scene was given at most "
-        f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)}; {told if tried else 'the run was too short'}"
+        f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)}; {told}"
     )
 
 
@@ -160,9 +208,10 @@ def _is_stable(plan: Plan) -> bool:
     return all(axis.stability is None or axis.stability.verdict is not Verdict.UNSTABLE for axis in plan.axes)
 
 
-def _error_of(split: ErrorFigures, contacts: list[float]) -> TorqueError:
-    """Return the error of one axis with the largest relative error in contact of all axes."""
-    return TorqueError(split.rms, split.max, split.unit, split.by_source, max(contacts, default=None))
+def _error_of(split: ErrorFigures, worst: FeltError | None) -> TorqueError:
+    """Return the error of one axis with the largest relative error in moving contact of all axes."""
+    contact, seconds = (None, 0.0) if worst is None else (worst.contact, worst.seconds)
+    return TorqueError(split.rms, split.max, split.unit, split.by_source, contact, seconds)
 
 
 def _enabled(run: Run, column: str) -> Array:

@@ -2,17 +2,18 @@
 
 The error e(t) is the motor torque after the torque loop, through the mechanism, minus the *ideal* torque: that of the
 scene in continuous time on the true, unquantised trajectory. Sources of error are made real one after another: ideal →
-sampling and delay → encoder → estimator → integrator → torque step → torque loop. The error of a source is the
-difference of two neighbouring stages, so the sources sum to e. The share of a source is ⟨e_i, e⟩/⟨e, e⟩. The shares sum
-to 1; a share is negative where a source compensates another one.
+sampling and delay → encoder → estimator → integrator → limits → torque step → torque loop. The error of a source is
+the difference of two neighbouring stages, so the sources sum to e. The share of a source is ⟨e_i, e⟩/⟨e, e⟩. The shares
+sum to 1; a share is negative where a source compensates another one.
 
 1. sampling and delay: the ideal at the sample t_k, held while the command computed from t_k acts
 2. encoder: the same with the decoded position; the velocity is still the true one at t_k
    (for a drive that offers velocity only: tachometer, with the velocity read and the position integrated from it)
 3. estimator: the same with the estimated velocity (absent when none is estimated)
 4. integrator: the force that the loop computed, virtual states by the method of the run (absent without such states)
-5. torque step: the target torque that the drive followed, which is rounded, limited and faded
-6. torque loop: the motor torque
+5. limits: the force that was permitted, which is cut by effort, slew, fade-in and cap
+6. torque step: the target torque that the drive followed, rounded to its steps, and limited by the drive itself
+7. torque loop: the motor torque
 
 Where elements changed while the loop ran, the ideal and the rendered torque go from the old elements to the new ones
 along the same ramp. New virtual states begin with the ramp, at rest at the handle's position.
@@ -40,7 +41,8 @@ from haptic_fieldbus.assessing.element_forces import (
     part_of,
     stepped_forces,
 )
-from haptic_fieldbus.assessing.error_sums import ErrorFigures, ErrorSums
+from haptic_fieldbus.assessing.error_sums import LIMITS, ErrorFigures, ErrorSums
+from haptic_fieldbus.assessing.lateness import Lateness
 from haptic_fieldbus.assessing.recording import (
     Array,
     CommandDelay,
@@ -94,20 +96,32 @@ class Splitter:
     """Splits the error of one axis, part by part, from `begin_ns` to the last sample, at `POINTS_PER_PERIOD`.
 
     `period` [s] and `method` (integrator of virtual states; None for the default) are those of the run. `begin_ns` is
-    the end of the fade-in.
+    the end of the fade-in. `step` is one step of the drive's torque [N or N·m], `late` the delay of the loop
+    without its hold, and the lag of the torque behind it [s].
     """
 
-    def __init__(self, *, period: float, begin_ns: int, method: str | None = None, unit: str = "N") -> None:
+    def __init__(
+        self,
+        *,
+        period: float,
+        begin_ns: int,
+        method: str | None = None,
+        unit: str = "N",
+        step: float = 0.0,
+        late: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         self._period, self._method, self._unit = period, method, unit
         self._begin_ns = begin_ns
         self._spacing_ns = round(period * 1e9 / POINTS_PER_PERIOD)
+        self._half_step = 0.5 * step * (1.0 + 1e-9)
+        self._lateness = Lateness(period, *late)
         self._sums, self._carried, self._delay = ErrorSums(), Carried(), CommandDelay()
         self._node_ns: int | None = None
 
     @property
     def figures(self) -> ErrorFigures | None:
         """Figures of all parts so far; None before the end of the fade-in."""
-        return self._sums.figures(self._unit) if self._sums.points else None
+        return self._sums.figures(self._unit, self._lateness.delays) if self._sums.points else None
 
     def take(
         self,
@@ -134,6 +148,7 @@ class Splitter:
         for name, stage in stages.items():
             stage[:overlap] = self._carried.tail(name, overlap)
         self._carried.stages = stages
+        late = self._lateness.ideals(nodes_ns[shown], nodes_ns, ideal)
         times_ns, ideal, force = nodes_ns[shown], ideal[shown], force[shown]
 
         acting_ns, row = self._delay.acting(recording, trajectory, conversion.ratio)
@@ -147,8 +162,9 @@ class Splitter:
             sources[name], before = level - before, level
         error = force - ideal
 
-        self._sums.add(error, ideal, sources)
-        self._sums.energy += float(error @ motion[Signal.VELOCITY][shown]) * self._spacing_ns * 1e-9
+        speed = motion[Signal.VELOCITY][shown]
+        self._sums.add(error, ideal, sources, speed, [force - each for each in late])
+        self._sums.energy += float(error @ speed) * self._spacing_ns * 1e-9
         replayed = self._replay(acted, recording, ties)[overlap:] - recording.force[overlap:]
         self._sums.replay_difference = max(self._sums.replay_difference, float(np.abs(replayed).max()))
         self._node_ns = int(nodes_ns[-1])
@@ -223,6 +239,9 @@ class Splitter:
                 stages[name] += stage
         if virtual:  # otherwise the stage before already is the computed force
             stages["integrator"] = recording.force.copy()
+        # What was permitted is recorded in whole steps; a difference that is no rounding is a limit at work.
+        cut = np.abs(recording.command - recording.force) > self._half_step
+        stages[LIMITS] = np.where(cut, recording.command, recording.force)
         return ideal, stages, virtual
 
     def _replay(self, acted: Sequence[Span[Element]], recording: Recording, ties: Sequence["Tie"]) -> Array:
@@ -251,6 +270,8 @@ def split(
     begin_ns: int,
     method: str | None = None,
     unit: str = "N",
+    step: float = 0.0,
+    late: tuple[float, float] = (0.0, 0.0),
     exchanges: Sequence[Handover[Element]] = (),
     ties: Sequence["Tie"] = (),
 ) -> ErrorSplit:
@@ -258,7 +279,7 @@ def split(
 
     Raises ValueError when nothing was recorded after `begin_ns`, or when the drive took over no recorded command.
     """
-    splitter = Splitter(period=period, begin_ns=begin_ns, method=method, unit=unit)
+    splitter = Splitter(period=period, begin_ns=begin_ns, method=method, unit=unit, step=step, late=late)
     acted = spans(elements, exchanges, recording.times_ns)
     points = splitter.take(recording, trajectory, conversion, acted=acted, ties=ties)
     if splitter.figures is None:

@@ -162,6 +162,15 @@ class Cycle:
         """Return in how many periods limit or cap cut the force of the scene."""
         return self._axes[axis].permission.clipped
 
+    def asked(self, axis: str) -> float:
+        """Return the largest force beyond the effort limit that the scene asked for [N or N·m]; 0 without any."""
+        return self._axes[axis].permission.asked
+
+    def gapped(self, axis: str) -> tuple[int, int]:
+        """Return how many gaps in the feedback capped the force, and in how many periods those caps cut it."""
+        permission = self._axes[axis].permission
+        return permission.gaps, permission.gapped
+
     def stalls(self, axis: str) -> int:
         """Return how often counts stood still under torque for so long that the limit fell."""
         return self._axes[axis].stalls
@@ -175,6 +184,11 @@ class Cycle:
         """Return how often the sign of the axis was looked for in vain, None once it was seen."""
         proof = self._axes[axis].sign.proof
         return None if proof is None or proof.seen else proof.failures
+
+    def broken_off(self, axis: str) -> int:
+        """Return how often missing feedback broke off the search for the sign of the axis that goes on."""
+        proof = self._axes[axis].sign.proof
+        return 0 if proof is None else proof.broken_off
 
     def doubts(self, axis: str) -> int:
         """Return how often the motion went against the torque, so that the sign of the axis was looked for again."""

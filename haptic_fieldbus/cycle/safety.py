@@ -102,10 +102,24 @@ class Permission:
     """Whether neither fade-in nor a cap is at work, so that only effort and slew limit the force."""
     clipped: int = 0
     """Periods in which effort, fade-in or cap cut the force."""
+    asked: float = 0.0
+    """Largest force that the scene asked for beyond the effort limit, once force has faded in."""
+    gaps: int = 0
+    """How often feedback was missing for so long that a cap followed."""
+    gapped: int = 0
+    """Periods in which a cap after such a gap cut the force."""
+    after_gap: bool = False
+    """Whether the present cap is that of a gap."""
 
     def cap_at(self, cap: float, side: float) -> None:
         """Permit no more than `cap` in the direction `side` until contact is left."""
-        self.cap, self.side, self.unchanged = cap, side, False
+        self.cap, self.side, self.unchanged, self.after_gap = cap, side, False, False
+
+    def cap_after_gap(self, cap: float, side: float) -> None:
+        """Permit no more than before a gap in the feedback, until contact is left."""
+        self.gaps += 1
+        self.cap_at(cap, side)
+        self.after_gap = True
 
     def contact_left(self, asked: float, least: float) -> bool:
         """Whether the scene asks for no force (`least` at most), or for one against the capped direction."""
@@ -149,6 +163,9 @@ def bind_limiter(
         bound = min(effort * fade, permission.cap)
         if not -bound <= force <= bound:
             permission.clipped += 1
+            if bound == effort:
+                permission.asked = max(permission.asked, abs(force))
+            permission.gapped += permission.after_gap and permission.cap < effort * fade
             force = math.copysign(bound, force)
         before = permission.before
         if not -largest_change <= force - before <= largest_change:
@@ -173,7 +190,7 @@ def bind_hold(period: float, permission: Permission, holding: float) -> Callable
         if missing == 2:
             pulses, held = permission.proof is not None, permission.held
             side = 0.0 if pulses or held == 0.0 else math.copysign(1.0, held)
-            permission.cap_at(min(permission.cap, holding if pulses else abs(held)), side)
+            permission.cap_after_gap(min(permission.cap, holding if pulses else abs(held)), side)
         share = max(0.0, 1.0 - (missing - 1) / fading)
         permission.before = permission.held * share
         return permission.before

@@ -94,6 +94,8 @@ class SignProof:
     def __init__(self, axis: AxisPlan, probe: SignProbe, state: AxisState, trip: TripOff, seen: Callable[[], None]):
         self.failures = 0
         """How often all stages were tried in vain."""
+        self.broken_off = 0
+        """How often missing feedback made a stage begin anew."""
         self.seen = False
         self._axis, self._probe, self._state, self._trip, self._seen = axis, probe, state, trip, seen
         # What a torque does is seen so many samples later.
@@ -113,6 +115,7 @@ class SignProof:
             holding = self._probe.holding
             return max(-holding, min(holding, force))
         if self._state.steps != 1:
+            self.broken_off += 1
             self.begin()
         if self._quiet:
             self._quiet -= 1

@@ -111,10 +111,13 @@ class AxisWatch:
         # A drive that was late latched at some instant between SYNC and arrival; three instants make a change of speed.
         (_, first_ns), (way_before, second_ns) = self._looked
         unsure = (first_ns + second_ns + age_ns) / self._period_ns * max(abs(way_before), abs(state.way))
-        self._looked = ((way_before, second_ns), (state.way, age_ns))
         if change > self._jump * widest**2 + 2.0 * self._resolution * widest + unsure:
             self._trip(TripKind.ACCELERATION, change / passed**2, limits.acceleration)
-        return way / periods if periods > SHORTEST else state.way
+        if periods <= SHORTEST:  # the speed of before stays, and with it how sure it is
+            self._looked = ((way_before, first_ns), (state.way, second_ns + age_ns))
+            return state.way
+        self._looked = ((way_before, second_ns), (state.way, age_ns))
+        return way / periods
 
 
 def in_time(period: float) -> tuple[int, int]:

@@ -67,6 +67,8 @@ class Site:
     clock: Clock
     buses: Mapping[str, Bus]
     worlds: Mapping[str, Truth]
+    hand: str
+    """Name of the simulated hand that moves the handles; empty where there is none."""
     faults: list[str] = field(default_factory=list)
     """Reasons for which a recording of frames ended early; complete when the site has been left."""
 
@@ -87,7 +89,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     try:
         with ended_by_signals() as ending, place as site, _rights(plan) as prepared.host:
             prepared.bus = bus = _one_of(site.buses)
-            run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles)
+            run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles, site.hand)
             assessment = Assessment(run)
             with _freed(bus, ending):
                 _open(request, plan, bus, site.clock, prepared, ending)

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from haptic_fieldbus.assessing.element_forces import POINTS_PER_PERIOD
 from haptic_fieldbus.assessing.recording import Conversion, Recording
 from haptic_fieldbus.assessing.torque_error import ErrorSplit, split
 from haptic_fieldbus.numerics import estimators, integrators
@@ -100,7 +101,14 @@ class Run:
     def split(self, begin_ns: int = START_NS) -> ErrorSplit:
         recording, given = self.record()
         return split(
-            self.elements, recording, given, given.conversion, period=PERIOD, begin_ns=begin_ns, method=self.method
+            self.elements,
+            recording,
+            given,
+            given.conversion,
+            period=PERIOD,
+            begin_ns=begin_ns,
+            method=self.method,
+            step=self.torque_step,
         )
 
     def _force(self, element: Element, position: Array, velocity: Array | None) -> Array:
@@ -194,6 +202,19 @@ def test_a_delay_of_a_whole_period_is_found_in_the_values() -> None:
     assert np.abs(found.sources["torque step"]).max() <= 0.005 + 1e-9
 
 
+def test_a_force_that_was_cut_is_an_error_of_limits_and_not_of_the_torque_step() -> None:
+    """The motor gives 2 N of up to 5 N: what lies between is the only error beside sampling and rounding."""
+    run = Run([SPRING], torque_step=0.01)
+    recording, given = run.record()
+    cut = replace(recording, command=np.clip(recording.command, -2.0, 2.0))
+    given = replace(given, target=np.clip(given.target, -0.01, 0.01))
+    found = split([SPRING], cut, given, given.conversion, period=PERIOD, begin_ns=START_NS + PERIOD_NS, step=0.01)
+    held = found.sources["limits"]
+    assert held.min() == pytest.approx(-found.ideal.max() + 2.0, abs=0.1)
+    assert np.abs(found.sources["torque step"]).max() <= 0.005 + 1e-9
+    assert found.by_source["limits"] > 0.95
+
+
 def test_each_source_is_what_a_plain_loop_over_time_finds() -> None:
     run = Run([DAMPED], periods=80, count=2e-4, torque_step=0.05, lag=2e-4, estimator="backward-difference")
     run.motion = lambda t: (0.01 + 0.05 * t, np.full_like(t, 0.05))
@@ -210,7 +231,7 @@ def test_each_source_is_what_a_plain_loop_over_time_finds() -> None:
             recording.command[k],
             given.sample(np.array([t_ns]))[2][0] / -0.005,
         ]
-        found_here = [source[index] for source in found.sources.values()]
+        found_here = [source[index] for name, source in found.sources.items() if name != "limits"]
         np.testing.assert_allclose(found_here, np.diff(levels), rtol=0, atol=1e-11)
 
 
@@ -257,9 +278,42 @@ def test_the_first_order_method_has_the_larger_share_of_error() -> None:
 def test_contact_is_where_the_ideal_pushes() -> None:
     found = Run([WALL]).split()
     np.testing.assert_array_equal(found.contact, found.position > 0.015)
-    inside = found.error[found.position > 0.015]
-    assert found.error_rms_contact == pytest.approx(math.sqrt(float(np.mean(inside**2))))
-    assert found.ideal_rms_contact == pytest.approx(math.sqrt(float(np.mean(found.ideal[found.contact] ** 2))))
+    assert found.touched == found.contact.sum()
+
+
+def test_what_is_scored_is_contact_in_which_the_handle_moves() -> None:
+    """x = a·(1 − cos ωt) is slower than 5 % of its fastest within asin 0.05 of each turning point, in bins of 1 %."""
+    found = Run([WALL], periods=2001, delay_ns=330_000).split()
+    speed = np.abs(np.sin(ANGULAR * seconds(found.times_ns)))
+    surely, perhaps = (found.contact & (speed > 0.05 * share) for share in (1.011, 0.989))
+    assert surely.sum() <= found.scored <= perhaps.sum()
+    assert 0.9 * found.touched < found.scored < 0.99 * found.touched
+    for rms, values in ((found.error_rms_contact, found.error), (found.ideal_rms_contact, found.ideal)):
+        assert rms == pytest.approx(math.sqrt(float(np.mean(values[surely] ** 2))), rel=1e-3)
+
+
+MOVED = math.ceil((math.pi / 2 + 0.4) / ANGULAR / PERIOD) + 2
+"""Periods after which the handle of the next test rests."""
+
+
+@pytest.mark.parametrize("rest", [0, 3000, 30_000])
+def test_rest_does_not_dilute_the_score(rest: int) -> None:
+    """The handle comes into the wall by a quarter of a turn, and stays there."""
+
+    def way(t: Array) -> tuple[Array, Array]:
+        phase = np.minimum(ANGULAR * t, np.pi / 2 + 0.4)
+        moves = ANGULAR * t < np.pi / 2 + 0.4
+        return AMPLITUDE * (1 - np.cos(phase)), np.where(moves, AMPLITUDE * ANGULAR * np.sin(phase), 0.0)
+
+    soon = Wall("handle", stiffness=500.0, position=0.004)
+    moved, rested = (
+        Run([soon], periods=periods, delay_ns=500_000, motion=way).split(START_NS + 20 * PERIOD_NS)
+        for periods in (MOVED, MOVED + rest)
+    )
+    ratio = [found.error_rms_contact / found.ideal_rms_contact for found in (moved, rested)]
+    assert ratio[1] == pytest.approx(ratio[0], rel=1e-9)
+    assert rested.scored == moved.scored
+    assert rested.touched == pytest.approx(moved.touched + POINTS_PER_PERIOD * rest, rel=1e-3)
 
 
 def test_in_free_space_there_is_no_error_and_nothing_to_share() -> None:

@@ -658,6 +658,12 @@ class TestUnevenPeriods:
     def test_a_drive_that_latched_late_is_no_jump(self) -> None:
         assert self.run([1.0, 2.0, 3.0, 4.0], [0.0, 0.6, 0.0, 0.0]).trip is None
 
+    @pytest.mark.parametrize("much_later", [0.7, 0.78, 0.9])
+    def test_a_drive_that_latched_late_before_a_period_that_was_cut_short_is_no_jump(self, much_later: float) -> None:
+        """Too little time tells no speed: that of before stays, and with it how sure it is."""
+        dated = [1.0, 2.0, 2.9, 4.58, 4.68, 5.68]
+        assert self.run(dated, [0.0, 0.0, much_later, 0.0, 0.0, 0.0]).trip is None
+
     def test_without_the_age_that_shows_it_the_same_is_one(self) -> None:
         cycle = self.run([1.0, 2.0, 3.0, 4.0])
         cycle(image(round(self.way(25.0) / COUNT), t_ns=24_000_001))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.buses.canopen.frames import FRAME_SUFFIXES
+from haptic_fieldbus.buses.log_file import FRAME_SUFFIXES
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.request import (
@@ -122,10 +122,12 @@ def test_a_rig_may_name_the_simulation_by_its_interface(text: str, channel: str,
         ("pcan:PCAN_USBBUS1@5000000", "outside of what CAN can do"),
         ("haptic_sim:bench@5000000", "outside of what CAN can do"),
         ("", 'no bus ""'),
-        ("sim-modbus-tcp", "not available yet"),
-        ("sim-modbus-rtu@115200", "not available yet"),
-        ("modbus-tcp:192.168.0.2:502", "not available yet"),
-        ("modbus-rtu:/dev/ttyUSB0@115200", "not available yet"),
+        ("modbus:192.168.0.2:502", "modbus-tcp:HOST[:PORT]"),
+        ("modbus-tcp", "lacks its channel"),
+        ("modbus-tcp:192.168.0.2:port", "a port, 1 to 65535"),
+        ("modbus-rtu:/dev/ttyUSB0@fast", "the bit rate in bit/s"),
+        ("sim-modbus-rtu@5", "1200 to 20000000"),
+        ("sim-modbus-tcp:bench", "has no channel"),
     ],
 )
 def test_a_wrong_bus_is_answered_with_what_was_expected(text: str, sentence: str) -> None:

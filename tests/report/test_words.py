@@ -7,7 +7,7 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.result import Percentiles, Result, Timing, TorqueError, TripRecord
 from haptic_fieldbus.assessing.rights import Right
-from haptic_fieldbus.assessing.run_verdict import run_verdict
+from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.numerals import rounded, rounded_limit, two_digits_down
 from haptic_fieldbus.protocols.canopen.bus import CanSection
@@ -116,8 +116,46 @@ def test_of_several_elements_each_is_named() -> None:
 
 @pytest.mark.parametrize(("share", "shown"), [(0.0123, "1.2 %"), (0.5, "50 %"), (1.53, "153 %"), (20.0, "2000 %")])
 def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> None:
-    told = run_verdict(scene="wall", effort="force", stable=True, contact=share, ripple=None, missed=0)
-    assert f"error {shown} of the force" in told
+    felt = FeltError(share, share, 0.001, 0.4)
+    told = run_verdict(scene="wall", effort="force", hand="push", stable=True, felt=felt, ripple=None, missed=0)
+    assert f"error {shown} of the force in 0.4 s of moving contact" in told
+
+
+@pytest.mark.parametrize(
+    ("felt", "told"),
+    [
+        (
+            FeltError(0.02, 0.02, 0.001, 0.4),
+            "Feels like the ideal wall to the hand push: error 2 % of the force in 0.4 s",
+        ),
+        (
+            FeltError(0.5, 0.02, 0.0007, 0.4),
+            "Feels like the ideal wall to the hand push, 0.7 ms late: error 50 % of the",
+        ),
+        (
+            FeltError(0.5, 0.2, 0.0007, 0.4),
+            "Feels different from the ideal wall to the hand push: error 50 % of the force",
+        ),
+        (FeltError(None, 0.0, 0.0, 0.0), "Not judged: the handle rested whenever the wall acted with the hand push."),
+        (None, "The handle met nothing: no contact in this run with the hand push."),
+    ],
+)
+def test_a_verdict_says_what_was_felt_and_by_which_hand(felt: FeltError | None, told: str) -> None:
+    said = run_verdict(scene="wall", effort="force", hand="push", stable=True, felt=felt, ripple=None, missed=0)
+    assert said.startswith(told)
+
+
+@pytest.mark.parametrize(
+    ("cut", "behind", "told"),
+    [
+        (0.0, None, "98 % of the periods began in time; the torque was never cut."),
+        (0.5, 0.03, "the torque was cut in 50 % of them; the drive's own torque differs from its target by 3 %."),
+    ],
+)
+def test_a_real_run_is_judged_by_what_loop_and_drive_tell(cut: float, behind: float | None, told: str) -> None:
+    said = real_verdict(effort="torque", in_time=0.98, cut=cut, behind=behind)
+    assert said.startswith("Rendered on a real drive: its true error is not known here; ")
+    assert said.endswith(told)
 
 
 def test_every_parameter_of_an_element_has_its_unit() -> None:

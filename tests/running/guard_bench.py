@@ -103,7 +103,7 @@ class GuardBench:
 
         request = Request(self.selection, seconds, confirm=confirm, prove=self.trial.prove)
         try:
-            return session.render(request, nullcontext(Site(self.clock, {"can": self.bus}, {})))
+            return session.render(request, nullcontext(Site(self.clock, {"can": self.bus}, {}, "")))
         finally:
             self.forger.shutdown()
 

@@ -7,11 +7,11 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.sim.canopen.sheet import dictionary_of
-from tests.builders import canopen
+from tests.builders import canopen, shipped
 
-SHIPPED = [name for name in profile_names() if load_profile(name).drive.usable]
+SHIPPED = [name for name in shipped() if load_profile(name).drive.usable]
 KINDS = {
     "maxon_epos4": 10, "elmo_gold": 10, "nanotec_pd4_c": 10, "nanotec_c5_e": 10, "ingenia_everest": 10,
     "zeroerr_erob": 10, "technosoft_ipos": -5, "maxon_epos2": -3, "delta_asda_a2": 4, "oriental_blvd_krd": 4,

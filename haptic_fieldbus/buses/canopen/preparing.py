@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterator
 
 from haptic_fieldbus.buses.canopen.node import Node
+from haptic_fieldbus.buses.rating import check_rating, rated_torque
 from haptic_fieldbus.drive.objects import ObjectEntry
-from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -19,8 +19,6 @@ from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, ShownObjec
 
 MAX_MOTOR_SPEED, MOTOR_SPEED_UNIT = 0x6080, "r/min"
 """Object of CiA 402-2; some drives have it in a unit of their own."""
-RATED_TOLERANCE = 0.02
-"""Of a rated value in the rig; what a drive holds may differ by its rounding."""
 
 
 def prepare(node: Node, profile: CanopenProfile, rate: float) -> None:
@@ -94,24 +92,11 @@ def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> f
     mapped = profile.torque.rated
     if mapped is None:
         return None
-    if mapped.unit not in RATED_TORQUE_UNITS:
-        wrong = f"unit {mapped.unit!r} of {mapped.entry} is not one of {', '.join(RATED_TORQUE_UNITS)}"
-        raise BusConfigurationError(f"{profile.title}: {wrong}")
-    rated = node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
-    _check_rating(node, axis, mapped.entry, "torque", rated, axis.rig.rated_torque, "N·m")
+    rated = rated_torque(profile.title, str(mapped.entry), mapped.unit, node.read(mapped.entry))
+    check_rating(node.label, axis, str(mapped.entry), "torque", rated, axis.rig.rated_torque, "N·m")
     return rated
 
 
 def _check_rated_current(node: Node, entry: ObjectEntry, axis: AxisPlan) -> None:
-    _check_rating(node, axis, entry, "current", node.read(entry) * 1e-3, axis.rig.rated_current, "A")
-
-
-def _check_rating(
-    node: Node, axis: AxisPlan, entry: ObjectEntry, what: str, rated: float, expected: float | None, unit: str
-) -> None:
-    """Raise BusConfigurationError when the rated torque or current of a drive is not that of the rig."""
-    if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
-        raise BusConfigurationError(
-            f"{node.label}: its rated {what} is {exactly(rated)} {unit} ({entry}), the rig says {exactly(expected)} "
-            f"{unit} (axis.{axis.name}.rated_{what}); every command would be off by that"
-        )
+    held = node.read(entry) * 1e-3
+    check_rating(node.label, axis, str(entry), "current", held, axis.rig.rated_current, "A")

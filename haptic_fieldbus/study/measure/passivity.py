@@ -104,8 +104,8 @@ def _felt(scene: Scene, result: Result) -> Felt:
 def _endless(tools: Tools) -> Rig:
     """Return the shipped bench with an endless way: a hand that taps carries the handle off it after some contacts."""
     rig = tools.plan("wall").rig
-    free = {name: replace(axis, limits=replace(axis.limits, position=None)) for name, axis in rig.axis.items()}
-    return replace(rig, axis=free)
+    axes = {name: replace(axis, limits=replace(axis.limits, position=None)) for name, axis in rig.axis.items()}
+    return replace(rig, axis=axes)
 
 
 def _smooth(tools: Tools) -> Rig:

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent
-from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
 from haptic_fieldbus.study.measure.scene_errors import Misfit, scene_error
@@ -23,15 +23,16 @@ COLOURS = {
     "tachometer": (ORANGE, "//"),
     "estimator": (GREEN, "\\\\"),
     "integrator": (PURPLE, "xx"),
+    "limits": (GREY, "oo"),
     "torque step": (SKY, ".."),
     "torque loop": (VERMILION, "--"),
 }
 
 EXPLAINED = """Scenes of the library (a quick report: one of each sort) run on the simulated bench (drive, bus, motor,
 encoder) at 1 kHz, each with the hand that it names. The ideal is the scene in continuous time on the true motion of the
-handle. Things are made real one after another: sampling and delay, encoder, velocity estimator, integrator, the drive's
-torque step, its torque loop. Each adds its part to the error, and the shares sum to one; a negative share takes away
-from what the others did."""
+handle. Things are made real one after another: sampling and delay, encoder, velocity estimator, integrator, limits,
+the drive's torque step, its torque loop. Each adds its part to the error, and the shares sum to one; a negative share
+takes away from what the others did."""
 
 
 def sources_section(context: Context) -> Section:

@@ -19,10 +19,9 @@ from haptic_fieldbus.protocols.canopen.profile import (
     SimulatedObject,
 )
 from haptic_fieldbus.protocols.canopen.vendor.check import Comparison
-from haptic_fieldbus.protocols.catalogue import profile_names
 from haptic_fieldbus.protocols.folders import profile_file
 from haptic_fieldbus.sim.canopen.proof import proof_of
-from tests.builders import canopen
+from tests.builders import canopen, shipped
 from tests.eds.sheets import changed, generic, without, without_member
 from tests.eds.vendor_files import FILES, needs_files, vendor_eds
 from tests.sim.canopen.profile_mutants import NOT_SHOWN, configure, mutants, told_by
@@ -238,7 +237,7 @@ def test_the_simulated_drive_is_compared_where_the_profile_describes_it() -> Non
 
 @needs_files
 def test_every_shipped_profile_of_a_drive_has_its_file_here() -> None:
-    assert set(profile_names()) - {GENERIC} == ITS_FILES.keys()
+    assert set(shipped()) - {GENERIC} == ITS_FILES.keys()
 
 
 @needs_files
