@@ -50,6 +50,7 @@ DOES_WITHOUT = {
         "cli.options": "planning.request protocols.registry",
         "cli.pictures": "planning.request",
         "cli.doctor": "api.bench",
+        "cli.estimate": "api.estimation report.estimates report.plot_estimate",
         "cli.plan": "api planning.explain planning.plan_json planning.task",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue protocols.folders sim.canopen.sheet",
         "cli.report": "api study.make_report study.measure.bench",

@@ -9,7 +9,7 @@ import scipy.signal
 
 import haptic_fieldbus
 from haptic_fieldbus.api.open_loop import _grounded
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import DocumentError, UsageError
 from haptic_fieldbus.numerics.integrators import METHODS, bind
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
@@ -147,11 +147,11 @@ class TestFile:
          "time,position\n0,1\n1,nan\n", "time,position\n0\n1,2\n"],
     )  # fmt: skip
     def test_one_that_is_no_motion_is_refused(self, tmp_path: Path, text: str) -> None:
-        with pytest.raises(UsageError, match="expected"):
+        with pytest.raises(DocumentError, match="expected"):
             haptic_fieldbus.response("wall", input=self.written(tmp_path, text))
 
     def test_one_that_does_not_exist_is_refused(self, tmp_path: Path) -> None:
-        with pytest.raises(UsageError, match="cannot be read"):
+        with pytest.raises(DocumentError, match="cannot be read"):
             haptic_fieldbus.response("wall", input=tmp_path / "none.csv")
 
 

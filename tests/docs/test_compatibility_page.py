@@ -26,6 +26,7 @@ COMMANDS = {
     "plan": "plan virtual_shaft",
     "stability": "stability wall",
     "response": "response sprung_mass",
+    "estimate": "estimate signal.csv",
     "scan": "scan",
     "doctor": "doctor",
     "watch": "watch --duration 0.5",
@@ -65,6 +66,7 @@ def test_a_command_prints_the_keys_of_the_page(
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.chdir(tmp_path)
     Path("push1.eds").write_text(eds_text(generic()), encoding="utf-8")
+    Path("signal.csv").write_text("time,position\n0,0\n0.1,1\n", encoding="utf-8")
     with pytest.raises(SystemExit):
         main([*COMMANDS[name].split(), "--json"])
     told = dict(objects_of(json.loads(capsys.readouterr().out), name))
