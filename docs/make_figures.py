@@ -15,7 +15,7 @@ from haptic_fieldbus.cli import main
 from haptic_fieldbus.numerics import estimators
 from haptic_fieldbus.numerics.estimators.tachometer import bind_position
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.plot import BLUE, GREY, INK, VERMILION
+from haptic_fieldbus.report.drawing import BLUE, GREY, INK, VERMILION
 from haptic_fieldbus.study.measure import growth, work_precision
 from haptic_fieldbus.study.measure.bench import bench_of
 from haptic_fieldbus.study.measure.in_the_loop import loop_growth

@@ -22,6 +22,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_METHOD,
     DEFAULT_MOTION,
     DEFAULT_MOTION_DURATION,
+    DEFAULT_RATE,
 )
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
@@ -100,17 +101,18 @@ def response(task: OpenLoop) -> Response:
     DocumentError or UsageError.
     """
     duration, method = task.duration, task.method or DEFAULT_METHOD
-    check_request(rate=task.rate, duration=DEFAULT_MOTION_DURATION if duration is None else duration)
+    rate = DEFAULT_RATE if task.rate is None else task.rate
+    check_request(rate=rate, duration=DEFAULT_MOTION_DURATION if duration is None else duration)
     check_rendering(task)
     motion = motion_of(task.input, task.amplitude)
-    period = round(1e9 / task.rate) * 1e-9
+    period = round(1e9 / rate) * 1e-9
     chosen = with_settings(task.scene, parsed(task.settings)).at_period(period)
     axis = chosen.axes[0]
     # Both ends are sampled.
     samples = round((motion.duration if duration is None else duration) / period) + 1
     if samples > MOST_SAMPLES:
         expected = f"expected at most {MOST_SAMPLES}: a shorter duration"
-        raise UsageError(f"{samples} samples at {exactly(task.rate)} Hz; {expected}")
+        raise UsageError(f"{samples} samples at {exactly(rate)} Hz; {expected}")
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
     elements = (*chosen.of_axis(axis.name), *_grounded(chosen, axis.name))

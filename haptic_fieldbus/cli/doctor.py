@@ -14,7 +14,7 @@ from haptic_fieldbus.cli.options import (
     options_of,
     refuse_beside_rig,
 )
-from haptic_fieldbus.cli.scan import ScanOptions
+from haptic_fieldbus.cli.scan import BusOptions
 from haptic_fieldbus.cli.screen import print_json, show
 from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
 
@@ -27,7 +27,7 @@ FAILED = ("adapter", "round_trip")
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveOptions(ScanOptions):
+class DriveOptions(BusOptions):
     """Options of a command that looks at drives without a scene."""
 
     drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DEFAULT_DRIVE)] = (

@@ -24,6 +24,7 @@ from haptic_fieldbus.protocols.traffic import BusTraffic, Json
 
 REMAINDER = 0.01
 """Share of the torque at which it counts as zero."""
+BESIDE = "by what is sent beside the exchange"
 
 
 class EndCause(Enum):
@@ -71,7 +72,7 @@ def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Tor
     alone, end = bool(unguarded(axis.profile, axis.rig)), _end(axis, traffic)
     guard = math.inf if alone else traffic.guard(axis.name)
     # The event may happen just after a latch, so the next one shows it.
-    seen = period + traffic.latch + axis.delay.transport + end
+    seen = period + traffic.latch(axis.name) + axis.delay.transport + end
     faded, old = _missing(axis, period)
     by_loop = "seen in the next period, whose set-points are torque-free"
     by_guard = "a person who cuts the power" if alone else f"the guard of the drive, {rounded(1e3 * guard)} ms"
@@ -83,7 +84,7 @@ def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Tor
     if math.isfinite(traffic.silence):
         how = f"{rounded(1e3 * traffic.silence)} ms without it, then {by_loop}"
         yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
-    how = f"feedback older than {rounded(1e3 * axis.limits.age)} ms is a trip; then by SDO, at the latest {by_guard}"
+    how = f"feedback older than {rounded(1e3 * axis.limits.age)} ms is a trip; then {BESIDE}, at the latest {by_guard}"
     yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
     yield TorqueDeadline(EndCause.DISCONNECTED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
@@ -97,7 +98,7 @@ def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
     if math.isinf(axis.limits.echo):
         return "nothing notices it: the drive does not show what it was sent"
     waited = rounded(1e3 * axis.limits.echo)
-    return f"not followed for {waited} ms from the first change on is a trip; then by SDO, at the latest {by_guard}"
+    return f"not followed for {waited} ms from the first change on is a trip; then {BESIDE}, at the latest {by_guard}"
 
 
 def _end(axis: AxisPlan, traffic: BusTraffic) -> float:

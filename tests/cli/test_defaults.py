@@ -18,7 +18,7 @@ from haptic_fieldbus.cli.run import RunOptions
 from haptic_fieldbus.cli.stability import StabilityOptions
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.sim.canopen.host_request import HostRequest
+from haptic_fieldbus.sim.host_request import HostRequest
 from tests.cli.command import Command
 
 PACKAGE = Path(defaults.__file__).parent

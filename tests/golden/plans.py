@@ -11,6 +11,7 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.velocity_only import velocity_only
 
@@ -38,7 +39,8 @@ def cases() -> dict[Path, tuple[str, str]]:
 @cache
 def planned(scene: str, profile: str) -> Plan:
     """The plan of a scene on a profile, made once."""
-    return plan(scene, drive=profile)
+    drive = load_profile(profile)
+    return plan(scene, drive=profile, bus=protocol_named(drive.drive.protocol).simulated_bus(drive))
 
 
 def text_of(scene: str, profile: str) -> str:

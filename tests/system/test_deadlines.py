@@ -7,7 +7,8 @@ import pytest
 
 from haptic_fieldbus.planning.deadlines import EndCause
 from haptic_fieldbus.planning.explain import milliseconds
-from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from haptic_fieldbus.protocols.catalogue import load_profile
+from tests.builders import shipped
 from tests.system.zero_torque import MEASURED, PHASES, PROFILES, RATES, measured, planned
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "deadlines.md"
@@ -19,7 +20,7 @@ def stated(profile: str, rate: float) -> dict[EndCause, float]:
 
 
 def test_every_cause_is_measured_on_a_drive_of_the_standard_and_on_one_of_a_vendor() -> None:
-    assert set(PROFILES) <= {name for name in profile_names() if load_profile(name).drive.usable}
+    assert set(PROFILES) <= {name for name in shipped() if load_profile(name).drive.usable}
     assert set(stated(PROFILES[0], RATES[0])) == set(EndCause)
     assert set(MEASURED) == set(EndCause)
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
+from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
 
 Item = TypeVar("Item")
 WIDTH = 11.4

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 
-from haptic_fieldbus.sim.canopen.injection import Plan
-from haptic_fieldbus.sim.faults import DriveFaultKind, HostFault, LineFault
+from haptic_fieldbus.sim.agenda import Plan
+from haptic_fieldbus.sim.faults import AnswerFault, ConnectionReset, DriveFaultKind, HostFault, LineFault
 
-TimedFault = DriveFaultKind | LineFault | HostFault
+TimedFault = DriveFaultKind | LineFault | AnswerFault | HostFault
 
 
 @dataclass(eq=False)
@@ -25,7 +25,7 @@ class _Waiting:
 
     def concerns(self, fault: TimedFault, node: int) -> bool:
         """Return whether this is the same fault, of the same drive unless it is one of the bus or of the host."""
-        return self.fault is fault and (self.node == node or isinstance(fault, LineFault | HostFault))
+        return self.fault is fault and (self.node == node or isinstance(fault, LineFault | ConnectionReset | HostFault))
 
 
 class FaultSchedule:

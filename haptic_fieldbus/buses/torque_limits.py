@@ -6,9 +6,6 @@ that the drive itself holds the limit of the axis whatever the loop asks for.
 
 The values of before are put back when a run ends in order. A run that was killed leaves its own behind. So that the
 next one can tell them from the drive's, each change is noted in a file of the user until it is undone.
-
-Reference: CiA 402-2, 6072h max torque, 60E0h and 60E1h positive and negative torque limit value, all in ‰ of rated
-torque.
 """
 
 import json
@@ -18,40 +15,59 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Generic, Protocol, TypeVar
 
-from haptic_fieldbus.buses.canopen.node import Node
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.numerals import in_unit, percent
+from haptic_fieldbus.numerals import exactly, in_unit, percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 
-TORQUE_LIMITS = tuple(ObjectEntry(index, DataType.UINT16) for index in (0x6072, 0x60E0, 0x60E1))
+Entry = TypeVar("Entry")
+"""An object or a register that holds a limit; its text is its name."""
+
+
+Asked = TypeVar("Asked", contravariant=True)
+
+
+class Device(Protocol[Asked]):
+    """The drive behind the limits; its methods raise BusError."""
+
+    @property
+    def label(self) -> str: ...
+
+    def read(self, entry: Asked, /) -> int: ...
+
+    def write(self, entry: Asked, value: int, /) -> None:
+        """Write and read back; raises BusConfigurationError when the drive refuses."""
 
 
 @dataclass
-class TorqueLimits:
-    """The torque limits of one drive [‰ of rated torque]: as they were, and as the axis needs them."""
+class TorqueLimits(Generic[Entry]):
+    """The torque limits of one drive, in its own steps: as they were, and as the axis needs them."""
 
-    node: Node
+    node: Device[Entry]
     axis: AxisPlan
     warn: Callable[[str], None]
     noted: bool
     """Whether changes are noted in a file; those to simulated drives are not, since nobody finds such a drive again."""
+    entries: tuple[Entry, ...]
+    """All limits that a drive may have."""
+    step: float
+    """Effort at the handle of one step [N or N·m]."""
     notes: "Notes | None" = None
-    before: dict[ObjectEntry, int] = field(default_factory=dict)
+    before: dict[Entry, int] = field(default_factory=dict)
     """The value of each limit that is to be changed, before any run of ours changed it."""
-    left: dict[ObjectEntry, int] = field(default_factory=dict)
+    left: dict[Entry, int] = field(default_factory=dict)
     """What a run that was killed left behind in them, where it is still there."""
     sentences: list[str] = field(default_factory=list)
     """Sentences for people about each change."""
 
     @property
     def wanted(self) -> int:
-        """The limit of the axis [‰ of rated torque]."""
+        """The limit of the axis [steps]."""
         # The small addend keeps a ratio that is a whole number from being rounded down by its last digit.
-        return math.floor(1e3 * self.axis.limits.effort / self.axis.rated_effort + 1e-6)
+        return math.floor(self.axis.limits.effort / self.step + 1e-6)
 
-    def inspect(self, drive: str | None, read: Callable[[ObjectEntry], int | None]) -> None:
+    def inspect(self, drive: str | None, read: Callable[[Entry], int | None]) -> None:
         """Compare the limits with that of the axis and write nothing.
 
         `drive` is a name that is unique to the drive; None: it has no serial number, and what is noted could be
@@ -62,7 +78,7 @@ class TorqueLimits:
         """
         self.notes = Notes(drive) if self.noted and drive is not None else None
         noted = {} if self.notes is None else self.notes.read()
-        for entry in TORQUE_LIMITS:
+        for entry in self.entries:
             held = read(entry)
             if held is None:
                 continue
@@ -109,7 +125,7 @@ class TorqueLimits:
             )
 
     @property
-    def restoring(self) -> tuple[tuple[ObjectEntry, int], ...]:
+    def restoring(self) -> tuple[tuple[Entry, int], ...]:
         """Entries and values that put the limits back."""
         return tuple(self.before.items())
 
@@ -118,28 +134,34 @@ class TorqueLimits:
         if self.notes is not None:
             self.notes.remove()
 
-    def _words(self, entry: ObjectEntry, original: int) -> str:
+    def _words(self, entry: Entry, original: int) -> str:
         """Return the sentence about a change."""
         change = "lowered" if original >= self.wanted else "raised, as the rig says,"
-        words = f"{entry} is {change} from {_share(original)} to {_share(self.wanted)} of rated torque until the end"
+        between = f"from {self._percent(original)} to {self._percent(self.wanted)}"
+        words = f"{entry} is {change} {between} of rated torque until the end"
         left = self.left.get(entry)
-        return words if left is None else f"{words}; a run that did not end in order left it at {_share(left)}"
+        return words if left is None else f"{words}; a run that did not end in order left it at {self._percent(left)}"
 
-    def _too_low(self, entry: ObjectEntry, held: int) -> BusConfigurationError:
+    def _too_low(self, entry: Entry, held: int) -> BusConfigurationError:
         unit, limit = self.axis.workspace.effort_unit, self.axis.limits.effort
-        allowed = held * 1e-3 * self.axis.rated_effort
         left = self.left.get(entry)
-        told = "" if left is None else f", after a run that did not end in order left it at {left} ‰"
+        told = "" if left is None else f", after a run that did not end in order left it at {self._permille(left)}"
         return BusConfigurationError(
-            f"{self.node.label}: {entry} is {held} ‰ of rated torque ({in_unit(allowed, unit)}){told}, the axis may "
-            f"ask for {self.wanted} ‰ ({in_unit(limit, unit)}): force would be cut without a word. Say "
+            f"{self.node.label}: {entry} is {self._permille(held)} of rated torque "
+            f"({in_unit(held * self.step, unit)}){told}, the axis may ask for {self._permille(self.wanted)} "
+            f"({in_unit(limit, unit)}): force would be cut without a word. Say "
             f"axis.{self.axis.name}.raise_max_torque = true in the rig, which raises it for each run, or set "
             f"axis.{self.axis.name}.limits.effort"
         )
 
+    def _share(self, steps: int) -> float:
+        return steps * self.step / self.axis.rated_effort
 
-def _share(permille: int) -> str:
-    return percent(permille * 1e-3)
+    def _percent(self, steps: int) -> str:
+        return percent(self._share(steps))
+
+    def _permille(self, steps: int) -> str:
+        return f"{exactly(1e3 * self._share(steps))} ‰"
 
 
 class Notes:

@@ -13,6 +13,7 @@ from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.slot import Slot
 
 _NODES = range(1, 128)
+"""Node-IDs of CANopen."""
 
 
 @dataclass(frozen=True)
@@ -28,10 +29,10 @@ def drives_of(channel: str) -> list[NamedDrive]:
     return [drive_of(item) for item in channel.split(",")]
 
 
-def drive_of(text: str) -> NamedDrive:
+def drive_of(text: str, nodes: range = _NODES) -> NamedDrive:
     """Parse one drive, `profile@node-ID`; raises UsageError when it is written otherwise."""
     name, _, number = text.strip().rpartition("@")
-    if not name or not number.isdecimal() or int(number) not in _NODES:
+    if not name or not number.isdecimal() or int(number) not in nodes:
         raise UsageError(f'"{text}": expected profile@node-ID, such as generic_cia402@5')
     return NamedDrive(name, int(number))
 

@@ -3,8 +3,9 @@
 import pytest
 
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.sim.canopen.host_request import HostRequest, joined_bus, numbered, resolve
+from haptic_fieldbus.protocols.canopen.bus import NODES
 from haptic_fieldbus.sim.faults import BusOff, Emergency, ErrorFrame
+from haptic_fieldbus.sim.host_request import HostRequest, joined_bus, numbered, resolve
 
 
 class TestRequest:
@@ -21,7 +22,7 @@ class TestRequest:
     def test_drives_get_the_node_id_they_ask_for_or_the_next_free_one(
         self, texts: list[str], first: int, nodes: list[int]
     ) -> None:
-        drives = numbered(texts, first)
+        drives = numbered(texts, first, NODES)
         assert [drive.node for drive in drives] == nodes
         assert [drive.profile for drive in drives] == [text.partition("@")[0] for text in texts]
 
@@ -36,12 +37,16 @@ class TestRequest:
     )
     def test_impossible_node_ids_are_refused(self, texts: list[str], first: int, said: str) -> None:
         with pytest.raises(UsageError, match=said):
-            numbered(texts, first)
+            numbered(texts, first, NODES)
 
     @pytest.mark.parametrize("bus", ["sim", "sim@500000", "haptic_sim:maxon_epos4@5", None])
     def test_a_bus_that_no_other_program_can_join_is_refused(self, bus: str | None) -> None:
         with pytest.raises(UsageError, match="socketcan:can0"):
             joined_bus(bus)
+
+    def test_a_drive_of_another_protocol_than_its_bus_is_refused(self) -> None:
+        with pytest.raises(UsageError, match="generic_cia402_modbus speaks modbus, and virtual:x is a bus of canopen"):
+            resolve(HostRequest(["generic_cia402_modbus"], "virtual:x"))
 
     def test_all_that_is_wrong_is_told_at_once(self) -> None:
         faults = (BusOff("bus_off", 1.0), ErrorFrame("error_frame", 1.0), Emergency("emergency", 1.0, 1, bus="can0"))

@@ -1,0 +1,182 @@
+"""The exchange of one period on one line: all units are read in turn, and written in turn.
+
+`master` tells what goes out when, and what becomes of answers that stay away.
+"""
+
+from haptic_fieldbus.buses.modbus.foreign import foreign_write
+from haptic_fieldbus.buses.modbus.framing import Answer, Question
+from haptic_fieldbus.buses.modbus.link import Link, Reading
+from haptic_fieldbus.buses.modbus.requester import Requester
+from haptic_fieldbus.planning.image import HEADER
+from haptic_fieldbus.protocols.modbus.profile import READ_WRITE
+from haptic_fieldbus.protocols.traffic import answer_time
+
+
+class Exchange:
+    """The requests of all units of a line, and their answers in the input `image`."""
+
+    def __init__(
+        self, requester: Requester, readings: tuple[Reading, ...], image: bytearray, *, period_ns: int, writes: bool
+    ) -> None:
+        """`writes` tells that the set-points are sent by requests of their own, after computing."""
+        self.latch_ns = 0
+        self.foreign: int | None = None
+        """Address to which somebody else was heard to write; None while nobody was."""
+        self._requester, self._readings, self._image = requester, readings, image
+        self._links = tuple(dict.fromkeys(reading.link for reading in readings))
+        self._units = frozenset(link.unit for link in self._links)
+        self._period_ns, self._writes = period_ns, writes
+        self._left_ns = tuple(sum(each.times.whole_ns for each in readings[at:]) for at in range(len(readings)))
+        """Time that each request and those after it take."""
+        self._begun_ns = 0
+        self._patience_ns = round(1e9 * answer_time(1e-9 * period_ns))
+        self._asked: Question | None = None
+        self._written: Link | None = None
+        """Link whose set-point is under way."""
+
+    @property
+    def fresh(self) -> bool:
+        """True when all answers of the last exchange came."""
+        return all(link.fresh for link in self._links)
+
+    def forget(self) -> None:
+        """Forget what was exchanged: the drives are configured anew."""
+        self._requester.forget()
+        self._written, self.foreign = None, None
+        for link in self._links:
+            link.forget()
+
+    def prepare(self, deadline_ns: int) -> None:
+        """Take the answer to the last set-point, as long as the deadline [ns] leaves time for all that is read."""
+        link, self._written = self._written, None
+        if link is not None:
+            self._confirm(link, self._requester.answer(deadline_ns - self._left_ns[0]))
+        elif self._requester.outstanding is not None:
+            self._requester.answer(0)
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """Wait no more for an answer that has stayed away for long: the unit may have lost its question."""
+        if self._requester.clock.now_ns() - self._requester.sent_ns > self._patience_ns:
+            self._requester.forget()
+
+    def begin(self) -> None:
+        """Ask the first unit."""
+        self._begun_ns = self._requester.clock.now_ns()
+        for link in self._links:
+            link.begin()
+        self._asked = self._ask(self._readings[0])
+
+    def collect(self, deadline_ns: int) -> bytearray:
+        """Receive, and ask the other units, until the deadline [ns] at the latest; return the image."""
+        requester, last = self._requester, len(self._readings) - 1
+        for at, reading in enumerate(self._readings):
+            until_ns = self._share_of(at, deadline_ns)
+            if self._asked is None and requester.outstanding is None:
+                self._wait_for_quiet(reading.link, until_ns)
+            else:
+                self._take(reading, self._asked, requester.answer(until_ns))
+            if at < last:
+                self._asked = self._ask(self._readings[at + 1])
+        self._finish()
+        return self._image
+
+    def write(self, image: bytes | bytearray) -> None:
+        """Store the set-points; send them where they have requests of their own."""
+        for link in self._links:
+            link.set_point.store(image)
+        if self._writes:
+            self._send()
+
+    def _share_of(self, at: int, deadline_ns: int) -> int:
+        """Return the deadline of one request [ns]: its share of the time that is left."""
+        now_ns = self._requester.clock.now_ns()
+        left_ns = max(0, deadline_ns - now_ns)
+        return now_ns + left_ns * self._readings[at].times.whole_ns // self._left_ns[at]
+
+    def _ask(self, reading: Reading) -> Question | None:
+        """Ask a unit; None when nothing can be asked now."""
+        if self._requester.outstanding is not None:
+            return None
+        question = self._question(reading)
+        if question is not None:
+            self._requester.ask(question)
+        return question
+
+    def _question(self, reading: Reading) -> Question | None:
+        link = reading.link
+        if not (reading.writes and link.set_point.waiting):
+            return None if reading.function in link.late else reading.question
+        if READ_WRITE not in link.late:
+            return link.set_point.writing_before(reading.block)
+        alone = link.set_point.alone
+        return None if alone is None or alone in link.late else link.set_point.writing()
+
+    def _wait_for_quiet(self, link: Link, until_ns: int) -> None:
+        """Ask nothing, and drop what comes; when nothing did, no answer is late any more."""
+        link.missing += 1
+        if not self._requester.listen(until_ns):
+            link.late.clear()
+
+    def _take(self, reading: Reading, asked: Question | None, answer: Answer | None) -> None:
+        """Take an answer, or that it stayed away."""
+        link = reading.link
+        if asked is None:
+            link.missing += 1  # an answer is one to an earlier question
+        elif self._accepted(link, asked, answer) and answer is not None and asked.count and reading.take(answer):
+            requester = self._requester
+            if reading.latches:
+                link.latch_ns = reading.latched(requester.sent_ns, requester.arrived_ns)
+        else:
+            link.missing += 1
+
+    def _accepted(self, link: Link, asked: Question, answer: Answer | None) -> bool:
+        """Note what an answer says of the unit; False without one, and for an exception."""
+        if answer is None:
+            if self._requester.transport.serial:
+                self._requester.forget()
+                link.late.add(asked.function)
+            return False
+        if asked.function not in link.late:  # a unit answers in order, so no earlier answer can come any more
+            link.late.clear()
+        if answer.exception is not None:
+            link.refused(answer.exception)
+            return False
+        if asked.values:
+            link.set_point.answered()
+        return True
+
+    def _finish(self) -> None:
+        """Write all headers."""
+        if self._requester.unasked:
+            self._overhear()
+        now_ns = self._requester.clock.now_ns()
+        for link in self._links:
+            link.finish(now_ns, self._begun_ns, self.foreign)
+        self.latch_ns = max([link.latch_ns for link in self._links])
+        HEADER.pack_into(self._image, 0, self.latch_ns)
+
+    def _overhear(self) -> None:
+        """Look at octets that nobody was asked for: is there a command of somebody else among them?"""
+        unasked, self._requester.unasked = self._requester.unasked, bytearray()
+        if self._requester.transport.serial and self.foreign is None:
+            self.foreign = foreign_write(unasked, self._units)
+
+    def _send(self) -> None:
+        """Send the set-points, one unit after another; on TCP none while an answer is outstanding."""
+        requester, last = self._requester, self._links[-1]
+        for left, link in zip(range(len(self._links), 0, -1), self._links, strict=True):
+            if requester.outstanding is not None:
+                return
+            question = link.set_point.writing()
+            requester.ask(question)
+            self._asked = question
+            if link is last:
+                self._written = link
+            else:
+                now_ns = requester.clock.now_ns()
+                self._confirm(link, requester.answer(now_ns + (self._begun_ns + self._period_ns - now_ns) // left))
+
+    def _confirm(self, link: Link, answer: Answer | None) -> None:
+        if self._asked is not None:
+            self._accepted(link, self._asked, answer)

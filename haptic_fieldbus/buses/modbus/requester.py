@@ -1,0 +1,145 @@
+"""One request at a time on a line: sent, waited for until a deadline, and forgotten.
+
+A request whose answer stays away is *outstanding*: its answer may still come. What that means differs:
+
+- On TCP the answer carries a transaction id, and nothing else gets through before it. Nothing is sent meanwhile, since
+  set-points would only queue up, to be obeyed one after another when they are old. After some periods the question
+  counts as lost.
+- On RTU the late answer to a request looks like the answer to the next one of the same function. The next request is
+  therefore one of another function, or none: see `master`.
+
+With a half-duplex adapter that gives back what one sends, our own octets come first, and are taken off.
+"""
+
+from collections import Counter
+
+from haptic_fieldbus.buses.modbus.framing import Answer, Framing, Question, Surprise
+from haptic_fieldbus.buses.modbus.transport import Transport
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.errors import BusError
+
+ECHO_ADVICE = "the adapter gives back what one sends: say echo = true in its table of the rig"
+
+
+class Requester:
+    """The requests of one line; `echo` says that the adapter gives back what one sends."""
+
+    def __init__(self, transport: Transport, clock: Clock, *, echo: bool = False) -> None:
+        self.transport = transport
+        self.clock = clock
+        self.echo = echo
+        self.silence_ns = 0
+        """Silence that must separate two frames [ns]."""
+        self.surprises: Counter[Surprise] = Counter()
+        """How often octets were dropped, and why."""
+        self.unasked = bytearray()
+        """Octets that came when nothing was asked, or that were no answer; the latest of them."""
+        self.outstanding: Question | None = None
+        """The question whose answer has not come; None when the line is free."""
+        self.sent_ns = self.arrived_ns = 0
+        """Instants [ns] of the last request and of the last answer."""
+        self.echoes = False
+        """Whether octets came back as they were sent, although `echo` does not say so."""
+        self._framing = Framing(serial=transport.serial)
+        self._gathered = b""
+        self._echo = b""
+        self._replaced = False
+        self._free_ns = clock.now_ns()
+
+    @property
+    def name(self) -> str:
+        return self.transport.name
+
+    def ask(self, question: Question) -> None:
+        """Send a question, after octets of before were dropped; raises BusError when the line is dead."""
+        self.clock.sleep_until(self._free_ns)
+        dropped = self.transport.discard()
+        if dropped:
+            self._drop(dropped)
+        frame = self._framing.frame(question)
+        self._gathered, self._echo = b"", frame if self.transport.serial else b""
+        self._replaced = self.outstanding is not None
+        self.outstanding = question
+        self.sent_ns = self.clock.now_ns()
+        self.transport.send(frame)
+
+    def answer(self, deadline_ns: int) -> Answer | None:
+        """Return the answer to the outstanding question; None when it did not come by the deadline [ns].
+
+        Raises BusError when the line is dead.
+        """
+        while self.outstanding is not None:
+            octets = self.transport.receive(deadline_ns)
+            if not octets:
+                return None
+            self._gathered += octets
+            answer = self._taken()
+            if answer is not None:
+                return answer
+        return None
+
+    def quiet(self, duration_ns: int) -> None:
+        """Send nothing for this time [ns], and drop what comes; raises BusError when the line is dead."""
+        self.forget()
+        if self.listen(self.clock.now_ns() + duration_ns):
+            self.surprises[Surprise.EARLIER] += 1
+
+    def listen(self, deadline_ns: int) -> bytes:
+        """Return what comes until the deadline [ns] although nothing was asked; raises BusError when dead."""
+        heard = b""
+        while octets := self.transport.receive(deadline_ns):
+            heard += octets
+        return heard
+
+    def forget(self) -> None:
+        """Give up the outstanding question."""
+        self.outstanding, self._gathered = None, b""
+
+    def _drop(self, octets: bytes) -> None:
+        """Note octets that came when nothing was asked, or too late."""
+        if self.outstanding is None:
+            self.unasked = bytearray(octets[-256:])
+            self.surprises[Surprise.EARLIER] += 1
+
+    def _taken(self) -> Answer | None:
+        """Take frames from the octets that were gathered, until one is the answer."""
+        if self._echo and not self._echo_taken():
+            return None
+        while self._gathered:
+            octets = self._gathered
+            used, found = self._framing.take(octets)
+            if not used:
+                return None
+            self._gathered = octets[used:]
+            if isinstance(found, Answer):
+                self.outstanding, self.arrived_ns = None, self.clock.now_ns()
+                self._free_ns = self.arrived_ns + self.silence_ns
+                return found
+            if found is Surprise.EARLIER and self._replaced:
+                self._replaced = False  # we did not wait for it
+            elif found is not None:
+                self.surprises[found] += 1
+                if found is Surprise.GARBAGE:
+                    self.unasked = bytearray(octets[:used])
+        return None
+
+    def _echo_taken(self) -> bool:
+        """Take our own octets off; False while they are not complete. They may be declared, or a surprise."""
+        frame, gathered = self._echo, self._gathered
+        if not self.echo:
+            # The answer to FC6 repeats its request in full, so for that function nothing can be told.
+            self.echoes = self.echoes or (gathered.startswith(frame) and frame[1] != 6)
+            self._echo = b""
+            return True
+        if len(gathered) < len(frame) and frame.startswith(gathered):
+            return False
+        self._echo = b""
+        if gathered.startswith(frame):
+            self._gathered = gathered[len(frame) :]
+        return True
+
+
+def no_echo(requester: Requester) -> None:
+    """Raise BusError when the adapter gives back what one sends, and the rig does not say so."""
+    if requester.echoes:
+        raise BusError(f"{requester.name}: {ECHO_ADVICE}")
