@@ -6,8 +6,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.api.estimation import Estimation
+from haptic_fieldbus.report.drawing import BLUE, INK, ORANGE, thin
 from haptic_fieldbus.report.estimates import estimate_lines
-from haptic_fieldbus.report.plot import BLUE, INK, ORANGE, thin
 
 UNITS = {"position": "m or rad", "velocity": "m/s or rad/s"}
 TOLD = ("noise", "delay", "drift")

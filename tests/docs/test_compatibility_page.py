@@ -26,6 +26,7 @@ COMMANDS = {
     "plan": "plan virtual_shaft",
     "stability": "stability wall",
     "response": "response sprung_mass",
+    "response --model": "response sprung_mass --model",
     "estimate": "estimate signal.csv",
     "scan": "scan",
     "doctor": "doctor",
@@ -38,7 +39,7 @@ COMMANDS = {
     "scenes show": "scenes show wall",
     "scenes check": "scenes check wall no_such_scene",
 }
-BY_NAMES_OF_THEIR_OWN = ("by_source", "booked_j", "settings", "age_s", "states", "elements", "axes")
+BY_NAMES_OF_THEIR_OWN = ("by_source", "booked_j", "settings", "age_s", "states", "elements", "axes", "growth")
 """Objects whose keys are not ours, and those that a page of their own lists."""
 
 
