@@ -1,5 +1,7 @@
 """The linear model of an environment in words, as lines of a key and a text."""
 
+import math
+
 from haptic_fieldbus.api.model import EnvironmentModel, LinearModel, Poles
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import Matrix
@@ -18,6 +20,7 @@ def model_lines(model: EnvironmentModel) -> list[Line]:
     inputs = "position x and velocity v of the puck"
     lines = [("model", f"axis {model.axis}: {states}, inputs {inputs}, output F on it; SI")]
     lines += _lines("continuous", "dz/dt = A z + B (x, v), F = C z + D (x, v)", model.continuous, "s")
+    lines += [("", _natural(pole)) for pole in model.continuous.poles.tolist() if pole.imag > 0.0]
     ways = [f"virtual states by {model.method}"] if model.integrated.order else []
     if order > model.integrated.order:
         ways.append("the memory of an element by its own exact step")
@@ -31,6 +34,13 @@ def model_lines(model: EnvironmentModel) -> list[Line]:
         growth = ", ".join(f"{method} {_growth(value)}" for method, value in model.growth.items())
         lines.append(("growth", f"of a free motion in a step, its spectral radius: {growth}"))
     return lines
+
+
+def _natural(pole: complex) -> str:
+    """Return the natural frequency of a pair of conjugate poles."""
+    frequency = abs(pole) / (2.0 * math.pi)
+    turns = f"{rounded(abs(pole))} rad/s, {rounded(frequency)} Hz, a period of {rounded(1.0 / frequency)} s"
+    return f"natural frequency {turns}, damping ratio {rounded(-pole.real / abs(pole))}"
 
 
 def _growth(value: float | None) -> str:

@@ -94,6 +94,7 @@ class TestTheModel:
         assert "A [[0, 1], [-400, 0]]" in out
         assert "poles ± 20j (modulus 20)" in out
         assert "F/x = -200 s^2/(s^2 + 400)" in out
+        assert "natural frequency 20 rad/s, 3.18 Hz, a period of 0.314 s, damping ratio 0" in out
         assert "x[n] to F[n] at 1 ms, virtual states by exact-foh" in out
         assert "F[n] = - 199.987 x[n]" in out
         assert "forward-euler 1.00019998" in out
