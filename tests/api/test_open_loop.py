@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.signal
 
 import haptic_fieldbus
@@ -40,6 +41,18 @@ def test_an_exact_step_is_the_closed_form(method: str) -> None:
     np.testing.assert_allclose(found.states["velocity"], OMEGA * np.sin(OMEGA * found.time), atol=1e-10)
     np.testing.assert_allclose(found.force, -STIFFNESS * np.cos(OMEGA * found.time), atol=1e-9)
     assert found.spectral_radius == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_free_puck_after_a_step_is_its_two_normal_modes() -> None:
+    """Undamped: M·ü + K·u = 0 for the ways u of puck and mass from rest at the handle, by scipy's eigenvectors."""
+    found = haptic_fieldbus.response("free_puck", settings={"free_puck.damping": 0.0}, duration=3.0)
+    masses, stiffness = np.diag([0.1, 0.3]), np.array([[300.0 + 150.0, -150.0], [-150.0, 150.0]])
+    squares, modes = scipy.linalg.eigh(stiffness, masses)
+    amplitudes = modes.T @ masses @ [-1.0, -1.0]
+    ways = modes @ (amplitudes[:, None] * np.cos(np.sqrt(squares)[:, None] * found.time))
+    np.testing.assert_allclose(found.states["position"], 1.0 + ways[0], atol=1e-9)
+    np.testing.assert_allclose(found.states["mass position"], 1.0 + ways[1], atol=1e-9)
+    np.testing.assert_allclose(found.force, 300.0 * ways[0], atol=1e-7)
 
 
 @pytest.mark.thorough("18 integrations by an adaptive solver", quick=3)
