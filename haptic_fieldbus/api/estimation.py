@@ -44,7 +44,7 @@ class SignalRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimated:
     """What an estimator makes of a signal, and its figures."""
 
     quantity: str
@@ -72,7 +72,7 @@ class Estimation:
     """Largest deviation from the period, as a share of it."""
     resolution: float
     """One step of the signal."""
-    estimate: Estimate
+    estimate: Estimated
 
     def to_json(self) -> dict[str, object]:
         """Return the object that `estimate --json` prints."""
@@ -138,7 +138,7 @@ def _resolution(values: Array, given: float | None) -> float:
     return float(rounded(float(steps.min()), GIVEN_DIGITS)) if len(steps) else 0.0
 
 
-def _integrated(signal: Samples, period: float, resolution: float) -> Estimate:
+def _integrated(signal: Samples, period: float, resolution: float) -> Estimated:
     """Return the positions by the trapezoid, from 0 on.
 
     The weight of a reading in the last position is the mean of the times before and after it: for n even periods T/2,
@@ -154,10 +154,10 @@ def _integrated(signal: Samples, period: float, resolution: float) -> Estimate:
         places.append(integrator.position)
     steps = np.diff(signal.times)
     gain = 0.5 * float(np.linalg.norm(np.append(steps, 0.0) + np.append(0.0, steps)))
-    return Estimate(POSITION, np.array(places), gain, 0.0, integrator.drift)
+    return Estimated(POSITION, np.array(places), gain, 0.0, integrator.drift)
 
 
-def _estimated(signal: Samples, spec: str, period: float, resolution: float) -> Estimate:
+def _estimated(signal: Samples, spec: str, period: float, resolution: float) -> Estimated:
     """Return the velocities, from positions or from velocities that are summed up to positions."""
     filters = signal.quantity == VELOCITY
     estimator = chosen(spec).estimator
@@ -168,7 +168,7 @@ def _estimated(signal: Samples, spec: str, period: float, resolution: float) -> 
         positions, times_ns = np.append(0.0, positions), np.append(-1e9 * period, times_ns)
     rows = zip(positions.tolist(), times_ns.tolist(), strict=True)
     values = [step(x, time_ns) if estimator.timed else step(x) for x, time_ns in rows]
-    return Estimate(VELOCITY, np.array(values[int(filters) :]), *_figures(spec, period, filters))
+    return Estimated(VELOCITY, np.array(values[int(filters) :]), *_figures(spec, period, filters))
 
 
 def _figures(spec: str, period: float, filters: bool) -> tuple[float | None, float | None]:

@@ -80,7 +80,7 @@ class EnvironmentModel:
     @property
     def growth(self) -> dict[str, float | None]:
         """By method the factor by which a free motion of the virtual states grows in a step; None without a step."""
-        return {method: growth_of(self.integrated, self.period, method) for method in METHODS}
+        return {method: step_growth(self.integrated, self.period, method) for method in METHODS}
 
     def to_json(self) -> Mapping[str, object]:
         """Return the object `model` of `response --model --json`."""
@@ -112,7 +112,7 @@ def model_of(task: Rendering) -> EnvironmentModel:
     )
 
 
-def growth_of(space: StateSpace, period: float, method: str) -> float | None:
+def step_growth(space: StateSpace, period: float, method: str) -> float | None:
     """Return the spectral radius of a step [s] of a method; None when its equation has no solution."""
     try:
         return spectral_radius(discrete(space, period, method).a)

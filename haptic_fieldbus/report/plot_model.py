@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.api.model import EnvironmentModel, Poles, growth_of, poles_along, poles_of
+from haptic_fieldbus.api.model import EnvironmentModel, Poles, poles_along, poles_of, step_growth
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -78,7 +78,7 @@ def _draw_poles(panel: Axes, method: str, poles: list[Poles]) -> None:
 
 def _draw_growth(panel: Axes, model: EnvironmentModel, periods: Matrix) -> None:
     for method, at_period in model.growth.items():
-        curve = [growth_of(model.integrated, period, method) for period in periods.tolist()]
+        curve = [step_growth(model.integrated, period, method) for period in periods.tolist()]
         told = "no step" if at_period is None else rounded(at_period, 9)
         values = np.array([np.nan if value is None else value for value in curve])
         panel.plot(1e3 * periods, values, **line(method, f"{method}: {told}", marked=False))
