@@ -11,7 +11,15 @@ import pytest
 
 from haptic_fieldbus import Result
 from haptic_fieldbus.api import run
-from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, UsageError
+from haptic_fieldbus.errors import (
+    BusError,
+    BusTimeoutError,
+    DriveFaultError,
+    HapticFieldbusError,
+    SafetyTripError,
+    UnprovedGuardError,
+    UsageError,
+)
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.hand import HANDS as SHIPPED_HANDS
@@ -39,7 +47,9 @@ ENDING: tuple[Ends, ...] = (
     (faults.DriveFault("drive_fault", AT), DriveFaultError, "fault 2310h"),
     (faults.SafeTorqueOff("safe_torque_off", AT), DriveFaultError, "switch on disabled by itself"),
     (faults.MissingNode("missing_node"), BusTimeoutError, "unit 1 .* does not answer"),
-    (faults.EncoderJump("encoder_jump", AT, 100_000), HapticFieldbusError, "handle"),
+    (faults.EncoderJump("encoder_jump", AT, 100_000), SafetyTripError, "handle"),
+    # A jump as that of a torn value is doubted for a period.
+    (faults.EncoderJump("encoder_jump", AT, 65_536), SafetyTripError, "speed .* the limit is"),
 )
 PASSED = (
     faults.AnswerLost("answer_lost", AT),
@@ -87,6 +97,14 @@ def test_drawn_faults_break_no_invariant(seed: int) -> None:
         run(scene, bus=TCP, hand=hand, duration=1.0, fade_in=0.1, faults=f"random@{seed}", seed=seed)
     with suppress(HapticFieldbusError):
         run("wall", bus=RTU, settings=HALF, hand=HANDS[RTU], duration=1.2, faults=f"random@{seed}", seed=seed)
+
+
+@pytest.mark.thorough("proofs of guards")
+@pytest.mark.parametrize("bus", BUSES)
+def test_a_watchdog_that_does_not_act_is_found_before_there_is_force(bus: str) -> None:
+    run("wall", bus=bus, settings=HALF, duration=0.1, prove=True)
+    with pytest.raises(UnprovedGuardError, match="did not act in time"):
+        run("wall", bus=bus, settings=HALF, duration=0.1, prove=True, faults=(faults.DeadGuard("dead_guard"),))
 
 
 def test_a_fault_of_another_protocol_is_refused_before_anything_moves() -> None:
