@@ -17,6 +17,19 @@ from haptic_fieldbus.sim.modbus.unit import Unit
 from haptic_fieldbus.sim.schedule import FaultSchedule, TimedFault
 from haptic_fieldbus.sim.slot import Slot
 
+_OF_CANOPEN = (
+    faults.Emergency
+    | faults.MissingTpdos
+    | faults.MissingRpdos
+    | faults.SyncIgnored
+    | faults.HeartbeatLost
+    | faults.DuplicateNode
+    | faults.SdoRefusal
+    | faults.LineFault
+)
+KINDS = faults.kinds_of(faults.Fault) - faults.kinds_of(_OF_CANOPEN)
+"""Kinds of faults that a line and its drives may have."""
+
 
 class Line(Protocol):
     """The line and the master's side of it, where faults take effect that are none of a drive."""

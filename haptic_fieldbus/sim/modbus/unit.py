@@ -97,6 +97,11 @@ class Unit:
         if self.watchdog is not None:
             self.watchdog.restart(t_ns)
 
+    def enabled(self, t_ns: int) -> None:
+        """Count the time of the watch from *operation enabled* too."""
+        if self.watchdog is not None:
+            self.watchdog.restart(t_ns)
+
     # Called by the station.
 
     def hears(self, t_ns: int) -> bool:
@@ -156,11 +161,6 @@ class Unit:
             return
         target = self.drive.objects.target_torque
         if any(entry is target or entry is self.watchdog.time for entry in entries):
-            self.watchdog.restart(t_ns)
-
-    def enabled(self, t_ns: int) -> None:
-        """Count the time of the watch from *operation enabled* too."""
-        if self.watchdog is not None:
             self.watchdog.restart(t_ns)
 
     def _scale_position(self, axis: RigAxis) -> None:

@@ -93,6 +93,7 @@ class TestTimes:
         assert traffic.way is Transaction.READ_WRITE
         assert traffic.latch("right") - traffic.latch("left") == pytest.approx(ONE + SILENCE)
         assert traffic.shortest_period == pytest.approx(2 * (ONE + SILENCE))
+        assert traffic.line().endswith("; 2 units take turns, 13.1 ms a period instead of 6.56 for one alone")
         both = traffic_of(two_units(TCP, 500.0))
         exchange = ROUND_TRIP + ANSWER_TIME
         assert both.shortest_period == pytest.approx(4 * exchange + COMPUTE)
