@@ -11,6 +11,7 @@ from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.sim import faults
+from tests.builders import endless_rig
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGE = PROJECT / "docs" / "reference" / "fmea.md"
@@ -78,8 +79,9 @@ def test_each_fault_ends_as_its_row_says(fault: str, tmp_path: Path) -> None:
 
 
 def _ended(file: Path, bus: str) -> Result:
-    settings = {"wall.stiffness": "max/2"} if bus != "sim" else {}
     try:
-        return run("wall", bus=bus, settings=settings, hand="push", duration=5.0, faults=file)
+        if bus == "sim":
+            return run("wall", endless_rig("wall"), hand="push", duration=5.0, faults=file)
+        return run("wall", bus=bus, settings={"wall.stiffness": "max/2"}, hand="push", duration=5.0, faults=file)
     except HapticFieldbusError as error:
         return cast(Result, error.result)
