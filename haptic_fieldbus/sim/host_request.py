@@ -82,7 +82,7 @@ def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
     return bus, slots
 
 
-class Host(Protocol):
+class HostFunction(Protocol):
     """A function that hosts drives on a bus until `stopped()` is True, and returns how many frames it could not send.
 
     `opened` is called with the bus once it is open, `ready` for each drive, and `tell` with sentences for people.
@@ -100,9 +100,9 @@ class Host(Protocol):
     ) -> int: ...
 
 
-def host_on(bus: BusName) -> Host:
+def host_on(bus: BusName) -> HostFunction:
     """Return the function that hosts drives on a bus; raises UsageError when there is none for its protocol."""
-    host: Host = _hosting(bus).host
+    host: HostFunction = _hosting(bus).host
     return host
 
 
