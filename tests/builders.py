@@ -32,6 +32,8 @@ from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
 
+EXAMPLE = "example_velocity_only"
+"""The shipped profile that is an example and no drive."""
 PERMILLE = "permille_of_rated_torque"
 
 PROFILE = CanopenProfile(
@@ -130,5 +132,5 @@ def canopen(name: str | Path) -> CanopenProfile:
 
 
 def shipped(protocol: str = "canopen") -> list[str]:
-    """Names of the shipped profiles of one protocol."""
-    return [name for name in profile_names() if load_profile(name).drive.protocol == protocol]
+    """Names of the shipped profiles of one protocol; the example stands for no drive."""
+    return [name for name in profile_names() if load_profile(name).drive.protocol == protocol and name != EXAMPLE]

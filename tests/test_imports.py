@@ -50,10 +50,12 @@ DOES_WITHOUT = {
         "cli.options": "planning.request protocols.registry",
         "cli.pictures": "planning.request",
         "cli.doctor": "api.bench",
+        "cli.estimate": "api.estimation report.estimates report.plot_estimate",
         "cli.plan": "api planning.explain planning.plan_json planning.task",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue protocols.folders sim.canopen.sheet",
         "cli.report": "api study.make_report study.measure.bench",
-        "cli.response": "api api.open_loop report.plot_response report.responses",
+        "cli.response": "api api.model api.open_loop report.models report.plot_model"
+        " report.plot_response report.responses",
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scan": "api.bench",
         "cli.scenes": "api protocols.catalogue protocols.folders protocols.registry scenes.catalogue scenes.parameters"

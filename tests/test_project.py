@@ -69,6 +69,7 @@ def test_every_command_in_the_documents_does_what_they_say(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A report measures for a while: in a process of its own, where nobody counts which lines are run."""
+    (tmp_path / "examples").symlink_to(PROJECT / "examples")
     monkeypatch.chdir(tmp_path)
     if command.split()[1] == "report":
         subprocess.run([sys.executable, "-m", "haptic_fieldbus", *command.split()[1:]], check=True)

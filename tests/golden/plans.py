@@ -13,11 +13,9 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.scenes.catalogue import scene_names
-from tests.velocity_only import velocity_only
 
 FOLDER = Path(__file__).parent
 SCENES, PROFILES = FOLDER / "scenes", FOLDER / "profiles"
-VELOCITY_ONLY = FOLDER / "velocity_only_damped_wall.txt"
 REFERENCE_PROFILE = "generic_cia402"
 """It holds what the standards say, so no figure of a vendor's drive, measured anew, touches the texts of all scenes."""
 REFERENCE_SCENE = "damped_wall"
@@ -46,8 +44,3 @@ def planned(scene: str, profile: str) -> Plan:
 def text_of(scene: str, profile: str) -> str:
     """The golden text of a scene on a profile."""
     return explain(planned(scene, profile)) + "\n"
-
-
-def velocity_only_text(folder: Path) -> str:
-    """The reference scene on a drive that offers velocity only; its profile is written into the folder."""
-    return text_of(REFERENCE_SCENE, str(velocity_only(folder)))
