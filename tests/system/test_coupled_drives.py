@@ -160,7 +160,12 @@ class TestError:
         ]
         assert shares[0] < 0.02 < shares[1]
         assert result.torque_error is not None
-        assert result.torque_error.contact == pytest.approx(shares[0], rel=1e-6)
+        # Scored while the handle moves, faster than a twentieth of its fastest.
+        speed = np.abs(np.gradient(left.position, left.times))
+        moving = (speed > 0.05 * speed.max()) & (left.ideal != 0.0)
+        error = (left.force - left.ideal)[moving]
+        expected = np.sqrt(np.sum(error**2) / np.sum(left.ideal[moving] ** 2))
+        assert result.torque_error.contact == pytest.approx(expected, rel=2e-3)
 
 
 NEXT_SYNC = replace(PROFILE, pdo=replace(PROFILE.pdo, rpdo_types=(1,), rpdo_acts="next_sync"))
