@@ -72,8 +72,10 @@ check: setup
 docs: setup
 	$(BIN)/python docs/make_architecture.py
 	$(BIN)/python docs/make_api.py
+	$(BIN)/python docs/make_buses.py
 	$(BIN)/python docs/make_elements.py
 	$(BIN)/python docs/make_faults.py
+	$(BIN)/python docs/make_modbus_profiles.py
 	$(BIN)/python docs/make_rig_files.py
 	$(BIN)/python docs/make_tables.py
 	$(BIN)/python -m haptic_fieldbus.schemas docs/reference/schemas --shipped

@@ -58,8 +58,8 @@ DOES_WITHOUT = {
         " report.plot_response report.responses",
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scan": "api.bench",
-        "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
-        " scenes.scene",
+        "cli.scenes": "api protocols.catalogue protocols.folders protocols.registry scenes.catalogue scenes.parameters"
+        " scenes.registry scenes.scene",
         "cli.simulate": "drive.rig_text running.rights sim.host_request sim.faults",
         "cli.vendor_files": "documents eds protocols.canopen.from_eds protocols.canopen.profile"
         " protocols.canopen.vendor.draft protocols.catalogue sim.canopen.proof",
@@ -92,6 +92,7 @@ DOES_WITHOUT = {
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
         "api": "sim.faults.drawing",
+        "api.sites": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.element_forces": "assessing.virtual_states",
         "running.session": "running.direction running.proofs running.proving running.rights",

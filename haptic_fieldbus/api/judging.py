@@ -16,7 +16,7 @@ from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering, select
 from haptic_fieldbus.planning.settings import settled
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.planning.ways import WayLimit, ways
+from haptic_fieldbus.planning.ways import WayLimit, way_limits
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -107,7 +107,7 @@ def judge_scene(inquiry: Inquiry) -> Judgement:
     if inquiry.device is not None:
         return _on_device(inquiry, inquiry.device)
     plan = select(inquiry).plan
-    found = ways(plan)
+    found = way_limits(plan)
     # Axes that are coupled have one judgement, in the units of one of them.
     return _weakest(
         Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group, plan.assumed, found)

@@ -28,7 +28,7 @@ Entry = TypeVar("Entry")
 Asked = TypeVar("Asked", contravariant=True)
 
 
-class Device(Protocol[Asked]):
+class LimitedDrive(Protocol[Asked]):
     """The drive behind the limits; its methods raise BusError."""
 
     @property
@@ -44,7 +44,7 @@ class Device(Protocol[Asked]):
 class TorqueLimits(Generic[Entry]):
     """The torque limits of one drive, in its own steps: as they were, and as the axis needs them."""
 
-    node: Device[Entry]
+    node: LimitedDrive[Entry]
     axis: AxisPlan
     warn: Callable[[str], None]
     noted: bool

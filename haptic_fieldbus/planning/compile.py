@@ -25,8 +25,8 @@ from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
 
-_MOST_WAITS = 4
-"""Times that the waits of several buses are taken anew."""
+_ROUNDS = 2
+"""Times that the waits of several buses are found."""
 
 
 def compile_plan(
@@ -77,15 +77,13 @@ def _buses(drafts: list[AxisPlan], rig: Rig, rate: float | None) -> tuple[BusPla
 
     All buses begin together, and computing begins when the slowest has its feedback; the others wait for it.
     """
-    waits = {draft.rig.bus: 0.0 for draft in drafts}
-    together = _traffics(waits, drafts, rig, rate)
-    # The waits follow from the feedback times, which a wait can change where a bus has several ways of exchange.
-    for _ in range(_MOST_WAITS):
+    # First without any wait, because the waits follow from the feedback times; where a bus has several ways of
+    # exchange, these can change with a wait.
+    together = _traffics({draft.rig.bus: 0.0 for draft in drafts}, drafts, rig, rate)
+    for _ in range(_ROUNDS):
         last = max(traffic.feedback_time for traffic in together.values())
-        found = {name: last - traffic.feedback_time for name, traffic in together.items()}
-        if found == waits:
-            break
-        waits, together = found, _traffics(found, drafts, rig, rate)
+        waits = {name: last - traffic.feedback_time for name, traffic in together.items()}
+        together = _traffics(waits, drafts, rig, rate) if any(waits.values()) else together
     # A rate that the fullest bus can carry fits all, so the rate that its error proposes is right for all.
     fullest = min(together, key=lambda name: together[name].highest_rate)
     together[fullest].check(fullest if len(together) > 1 else "")

@@ -43,7 +43,7 @@ class WayLimit:
         }
 
 
-def ways(plan: Plan) -> tuple[WayLimit, ...]:
+def way_limits(plan: Plan) -> tuple[WayLimit, ...]:
     """Return the limits of each bus with several ways, the chosen way first; empty where each bus has one way."""
     return tuple(limit for bus in plan.buses for limit in _of_bus(plan, bus))
 

@@ -77,8 +77,8 @@ def test_a_command_prints_the_keys_of_the_page(
     for at, keys in told.items():
         known = next((at.replace(start, there, 1) for start, there in same.items() if at.startswith(start)), at)
         known = known.replace("stability.", "stability: ", 1)
-        # Run and plan tell what is assumed once, beside the rest of the plan.
-        assert OBJECTS[known] - ({"assumed"} if at.endswith(": stability") else set()) == keys, at
+        # Run and plan tell what is assumed, and plan the ways of exchange, once, beside the rest of the plan.
+        assert OBJECTS[known] - ({"assumed", "ways"} if at.endswith(": stability") else set()) == keys, at
     promised = {at for at in OBJECTS if at == name or at.startswith(f"{name}: ")}
     assert promised <= told.keys() | {"run: trips[]"}
 

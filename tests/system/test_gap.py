@@ -54,7 +54,7 @@ def test_single_missing_samples_all_over_a_run_are_no_reason_to_stop(hand: str) 
 
 def test_a_force_that_a_gap_took_is_told() -> None:
     """The feedback stays away while the handle enters the wall: nothing pushes it out, and it is said why."""
-    found = run("wall", duration=1.5, faults=[MissingTpdos("missing_tpdos", 0.71, 20)])
+    found = run("wall", endless_rig("wall"), duration=1.5, faults=[MissingTpdos("missing_tpdos", 0.71, 20)])
     depth = found.traces[0].position[-1] - 0.02
     assert depth > 0.03, "a wall of 600 N/m would have held 6 N at 0.01"
     (told,) = [text for text in found.warnings if "gap" in text]

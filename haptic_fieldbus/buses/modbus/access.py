@@ -10,12 +10,12 @@ from haptic_fieldbus.buses.found import Check, Scan
 from haptic_fieldbus.buses.log_file import FRAME_SUFFIXES
 from haptic_fieldbus.buses.modbus.adapter import adapter_checks, round_trip_checks
 from haptic_fieldbus.buses.modbus.foreign import listen
-from haptic_fieldbus.buses.modbus.looking import Looking
+from haptic_fieldbus.buses.modbus.looking import UnitLook
 from haptic_fieldbus.buses.modbus.master import ModbusBus
 from haptic_fieldbus.buses.modbus.opening import open_line
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.scanning import scan_line
-from haptic_fieldbus.buses.modbus.unit import Unit
+from haptic_fieldbus.buses.modbus.unit import UnitClient
 from haptic_fieldbus.buses.rating import rated_torque
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
@@ -53,7 +53,7 @@ class ModbusAccess(BusAccess):
         register = profile.torque.rated
         with opened(modbus_section(section), [profile]) as requester:
             listen(requester)
-            unit = Unit(requester, axis.node, f"unit {axis.node} (axis {name})", profile.line)
+            unit = UnitClient(requester, axis.node, f"unit {axis.node} (axis {name})", profile.line)
             return rated_torque(profile.title, str(register), register.unit, unit.read(register))
 
     def scan(
@@ -66,13 +66,13 @@ class ModbusAccess(BusAccess):
             return scan_line(requester, nodes or [axis.node for axis in axes.values()], fitting)
 
     @contextmanager
-    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[Looking]:
+    def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[UnitLook]:
         profiles = {name: modbus_profile(load_profile(axis.profile)) for name, axis in axes.items()}
         drives = {
             name: (axis.node, profiles[name], PROTOCOL.power_table(profiles[name])) for name, axis in axes.items()
         }
         with opened(modbus_section(section), list(profiles.values())) as requester:
-            yield Looking(requester, drives)
+            yield UnitLook(requester, drives)
 
     def checks(self, section: BusSection, axes: Mapping[str, RigAxis], rate: float) -> tuple[Check, ...]:
         own = modbus_section(section)
@@ -111,7 +111,7 @@ def _on_the_line(requester: Requester, axis: RigAxis, profile: ModbusProfile, ra
     except ForeignMasterError as error:
         advice = "end the other master; while it is there nothing is asked, and the round trip is not measured"
         return Check("other_masters", False, str(error), advice), Check("round_trip", None, "not measured")
-    unit = Unit(requester, axis.node, f"unit {axis.node}", profile.line)
+    unit = UnitClient(requester, axis.node, f"unit {axis.node}", profile.line)
     return alone, *round_trip_checks(requester, unit, profile, rate)
 
 

@@ -7,7 +7,7 @@ Reference: IEC 61800-7-201 (CiA 402-2), 6040h bit 7.
 """
 
 from haptic_fieldbus.buses.modbus.set_up import FAULTS, POLL_NS
-from haptic_fieldbus.buses.modbus.unit import Unit
+from haptic_fieldbus.buses.modbus.unit import UnitClient
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.errors import DriveFaultError
 from haptic_fieldbus.numerals import exactly
@@ -20,7 +20,7 @@ CLEARED_WITHIN = 0.5
 """Time that a drive has to leave *fault* [s]."""
 
 
-def acknowledge(unit: Unit, profile: ModbusProfile, power: PowerTable) -> None:
+def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> None:
     """Clear the fault of a drive that lost its master; raises DriveFaultError for another fault, or BusError."""
     status, command = profile.power.status, profile.power.command
     if power.state(unit.read(status)) not in FAULTS:

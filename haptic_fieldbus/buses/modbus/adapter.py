@@ -7,7 +7,7 @@ from pathlib import Path
 from haptic_fieldbus.buses.found import Check
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.set_up import ADVICE
-from haptic_fieldbus.buses.modbus.unit import Unit
+from haptic_fieldbus.buses.modbus.unit import UnitClient
 from haptic_fieldbus.buses.timing import timing_checks
 from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
@@ -41,7 +41,9 @@ def _access(device: str) -> Check:
     return Check("serial_access", False, f"{device} may not be opened", advice)
 
 
-def round_trip_checks(requester: Requester, unit: Unit, profile: ModbusProfile, rate: float) -> tuple[Check, Check]:
+def round_trip_checks(
+    requester: Requester, unit: UnitClient, profile: ModbusProfile, rate: float
+) -> tuple[Check, Check]:
     """Ask for the status many times, and check the round trip and its jitter for a loop of this rate [Hz].
 
     Raises BusError when the line is dead.

@@ -4,15 +4,15 @@
 """
 
 from haptic_fieldbus.buses.modbus.foreign import foreign_write
-from haptic_fieldbus.buses.modbus.framing import Answer, Question
-from haptic_fieldbus.buses.modbus.link import Link, Reading
+from haptic_fieldbus.buses.modbus.framing import Answer, FrameForm, Question
+from haptic_fieldbus.buses.modbus.link import Reading, UnitLink
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE
 from haptic_fieldbus.protocols.traffic import answer_time
 
 
-class Exchange:
+class Turns:
     """The requests of all units of a line, and their answers in the input `image`."""
 
     def __init__(
@@ -31,7 +31,7 @@ class Exchange:
         self._begun_ns = 0
         self._patience_ns = round(1e9 * answer_time(1e-9 * period_ns))
         self._asked: Question | None = None
-        self._written: Link | None = None
+        self._written: UnitLink | None = None
         """Link whose set-point is under way."""
 
     @property
@@ -45,12 +45,14 @@ class Exchange:
         self._written, self.foreign = None, None
         for link in self._links:
             link.forget()
+        for reading in self._readings:
+            reading.forget()
 
     def prepare(self, deadline_ns: int) -> None:
         """Take the answer to the last set-point, as long as the deadline [ns] leaves time for all that is read."""
         link, self._written = self._written, None
         if link is not None:
-            self._confirm(link, self._requester.answer(deadline_ns - self._left_ns[0]))
+            self._confirm(link, self._requester.waiting() or self._requester.answer(deadline_ns - self._left_ns[0]))
         elif self._requester.outstanding is not None:
             self._requester.answer(0)
             self._give_up()
@@ -90,29 +92,32 @@ class Exchange:
 
     def _share_of(self, at: int, deadline_ns: int) -> int:
         """Return the deadline of one request [ns]: its share of the time that is left."""
+        if at == len(self._readings) - 1:
+            return deadline_ns
         now_ns = self._requester.clock.now_ns()
         left_ns = max(0, deadline_ns - now_ns)
         return now_ns + left_ns * self._readings[at].times.whole_ns // self._left_ns[at]
 
     def _ask(self, reading: Reading) -> Question | None:
-        """Ask a unit; None when nothing can be asked now."""
+        """Ask a unit, and return the question; None when nothing can be asked now."""
         if self._requester.outstanding is not None:
             return None
-        question = self._question(reading)
-        if question is not None:
-            self._requester.ask(question)
-        return question
+        link, late, set_point = reading.link, reading.link.late, reading.link.set_point
+        forms: tuple[FrameForm, ...]
+        if not (reading.writing and set_point.waiting):
+            form, octets = reading.alone, b""
+            if form is None or form.question.function in late:
+                return None
+        else:
+            forms = reading.writing if READ_WRITE not in late else link.writing
+            if forms is link.writing and (set_point.function is None or set_point.function in late):
+                return None
+            place, octets = set_point.take()
+            form = forms[place]
+        self._requester.send(form, octets)
+        return form.question
 
-    def _question(self, reading: Reading) -> Question | None:
-        link = reading.link
-        if not (reading.writes and link.set_point.waiting):
-            return None if reading.function in link.late else reading.question
-        if READ_WRITE not in link.late:
-            return link.set_point.writing_before(reading.block)
-        alone = link.set_point.alone
-        return None if alone is None or alone in link.late else link.set_point.writing()
-
-    def _wait_for_quiet(self, link: Link, until_ns: int) -> None:
+    def _wait_for_quiet(self, link: UnitLink, until_ns: int) -> None:
         """Ask nothing, and drop what comes; when nothing did, no answer is late any more."""
         link.missing += 1
         if not self._requester.listen(until_ns):
@@ -120,25 +125,22 @@ class Exchange:
 
     def _take(self, reading: Reading, asked: Question | None, answer: Answer | None) -> None:
         """Take an answer, or that it stayed away."""
-        link = reading.link
-        if asked is None:
-            link.missing += 1  # an answer is one to an earlier question
-        elif self._accepted(link, asked, answer) and answer is not None and asked.count and reading.take(answer):
-            requester = self._requester
-            if reading.latches:
-                link.latch_ns = reading.latched(requester.sent_ns, requester.arrived_ns)
-        else:
+        link, requester = reading.link, self._requester
+        accepted = asked is not None and self._accepted(link, asked, answer)
+        if not accepted or answer is None or not answer.data or not reading.take(answer.data):
             link.missing += 1
+        elif reading.latches:
+            link.latch_ns = reading.latched(requester.sent_ns, requester.arrived_ns)
 
-    def _accepted(self, link: Link, asked: Question, answer: Answer | None) -> bool:
+    def _accepted(self, link: UnitLink, asked: Question, answer: Answer | None) -> bool:
         """Note what an answer says of the unit; False without one, and for an exception."""
         if answer is None:
             if self._requester.transport.serial:
                 self._requester.forget()
                 link.late.add(asked.function)
             return False
-        if asked.function not in link.late:  # a unit answers in order, so no earlier answer can come any more
-            link.late.clear()
+        if link.late and asked.function not in link.late:
+            link.late.clear()  # a unit answers in order, so no earlier answer can come any more
         if answer.exception is not None:
             link.refused(answer.exception)
             return False
@@ -150,11 +152,12 @@ class Exchange:
         """Write all headers."""
         if self._requester.unasked:
             self._overhear()
-        now_ns = self._requester.clock.now_ns()
+        now_ns, latch_ns = self._requester.clock.now_ns(), 0
         for link in self._links:
             link.finish(now_ns, self._begun_ns, self.foreign)
-        self.latch_ns = max([link.latch_ns for link in self._links])
-        HEADER.pack_into(self._image, 0, self.latch_ns)
+            latch_ns = max(latch_ns, link.latch_ns)
+        self.latch_ns = latch_ns
+        HEADER.pack_into(self._image, 0, latch_ns)
 
     def _overhear(self) -> None:
         """Look at octets that nobody was asked for: is there a command of somebody else among them?"""
@@ -168,15 +171,16 @@ class Exchange:
         for left, link in zip(range(len(self._links), 0, -1), self._links, strict=True):
             if requester.outstanding is not None:
                 return
-            question = link.set_point.writing()
-            requester.ask(question)
-            self._asked = question
+            place, octets = link.set_point.take()
+            form = link.writing[place]
+            requester.send(form, octets)
+            self._asked = form.question
             if link is last:
                 self._written = link
             else:
                 now_ns = requester.clock.now_ns()
                 self._confirm(link, requester.answer(now_ns + (self._begun_ns + self._period_ns - now_ns) // left))
 
-    def _confirm(self, link: Link, answer: Answer | None) -> None:
+    def _confirm(self, link: UnitLink, answer: Answer | None) -> None:
         if self._asked is not None:
             self._accepted(link, self._asked, answer)

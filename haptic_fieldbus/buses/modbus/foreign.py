@@ -23,7 +23,7 @@ from pymodbus.pdu.register_message import (
 
 from haptic_fieldbus.buses.modbus.framing import REFUSED
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.unit import Unit
+from haptic_fieldbus.buses.modbus.unit import UnitClient
 from haptic_fieldbus.drive.power import ENERGISED, PowerState, PowerTable
 from haptic_fieldbus.errors import ForeignMasterError
 from haptic_fieldbus.numerals import exactly
@@ -49,7 +49,7 @@ def listen(requester: Requester, seconds: float = LISTENING) -> str:
     return f"{requester.name}: listened for {exactly(seconds)} s, nothing sent; heard nothing"
 
 
-def refuse_unrest(unit: Unit, profile: ModbusProfile, power: PowerTable, done: str) -> PowerState:
+def refuse_unrest(unit: UnitClient, profile: ModbusProfile, power: PowerTable, done: str) -> PowerState:
     """Return the power state of a drive that nobody commands; `done` tells how far we got.
 
     Raises ForeignMasterError when its registers say that somebody does, or BusError.
@@ -67,7 +67,7 @@ def refuse_unrest(unit: Unit, profile: ModbusProfile, power: PowerTable, done: s
     return state
 
 
-def _commanded(unit: Unit, what: str, done: str) -> ForeignMasterError:
+def _commanded(unit: UnitClient, what: str, done: str) -> ForeignMasterError:
     return ForeignMasterError(
         f"{unit.label} is commanded by somebody else, or was left so by a master that died: {what}. {ONE_MASTER}. If "
         f"there is none any more, switch the power of the drive off and on. {done}"

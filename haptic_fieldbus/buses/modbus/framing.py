@@ -15,6 +15,7 @@ import logging
 import struct
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
@@ -34,6 +35,7 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 HEADER_OCTETS, LONGEST_TCP = 6, 254
 """Octets of an MBAP header before its unit id; largest number that its length field may have: unit id and PDU."""
+CRC_OCTETS = 2
 REFUSED = (ModbusException, ValueError, IndexError, struct.error)
 """Exceptions by which pymodbus refuses octets."""
 
@@ -74,12 +76,46 @@ class Question:
         return kind(dev_id=self.unit, address=self.address, count=self.count)
 
 
-@dataclass(frozen=True)
-class Answer:
-    """The answer to a question: registers that were read, or the code of an exception."""
+class Answer(NamedTuple):
+    """The answer to a question: octets of the registers that were read, or the code of an exception."""
 
-    registers: tuple[int, ...] = ()
+    data: bytes = b""
     exception: int | None = None
+
+    @property
+    def registers(self) -> tuple[int, ...]:
+        return struct.unpack(f">{len(self.data) // 2}H", self.data)
+
+
+class FrameForm:
+    """A question whose frame was encoded once, so that the loop only fills in what changes.
+
+    What changes is the transaction id on TCP, the values that are written, and the checksum of RTU. The right answer
+    can then be told by its size and its first octets; every other one is looked at by pymodbus.
+    """
+
+    def __init__(self, question: Question, frame: bytes, *, serial: bool) -> None:
+        self.question = question
+        self.frame = bytearray(frame)
+        self.repeats = question.function == WRITE_SINGLE
+        """Whether the answer repeats the whole request."""
+        body = len(frame) - (CRC_OCTETS if serial else 0)
+        self.values = slice(body - 2 * len(question.values), body)
+        """Place of the values that are written: in every request they stand last."""
+        repeated = bytes((2 * question.count,)) if question.count else frame[(2 if serial else 8) :][:4]
+        self.head = bytes((question.unit, question.function)) + repeated
+        """Begin of the right answer, from the unit id on."""
+        start, data = 0 if serial else HEADER_OCTETS, 2 * question.count
+        self.data = slice(start + len(self.head), start + len(self.head) + data)
+        """Place of the registers in the answer."""
+        self.size = self.data.stop + (CRC_OCTETS if serial else 0)
+        if not serial:
+            self.head = bytes(2) + (len(self.head) + data).to_bytes(2, "big") + self.head
+
+
+def checksum(octets: bytes | bytearray) -> bytes:
+    """Return the checksum of RTU, as it stands at the end of a frame."""
+    return FramerRTU.compute_CRC(bytes(octets)).to_bytes(CRC_OCTETS, "big")
 
 
 class Framing:
@@ -89,20 +125,32 @@ class Framing:
         self._serial = serial
         self._decoder = DecodePDU(False)
         self._framer = FramerRTU(self._decoder) if serial else FramerSocket(self._decoder)
-        self._transaction = 0
-        self._asked: Question | None = None
+        self._transaction, self._id = 0, b""
+        self._asked: FrameForm | None = None
 
-    def frame(self, question: Question) -> bytes:
-        """Return the frame of a question; answers are compared with it from now on."""
-        # 0 is left out, as pymodbus takes it for no transaction id at all.
-        self._transaction = self._transaction % 0xFFFF + 1
-        self._asked = question
-        pdu = question.pdu()
-        pdu.transaction_id = self._transaction
-        return self._framer.buildFrame(pdu)
+    def form(self, question: Question) -> FrameForm:
+        """Return the form of a question, with the values that it has now."""
+        return FrameForm(question, self._framer.buildFrame(question.pdu()), serial=self._serial)
+
+    def fill(self, form: FrameForm, values: bytes = b"") -> bytearray:
+        """Return the frame of a form, with other octets of the values that are written; answers belong to it now."""
+        frame = form.frame
+        if values:
+            frame[form.values] = values
+        if self._serial:
+            frame[-CRC_OCTETS:] = checksum(frame[:-CRC_OCTETS])
+        else:
+            # 0 is left out, as pymodbus takes it for no transaction id at all.
+            self._transaction = self._transaction % 0xFFFF + 1
+            frame[:2] = self._id = self._transaction.to_bytes(2, "big")
+        self._asked = form
+        return frame
 
     def take(self, octets: bytes) -> tuple[int, Answer | Surprise | None]:
         """Return how many octets are done with, and what they were; (0, None) while a frame is not complete."""
+        data = self.data_of(octets)
+        if data is not None:
+            return len(octets), Answer(data)
         if not self._serial and self._no_header(octets):
             return len(octets), Surprise.GARBAGE
         try:
@@ -116,6 +164,22 @@ class Framing:
             self._asked = None  # the same answer once more answers nothing
         return used, judged
 
+    def data_of(self, octets: bytes) -> bytes | None:
+        """Return the registers when all octets together are the answer to the question under way; None otherwise."""
+        form = self._asked
+        if form is None or len(octets) != form.size:
+            return None
+        if form.repeats:
+            right = octets == form.frame
+        elif self._serial:
+            right = octets.startswith(form.head) and octets[-CRC_OCTETS:] == checksum(octets[:-CRC_OCTETS])
+        else:
+            right = octets.startswith(self._id) and octets.startswith(form.head, 2)
+        if not right:
+            return None
+        self._asked = None
+        return octets[form.data]
+
     def _no_header(self, octets: bytes) -> bool:
         """Whether octets that must begin with an MBAP header do not."""
         if len(octets) < HEADER_OCTETS:
@@ -125,11 +189,11 @@ class Framing:
 
     def _judge(self, unit: int, transaction: int, body: bytes) -> Answer | Surprise:
         """Return the answer when it is that to the question under way."""
-        asked = self._asked
         if not body:
             return Surprise.GARBAGE
-        if asked is None or (not self._serial and transaction != self._transaction):
+        if self._asked is None or (not self._serial and transaction != self._transaction):
             return Surprise.EARLIER
+        asked = self._asked.question
         if unit != asked.unit:
             return Surprise.UNIT
         pdu = self._decoder.decode(body)
@@ -139,14 +203,11 @@ class Framing:
             return Surprise.EARLIER
         if isinstance(pdu, ExceptionResponse):
             return Answer(exception=pdu.exception_code)
-        return self._fitting(pdu, len(body), asked)
-
-    def _fitting(self, pdu: ModbusPDU, size: int, asked: Question) -> Answer | Surprise:
-        """Compare what an answer repeats of its request: number of registers, or the address that was written."""
         if asked.count:
-            fits = len(pdu.registers) == asked.count and size == 2 + 2 * asked.count
-            return Answer(tuple(pdu.registers)) if fits else Surprise.SIZE
-        written = (
-            pdu.registers[0] == asked.values[0] if asked.function == WRITE_SINGLE else pdu.count == len(asked.values)
-        )
-        return Answer() if written and pdu.address == asked.address else Surprise.EARLIER
+            return self._fitting(pdu, len(body), asked.count)
+        return Surprise.EARLIER  # a write that is another one, since the right answer has been told by its octets
+
+    def _fitting(self, pdu: ModbusPDU, size: int, count: int) -> Answer | Surprise:
+        """Return the registers that were read, if they are as many as were asked for."""
+        fits = len(pdu.registers) == count and size == 2 + 2 * count
+        return Answer(struct.pack(f">{count}H", *pdu.registers)) if fits else Surprise.SIZE

@@ -1,11 +1,11 @@
 """The link to one axis: what its unit answers goes into the input image, with its age and the flags of the link."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from struct import Struct
 
-from haptic_fieldbus.buses.modbus.framing import Answer, Question
-from haptic_fieldbus.buses.modbus.set_points import SetPoint
+from haptic_fieldbus.buses.modbus.framing import FrameForm
+from haptic_fieldbus.buses.modbus.set_points import StoredSetPoint
 from haptic_fieldbus.drive.objects import Order
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.planning.plan import Plan
@@ -20,13 +20,15 @@ TORN, TORN_WITHIN = 65536, 16384
 """Counts by which a value jumps when its two registers are of different instants, and how near to it a jump is one."""
 
 
-class Link:
+class UnitLink:
     """The link to one unit; `header` is the offset of its axis' header in the image."""
 
-    def __init__(self, unit: int, set_point: SetPoint, header: int, image: bytearray, latch_ns: int) -> None:
+    def __init__(self, unit: int, set_point: StoredSetPoint, header: int, image: bytearray, latch_ns: int) -> None:
         """`latch_ns` is the time from the beginning of the exchange until the drive should latch."""
         self.unit = unit
         self.set_point = set_point
+        self.writing: tuple[FrameForm, ...] = ()
+        """Forms that write each block of the set-point, and read nothing."""
         self.torn = 0
         """Samples that were dropped, since their two registers did not belong together."""
         self.latch_ns = 0
@@ -59,11 +61,18 @@ class Link:
 
     def finish(self, now_ns: int, begun_ns: int, foreign: int | None) -> None:
         """Write the header: age of the data [ns], flags, code of an exception or of somebody else's command."""
-        flags, code = (STALE if self.missing else 0), 0
-        if self.missing:
-            self.latch_ns = min(now_ns, begun_ns + self._should_ns)
-        else:
+        if not self.missing:
             self._latched_ns = self.latch_ns
+            if self._code is None and foreign is None:
+                AXIS_HEADER.pack_into(self._image, self._header, max(0, now_ns - self.latch_ns), 0, 0)
+                return
+        else:
+            self.latch_ns = min(now_ns, begun_ns + self._should_ns)
+        self._accuse(now_ns, foreign)
+
+    def _accuse(self, now_ns: int, foreign: int | None) -> None:
+        """Write a header with flags."""
+        flags, code = (STALE if self.missing else 0), 0
         if self._code is not None:
             flags, code, self._code = flags | EXCEPTION, self._code, None
         if foreign is not None:
@@ -73,51 +82,46 @@ class Link:
 
 
 class Reading:
-    """One request of the reading part: its question, where its registers go, and its times."""
+    """One request of the reading part: its forms, where its registers go, and its times."""
 
     def __init__(
         self,
-        link: Link,
+        link: UnitLink,
         block: Block,
         times: "Times",
         image: bytearray,
         offsets: Mapping[Signal, int],
         *,
-        function: int,
-        writes: bool,
         latches: bool,
     ) -> None:
-        """Take the offsets of the unit's signals in the image, and the function that reads and writes nothing.
-
-        `writes` tells that the request may write as well, `latches` that the motion is in this block.
-        """
-        self.link, self.block, self.times, self.function = link, block, times, function
-        self.writes, self.latches = writes, latches
-        self.question = Question(link.unit, function, block.address, block.count)
-        """The question that reads and writes nothing."""
+        """Take the offsets of the unit's signals in the image; `latches` tells that the motion is in this block."""
+        self.link, self.block, self.times, self.latches = link, block, times, latches
+        self.alone: FrameForm | None = None
+        """Form that reads and writes nothing; None when the drive has no function for it."""
+        self.writing: tuple[FrameForm, ...] = ()
+        """Forms that write each block of the set-point first; none where they have requests of their own."""
         self._image = image
-        self._words = Struct(f">{self.block.count}H")
-        self._octets = bytearray(self._words.size)
-        self._copies = tuple(
-            (offsets[mapped.signal], start, end)
-            for mapped, (start, end) in zip(self.block.signals, self.block.places, strict=True)
-        )
+        self._copies = tuple(_joined(block, offsets))
         self._wide = tuple(
             _Wide(mapped.order is Order.BIG_LOW_WORD_FIRST, start)
-            for mapped, (start, end) in zip(self.block.signals, self.block.places, strict=True)
+            for mapped, (start, end) in zip(block.signals, block.places, strict=True)
             if end - start == 4 and mapped.signal is Signal.POSITION
         )
 
-    def take(self, answer: Answer) -> bool:
+    def take(self, data: bytes) -> bool:
         """Copy the registers into the image; False when they are torn, and dropped."""
-        self._words.pack_into(self._octets, 0, *answer.registers)
-        torn = [wide.torn(self._octets) for wide in self._wide]
-        if any(torn):
-            self.link.torn += 1
-            return False
+        for wide in self._wide:
+            if wide.torn(data):
+                self.link.torn += 1
+                return False
         for place, start, end in self._copies:
-            self._image[place : place + end - start] = self._octets[start:end]
+            self._image[place : place + end - start] = data[start:end]
         return True
+
+    def forget(self) -> None:
+        """Forget what was read: a statusword of before would count as that of now, until the first answer comes."""
+        for place, start, end in self._copies:
+            self._image[place : place + end - start] = bytes(end - start)
 
     def latched(self, sent_ns: int, arrived_ns: int) -> int:
         """Return the instant at which the drive latched [ns].
@@ -149,17 +153,34 @@ class _Wide:
         self._before: int | None = None
         self._doubted = False
 
-    def torn(self, octets: bytearray) -> bool:
+    def torn(self, octets: bytes) -> bool:
         """Whether the value jumped as a torn one does; a second one in a row is the drive's own motion."""
         high, low = self._words.unpack_from(octets, self._start)
         value = low << 16 | high if self._low_first else high << 16 | low
-        before, jump = self._before, 0
-        if before is not None:
-            jump = abs((value - before + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000)
-        self._doubted = not self._doubted and abs(jump - TORN) <= TORN_WITHIN
+        before = self._before
+        if before is None or self._doubted or abs(value - before) < TORN - TORN_WITHIN:
+            self._before, self._doubted = value, False
+            return False
+        jump = abs((value - before + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000)
+        self._doubted = abs(jump - TORN) <= TORN_WITHIN
         if not self._doubted:
             self._before = value
         return self._doubted
+
+
+def _joined(block: Block, offsets: Mapping[Signal, int]) -> Iterator[tuple[int, int, int]]:
+    """Yield the place in the image, and the begin and end in the block, of signals that are neighbours in both."""
+    open_copy: tuple[int, int, int] | None = None
+    for mapped, (start, end) in zip(block.signals, block.places, strict=True):
+        place = offsets[mapped.signal]
+        if open_copy is not None and (place - open_copy[0], start) == (open_copy[2] - open_copy[1], open_copy[2]):
+            open_copy = (open_copy[0], open_copy[1], end)
+        else:
+            if open_copy is not None:
+                yield open_copy
+            open_copy = (place, start, end)
+    if open_copy is not None:
+        yield open_copy
 
 
 def traffic_of(plan: Plan) -> ModbusTraffic:

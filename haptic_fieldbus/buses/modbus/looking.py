@@ -10,7 +10,7 @@ from haptic_fieldbus.buses.found import Glimpse
 from haptic_fieldbus.buses.modbus.foreign import LISTENING, listen
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.set_up import ADVICE, FAULTS
-from haptic_fieldbus.buses.modbus.unit import RefusedError, Unit
+from haptic_fieldbus.buses.modbus.unit import RefusedError, UnitClient
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, ForeignMasterError
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile
@@ -26,14 +26,14 @@ Drive = tuple[int, ModbusProfile, PowerTable]
 """Unit id, profile, and the table of its power states."""
 
 
-class Looking:
+class UnitLook:
     """A look at the drives of one line; it listens before it sends anything. Raises BusError."""
 
     def __init__(self, requester: Requester, drives: Mapping[str, Drive], seconds: float = LISTENING) -> None:
         self.masters = ""
         self._requester = requester
         self._drives = {
-            axis: (Unit(requester, unit, f"unit {unit} (axis {axis})", profile.line), profile, power)
+            axis: (UnitClient(requester, unit, f"unit {unit} (axis {axis})", profile.line), profile, power)
             for axis, (unit, profile, power) in drives.items()
         }
         try:
@@ -45,7 +45,7 @@ class Looking:
         """Return what each drive says now; raises BusError when the line is dead."""
         return {axis: self._look_at(*drive) for axis, drive in self._drives.items()}
 
-    def _look_at(self, unit: Unit, profile: ModbusProfile, power: PowerTable) -> Glimpse:
+    def _look_at(self, unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> Glimpse:
         requester = self._requester
         if requester.transport.serial and requester.unasked and not self.masters:
             self.masters = f"somebody else uses {requester.name}: octets came that nobody here asked for"
@@ -72,7 +72,9 @@ class Looking:
         return Glimpse(t_ns, values, (now_ns() - began_ns) * 1e-9, error_code=code, note="; ".join(notes))
 
 
-def _error_code(unit: Unit, profile: ModbusProfile, power: PowerTable, values: Mapping[Signal, int]) -> int | None:
+def _error_code(
+    unit: UnitClient, profile: ModbusProfile, power: PowerTable, values: Mapping[Signal, int]
+) -> int | None:
     """Return the code of the fault that a drive is in; None where it has no register for it."""
     if power.state(values.get(Signal.STATUSWORD, 0)) not in FAULTS or profile.power.error is None:
         return None

@@ -2,10 +2,11 @@
 
 One period is `read` and `write`, by the way that the plan has chosen:
 
-- Function 23 (`Way.READ_WRITE`): `write` stores the set-points, and the next `begin` sends them with the questions. A
-  period without a `write` asks by a reading function, so that a set-point is sent once, and feeds a watchdog once.
-- Reading, then writing (`Way.READ_THEN_WRITE`): `write` sends the set-points, one drive after another. The answer of
-  the last one is taken by the next `prepare`, as nothing is computed from it.
+- Function 23 (`Transaction.READ_WRITE`): `write` stores the set-points, and the next `begin` sends them with the
+  questions. A period without a `write` asks by a reading function, so that a set-point is sent once, and feeds a
+  watchdog once.
+- Reading, then writing (`Transaction.READ_THEN_WRITE`): `write` sends the set-points, one drive after another. The
+  answer of the last one is taken by the next `prepare`, as nothing is computed from it.
 
 Answers that stay away never make a period longer: each request has its share of the time until the deadline. Then the
 axis is stale, and the age of its feedback grows. `requester` tells why nothing is sent on TCP while an answer is
@@ -19,20 +20,23 @@ A dead line raises, and the run ends. `stop` consists of `release`, `settle` and
 Reference: Modbus application protocol 1.1b3, 6.3, 6.12, 6.17; Modbus over serial line 1.02, 2.4.
 """
 
+from collections.abc import Iterator
+
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
 from haptic_fieldbus.buses.modbus.acknowledging import acknowledge
-from haptic_fieldbus.buses.modbus.exchange import Exchange
+from haptic_fieldbus.buses.modbus.exchange import Turns
 from haptic_fieldbus.buses.modbus.foreign import listen
-from haptic_fieldbus.buses.modbus.link import Link, Reading, offsets_of, times_of, traffic_of
-from haptic_fieldbus.buses.modbus.parting import Parting
+from haptic_fieldbus.buses.modbus.framing import Question
+from haptic_fieldbus.buses.modbus.link import Reading, UnitLink, offsets_of, times_of, traffic_of
+from haptic_fieldbus.buses.modbus.parting import UnitParting
 from haptic_fieldbus.buses.modbus.registers import from_words
-from haptic_fieldbus.buses.modbus.release import Release
+from haptic_fieldbus.buses.modbus.release import LineRelease
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.set_points import SetPoint
+from haptic_fieldbus.buses.modbus.set_points import StoredSetPoint
 from haptic_fieldbus.buses.modbus.set_up import SetUp
 from haptic_fieldbus.buses.modbus.transport import Transport
-from haptic_fieldbus.buses.modbus.unit import Unit
-from haptic_fieldbus.buses.modbus.watchdog import Watchdog
+from haptic_fieldbus.buses.modbus.unit import UnitClient
+from haptic_fieldbus.buses.modbus.watchdog import DriveWatch
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -40,8 +44,7 @@ from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.layout import characters
-from haptic_fieldbus.protocols.modbus.profile import READ_WRITE
-from haptic_fieldbus.protocols.modbus.register_traffic import Way
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
 
@@ -59,10 +62,10 @@ class ModbusBus(InSteps):
         self._requester = Requester(transport, clock, echo=section.echo)
         self._plan: Plan | None = None
         self._set_ups: tuple[SetUp, ...] = ()
-        self._links: tuple[Link, ...] = ()
-        self._partings: tuple[Parting, ...] = ()
-        self._release: Release | None = None
-        self._exchange: Exchange
+        self._links: tuple[UnitLink, ...] = ()
+        self._partings: tuple[UnitParting, ...] = ()
+        self._release: LineRelease | None = None
+        self._exchange: Turns
 
     def inspect(self, plan: Plan, image: bytearray) -> None:
         """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
@@ -90,6 +93,7 @@ class ModbusBus(InSteps):
         for each in self._set_ups:
             each.start()
         self._requester.forget()
+        self._requester.keep_silence()  # it is no part of the first period
 
     def _bind(self, plan: Plan, traffic: ModbusTraffic, image: bytearray) -> None:
         """Prepare all requests and offsets, so that the loop looks nothing up."""
@@ -99,30 +103,58 @@ class ModbusBus(InSteps):
         readings = tuple(
             reading
             for link, (axis, places) in zip(self._links, axes, strict=True)
-            for reading in _readings(link, axis, places, traffic, image)
+            for reading in self._readings_of(link, axis, places, traffic, image)
         )
-        writes = traffic.way is Way.READ_THEN_WRITE
-        self._exchange = Exchange(self._requester, readings, image, period_ns=plan.period_ns, writes=writes)
+        writes = traffic.way is Transaction.READ_THEN_WRITE
+        self._exchange = Turns(self._requester, readings, image, period_ns=plan.period_ns, writes=writes)
         self._partings = tuple(
-            Parting(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
+            UnitParting(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
         )
         longest = max(reading.times.whole_ns for reading in readings) * 1e-9
         guard = max(traffic.guard(axis.name) for axis in plan.axes)
-        self._release = Release(self._requester, self._partings, exchange=longest, guard=guard)
+        self._release = LineRelease(self._requester, self._partings, exchange=longest, guard=guard)
 
     def _set_up_of(self, axis: AxisPlan, traffic: ModbusTraffic, *, real: bool) -> SetUp:
         profile = traffic.member(axis.name).profile
-        unit = Unit(self._requester, axis.node, f"unit {axis.node} (axis {axis.name})", profile.line)
+        unit = UnitClient(self._requester, axis.node, f"unit {axis.node} (axis {axis.name})", profile.line)
         section = profile.watchdog
-        watchdog = None if section is None else Watchdog(unit, section, traffic.guard(axis.name))
+        watchdog = None if section is None else DriveWatch(unit, section, traffic.guard(axis.name))
         entries = () if profile.torque.limit is None else (profile.torque.limit,)
         limits = TorqueLimits(unit, axis, self.warnings.append, real, entries, axis.effort_unit)
         return SetUp(unit, axis, profile, watchdog, limits)
 
-    def _link_of(self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray) -> Link:
+    def _link_of(self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray) -> UnitLink:
         member = traffic.member(axis.name)
-        set_point = SetPoint(member.traffic, member.profile.line, places.outputs[0])
-        return Link(axis.node, set_point, places.header, image, round(1e9 * traffic.latch(axis.name)))
+        set_point = StoredSetPoint(member.traffic, member.profile.line, places.outputs[0])
+        link = UnitLink(axis.node, set_point, places.header, image, round(1e9 * traffic.latch(axis.name)))
+        if set_point.function is not None:
+            link.writing = tuple(self._requester.form(set_point.writing(block)) for block in set_point.blocks)
+        return link
+
+    def _readings_of(
+        self, link: UnitLink, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray
+    ) -> Iterator[Reading]:
+        """Yield the requests of the reading part of one axis, with their forms."""
+        member, form, set_point = traffic.member(axis.name), self._requester.form, link.set_point
+        offsets, function = offsets_of(member.traffic.reads, places.inputs[0]), member.profile.line.reading
+        for request in traffic.of(axis.name).reading:
+            block = request.read
+            if block is None:
+                continue
+            times = times_of(traffic, member.profile, request)
+            reading = Reading(link, block, times, image, offsets, latches=block.has(member.traffic.motion))
+            if function is not None:
+                reading.alone = form(Question(axis.node, function, block.address, block.count))
+            if request.write is not None:
+                reading.writing = tuple(form(set_point.writing_before(each, block)) for each in set_point.blocks)
+            yield reading
+
+    def read(self, deadline_ns: int) -> bytearray:
+        """Exchange feedback once and return the input image, by the deadline [ns]; raises BusError when dead."""
+        exchange = self._exchange
+        exchange.prepare(deadline_ns)
+        exchange.begin()
+        return exchange.collect(deadline_ns)
 
     def prepare(self, deadline_ns: int) -> None:
         """Take the answer to the last set-point, until the deadline [ns] at the latest; raises BusError when dead."""
@@ -220,25 +252,3 @@ class ModbusBus(InSteps):
         self.stop()
         self._plan = None
         self._transport.close()
-
-
-def _readings(
-    link: Link, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray
-) -> tuple[Reading, ...]:
-    """Return the requests of the reading part of one axis."""
-    member = traffic.member(axis.name)
-    offsets = offsets_of(member.traffic.reads, places.inputs[0])
-    return tuple(
-        Reading(
-            link,
-            request.read,
-            times_of(traffic, member.profile, request),
-            image,
-            offsets,
-            function=member.profile.line.reading or READ_WRITE,
-            writes=request.write is not None,
-            latches=request.read.has(member.traffic.motion),
-        )
-        for request in traffic.of(axis.name).reading
-        if request.read is not None
-    )

@@ -13,7 +13,7 @@ from functools import partial
 
 from haptic_fieldbus.buses.modbus.framing import Answer, Question
 from haptic_fieldbus.buses.modbus.registers import from_words
-from haptic_fieldbus.buses.modbus.unit import Unit
+from haptic_fieldbus.buses.modbus.unit import UnitClient
 from haptic_fieldbus.drive.power import ENERGISED, PowerState, PowerTable
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
 
@@ -24,16 +24,16 @@ Undone = tuple[Register, int]
 
 
 @dataclass(frozen=True)
-class _Step:
+class _Move:
     question: Question
     done: Callable[[Answer], None]
 
 
-class Parting:
+class UnitParting:
     """A drive that is to be freed; `last` gives what it held before, when it is asked for."""
 
     def __init__(
-        self, unit: Unit, profile: ModbusProfile, power: PowerTable, last: Callable[[], Sequence[Undone]]
+        self, unit: UnitClient, profile: ModbusProfile, power: PowerTable, last: Callable[[], Sequence[Undone]]
     ) -> None:
         self.unit = unit
         self.free = False
@@ -47,7 +47,7 @@ class Parting:
         self._status = unit.reading(profile.power.status)
         self._zero = unit.writing(profile.torque.target, 0)
         self._off = unit.writing(profile.power.command, power.off)
-        self._to_do: list[_Step] = []
+        self._to_do: list[_Move] = []
         self._undoing: list[Undone] = []
         self._asked = False
         self._zeros = 0
@@ -96,11 +96,11 @@ class Parting:
         """Begin with zero torque once more, on a line that was opened anew."""
         self._to_do, self._zeros = [], MOST_ZEROS
 
-    def _freeing(self) -> list[_Step]:
-        steps = [_Step(self._off, _nothing), _Step(self._status, self._judge)]
+    def _freeing(self) -> list[_Move]:
+        steps = [_Move(self._off, _nothing), _Move(self._status, self._judge)]
         if self._zeros:
             self._zeros -= 1
-            steps.insert(0, _Step(self._zero, self._zeroed))
+            steps.insert(0, _Move(self._zero, self._zeroed))
         return steps
 
     def _zeroed(self, answer: Answer) -> None:
@@ -116,15 +116,15 @@ class Parting:
         self.fault = 0
         register = self._profile.power.error
         if register is not None:
-            self._to_do.append(_Step(self.unit.reading(register), partial(self._note_fault, register)))
+            self._to_do.append(_Move(self.unit.reading(register), partial(self._note_fault, register)))
 
     def _note_fault(self, register: Register, answer: Answer) -> None:
         self.fault = from_words(register, answer.registers, self._order)
 
-    def _undo(self, register: Register, before: int) -> list[_Step]:
+    def _undo(self, register: Register, before: int) -> list[_Move]:
         return [
-            _Step(self.unit.writing(register, before), _nothing),
-            _Step(self.unit.reading(register), lambda answer: self._compare(answer, before)),
+            _Move(self.unit.writing(register, before), _nothing),
+            _Move(self.unit.reading(register), lambda answer: self._compare(answer, before)),
         ]
 
     def _compare(self, answer: Answer, before: int) -> None:

@@ -13,7 +13,7 @@ All times here are those of the line, not of the loop.
 
 from collections.abc import Callable, Sequence
 
-from haptic_fieldbus.buses.modbus.parting import MOST_ZEROS, Parting
+from haptic_fieldbus.buses.modbus.parting import MOST_ZEROS, UnitParting
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.errors import BusError
 
@@ -27,10 +27,10 @@ GRACE = 0.05
 """Time from the end of the longest watchdog to the last look [s]."""
 
 
-class Release:
+class LineRelease:
     """The release of all drives of one line; no method raises anything but KeyboardInterrupt and its like."""
 
-    def __init__(self, requester: Requester, partings: Sequence[Parting], *, exchange: float, guard: float) -> None:
+    def __init__(self, requester: Requester, partings: Sequence[UnitParting], *, exchange: float, guard: float) -> None:
         """Take the longest times of a request with its answer and of a watchdog [s]."""
         self.warnings: list[str] = []
         self._requester, self._clock = requester, requester.clock
@@ -41,7 +41,7 @@ class Release:
         zeros_ns = MOST_ZEROS * QUESTIONS * len(self._partings) * self._patience_ns
         self._longest_ns = round(1e9 * (guard + GRACE)) + zeros_ns
         self._end_ns = self._waiting_until_ns = 0
-        self._asked: Parting | None = None
+        self._asked: UnitParting | None = None
         self._begun = self._dead = False
 
     def begin(self) -> None:
@@ -123,7 +123,7 @@ class Release:
             return False
         return True
 
-    def _tell(self, parting: Parting) -> None:
+    def _tell(self, parting: UnitParting) -> None:
         """Warn about a drive that is not free, or that keeps what the run had written."""
         if not parting.free:
             self._warn(f"{parting.unit.label} did not confirm that its motor is off")

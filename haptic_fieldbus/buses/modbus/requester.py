@@ -13,7 +13,7 @@ With a half-duplex adapter that gives back what one sends, our own octets come f
 
 from collections import Counter
 
-from haptic_fieldbus.buses.modbus.framing import Answer, Framing, Question, Surprise
+from haptic_fieldbus.buses.modbus.framing import Answer, FrameForm, Framing, Question, Surprise
 from haptic_fieldbus.buses.modbus.transport import Transport
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError
@@ -34,12 +34,13 @@ class Requester:
         """How often octets were dropped, and why."""
         self.unasked = bytearray()
         """Octets that came when nothing was asked, or that were no answer; the latest of them."""
-        self.outstanding: Question | None = None
+        self.outstanding: FrameForm | None = None
         """The question whose answer has not come; None when the line is free."""
         self.sent_ns = self.arrived_ns = 0
         """Instants [ns] of the last request and of the last answer."""
         self.echoes = False
         """Whether octets came back as they were sent, although `echo` does not say so."""
+        self._serial = transport.serial
         self._framing = Framing(serial=transport.serial)
         self._gathered = b""
         self._echo = b""
@@ -50,16 +51,28 @@ class Requester:
     def name(self) -> str:
         return self.transport.name
 
+    def form(self, question: Question) -> FrameForm:
+        """Return the form of a question, so that it need not be encoded each time."""
+        return self._framing.form(question)
+
     def ask(self, question: Question) -> None:
-        """Send a question, after octets of before were dropped; raises BusError when the line is dead."""
-        self.clock.sleep_until(self._free_ns)
-        dropped = self.transport.discard()
-        if dropped:
-            self._drop(dropped)
-        frame = self._framing.frame(question)
-        self._gathered, self._echo = b"", frame if self.transport.serial else b""
+        """Send a question; raises BusError when the line is dead."""
+        self.send(self.form(question))
+
+    def send(self, form: FrameForm, values: bytes = b"") -> None:
+        """Send a form, with other octets of the values that are written, after octets of before were dropped.
+
+        On TCP nothing need be dropped: a transaction id tells answers of before. Raises BusError when the line is dead.
+        """
+        if self._serial:
+            self.keep_silence()
+            dropped = self.transport.discard()
+            if dropped:
+                self._drop(dropped)
+        frame = self._framing.fill(form, values)
+        self._gathered, self._echo = b"", bytes(frame) if self._serial else b""
         self._replaced = self.outstanding is not None
-        self.outstanding = question
+        self.outstanding = form
         self.sent_ns = self.clock.now_ns()
         self.transport.send(frame)
 
@@ -72,11 +85,32 @@ class Requester:
             octets = self.transport.receive(deadline_ns)
             if not octets:
                 return None
+            if not (self._gathered or self._echo):
+                data = self._framing.data_of(octets)
+                if data is not None:  # the usual case: all of the answer at once, and nothing else
+                    return self._arrived(Answer(data))
             self._gathered += octets
             answer = self._taken()
             if answer is not None:
                 return answer
         return None
+
+    def _arrived(self, answer: Answer) -> Answer:
+        """Free the line, and note when its answer came."""
+        self.outstanding, self.arrived_ns = None, self.clock.now_ns()
+        self._free_ns = self.arrived_ns + self.silence_ns
+        return answer
+
+    def waiting(self) -> Answer | None:
+        """Return the answer that has come while nobody looked; the silence after it has passed as well."""
+        answer = self.answer(self.clock.now_ns())
+        if answer is not None:
+            self._free_ns = self.clock.now_ns()
+        return answer
+
+    def keep_silence(self) -> None:
+        """Wait until the silence after the last answer is over."""
+        self.clock.sleep_until(self._free_ns)
 
     def quiet(self, duration_ns: int) -> None:
         """Send nothing for this time [ns], and drop what comes; raises BusError when the line is dead."""
@@ -112,9 +146,7 @@ class Requester:
                 return None
             self._gathered = octets[used:]
             if isinstance(found, Answer):
-                self.outstanding, self.arrived_ns = None, self.clock.now_ns()
-                self._free_ns = self.arrived_ns + self.silence_ns
-                return found
+                return self._arrived(found)
             if found is Surprise.EARLIER and self._replaced:
                 self._replaced = False  # we did not wait for it
             elif found is not None:

@@ -13,7 +13,7 @@ from haptic_fieldbus.buses.found import FoundNode, Scan
 from haptic_fieldbus.buses.modbus.foreign import listen
 from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.requester import Requester
-from haptic_fieldbus.buses.modbus.unit import RefusedError, Unit
+from haptic_fieldbus.buses.modbus.unit import RefusedError, UnitClient
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, ForeignMasterError
 from haptic_fieldbus.protocols.cia402 import CIA402
@@ -68,8 +68,8 @@ def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile])
     )
 
 
-def _unit(requester: Requester, number: int, profile: ModbusProfile) -> Unit:
-    return Unit(requester, number, f"unit {number}", profile.line)
+def _unit(requester: Requester, number: int, profile: ModbusProfile) -> UnitClient:
+    return UnitClient(requester, number, f"unit {number}", profile.line)
 
 
 def _power(profile: ModbusProfile) -> PowerTable:
@@ -88,7 +88,7 @@ def _sure(profile: ModbusProfile) -> str:
     return f"no more than a guess: it has the registers of the profile{useless}"
 
 
-def _fits(unit: Unit, profile: ModbusProfile) -> bool:
+def _fits(unit: UnitClient, profile: ModbusProfile) -> bool:
     """Whether a unit has the registers of a profile, with the values that tell its model."""
     read = [register for signal, register in profile.registers().items() if signal is not Signal.CONTROLWORD]
     try:
@@ -98,7 +98,7 @@ def _fits(unit: Unit, profile: ModbusProfile) -> bool:
         return False
 
 
-def _readable(unit: Unit, register: Register) -> bool:
+def _readable(unit: UnitClient, register: Register) -> bool:
     try:
         return unit.optional(register) is not None
     except BusConfigurationError:

@@ -64,7 +64,7 @@ class SerialTransport:
             gathered += self._taken()
         return gathered
 
-    def send(self, frame: bytes) -> None:
+    def send(self, frame: bytes | bytearray) -> None:
         try:
             sent = os.write(self._number, frame)
         except OSError as error:

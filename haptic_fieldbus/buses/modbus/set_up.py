@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.modbus.foreign import refuse_unrest
-from haptic_fieldbus.buses.modbus.unit import Unit
-from haptic_fieldbus.buses.modbus.watchdog import Watchdog
+from haptic_fieldbus.buses.modbus.unit import UnitClient
+from haptic_fieldbus.buses.modbus.watchdog import DriveWatch
 from haptic_fieldbus.buses.rating import check_rating, rated_torque
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.drive.power import PowerState
@@ -33,10 +33,10 @@ UNGUARDED = "on link loss the motor keeps its torque until its power is cut"
 class SetUp:
     """Set-up of one axis of the plan on its unit."""
 
-    unit: Unit
+    unit: UnitClient
     axis: AxisPlan
     profile: ModbusProfile
-    watchdog: Watchdog | None
+    watchdog: DriveWatch | None
     """None: the drive has none."""
     torque_limits: TorqueLimits[Register]
 

@@ -19,7 +19,7 @@ class Transport(Protocol):
     def discard(self) -> bytes:
         """Drop all octets that wait, and return them: they belong to no request of now. Raises BusError when dead."""
 
-    def send(self, frame: bytes) -> None:
+    def send(self, frame: bytes | bytearray) -> None:
         """Send a frame; raises BusError when the line is dead or takes no more."""
 
     def receive(self, deadline_ns: int) -> bytes:

@@ -29,7 +29,7 @@ class RefusedError(BusConfigurationError):
         super().__init__(message)
 
 
-class Unit:
+class UnitClient:
     """The unit with this id; `label` names it in messages, `section` tells which functions it has."""
 
     def __init__(self, requester: Requester, unit: int, label: str, section: LineSection) -> None:

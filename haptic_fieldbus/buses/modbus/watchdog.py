@@ -3,7 +3,7 @@
 It is armed last, so that it does not run out while other drives are configured. Set-points feed it; questions do not.
 """
 
-from haptic_fieldbus.buses.modbus.unit import Unit
+from haptic_fieldbus.buses.modbus.unit import UnitClient
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.modbus.profile import Register, WatchdogSection
 
@@ -11,10 +11,10 @@ STEPS_PER_SECOND = {"ms": 1e3, "s": 1.0}
 """Unit of the register → steps in a second."""
 
 
-class Watchdog:
+class DriveWatch:
     """The watch of one drive, set to `seconds`."""
 
-    def __init__(self, unit: Unit, section: WatchdogSection, seconds: float) -> None:
+    def __init__(self, unit: UnitClient, section: WatchdogSection, seconds: float) -> None:
         self._unit, self._section = unit, section
         if section.time.unit not in STEPS_PER_SECOND:
             wrong = f"unit {section.time.unit!r} of {section.time} is not one of {', '.join(STEPS_PER_SECOND)}"

@@ -39,7 +39,8 @@ class ModbusSection(BusSection):
     silence: NonNegativeTime | None = None
     """Silence between two frames [s]; None: that of the profile, else that of the standard."""
     round_trip: NonNegativeTime | None = None
-    """Time that a network and both its ends take for a request and its answer [s]; None: an assumed time."""
+    """Time that network or adapter and both ends take for a request and its answer [s]; None: 0.25 ms on TCP, and 0 on
+    a serial line."""
     jitter: NonNegativeTime | None = None
     """Time by which the host may be late in a period [s]; None: 0 in the plan, and an assumed time in the cautious
     limit of a real bus."""

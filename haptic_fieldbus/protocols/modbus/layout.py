@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
-from haptic_fieldbus.protocols.modbus.line import Line, serial_line, tcp_line
+from haptic_fieldbus.protocols.modbus.line import LineTimes, serial_line, tcp_line
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Parity
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
 from haptic_fieldbus.protocols.modbus.requests import Block, Request, blocks
@@ -17,7 +17,7 @@ FRAME_BITS = 9
 """Start bit and eight data bits of a character."""
 
 
-def line_of(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> Line:
+def line_of(section: ModbusSection, profiles: Sequence[ModbusProfile]) -> LineTimes:
     """Return the times of the line on which these drives hang; what the rig leaves open is as after their power-on.
 
     Raises PlanError when a drive is not made for such a line, or the drives differ in what the rig leaves open.
@@ -59,7 +59,9 @@ def _one(key: str, values: Iterable[Value]) -> Value:
     return first
 
 
-def lay_out(unit: int, profile: ModbusProfile, line: Line, incoming: Sequence[Signal]) -> RegisterTraffic:
+def lay_out_registers(
+    unit: int, profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]
+) -> RegisterTraffic:
     """Return the blocks of one unit, the one with the motion first; raises ImageTooLargeError."""
     section = profile.line
     reads = blocks(profile, incoming, section.longest_read, largest_gap(profile, line))
@@ -73,7 +75,7 @@ def lay_out(unit: int, profile: ModbusProfile, line: Line, incoming: Sequence[Si
     return RegisterTraffic(unit, reads, set_point, command)
 
 
-def largest_gap(profile: ModbusProfile, line: Line) -> int:
+def largest_gap(profile: ModbusProfile, line: LineTimes) -> int:
     """Return the most registers that are read through sooner than a request of their own is exchanged."""
     if line.octet == 0.0:
         return profile.line.longest_read

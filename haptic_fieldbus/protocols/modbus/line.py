@@ -22,7 +22,7 @@ ROUND_TRIP = 0.25e-3
 
 
 @dataclass(frozen=True)
-class Line:
+class LineTimes:
     """Times of one line [s]."""
 
     octet: float
@@ -56,11 +56,11 @@ class Line:
         return 2 * self.frame_octets + request_octets(request) + answer_octets(request)
 
 
-def serial_line(baud: int, bits: int, silence: float | None, round_trip: float = 0.0) -> Line:
+def serial_line(baud: int, bits: int, silence: float | None, round_trip: float = 0.0) -> LineTimes:
     """Return an RTU line of `baud` bit/s with characters of so many bits; `silence` None: that of the standard."""
     character = bits / baud
     standard = LONGEST_SILENCE if baud > SILENT_ABOVE else SILENT_CHARACTERS * character
-    return Line(
+    return LineTimes(
         character,
         standard if silence is None else silence,
         round_trip,
@@ -68,9 +68,9 @@ def serial_line(baud: int, bits: int, silence: float | None, round_trip: float =
     )
 
 
-def tcp_line(round_trip: float | None) -> Line:
+def tcp_line(round_trip: float | None) -> LineTimes:
     """Return a TCP line; `round_trip` None: that which is assumed."""
-    return Line(0.0, 0.0, ROUND_TRIP if round_trip is None else round_trip, TCP_OCTETS, "Modbus TCP")
+    return LineTimes(0.0, 0.0, ROUND_TRIP if round_trip is None else round_trip, TCP_OCTETS, "Modbus TCP")
 
 
 def request_octets(request: Request) -> int:

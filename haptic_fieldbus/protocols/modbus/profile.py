@@ -66,9 +66,11 @@ class LineSection:
     """Facts of the drive's line: what it understands, and how fast it answers."""
 
     transports: Annotated[tuple[Transport, ...], Len(1)]
+    """Lines on which it can be."""
     functions: Annotated[tuple[FunctionCode, ...], Len(1)]
     """Function codes that the drive understands."""
     word_order: WordOrder = "high first"
+    """Which register of a value of 32 bits has the lower address."""
     longest_read: Annotated[int, Ge(1), Le(125)] = 125
     """Most registers of one reading request."""
     longest_write: Annotated[int, Ge(1), Le(123)] = 123
@@ -81,7 +83,9 @@ class LineSection:
     baud: Annotated[int, Ge(1200), Le(20_000_000)] = 19200
     """[bit/s] after power-on."""
     parity: Parity = "even"
+    """After power-on."""
     stop_bits: Literal[1, 2] = 1
+    """After power-on."""
     silence: NonNegativeTime | None = None
     """Silence that the drive needs between two frames [s]; None: 3.5 characters, 1.75 ms above 19200 bit/s."""
     __pydantic_config__: ClassVar = STRICT
@@ -106,7 +110,9 @@ class ModbusTorque:
     """Torque registers, and the way in which a set-point is seen to act."""
 
     target: Register
+    """The set-point."""
     actual: Register | None = None
+    """Measured torque."""
     demand: Register | None = None
     """Target torque as the drive has taken it over, in the unit of `target`."""
     rated: Register | None = None
@@ -116,6 +122,7 @@ class ModbusTorque:
     full_scale: Torque | None = None
     """Torque at 32767 [N·m], for the unit full_scale/32767."""
     echo: Literal["demand", "actual", "none"] = "none"
+    """Register in which a set-point comes back, so that the loop sees whether its set-points act."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -159,10 +166,13 @@ class PowerSection:
     """Registers by which the power stage is commanded, and what their values mean."""
 
     status: Register
+    """Its state, the statusword."""
     command: Register
+    """What it is told, the controlword; it may be the register of the state."""
     table: Literal["cia402", "rows"] = "cia402"
     """cia402: statusword and controlword of CiA 402; rows: `rows` tells."""
     rows: tuple[PowerRow, ...] = ()
+    """States with the command for each."""
     off: UInt32 = 0
     """Command that frees the shaft in every state; only with `rows`."""
     error: Register | None = None

@@ -12,8 +12,8 @@ from haptic_fieldbus.protocols.acting import HostTimes
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.modbus import bus, checks
-from haptic_fieldbus.protocols.modbus.layout import lay_out, line_of
-from haptic_fieldbus.protocols.modbus.line import Line
+from haptic_fieldbus.protocols.modbus.layout import lay_out_registers, line_of
+from haptic_fieldbus.protocols.modbus.line import LineTimes
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
 from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, best, candidates
@@ -69,7 +69,7 @@ class Modbus(FieldbusProtocol):
         UsageError for a profile of another protocol.
         """
         own = modbus_profile(profile)
-        return lay_out(axis.node, own, line_of(bus.modbus_section(section), [own]), incoming)
+        return lay_out_registers(axis.node, own, line_of(bus.modbus_section(section), [own]), incoming)
 
     def default_rate(self, section: BusSection, members: Members, waiting: float) -> float:
         """Return the highest rate of the way whose torque is the youngest at its own highest rate [Hz]."""
@@ -84,7 +84,7 @@ class Modbus(FieldbusProtocol):
         return best(fitting) if fitting else max(ways, key=lambda each: each.highest_rate)
 
 
-def _on_line(section: BusSection, members: Members) -> tuple[tuple[ModbusMember, ...], Line, HostTimes]:
+def _on_line(section: BusSection, members: Members) -> tuple[tuple[ModbusMember, ...], LineTimes, HostTimes]:
     """Return the drives of a line, its times, and those of the host."""
     own = tuple(
         ModbusMember(name, modbus_profile(profile), _registers(traffic)) for name, (profile, traffic) in members.items()

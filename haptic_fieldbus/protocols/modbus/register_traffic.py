@@ -6,14 +6,14 @@ from enum import Enum
 
 from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.numerals import rounded
-from haptic_fieldbus.protocols.modbus.line import Line
+from haptic_fieldbus.protocols.modbus.line import LineTimes
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection
 from haptic_fieldbus.protocols.modbus.requests import Block, Request
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.signals import LinkFlag, Signal
 
 
-class Way(Enum):
+class Transaction(Enum):
     """How feedback and set-point are exchanged in a period; the value is its description."""
 
     READ_WRITE = "one request writes and reads"
@@ -63,7 +63,7 @@ class RegisterTraffic:
         found = [mapped.signal for mapped in self.incoming]
         return Signal.POSITION if Signal.POSITION in found else Signal.VELOCITY
 
-    def requested(self, way: Way, line: Line, section: LineSection) -> "RegisterTraffic":
+    def requested(self, way: Transaction, line: LineTimes, section: LineSection) -> "RegisterTraffic":
         """Return the same blocks with the requests of that way, which must be possible (`possible`)."""
         reading, writing = _requests(self, way, section)
         both = (*reading, *writing)
@@ -140,23 +140,23 @@ FAULT_TEXTS = {
 }
 
 
-def possible(way: Way, traffic: RegisterTraffic, section: LineSection) -> bool:
+def possible(way: Transaction, traffic: RegisterTraffic, section: LineSection) -> bool:
     """Return True when a drive has the functions that a way needs."""
-    if way is Way.READ_WRITE:
+    if way is Transaction.READ_WRITE:
         return READ_WRITE in section.functions and (len(traffic.reads) == 1 or section.reading is not None)
     written = (traffic.set_point, *((traffic.command,) if traffic.command else ()))
     return section.reading is not None and all(section.writing(block.count) for block in written)
 
 
 def _requests(
-    traffic: RegisterTraffic, way: Way, section: LineSection
+    traffic: RegisterTraffic, way: Transaction, section: LineSection
 ) -> tuple[tuple[Request, ...], tuple[Request, ...]]:
     """Return the requests before and after computing.
 
     Raises ValueError when the drive lacks a function that they need.
     """
     reading = [Request(section.reading, block) for block in traffic.reads if section.reading is not None]
-    if way is Way.READ_WRITE:
+    if way is Transaction.READ_WRITE:
         return (Request(READ_WRITE, traffic.reads[0], traffic.set_point), *reading[1:]), ()
     function = section.writing(traffic.set_point.count)
     if function is None or len(reading) < len(traffic.reads):

@@ -13,9 +13,9 @@ from haptic_fieldbus.defaults import DEFAULT_RATE
 from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.protocols.acting import IDEAL, HostTimes, ways
-from haptic_fieldbus.protocols.modbus.line import Line
+from haptic_fieldbus.protocols.modbus.line import LineTimes
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile
-from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, Way, possible
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, Transaction, possible
 from haptic_fieldbus.protocols.modbus.requests import Request
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay
 
@@ -33,7 +33,7 @@ class ModbusMember:
 
 
 @dataclass(frozen=True)
-class Instants:
+class Timeline:
     """Times from the beginning of a period [s]."""
 
     latched: dict[str, float]
@@ -51,8 +51,8 @@ class ModbusTraffic:
     """Traffic of one line in a period; the rate is in Hz."""
 
     members: tuple[ModbusMember, ...]
-    wire: Line
-    way: Way
+    wire: LineTimes
+    way: Transaction
     rate: float
     waiting: float = 0.0
     """Time from the last answer of this line to the feedback of the slowest bus, when computing can begin [s]."""
@@ -60,7 +60,7 @@ class ModbusTraffic:
     """Times of adapter and host."""
 
     @cached_property
-    def instants(self) -> Instants:
+    def instants(self) -> Timeline:
         """Times of one period."""
         latched, written, at = {}, {}, 0.0
         for member in self.members:
@@ -76,7 +76,7 @@ class ModbusTraffic:
         for member in self.members:
             for request in self.of(member.axis).writing:
                 written[member.axis], at = self._pass(member, request, at)
-        return Instants(latched, written, feedback, at)
+        return Timeline(latched, written, feedback, at)
 
     def _pass(self, member: ModbusMember, request: Request, at: float) -> tuple[float, float]:
         """Return when the drive executes a request that is sent at that time, and when the next may be sent [s]."""
@@ -98,7 +98,7 @@ class ModbusTraffic:
     def guard(self, axis: str) -> float:
         """Time after which the watchdog of the drive acts [s]: that of its profile, but five periods at least."""
         watchdog = self.member(axis).profile.watchdog
-        return guard_time(0.0 if watchdog is None else watchdog.deadline, self.rate)
+        return watchdog_time(0.0 if watchdog is None else watchdog.deadline, self.rate)
 
     @property
     def silence(self) -> float:
@@ -123,7 +123,7 @@ class ModbusTraffic:
     def sending_ns(self) -> float:
         """Time from the end of computing until the last set-point is answered [ns]."""
         computed = self.feedback_time + self.waiting + COMPUTE_NS * 1e-9
-        return 1e9 * max(0.0, self.instants.end - computed) if self.way is Way.READ_THEN_WRITE else 0.0
+        return 1e9 * max(0.0, self.instants.end - computed) if self.way is Transaction.READ_THEN_WRITE else 0.0
 
     @property
     def shortest_period(self) -> float:
@@ -177,12 +177,12 @@ class ModbusTraffic:
         """Return the delay budget of an axis, by the way of its set-points and its profile."""
         member, instants = self.member(axis), self.instants
         period = round(1e9 / self.rate) * 1e-9
-        later = period if self.way is Way.READ_WRITE else 0.0
+        later = period if self.way is Transaction.READ_WRITE else 0.0
         arrival, compute = later + instants.written[axis] - instants.latched[axis], COMPUTE_NS * 1e-9
         found = ways(member.profile.timing, arrival, self.host, period, on_reception=True)
         # When the drive writes and reads during its answer time is not known. Function 23 writes before it reads.
         early = member.profile.line.answer_time
-        late = 0.0 if self.way is Way.READ_WRITE else early
+        late = 0.0 if self.way is Transaction.READ_WRITE else early
         lag = member.profile.torque_lag
         return Delay(
             arrival - compute,
@@ -191,7 +191,7 @@ class ModbusTraffic:
             lag,
             found.shortest - early,
             found.longest + late,
-            acts_first=self.way is Way.READ_WRITE,
+            acts_first=self.way is Transaction.READ_WRITE,
         )
 
     def member(self, axis: str) -> ModbusMember:
@@ -215,17 +215,19 @@ class ModbusTraffic:
         return f"{exactly(self.rate)} Hz by {self.exchange} on {self.speed}, load {percent(self.load)}"
 
 
-def guard_time(deadline: float, rate: float) -> float:
+def watchdog_time(deadline: float, rate: float) -> float:
     """Return the time of a watchdog [s]: the deadline, but five periods at least, in whole milliseconds."""
     return math.ceil(max(deadline, PERIODS_PER_GUARD / rate) * 1e3 - 1e-9) * 1e-3
 
 
-def possible_ways(members: tuple[ModbusMember, ...]) -> list[Way]:
+def possible_ways(members: tuple[ModbusMember, ...]) -> list[Transaction]:
     """Return the ways whose functions all drives have."""
-    return [way for way in Way if all(possible(way, each.traffic, each.profile.line) for each in members)]
+    return [way for way in Transaction if all(possible(way, each.traffic, each.profile.line) for each in members)]
 
 
-def candidates(members: tuple[ModbusMember, ...], wire: Line, waiting: float, host: HostTimes) -> list[ModbusTraffic]:
+def candidates(
+    members: tuple[ModbusMember, ...], wire: LineTimes, waiting: float, host: HostTimes
+) -> list[ModbusTraffic]:
     """Return the traffic of each possible way at its own sustained rate; raises PlanError when there is none."""
     found = [ModbusTraffic(members, wire, way, DEFAULT_RATE, waiting, host) for way in possible_ways(members)]
     if not found:

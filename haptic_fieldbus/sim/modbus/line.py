@@ -19,7 +19,7 @@ from functools import partial
 from haptic_fieldbus.buses.modbus.errors import translate
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.defaults import DEFAULT_SEED
-from haptic_fieldbus.protocols.modbus.line import Line
+from haptic_fieldbus.protocols.modbus.line import LineTimes
 from haptic_fieldbus.protocols.modbus.profile import Parity
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.drive.broken import until
@@ -65,7 +65,14 @@ class SimulatedLine:
     """A line with its drives; the times are those of `clock`, the host's."""
 
     def __init__(
-        self, name: str, wire: Line, clock: Clock, seed: int | str = DEFAULT_SEED, *, serial: bool, echo: bool = False
+        self,
+        name: str,
+        wire: LineTimes,
+        clock: Clock,
+        seed: int | str = DEFAULT_SEED,
+        *,
+        serial: bool,
+        echo: bool = False,
     ) -> None:
         """`echo` gives the master back what it sends, as some adapters do."""
         self.name, self.serial = name, serial
@@ -109,10 +116,10 @@ class SimulatedLine:
         self._check_alive()
         return self._arrived()
 
-    def send(self, frame: bytes) -> None:
+    def send(self, frame: bytes | bytearray) -> None:
         """Send a frame; raises BusError when the line is dead."""
         self._check_alive()
-        begin_ns = self._clock.now_ns()
+        begin_ns, frame = self._clock.now_ns(), bytes(frame)  # a master fills the same octets again
         self._tell(begin_ns, True, frame)
         glued, end_ns = self._is_glued(begin_ns), begin_ns + round(self._octet_ns * len(frame))
         self._traffic.append((begin_ns, end_ns))

@@ -30,8 +30,8 @@ from haptic_fieldbus.sim.modbus.model import CYCLIC_TORQUE, inner_profile, writt
 from haptic_fieldbus.sim.modbus.registers import Refusal, Registers
 from haptic_fieldbus.sim.modbus.watchdog import Watchdog
 
-LINK_LOST = 0x7500
-"""Error code in 603Fh after a lost link: communication (CiA 402-2, error codes)."""
+LOST_MASTER = 0x8130
+"""Error code of a drive that has lost its master, when its profile names none: life guard error (CiA 402-2)."""
 _READING = (READ_HOLDING, READ_INPUT, READ_WRITE)
 _OBJECTS = (0x1000, 0xFFFF)
 
@@ -62,6 +62,7 @@ class Unit:
         self._kept: list[Entry] = []
         """Entries that stand for no object."""
         self._now_ns = t_ns
+        self._lost_master = 0
         self._scale_position(axis)
         self._front = self._add_power()
         self.watchdog = self._add_watchdog()
@@ -81,7 +82,7 @@ class Unit:
         if self.drive.due_ns <= t_ns:
             self.drive.timer(t_ns)
         if self.watchdog is not None and self.watchdog.expired(t_ns):
-            self.drive.link_lost(LINK_LOST, t_ns)
+            self.drive.link_lost(self._lost_master, t_ns)
 
     def power_on(self, t_ns: int, duration_ns: int = 0) -> None:
         """Switch the voltage on; the drive answers `duration_ns` later."""
@@ -189,6 +190,7 @@ class Unit:
         section = self.profile.watchdog
         if section is None:
             return None
+        self._lost_master = LOST_MASTER if section.fault is None else section.fault
         watchdog = Watchdog(self._keep(section.time), section.time.unit)
         self.registers.both(section.time, watchdog.time)
         return watchdog

@@ -13,7 +13,7 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, parse_bus
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
-from haptic_fieldbus.protocols.modbus.register_traffic import Way
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
@@ -34,7 +34,7 @@ def plan_of(
     name: str,
     profile: ModbusProfile = PROFILE,
     *,
-    way: Way | None = None,
+    way: Transaction | None = None,
     rate: float = 80.0,
     scene: Scene = WALL,
     section: dict[str, Any] | None = None,

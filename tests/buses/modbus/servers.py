@@ -65,8 +65,8 @@ class Drive:
 
     def watch(self) -> None:
         """Go to fault when the set-points stay away while the drive is enabled."""
-        limit = self.registers[WATCHDOG] * 1e-3
-        enabled = self.registers[STATUS] == ENABLED
+        limit = self.registers.get(WATCHDOG, 0) * 1e-3
+        enabled = self.registers.get(STATUS) == ENABLED
         if limit and enabled and self.fed is not None and self.now() - self.fed > limit:
             self.registers |= {STATUS: FAULT, ERROR: 0x8130, DEMAND: 0}
 
@@ -199,16 +199,18 @@ def tcp_server(*drives: Drive, mischief: Mischief = honest) -> Iterator[Server]:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         server = Server({drive.unit: drive for drive in drives}, mischief)
         server.name = f"modbus-tcp:127.0.0.1:{listener.getsockname()[1]}"
+        listener.settimeout(0.02)
         thread = threading.Thread(target=_serve_tcp, args=(server, listener), daemon=True)
         thread.start()
-        yield server
-        server.ended.set()
-        server.cut()
-    thread.join(5.0)
+        try:
+            yield server
+        finally:
+            server.ended.set()
+            server.cut()
+            thread.join(5.0)
 
 
 def _serve_tcp(server: Server, listener: socket.socket) -> None:
-    listener.settimeout(0.02)
     while not server.ended.is_set():
         try:
             connection, _ = listener.accept()
@@ -262,7 +264,9 @@ def rtu_server(*drives: Drive, mischief: Mischief = honest) -> Iterator[Server]:
 
     thread = threading.Thread(target=serve, daemon=True)
     thread.start()
-    yield server
-    server.ended.set()
-    thread.join(5.0)
-    cut()
+    try:
+        yield server
+    finally:
+        server.ended.set()
+        thread.join(5.0)
+        cut()

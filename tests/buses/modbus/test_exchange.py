@@ -8,7 +8,7 @@ import pytest
 
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.modbus.register_traffic import Way
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag
 from tests.builders import scene_of
@@ -43,16 +43,16 @@ def opened() -> Iterator[ExitStack]:
         yield stack
 
 
-def bench_on(stack: ExitStack, line: str, way: Way | None = None, **changes: object) -> tuple[Bench, Server]:
+def bench_on(stack: ExitStack, line: str, way: Transaction | None = None, **changes: object) -> tuple[Bench, Server]:
     """A master on a server with one drive, enabled."""
     server = stack.enter_context(LINES[line](Drive()))
     bench = stack.enter_context(Bench(plan_of(server.name, way=way, **changes)))  # type: ignore[arg-type]
     return bench.open().enable(), server
 
 
-@pytest.mark.parametrize("way", Way)
+@pytest.mark.parametrize("way", Transaction)
 @pytest.mark.parametrize("line", LINES)
-def test_a_period_carries_feedback_in_and_torque_out(opened: ExitStack, line: str, way: Way) -> None:
+def test_a_period_carries_feedback_in_and_torque_out(opened: ExitStack, line: str, way: Transaction) -> None:
     bench, server = bench_on(opened, line, way)
     server.drive.move_to(-7_000_001 & 0xFFFF_FFFF)
     bench.write((0x0F, 123))
@@ -67,7 +67,7 @@ def test_a_period_carries_feedback_in_and_torque_out(opened: ExitStack, line: st
 def test_function_23_carries_the_torque_of_the_period_before_and_writes_before_it_reads(
     opened: ExitStack, line: str
 ) -> None:
-    bench, server = bench_on(opened, line, Way.READ_WRITE)
+    bench, server = bench_on(opened, line, Transaction.READ_WRITE)
     for torque in (10, -20, 30):
         requests = len(server.frames)
         bench.write((0x0F, torque))
@@ -80,7 +80,7 @@ def test_function_23_carries_the_torque_of_the_period_before_and_writes_before_i
 
 
 def test_a_set_point_is_sent_once_so_that_a_loop_that_hangs_feeds_no_watchdog(opened: ExitStack) -> None:
-    bench, server = bench_on(opened, "tcp", Way.READ_WRITE)
+    bench, server = bench_on(opened, "tcp", Transaction.READ_WRITE)
     bench.write((0x0F, 7))
     bench.read()
     written = len(server.drive.written)
@@ -91,7 +91,7 @@ def test_a_set_point_is_sent_once_so_that_a_loop_that_hangs_feeds_no_watchdog(op
 
 
 def test_a_set_point_that_was_not_sent_is_replaced_by_a_newer_one(opened: ExitStack) -> None:
-    bench, server = bench_on(opened, "tcp", Way.READ_WRITE)
+    bench, server = bench_on(opened, "tcp", Transaction.READ_WRITE)
     bench.write((0x0F, 7))
     bench.write((0x0F, 8))
     bench.read()
@@ -147,10 +147,10 @@ BAD: dict[str, Mischief] = {
 
 @pytest.mark.thorough("waits for the deadlines of all of them", quick=3)
 @pytest.mark.parametrize("mischief", BAD)
-@pytest.mark.parametrize("way", Way)
+@pytest.mark.parametrize("way", Transaction)
 @pytest.mark.parametrize("line", LINES)
 def test_a_bad_answer_makes_the_axis_stale_in_time_and_never_gives_a_wrong_position(
-    opened: ExitStack, line: str, way: Way, mischief: str
+    opened: ExitStack, line: str, way: Transaction, mischief: str
 ) -> None:
     bench, server = bench_on(opened, line, way)
     before = _moved(bench, server, 1)
@@ -182,10 +182,10 @@ def _moved(bench: Bench, server: Server, number: int) -> int | None:
 
 
 @pytest.mark.thorough("each answer waits for more than a period", quick=("tcp-read_write",))
-@pytest.mark.parametrize("way", Way, ids=lambda way: way.name.lower())
+@pytest.mark.parametrize("way", Transaction, ids=lambda way: way.name.lower())
 @pytest.mark.parametrize("line", LINES)
 def test_answers_that_always_come_a_period_late_are_never_taken_for_those_of_now(
-    opened: ExitStack, line: str, way: Way
+    opened: ExitStack, line: str, way: Transaction
 ) -> None:
     bench, server = bench_on(opened, line, way)
     server.mischief = slow
@@ -194,8 +194,8 @@ def test_answers_that_always_come_a_period_late_are_never_taken_for_those_of_now
 
 
 @pytest.mark.parametrize("code", [1, 6])
-@pytest.mark.parametrize("way", Way)
-def test_an_exception_is_flagged_with_its_code(opened: ExitStack, way: Way, code: int) -> None:
+@pytest.mark.parametrize("way", Transaction)
+def test_an_exception_is_flagged_with_its_code(opened: ExitStack, way: Transaction, code: int) -> None:
     bench, server = bench_on(opened, "tcp", way)
     server.drive.exceptions = dict.fromkeys((3, 23), code)
     bench.write((0x0F, 0))
@@ -209,7 +209,7 @@ def test_an_exception_is_flagged_with_its_code(opened: ExitStack, way: Way, code
 
 
 def test_a_refused_set_point_is_flagged_in_the_next_period(opened: ExitStack) -> None:
-    bench, server = bench_on(opened, "tcp", Way.READ_THEN_WRITE)
+    bench, server = bench_on(opened, "tcp", Transaction.READ_THEN_WRITE)
     server.drive.exceptions = {16: 4}
     bench.write((0x0F, 0))
     bench.read()
@@ -236,7 +236,7 @@ def exchanged(bench: Bench, periods: int) -> None:
 
 
 def test_on_tcp_nothing_is_sent_while_an_answer_is_outstanding(opened: ExitStack) -> None:
-    bench, server = bench_on(opened, "tcp", Way.READ_THEN_WRITE)
+    bench, server = bench_on(opened, "tcp", Transaction.READ_THEN_WRITE)
     server.mischief = silent
     requests = len(server.frames)
     for _ in range(5):
@@ -249,7 +249,7 @@ def test_on_tcp_nothing_is_sent_while_an_answer_is_outstanding(opened: ExitStack
 def test_after_function_23_stayed_unanswered_a_serial_line_gets_the_set_point_by_another_function(
     opened: ExitStack,
 ) -> None:
-    bench, server = bench_on(opened, "rtu", Way.READ_WRITE)
+    bench, server = bench_on(opened, "rtu", Transaction.READ_WRITE)
     server.mischief = silent
     functions = len(server.frames)
     bench.write((0x0F, 5))
@@ -267,7 +267,7 @@ def separate(name: str) -> Plan:
     """A plan for a drive whose command and target torque are no neighbours."""
     target = replace(PROFILE.torque.target, address=0x0106)
     profile = replace(PROFILE, torque=replace(PROFILE.torque, target=target))
-    return plan_of(name, profile, way=Way.READ_THEN_WRITE)
+    return plan_of(name, profile, way=Transaction.READ_THEN_WRITE)
 
 
 def test_a_command_takes_the_place_of_the_set_point_until_it_is_answered(opened: ExitStack) -> None:
@@ -286,9 +286,9 @@ def test_a_command_takes_the_place_of_the_set_point_until_it_is_answered(opened:
     assert server.drive.written[writes:] == expected
 
 
-@pytest.mark.parametrize("way", Way)
+@pytest.mark.parametrize("way", Transaction)
 @pytest.mark.parametrize("line", LINES)
-def test_units_of_one_line_take_turns(opened: ExitStack, line: str, way: Way) -> None:
+def test_units_of_one_line_take_turns(opened: ExitStack, line: str, way: Transaction) -> None:
     drives = [Drive(unit=1), Drive(unit=2)]
     server = opened.enter_context(LINES[line](*drives))
     scene = scene_of(Wall("a", stiffness=30.0), Wall("b", stiffness=30.0))
@@ -301,7 +301,7 @@ def test_units_of_one_line_take_turns(opened: ExitStack, line: str, way: Way) ->
     assert [bench.decoded(axis)[5] for axis in (0, 1)] == [11, 22]
     assert [drive.value(TARGET) for drive in drives] == [3, 4]
     units = [frame[6 if line == "tcp" else 0] for frame in server.frames[requests:]]
-    assert units == ([1, 2] if way is Way.READ_WRITE else [1, 2, 1, 2])
+    assert units == ([1, 2] if way is Transaction.READ_WRITE else [1, 2, 1, 2])
 
 
 def test_a_silent_unit_costs_the_others_no_sample_on_a_serial_line(opened: ExitStack) -> None:

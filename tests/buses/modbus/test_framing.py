@@ -3,6 +3,7 @@
 import logging
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -43,6 +44,11 @@ def framed(pdu: bytes, *, serial: bool) -> bytes:
     return rtu(pdu) if serial else tcp(pdu)
 
 
+def asked(framing: Framing, question: Question) -> bytes:
+    """The frame of a question, whose answer is expected from now on."""
+    return bytes(framing.fill(framing.form(question)))
+
+
 def test_the_checksum_is_that_of_a_published_frame() -> None:
     # Modbus over serial line 1.02, 6.2.2: the CRC of 02 07 is 1241h, sent low octet first.
     assert crc(bytes((2, 7))) == bytes((0x41, 0x12))
@@ -53,17 +59,20 @@ def test_the_checksum_is_that_of_a_published_frame() -> None:
 def test_requests_and_answers_are_those_of_the_standard(example: str, serial: bool) -> None:
     question, request, answer, registers = EXAMPLES[example]
     framing = Framing(serial=serial)
-    assert framing.frame(question) == framed(bytes.fromhex(request), serial=serial)
+    assert asked(framing, question) == framed(bytes.fromhex(request), serial=serial)
     octets = framed(bytes.fromhex(answer), serial=serial)
     for short in range(len(octets)):
         assert framing.take(octets[:short]) == (0, None)
-    assert framing.take(octets) == (len(octets), Answer(registers))
+    used, found = framing.take(octets)
+    assert used == len(octets)
+    assert isinstance(found, Answer)
+    assert found.registers == registers
 
 
 @pytest.mark.parametrize("serial", [True, False], ids=["rtu", "tcp"])
 def test_an_exception_is_an_answer_with_its_code(serial: bool) -> None:
     framing = Framing(serial=serial)
-    framing.frame(READ)
+    asked(framing, READ)
     assert framing.take(framed(bytes((0x83, 2)), serial=serial))[1] == Answer(exception=2)
 
 
@@ -82,7 +91,7 @@ def test_an_exception_is_an_answer_with_its_code(serial: bool) -> None:
 )
 def test_on_rtu_another_frame_is_no_answer(octets: bytes, why: Surprise) -> None:
     framing = Framing(serial=True)
-    framing.frame(READ)
+    asked(framing, READ)
     assert framing.take(octets) == (len(octets), why)
 
 
@@ -102,7 +111,7 @@ def test_on_rtu_another_frame_is_no_answer(octets: bytes, why: Surprise) -> None
 )
 def test_on_tcp_another_frame_is_no_answer(octets: bytes, why: Surprise) -> None:
     framing = Framing(serial=False)
-    framing.frame(READ)
+    asked(framing, READ)
     assert framing.take(octets) == (len(octets), why)
 
 
@@ -117,20 +126,33 @@ def test_on_tcp_another_frame_is_no_answer(octets: bytes, why: Surprise) -> None
 )
 def test_a_write_is_answered_by_what_it_wrote(question: Question, answer: str) -> None:
     framing = Framing(serial=True)
-    framing.frame(question)
+    asked(framing, question)
     assert framing.take(rtu(bytes.fromhex(answer)))[1] is Surprise.EARLIER
 
 
 def test_an_answer_that_comes_twice_counts_once() -> None:
     framing = Framing(serial=False)
-    framing.frame(READ)
-    assert framing.take(tcp(GOOD)) == (len(tcp(GOOD)), Answer((1, 2)))
+    asked(framing, READ)
+    assert framing.take(tcp(GOOD)) == (len(tcp(GOOD)), Answer(GOOD[2:]))
     assert framing.take(tcp(GOOD))[1] is Surprise.EARLIER
+
+
+@pytest.mark.parametrize("serial", [True, False], ids=["rtu", "tcp"])
+@pytest.mark.parametrize(
+    "question", [Question(17, 6, 1, 0, (3,)), Question(17, 16, 1, 0, (3, 4)), Question(17, 23, 5, 2, (3, 4), 1)]
+)
+def test_a_form_that_is_filled_is_the_frame_that_is_encoded_anew(question: Question, serial: bool) -> None:
+    framing, other = Framing(serial=serial), Framing(serial=serial)
+    form = framing.form(question)
+    for value in (0, 7, 0xFFFF):
+        values = tuple(value - at & 0xFFFF for at in range(len(question.values)))
+        octets = b"".join(each.to_bytes(2, "big") for each in values)
+        assert bytes(framing.fill(form, octets)) == asked(other, replace(question, values=values))
 
 
 def test_transaction_ids_go_round_without_zero() -> None:
     framing = Framing(serial=False)
-    ids = {int.from_bytes(framing.frame(READ)[:2], "big") for _ in range(0x10000)}
+    ids = {int.from_bytes(asked(framing, READ)[:2], "big") for _ in range(0x10000)}
     assert ids == set(range(1, 0x10000))
 
 
@@ -153,8 +175,8 @@ def test_noise_never_raises_and_is_an_answer_only_by_the_chance_of_a_checksum(fr
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
     for _ in range(frames // 4):
         for octets in noise(draw, serial):
-            framing.frame(READ)
-            framing._transaction = 1  # that of the twisted answers
+            framing._transaction = 0  # the next is that of the twisted answers
+            asked(framing, READ)
             used, found = framing.take(octets)
             assert 0 <= used <= len(octets)
             if isinstance(found, Answer):

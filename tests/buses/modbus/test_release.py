@@ -9,7 +9,7 @@ import pytest
 
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError
-from haptic_fieldbus.protocols.modbus.register_traffic import Way
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.running.loop import UNCONFIRMED, run_loop
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag
@@ -42,7 +42,9 @@ def opened() -> Iterator[ExitStack]:
         yield stack
 
 
-def pushing(stack: ExitStack, line: str, way: Way | None = None, drive: Drive | None = None) -> tuple[Bench, Server]:
+def pushing(
+    stack: ExitStack, line: str, way: Transaction | None = None, drive: Drive | None = None
+) -> tuple[Bench, Server]:
     """A master whose drive gives torque."""
     server = stack.enter_context(LINES[line](drive or Drive()))
     bench = stack.enter_context(Bench(plan_of(server.name, way=way))).open().enable()
@@ -60,9 +62,9 @@ def off(drive: Drive) -> bool:
     return (drive.value(STATUS), drive.value(DEMAND), drive.value(TARGET)) == (0x40, 0, 0)
 
 
-@pytest.mark.parametrize("way", Way)
+@pytest.mark.parametrize("way", Transaction)
 @pytest.mark.parametrize("line", LINES)
-def test_the_first_thing_that_goes_out_is_zero_torque(opened: ExitStack, line: str, way: Way) -> None:
+def test_the_first_thing_that_goes_out_is_zero_torque(opened: ExitStack, line: str, way: Transaction) -> None:
     bench, server = pushing(opened, line, way)
     bench.write((0x0F, 300))  # with function 23 it has not gone out yet, and never does
     before = len(server.drive.written)
@@ -71,7 +73,7 @@ def test_the_first_thing_that_goes_out_is_zero_torque(opened: ExitStack, line: s
     assert first == [(TARGET, 0), (COMMAND, 0)]
     assert off(server.drive)
     assert bench.bus.warnings == []
-    if way is Way.READ_WRITE:
+    if way is Transaction.READ_WRITE:
         assert (TARGET, 300) not in server.drive.written
 
 

@@ -82,6 +82,11 @@ def test_a_host_has_the_port_of_the_standard_unless_it_names_one(channel: str, a
     assert ModbusSection("modbus-tcp", channel).address == address
 
 
+def test_a_host_may_be_late_by_what_the_rig_states() -> None:
+    assert ModbusSection("sim-modbus-tcp", "sim").lateness == 0.0
+    assert ModbusSection("sim-modbus-tcp", "sim", jitter=1e-4).lateness == 1e-4
+
+
 def test_a_rig_file_holds_a_line_with_units(tmp_path: Path) -> None:
     section = modbus_section(load_rig(rig(tmp_path)).bus["line"])
     assert (section.baud, section.round_trip) == (115200, 0.0005)

@@ -11,7 +11,7 @@ from pymodbus.framer.socket import FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu import register_message as pdus
 
-from haptic_fieldbus.protocols.modbus.line import Line, answer_octets, request_octets, serial_line, tcp_line
+from haptic_fieldbus.protocols.modbus.line import LineTimes, answer_octets, request_octets, serial_line, tcp_line
 from haptic_fieldbus.protocols.modbus.requests import Block, Request
 
 FOUR, TWO, ONE = Block(0x100, 4, (), ()), Block(0x200, 2, (), ()), Block(0x200, 1, (), ())
@@ -71,7 +71,7 @@ def test_on_rtu_the_drive_works_when_silence_has_told_it_the_end() -> None:
 
 
 def test_on_tcp_half_of_the_round_trip_lies_on_each_way() -> None:
-    line: Line = tcp_line(0.4e-3)
+    line: LineTimes = tcp_line(0.4e-3)
     for request, _, _ in COUNTED:
         assert line.executed(request, 1e-4) == pytest.approx(0.3e-3)
         assert line.exchange(request, 1e-4) == pytest.approx(0.5e-3)

@@ -75,6 +75,12 @@ def test_every_signal_is_read_once_and_gaps_are_no_larger_than_allowed(
         assert ends[-1] == 2 * block.count, "no register behind the last signal"
 
 
+def test_a_register_is_named_by_its_address_and_its_object() -> None:
+    assert str(GENERIC.torque.target) == "register 0201h target torque"
+    assert GENERIC.watchdog is not None
+    assert str(GENERIC.watchdog.time) == "register 0204h"
+
+
 def test_the_word_order_of_the_profile_is_that_of_wide_registers_alone() -> None:
     low_first = with_line(word_order="low first").offers()
     assert low_first[Signal.POSITION].order is Order.BIG_LOW_WORD_FIRST

@@ -15,11 +15,11 @@ from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.plan_json import plan_json
-from haptic_fieldbus.planning.ways import ways
+from haptic_fieldbus.planning.ways import way_limits
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
-from haptic_fieldbus.protocols.modbus.register_traffic import Way
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.protocols.registry import parse_bus
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
@@ -62,7 +62,7 @@ def two_units(bus: str, rate: float | None = None) -> Plan:
 class TestTimes:
     def test_of_function_23_on_rtu(self) -> None:
         traffic = traffic_of(on(RTU, 100.0))
-        assert traffic.way is Way.READ_WRITE
+        assert traffic.way is Transaction.READ_WRITE
         assert traffic.latch("handle") == pytest.approx(17 * CHARACTER + SILENCE + ANSWER_TIME)
         assert traffic.feedback_time == pytest.approx(ONE)
         assert traffic.shortest_period == pytest.approx(ONE + SILENCE), "computing goes on during the silence"
@@ -72,7 +72,7 @@ class TestTimes:
 
     def test_of_reading_then_writing_on_rtu(self) -> None:
         traffic = traffic_of(on(RTU, 50.0))
-        assert traffic.way is Way.READ_THEN_WRITE, "at 50 Hz a whole period is longer"
+        assert traffic.way is Transaction.READ_THEN_WRITE, "at 50 Hz a whole period is longer"
         assert traffic.latch("handle") == pytest.approx(8 * CHARACTER + SILENCE + ANSWER_TIME)
         assert traffic.feedback_time == pytest.approx(READ)
         assert traffic.shortest_period == pytest.approx(READ + SILENCE + WRITE + SILENCE)
@@ -82,7 +82,7 @@ class TestTimes:
 
     def test_of_reading_then_writing_on_tcp(self) -> None:
         traffic, exchange = traffic_of(on(TCP, 1000.0)), ROUND_TRIP + ANSWER_TIME
-        assert traffic.way is Way.READ_THEN_WRITE
+        assert traffic.way is Transaction.READ_THEN_WRITE
         assert traffic.feedback_time == pytest.approx(exchange)
         assert traffic.shortest_period == pytest.approx(2 * exchange + COMPUTE)
         assert traffic.delay("handle").transport == pytest.approx(ROUND_TRIP + COMPUTE + ANSWER_TIME)
@@ -90,7 +90,7 @@ class TestTimes:
 
     def test_units_of_one_line_take_turns(self) -> None:
         traffic = traffic_of(two_units(RTU, 50.0))
-        assert traffic.way is Way.READ_WRITE
+        assert traffic.way is Transaction.READ_WRITE
         assert traffic.latch("right") - traffic.latch("left") == pytest.approx(ONE + SILENCE)
         assert traffic.shortest_period == pytest.approx(2 * (ONE + SILENCE))
         both = traffic_of(two_units(TCP, 500.0))
@@ -129,17 +129,21 @@ class TestChoice:
         benches = product((4e-6, 4e-5, 1e-3), (1e-5, 1e-3))
         for (inertia, damping), rate in product(benches, (None, 20.0)):
             profile = with_line(answer_time=answer_time)
-            found = ways(planned(bus, rate, profile, inertia=inertia, viscous_damping=damping))
+            found = way_limits(planned(bus, rate, profile, inertia=inertia, viscous_damping=damping))
             limits = {way.exchange: way.limit or 0.0 for way in found if rate is None or way.rate == rate}
             assert found[0].chosen
             assert limits[found[0].exchange] >= 0.999 * max(limits.values()), (inertia, damping, rate)
 
     def test_of_one_way_alone(self) -> None:
-        for functions, way in (((3, 16), Way.READ_THEN_WRITE), ((23,), Way.READ_WRITE), ((4, 16), Way.READ_THEN_WRITE)):
+        for functions, way in (
+            ((3, 16), Transaction.READ_THEN_WRITE),
+            ((23,), Transaction.READ_WRITE),
+            ((4, 16), Transaction.READ_THEN_WRITE),
+        ):
             plan = planned(TCP, 500.0, with_line(functions=functions))
             assert traffic_of(plan).way is way
             assert traffic_of(plan).others() == ()
-            assert ways(plan) == (), "there is nothing to compare"
+            assert way_limits(plan) == (), "there is nothing to compare"
         assert traffic_of(planned(TCP, 500.0, with_line(functions=(4, 16)))).exchange == "FC4 then FC16"
 
     def test_of_none_is_refused(self) -> None:
@@ -147,8 +151,8 @@ class TestChoice:
             planned(TCP, 500.0, with_line(functions=(3, 6)))
 
     def test_of_one_that_fits_when_the_other_does_not(self) -> None:
-        assert traffic_of(on(RTU, 100.0)).way is Way.READ_WRITE
-        assert traffic_of(on(RTU, 87.0)).way is Way.READ_THEN_WRITE
+        assert traffic_of(on(RTU, 100.0)).way is Transaction.READ_WRITE
+        assert traffic_of(on(RTU, 87.0)).way is Transaction.READ_THEN_WRITE
         with pytest.raises(BusOverloadError, match=r"160 Hz is too fast: FC23 takes 6\.56 ms a period.*--rate 150"):
             on(RTU, 160.0)
 

@@ -169,7 +169,7 @@ class TestWatchdog:
         assert drive.value(DEMAND) == 100
         drive.wait(0.001)
         assert (drive.value(DEMAND), drive.state()) == (0, State.FAULT)
-        assert drive.value(ERROR) == 0x7500
+        assert drive.value(ERROR) == 0x8130
 
     def test_writing_the_target_keeps_it_alive_and_reading_does_not(self) -> None:
         drive = self.watched()
