@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, ParamSpec, TypeVar
 
 import typer
 
-from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_MODBUS_DRIVE, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
@@ -30,7 +30,8 @@ BUSES = (
     "sim-modbus-rtu@BAUD, modbus-tcp:HOST:PORT or modbus-rtu:DEVICE@BAUD."
 )
 """Names of buses, for the help."""
-DRIVE = f"{DEFAULT_DRIVE} on CAN, generic_cia402_modbus on Modbus"
+DRIVE = f"{DEFAULT_DRIVE} on CAN, {DEFAULT_MODBUS_DRIVE} on Modbus"
+"""Default of the drive, for the help."""
 RATE = f"{exactly(DEFAULT_RATE)} on CAN, the highest that it sustains on Modbus"
 """Default of the rate, for the help."""
 SHOWN = (

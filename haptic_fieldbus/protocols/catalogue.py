@@ -167,6 +167,8 @@ def _check_sources(document: Document, schema: type[DriveProfile]) -> None:
     """
     sources = document.table("sources")
     for section in document.data.keys() - UNSOURCED:
+        if isinstance(document.data[section], list) and section not in sources and knows(schema, (section,)):
+            document.fault((section,), f'no source; expected an entry "{section}" in [sources]')
         for key, value in document.table(section).items():
             for path in _unsourced((section, key), value, sources):
                 if knows(schema, path):

@@ -134,6 +134,10 @@ class BusTraffic(Protocol):
         """Time without a device's own sign of life after which it counts as gone [s]; inf where devices send none."""
 
     @property
+    def waits_for_answers(self) -> bool:
+        """True when no set-point is sent while an answer stays away: the torque is held then, and does not fade."""
+
+    @property
     def disturbance(self) -> float:
         """Time by which messages outside the exchange can delay it [s]."""
 

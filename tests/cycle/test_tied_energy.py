@@ -57,7 +57,7 @@ def test_a_shaft_that_gives_energy_ends_the_run() -> None:
 
 def test_an_axis_with_a_virtual_mass_and_the_controller_keeps_its_account() -> None:
     scene = replace(load_scene("sprung_mass"), passivity="controller")
-    (ledger,) = run(scene, endless_rig("sprung_mass"), hand="tap", duration=1.5).passivity
+    (ledger,) = run(scene, endless_rig(scene), hand="tap", duration=1.5).passivity
     assert ledger.largest < ledger.limit
 
 

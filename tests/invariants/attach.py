@@ -200,15 +200,14 @@ def _told(master: Any, watch: Watch) -> Iterator[None]:
 
 def _shaft(world: Place, node: int) -> Shaft:
     """Write down from now on what the drive does."""
-    slave = world.slave(node)
-    drive = slave.drive
+    drive = world.slave(node).drive
     power, recorder = drive.power, drive.plant.recorder
     shaft = Shaft(
         node,
         State(power.state.value),
         1e-3 * drive.objects.rated_torque,
         drive.objects.torque_unit,
-        _faults(slave),
+        world.faults(node),
         targets=[(world.now_ns, drive.servo._target)],
         angles={world.now_ns: float(drive.plant.state[0])},
     )
@@ -229,12 +228,6 @@ def _shaft(world: Place, node: int) -> Shaft:
 
     power._make, power.start, recorder.target = made, started, targeted
     return shaft
-
-
-def _faults(slave: Any) -> tuple[Any, ...] | None:
-    """The faults that are planned for a drive; None where a test does something of its own when it is enabled."""
-    planned = getattr(slave.drive.on_enabled, "args", None)
-    return tuple(planned[0]) if planned else None
 
 
 def _stated(plan: Any) -> Stated:

@@ -38,6 +38,9 @@ class Place(Protocol):
     def slave(self, node: int) -> Any:
         """The drive and what gives access to it, as `drive`."""
 
+    def faults(self, node: int) -> tuple[Any, ...] | None:
+        """The faults that are planned for a drive; None where a test does something of its own when it is enabled."""
+
     def run(self) -> None:
         """Let all happen up to the present."""
 
@@ -63,6 +66,10 @@ class CanPlace:
     def slave(self, node: int) -> Any:
         return self._world.slave(node)
 
+    def faults(self, node: int) -> tuple[Any, ...] | None:
+        planned = getattr(self.slave(node).drive.on_enabled, "args", None)
+        return tuple(planned[0]) if planned else None
+
     def run(self) -> None:
         self._world.run()
 
@@ -81,8 +88,7 @@ class ModbusPlace:
 
     @property
     def now_ns(self) -> int:
-        # What the drives do is written down with the time of the event that is served.
-        return int(max(unit.drive.plant.t_ns for unit in self._line._rack.units.values()))
+        return int(self._line._rack.now_ns)
 
     @property
     def nodes(self) -> set[int]:
@@ -91,10 +97,12 @@ class ModbusPlace:
     def slave(self, node: int) -> Any:
         return self._line.unit(node)
 
+    def faults(self, node: int) -> tuple[Any, ...] | None:
+        enabled = getattr(self.slave(node).drive.on_enabled, "args", None)
+        return tuple(enabled[1].args[0]) if enabled else None
+
     def run(self) -> None:
         self._line.run()
-        for unit in self._line._rack.units.values():
-            unit.drive.servo.advance(self.clock.now_ns())
 
     def watch(self, seen: Seen) -> None:
         for unit in self._line._rack.units.values():

@@ -38,7 +38,7 @@ class ModbusAccess(BusAccess):
         if record is not None and record.suffix in FRAME_SUFFIXES:
             raise UsageError(
                 f"cannot record {', '.join(buses)} to {record}: {record.suffix} is for CAN frames, and a Modbus line "
-                "has none. Record the rows of all periods, as .csv or .npz"
+                "has none. Record the rows of all periods, as .csv"
             )
         return nullcontext({})
 

@@ -8,7 +8,7 @@ from haptic_fieldbus.errors import BusError
 CHECK_DRIVE = "check that the drive has power, its address and the cable"
 WORDS = {
     errno.ECONNREFUSED: "nobody listens there; check address and port, and that Modbus TCP is enabled in the drive",
-    errno.ECONNRESET: "the drive reset the connection; it may have restarted, or serve one master only",
+    errno.ECONNRESET: "the drive reset the connection, as it does when it restarts, or serves another master",
     errno.ECONNABORTED: "the connection was aborted",
     errno.EPIPE: "the drive closed the connection",
     errno.ETIMEDOUT: f"nobody answers; {CHECK_DRIVE}",
@@ -18,9 +18,9 @@ WORDS = {
     errno.EACCES: "it may not be opened; add the user to the group of the device (`ls -l`), often dialout",
     errno.EBUSY: "another program has it open",
     errno.EWOULDBLOCK: "another program has it open",
-    errno.EIO: "the adapter is gone; was it unplugged?",
-    errno.ENODEV: "the adapter is gone; was it unplugged?",
-    errno.ENXIO: "the adapter is gone; was it unplugged?",
+    errno.EIO: "the adapter is gone, as when it is unplugged",
+    errno.ENODEV: "the adapter is gone, as when it is unplugged",
+    errno.ENXIO: "the adapter is gone, as when it is unplugged",
     errno.EBADF: "it was closed",
 }
 """Number of an error → its meaning on a Modbus line, and what to do."""

@@ -100,22 +100,28 @@ class Turns:
 
     def _ask(self, reading: Reading) -> Question | None:
         """Ask a unit, and return the question; None when nothing can be asked now."""
-        if self._requester.outstanding is not None:
+        form, octets = self._form(reading)
+        if form is None:
             return None
-        link, late, set_point = reading.link, reading.link.late, reading.link.set_point
-        forms: tuple[FrameForm, ...]
-        if not (reading.writing and set_point.waiting):
-            form, octets = reading.alone, b""
-            if form is None or form.question.function in late:
-                return None
-        else:
-            forms = reading.writing if READ_WRITE not in late else link.writing
-            if forms is link.writing and (set_point.function is None or set_point.function in late):
-                return None
-            place, octets = set_point.take()
-            form = forms[place]
         self._requester.send(form, octets)
         return form.question
+
+    def _form(self, reading: Reading) -> tuple[FrameForm | None, bytes]:
+        """Return what is sent to a unit, with the octets that are written; no form when nothing can be."""
+        link, set_point = reading.link, reading.link.set_point
+        late, waits = link.late, self._requester.outstanding is not None
+        if waits and not (reading.writing and set_point.lessens):
+            return None, b""
+        if not (reading.writing and set_point.waiting):
+            alone = reading.alone
+            return (None if alone is None or alone.question.function in late else alone), b""
+        if not waits and READ_WRITE not in late:
+            place, octets = set_point.take()
+            return reading.writing[place], octets
+        if not link.writing or set_point.function in late:
+            return None, b""
+        place, octets = set_point.take()
+        return link.writing[place], octets
 
     def _wait_for_quiet(self, link: UnitLink, until_ns: int) -> None:
         """Ask nothing, and drop what comes; when nothing did, no answer is late any more."""
@@ -150,7 +156,7 @@ class Turns:
 
     def _finish(self) -> None:
         """Write all headers."""
-        if self._requester.unasked:
+        if self._requester.unasked or self._requester.garbled:
             self._overhear()
         now_ns, latch_ns = self._requester.clock.now_ns(), 0
         for link in self._links:
@@ -160,24 +166,27 @@ class Turns:
         HEADER.pack_into(self._image, 0, latch_ns)
 
     def _overhear(self) -> None:
-        """Look at octets that nobody was asked for: is there a command of somebody else among them?"""
-        unasked, self._requester.unasked = self._requester.unasked, bytearray()
-        if self._requester.transport.serial and self.foreign is None:
-            self.foreign = foreign_write(unasked, self._units)
+        """Look at octets that were no answers: is there a command of somebody else among them?"""
+        requester = self._requester
+        for octets in (requester.unasked, requester.garbled):
+            if requester.transport.serial and self.foreign is None:
+                self.foreign = foreign_write(octets, self._units)
+        requester.unasked = requester.garbled = b""
 
     def _send(self) -> None:
-        """Send the set-points, one unit after another; on TCP none while an answer is outstanding."""
+        """Send the set-points, one unit after another; only those that lessen torque while an answer is outstanding."""
         requester, last = self._requester, self._links[-1]
         for left, link in zip(range(len(self._links), 0, -1), self._links, strict=True):
-            if requester.outstanding is not None:
-                return
+            waits = requester.outstanding is not None
+            if waits and not link.set_point.lessens:
+                continue
             place, octets = link.set_point.take()
             form = link.writing[place]
             requester.send(form, octets)
             self._asked = form.question
             if link is last:
                 self._written = link
-            else:
+            elif not waits:
                 now_ns = requester.clock.now_ns()
                 self._confirm(link, requester.answer(now_ns + (self._begun_ns + self._period_ns - now_ns) // left))
 

@@ -44,7 +44,8 @@ def listen(requester: Requester, seconds: float = LISTENING) -> str:
     if heard:
         raise ForeignMasterError(
             f"somebody else is on {requester.name}: within {exactly(seconds)} s came {len(heard)} octets although "
-            f"nothing was asked. {ONE_MASTER}; or a device sends by itself. Nothing was sent"
+            f"nothing was asked. {ONE_MASTER}. If there is none, the line picks up noise: check terminators and bias. "
+            "Nothing was sent"
         )
     return f"{requester.name}: listened for {exactly(seconds)} s, nothing sent; heard nothing"
 

@@ -10,7 +10,7 @@ from haptic_fieldbus.drive.objects import Order
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile
-from haptic_fieldbus.protocols.modbus.requests import Block, Request
+from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag, Signal
 
@@ -191,7 +191,7 @@ def traffic_of(plan: Plan) -> ModbusTraffic:
     return bus.traffic
 
 
-def times_of(traffic: ModbusTraffic, profile: ModbusProfile, request: Request) -> Times:
+def times_of(traffic: ModbusTraffic, profile: ModbusProfile, request: RegisterRequest) -> Times:
     """Return the times of one request on the line of this traffic."""
     line, answer_time = traffic.wire, profile.line.answer_time
     executed, answered = line.executed(request, answer_time), line.answer_duration(request)

@@ -48,6 +48,8 @@ from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
 
+UNGUARDED = 1.0
+"""Time for which a drive without a watchdog is tried to be freed [s]: on TCP, lost octets come again within it."""
 ANSWER_TIME = 0.01
 """[s]; so long an answer beside the exchange is waited for at least."""
 
@@ -111,7 +113,7 @@ class ModbusBus(InSteps):
             UnitParting(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
         )
         longest = max(reading.times.whole_ns for reading in readings) * 1e-9
-        guard = max(traffic.guard(axis.name) for axis in plan.axes)
+        guard = max(UNGUARDED if each.watchdog is None else traffic.guard(each.axis.name) for each in self._set_ups)
         self._release = LineRelease(self._requester, self._partings, exchange=longest, guard=guard)
 
     def _set_up_of(self, axis: AxisPlan, traffic: ModbusTraffic, *, real: bool) -> SetUp:

@@ -2,9 +2,9 @@
 
 A request whose answer stays away is *outstanding*: its answer may still come. What that means differs:
 
-- On TCP the answer carries a transaction id, and nothing else gets through before it. Nothing is sent meanwhile, since
-  set-points would only queue up, to be obeyed one after another when they are old. After some periods the question
-  counts as lost.
+- On TCP the answer carries a transaction id, and nothing else gets through before it. Set-points would only queue up,
+  to be obeyed one after another when they are old, so meanwhile only those are sent that ask for less torque than the
+  one before. After some periods the question counts as lost.
 - On RTU the late answer to a request looks like the answer to the next one of the same function. The next request is
   therefore one of another function, or none: see `master`.
 
@@ -18,6 +18,8 @@ from haptic_fieldbus.buses.modbus.transport import Transport
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError
 
+LONGEST_FRAME = 256
+"""Octets of a frame of RTU."""
 ECHO_ADVICE = "the adapter gives back what one sends: say echo = true in its table of the rig"
 
 
@@ -32,8 +34,8 @@ class Requester:
         """Silence that must separate two frames [ns]."""
         self.surprises: Counter[Surprise] = Counter()
         """How often octets were dropped, and why."""
-        self.unasked = bytearray()
-        """Octets that came when nothing was asked, or that were no answer; the latest of them."""
+        self.unasked = self.garbled = b""
+        """The latest octets that came when nothing was asked, and those that came in the place of an answer."""
         self.outstanding: FrameForm | None = None
         """The question whose answer has not come; None when the line is free."""
         self.sent_ns = self.arrived_ns = 0
@@ -44,7 +46,8 @@ class Requester:
         self._framing = Framing(serial=transport.serial)
         self._gathered = b""
         self._echo = b""
-        self._replaced = False
+        self._replaced = 0
+        """Questions that were replaced by another one before they were answered."""
         self._free_ns = clock.now_ns()
 
     @property
@@ -71,7 +74,7 @@ class Requester:
                 self._drop(dropped)
         frame = self._framing.fill(form, values)
         self._gathered, self._echo = b"", bytes(frame) if self._serial else b""
-        self._replaced = self.outstanding is not None
+        self._replaced += self.outstanding is not None
         self.outstanding = form
         self.sent_ns = self.clock.now_ns()
         self.transport.send(frame)
@@ -132,7 +135,7 @@ class Requester:
     def _drop(self, octets: bytes) -> None:
         """Note octets that came when nothing was asked, or too late."""
         if self.outstanding is None:
-            self.unasked = bytearray(octets[-256:])
+            self.unasked = octets[-LONGEST_FRAME:]
             self.surprises[Surprise.EARLIER] += 1
 
     def _taken(self) -> Answer | None:
@@ -148,11 +151,11 @@ class Requester:
             if isinstance(found, Answer):
                 return self._arrived(found)
             if found is Surprise.EARLIER and self._replaced:
-                self._replaced = False  # we did not wait for it
+                self._replaced -= 1  # we did not wait for it
             elif found is not None:
                 self.surprises[found] += 1
                 if found is Surprise.GARBAGE:
-                    self.unasked = bytearray(octets[:used])
+                    self.garbled = octets[:used]
         return None
 
     def _echo_taken(self) -> bool:

@@ -67,6 +67,8 @@ class SerialTransport:
     def send(self, frame: bytes | bytearray) -> None:
         try:
             sent = os.write(self._number, frame)
+        except BlockingIOError:
+            sent = 0
         except OSError as error:
             raise translate(error, self.name) from error
         if sent < len(frame):
@@ -89,7 +91,7 @@ class SerialTransport:
         except OSError as error:
             raise translate(error, self.name) from error
         if not octets:
-            raise BusError(f"{self.name}: the adapter is gone; was it unplugged?")
+            raise BusError(f"{self.name}: the adapter is gone, as when it is unplugged")
         return octets
 
     def reopen(self) -> None:

@@ -58,6 +58,8 @@ class TcpTransport:
     def send(self, frame: bytes | bytearray) -> None:
         try:
             sent = self._socket.send(frame)
+        except BlockingIOError:
+            sent = 0
         except OSError as error:
             raise translate(error, self.name) from error
         if sent < len(frame):
@@ -82,7 +84,7 @@ class TcpTransport:
         except OSError as error:
             raise translate(error, self.name) from error
         if not octets:
-            raise BusError(f"{self.name}: the drive closed the connection; it may have restarted")
+            raise BusError(f"{self.name}: the drive closed the connection, as it does when it restarts")
         return octets
 
     def reopen(self) -> None:

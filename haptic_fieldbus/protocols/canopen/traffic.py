@@ -77,6 +77,11 @@ class CanTraffic:
         return max(self.silence_of(member.axis) for member in self.members)
 
     @property
+    def waits_for_answers(self) -> bool:
+        """Set-points are sent whether or not a drive answers."""
+        return False
+
+    @property
     def disturbance(self) -> float:
         """Time by which frames beside the exchange delay it: one of eight octets, and all signs of life [s]."""
         own = worst_case_bits(1) if self.beats else 0

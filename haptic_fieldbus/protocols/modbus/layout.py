@@ -9,7 +9,7 @@ from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.line import LineTimes, serial_line, tcp_line
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Parity
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
-from haptic_fieldbus.protocols.modbus.requests import Block, Request, blocks
+from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest, blocks
 from haptic_fieldbus.signals import Signal
 
 Value = TypeVar("Value")
@@ -79,5 +79,5 @@ def largest_gap(profile: ModbusProfile, line: LineTimes) -> int:
     """Return the most registers that are read through sooner than a request of their own is exchanged."""
     if line.octet == 0.0:
         return profile.line.longest_read
-    alone = line.exchange(Request(READ_HOLDING, Block(0, 0, (), ())), profile.line.answer_time) + line.silence
+    alone = line.exchange(RegisterRequest(READ_HOLDING, Block(0, 0, (), ())), profile.line.answer_time) + line.silence
     return math.floor(alone / (2 * line.octet))

@@ -11,7 +11,7 @@ Reference: Modbus application protocol 1.1b3, 6.3, 6.6, 6.12, 6.17; Modbus over 
 from dataclasses import dataclass
 
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, WRITE_MULTIPLE, WRITE_SINGLE
-from haptic_fieldbus.protocols.modbus.requests import Request
+from haptic_fieldbus.protocols.modbus.requests import RegisterRequest
 
 RTU_OCTETS, TCP_OCTETS = 3, 7
 """Octets of a frame beside its PDU: unit and checksum; MBAP header."""
@@ -35,23 +35,23 @@ class LineTimes:
     speed: str = ""
     """The line in words."""
 
-    def request_time(self, request: Request) -> float:
+    def request_time(self, request: RegisterRequest) -> float:
         """Return the time from the first octet of a request until the drive has all of it [s]."""
         return self.octet * (self.frame_octets + request_octets(request)) + 0.5 * self.round_trip
 
-    def executed(self, request: Request, answer_time: float) -> float:
+    def executed(self, request: RegisterRequest, answer_time: float) -> float:
         """Return the time from the first octet of a request until the drive writes and reads [s]."""
         return self.request_time(request) + self.silence + answer_time
 
-    def answer_duration(self, request: Request) -> float:
+    def answer_duration(self, request: RegisterRequest) -> float:
         """Return the time from the begin of an answer until the master has all of it [s]."""
         return self.octet * (self.frame_octets + answer_octets(request)) + 0.5 * self.round_trip
 
-    def exchange(self, request: Request, answer_time: float) -> float:
+    def exchange(self, request: RegisterRequest, answer_time: float) -> float:
         """Return the time from the first octet of a request to the last one of its answer [s]."""
         return self.executed(request, answer_time) + self.answer_duration(request)
 
-    def octets(self, request: Request) -> int:
+    def octets(self, request: RegisterRequest) -> int:
         """Return the octets of a request and its answer."""
         return 2 * self.frame_octets + request_octets(request) + answer_octets(request)
 
@@ -73,13 +73,13 @@ def tcp_line(round_trip: float | None) -> LineTimes:
     return LineTimes(0.0, 0.0, ROUND_TRIP if round_trip is None else round_trip, TCP_OCTETS, "Modbus TCP")
 
 
-def request_octets(request: Request) -> int:
+def request_octets(request: RegisterRequest) -> int:
     """Return the octets of the PDU of a request."""
     written = 0 if request.write is None else 2 * request.write.count
     fixed = {READ_WRITE: 10, WRITE_MULTIPLE: 6, WRITE_SINGLE: 3}
     return fixed.get(request.function, 5) + written
 
 
-def answer_octets(request: Request) -> int:
+def answer_octets(request: RegisterRequest) -> int:
     """Return the octets of the PDU of its answer."""
     return 5 if request.read is None else 2 + 2 * request.read.count

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from haptic_fieldbus.defaults import SIMULATION
+from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE, SIMULATION
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
@@ -30,7 +30,7 @@ class Modbus(FieldbusProtocol):
     section: type[BusSection] = bus.ModbusSection
     nodes = bus.UNITS
     bus_forms = bus.BUS_FORMS
-    default_drive = "generic_cia402_modbus"
+    default_drive = DEFAULT_MODBUS_DRIVE
 
     def simulated_bus(self, profile: DriveProfile) -> str:
         return bus.SIM_TCP if "tcp" in modbus_profile(profile).line.transports else bus.SIM_RTU

@@ -8,7 +8,7 @@ from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.protocols.modbus.line import LineTimes
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection
-from haptic_fieldbus.protocols.modbus.requests import Block, Request
+from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.signals import LinkFlag, Signal
 
@@ -35,9 +35,9 @@ class RegisterTraffic:
     command: Block | None = None
     """Command of the power stage by itself, written in the place of the set-point when it changes; None: it is a part
     of `set_point`."""
-    reading: tuple[Request, ...] = ()
+    reading: tuple[RegisterRequest, ...] = ()
     """Requests before the torque is computed; empty until the way is chosen."""
-    writing: tuple[Request, ...] = ()
+    writing: tuple[RegisterRequest, ...] = ()
     """Requests after it; empty where function 23 writes."""
     times: tuple[float, ...] = ()
     """Time of each request with its answer [s], in the order of `requests`."""
@@ -45,7 +45,7 @@ class RegisterTraffic:
     """Octets of each request with its answer."""
 
     @property
-    def requests(self) -> tuple[Request, ...]:
+    def requests(self) -> tuple[RegisterRequest, ...]:
         """All requests of a period, in their order."""
         return self.reading + self.writing
 
@@ -97,7 +97,7 @@ class RegisterTraffic:
         timed = zip(self.requests, self.times, self.octets, strict=True)
         return {"registers": [self._row(bus, request, time, octets) for request, time, octets in timed]}
 
-    def _row(self, bus: str, request: Request, time: float, octets: int) -> Json:
+    def _row(self, bus: str, request: RegisterRequest, time: float, octets: int) -> Json:
         return {
             "bus": bus,
             "unit": self.unit,
@@ -150,22 +150,22 @@ def possible(way: Transaction, traffic: RegisterTraffic, section: LineSection) -
 
 def _requests(
     traffic: RegisterTraffic, way: Transaction, section: LineSection
-) -> tuple[tuple[Request, ...], tuple[Request, ...]]:
+) -> tuple[tuple[RegisterRequest, ...], tuple[RegisterRequest, ...]]:
     """Return the requests before and after computing.
 
     Raises ValueError when the drive lacks a function that they need.
     """
-    reading = [Request(section.reading, block) for block in traffic.reads if section.reading is not None]
+    reading = [RegisterRequest(section.reading, block) for block in traffic.reads if section.reading is not None]
     if way is Transaction.READ_WRITE:
-        return (Request(READ_WRITE, traffic.reads[0], traffic.set_point), *reading[1:]), ()
+        return (RegisterRequest(READ_WRITE, traffic.reads[0], traffic.set_point), *reading[1:]), ()
     function = section.writing(traffic.set_point.count)
     if function is None or len(reading) < len(traffic.reads):
         raise ValueError(f"unit {traffic.unit} has no functions for {way}")
     # The motion is read last, so that it is the youngest.
-    return tuple(reading[::-1]), (Request(function, write=traffic.set_point),)
+    return tuple(reading[::-1]), (RegisterRequest(function, write=traffic.set_point),)
 
 
-def _parts(request: Request) -> Iterator[tuple[str, Block]]:
+def _parts(request: RegisterRequest) -> Iterator[tuple[str, Block]]:
     """Yield what a request writes and reads, in the order in which the drive does it."""
     for word, block in (("writes", request.write), ("reads", request.read)):
         if block is not None:

@@ -40,7 +40,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Request:
+class RegisterRequest:
     """One request to a drive: its function, and what it reads and writes."""
 
     function: int

@@ -13,12 +13,14 @@ from haptic_fieldbus.defaults import DEFAULT_RATE
 from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.protocols.acting import IDEAL, HostTimes, ways
-from haptic_fieldbus.protocols.modbus.line import LineTimes
+from haptic_fieldbus.protocols.modbus.line import TCP_OCTETS, LineTimes
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, Transaction, possible
-from haptic_fieldbus.protocols.modbus.requests import Request
+from haptic_fieldbus.protocols.modbus.requests import RegisterRequest
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay
 
+RESERVE = 0.05
+"""Share by which a period is longer than its requests need, where no rate is asked for: what was late is made up."""
 PERIODS_PER_GUARD = 5
 """A drive's watchdog covers at least so many periods."""
 
@@ -78,7 +80,7 @@ class ModbusTraffic:
                 written[member.axis], at = self._pass(member, request, at)
         return Timeline(latched, written, feedback, at)
 
-    def _pass(self, member: ModbusMember, request: Request, at: float) -> tuple[float, float]:
+    def _pass(self, member: ModbusMember, request: RegisterRequest, at: float) -> tuple[float, float]:
         """Return when the drive executes a request that is sent at that time, and when the next may be sent [s]."""
         answer_time = member.profile.line.answer_time
         end = at + self.wire.exchange(request, answer_time) + self.wire.silence
@@ -104,6 +106,11 @@ class ModbusTraffic:
     def silence(self) -> float:
         """Drives on Modbus send no signs of life of their own."""
         return math.inf
+
+    @property
+    def waits_for_answers(self) -> bool:
+        """On TCP requests would queue up behind one that is not answered, and be obeyed when they are old."""
+        return self.wire.frame_octets == TCP_OCTETS
 
     @property
     def disturbance(self) -> float:
@@ -144,8 +151,9 @@ class ModbusTraffic:
 
     @property
     def sustained_rate(self) -> float:
-        """Rate of a loop that is not told one [Hz]: the highest, rounded down; 1000 Hz at most, as on other buses."""
-        return min(DEFAULT_RATE, round_down(self.highest_rate))
+        """Rate of a loop that is not told one [Hz]: the highest with a reserve, rounded down; 1000 Hz at most, as on
+        other buses."""
+        return min(DEFAULT_RATE, round_down(self.highest_rate / (1.0 + RESERVE)))
 
     @property
     def fits(self) -> bool:
@@ -211,8 +219,15 @@ class ModbusTraffic:
         return self.wire.speed
 
     def line(self) -> str:
-        """Return rate, way, speed of the line and load in words."""
-        return f"{exactly(self.rate)} Hz by {self.exchange} on {self.speed}, load {percent(self.load)}"
+        """Return rate, way, speed of the line and load in words, and what it costs that units take turns."""
+        return f"{exactly(self.rate)} Hz by {self.exchange} on {self.speed}, load {percent(self.load)}{self._turns()}"
+
+    def _turns(self) -> str:
+        if len(self.members) == 1:
+            return ""
+        alone = max(replace(self, members=(member,)).shortest_period for member in self.members)
+        together = f"{rounded(1e3 * self.shortest_period)} ms a period"
+        return f"; {len(self.members)} units take turns, {together} instead of {rounded(1e3 * alone)} for one alone"
 
 
 def watchdog_time(deadline: float, rate: float) -> float:

@@ -35,6 +35,8 @@ class Rack:
     def __init__(self, line: Line, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         self.units: dict[int, Unit] = {}
         self.agenda = Agenda()
+        self.now_ns = 0
+        """Up to where timers and actions have been served."""
         self._line, self._seed, self._longest = line, seed, longest
         self._schedule = FaultSchedule(self.agenda.plan)
 
@@ -63,10 +65,12 @@ class Rack:
     def run(self, until_ns: int) -> None:
         """Serve all timers and actions up to and including this instant, each at its own."""
         while (due_ns := self.due_ns) <= until_ns:
+            self.now_ns = due_ns
             self.agenda.run(due_ns)
             for unit in self.units.values():
                 if unit.due_ns <= due_ns:
                     unit.timer(due_ns)
+        self.now_ns = max(self.now_ns, until_ns)
 
     def let_happen(self, fault: TimedFault, number: int, t_ns: int) -> None:
         """Plan a fault of a drive or of the line, whose `at` counts from `t_ns`."""

@@ -70,13 +70,14 @@ class Registers:
     def __contains__(self, address: int) -> bool:
         return address in self._owner
 
-    def read(self, address: int, count: int) -> list[int] | Refusal:
-        """Return the values of registers."""
-        cells = self._whole(address, count)
-        if cells is None:
-            return Refusal.ADDRESS
+    def has(self, address: int, count: int) -> bool:
+        """Return whether these registers can be read."""
+        return self._whole(address, count) is not None
+
+    def read(self, address: int, count: int) -> list[int]:
+        """Return the values of registers, which must be there."""
         words = [0] * count
-        for first, cell in cells.items():
+        for first, cell in (self._whole(address, count) or {}).items():
             words[first - address : first - address + cell.register.count] = cell.words(self._order)
         return words
 

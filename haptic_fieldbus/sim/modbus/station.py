@@ -118,10 +118,8 @@ def _read_write(pdu: ReadWriteMultipleRegistersRequest, unit: Unit, t_ns: int) -
     if not pdu.write_count == len(pdu.write_registers) == pdu.write_byte_count // 2:
         return Refusal.VALUE
     # What cannot be read keeps the drive from writing too.
-    words = unit.read(pdu.function_code, pdu.read_address, pdu.read_count, t_ns)
-    if isinstance(words, Refusal):
-        return words
-    outcome = unit.write(pdu.write_address, pdu.write_registers, t_ns)
+    outcome = unit.cannot_read(pdu.function_code, pdu.read_address, pdu.read_count)
+    outcome = outcome or unit.write(pdu.write_address, pdu.write_registers, t_ns)
     if outcome is not None:
         return outcome
     words = unit.read(pdu.function_code, pdu.read_address, pdu.read_count, t_ns)

@@ -103,13 +103,20 @@ class Unit:
         """Return whether the drive takes part on the line at all."""
         return t_ns >= self.silent_until_ns
 
-    def read(self, function: int, address: int, count: int, t_ns: int) -> list[int] | Refusal:
-        """Return the values of registers at this time, or why not."""
+    def cannot_read(self, function: int, address: int, count: int) -> Refusal | None:
+        """Return why registers cannot be read by this function; None when they can."""
         line = self.profile.line
         if function not in line.functions or function not in _READING:
             return Refusal.FUNCTION
         if not 1 <= count <= line.longest_read:
             return Refusal.VALUE
+        return None if self.registers.has(address, count) else Refusal.ADDRESS
+
+    def read(self, function: int, address: int, count: int, t_ns: int) -> list[int] | Refusal:
+        """Return the values of registers at this time, or why not."""
+        refusal = self.cannot_read(function, address, count)
+        if refusal is not None:
+            return refusal
         self._now_ns = t_ns
         self.drive.measure(t_ns)
         return self.registers.read(address, count)

@@ -19,11 +19,12 @@ from tests.buses.modbus.servers import ERROR, FAULT, STATUS, Drive, Server, rtu_
 
 Lines = Callable[..., AbstractContextManager[Server]]
 LINES: dict[str, Lines] = {"tcp": tcp_server, "rtu": rtu_server}
+BOTH = ("tcp", pytest.param("rtu", marks=pytest.mark.thorough("listens to the serial line first")))
 AXIS = default_axis(Workspace.LINEAR, bus="bus", node=1, profile=NAME)
 AXES: dict[str, RigAxis] = {"handle": AXIS}
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", BOTH)
 def test_only_the_units_that_are_named_are_asked_and_those_that_answer_are_found(line: str) -> None:
     with LINES[line](Drive(unit=1), Drive(unit=3)) as server:
         found = ACCESS.scan(section_of(server.name), AXES, None, [1, 2, 3] if line == "tcp" else [3])
@@ -67,6 +68,7 @@ def test_a_look_reads_what_the_drive_says_and_writes_nothing() -> None:
         assert all(frame[7] == 3 for frame in server.frames)
 
 
+@pytest.mark.thorough("listens to the serial line first")
 def test_on_a_serial_line_that_somebody_uses_nothing_is_asked() -> None:
     with rtu_server(Drive()) as server:
         section = section_of(server.name)
@@ -88,7 +90,7 @@ def test_a_rated_torque_is_read() -> None:
         assert ACCESS.rated_torque(section_of(server.name), "handle", replace(AXIS, profile="maxon_epos4")) is None
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", BOTH)
 def test_a_line_is_checked_by_its_round_trip(line: str) -> None:
     with LINES[line](Drive()) as server:
         checks = {check.name: check for check in ACCESS.checks(section_of(server.name), AXES, 50.0)}

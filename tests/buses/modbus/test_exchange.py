@@ -18,6 +18,8 @@ from tests.buses.modbus.servers import (
     DEMAND,
     ENABLED,
     FAULT,
+    POSITION,
+    RATED,
     STATUS,
     TARGET,
     Drive,
@@ -31,6 +33,7 @@ from tests.buses.modbus.servers import (
 
 Lines = Callable[..., AbstractContextManager[Server]]
 LINES: dict[str, Lines] = {"tcp": tcp_server, "rtu": rtu_server}
+BOTH = ("tcp", pytest.param("rtu", marks=pytest.mark.thorough("listens to the serial line first")))
 STALE, EXCEPTION = int(LinkFlag.STALE), int(LinkFlag.EXCEPTION)
 DEADLINE = 0.03
 """[s] of a reading part that meets a bad server."""
@@ -63,7 +66,7 @@ def test_a_period_carries_feedback_in_and_torque_out(opened: ExitStack, line: st
     assert bench.bus.fresh
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", BOTH)
 def test_function_23_carries_the_torque_of_the_period_before_and_writes_before_it_reads(
     opened: ExitStack, line: str
 ) -> None:
@@ -216,7 +219,7 @@ def test_a_refused_set_point_is_flagged_in_the_next_period(opened: ExitStack) ->
     assert bench.header()[1:] == (EXCEPTION, 4)
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", BOTH)
 def test_a_dead_line_ends_the_exchange_in_a_sentence(opened: ExitStack, line: str) -> None:
     bench, server = bench_on(opened, line)
 
@@ -235,15 +238,21 @@ def exchanged(bench: Bench, periods: int) -> None:
         bench.write((0x0F, 0))
 
 
-def test_on_tcp_nothing_is_sent_while_an_answer_is_outstanding(opened: ExitStack) -> None:
-    bench, server = bench_on(opened, "tcp", Transaction.READ_THEN_WRITE)
+@pytest.mark.parametrize("way", Transaction)
+def test_on_tcp_only_less_torque_is_sent_while_an_answer_is_outstanding(opened: ExitStack, way: Transaction) -> None:
+    bench, server = bench_on(opened, "tcp", way)
+    bench.write((0x0F, -100))
+    bench.read()
     server.mischief = silent
-    requests = len(server.frames)
-    for _ in range(5):
-        bench.read(0.002)
-        bench.write((0x0F, 100))
-    assert len(server.frames) == requests + 1
-    assert server.drive.value(TARGET) == 0
+    bench.write((0x0F, -100))
+    bench.read(0.002)
+    written = len(server.drive.written)
+    for torque in (-100, 120, -80, -90, 0, 0, 50):
+        bench.write((0x0F, torque))
+        bench.read(0.001)
+    server.mischief = honest
+    targets = [value for address, value in server.drive.written[written:] if address == TARGET]
+    assert targets == [-80 & 0xFFFF, 0]
 
 
 def test_after_function_23_stayed_unanswered_a_serial_line_gets_the_set_point_by_another_function(
@@ -287,7 +296,7 @@ def test_a_command_takes_the_place_of_the_set_point_until_it_is_answered(opened:
 
 
 @pytest.mark.parametrize("way", Transaction)
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", BOTH)
 def test_units_of_one_line_take_turns(opened: ExitStack, line: str, way: Transaction) -> None:
     drives = [Drive(unit=1), Drive(unit=2)]
     server = opened.enter_context(LINES[line](*drives))
@@ -304,6 +313,7 @@ def test_units_of_one_line_take_turns(opened: ExitStack, line: str, way: Transac
     assert units == ([1, 2] if way is Transaction.READ_WRITE else [1, 2, 1, 2])
 
 
+@pytest.mark.thorough("listens to the serial line first")
 def test_a_silent_unit_costs_the_others_no_sample_on_a_serial_line(opened: ExitStack) -> None:
     drives = [Drive(unit=1), Drive(unit=2)]
     server = opened.enter_context(rtu_server(*drives))
@@ -332,6 +342,7 @@ def test_a_torn_position_is_dropped_and_told_but_a_motion_is_not(opened: ExitSta
     assert any("jumped by about 65536 counts" in warning for warning in bench.bus.warnings)
 
 
+@pytest.mark.thorough("listens to the serial line first")
 def test_a_command_of_somebody_else_on_a_serial_line_is_flagged(opened: ExitStack) -> None:
     bench, server = bench_on(opened, "rtu")
 
@@ -349,6 +360,22 @@ def test_a_command_of_somebody_else_on_a_serial_line_is_flagged(opened: ExitStac
         bench.write((0x0F, 0))
     assert flags & LinkFlag.FOREIGN
     assert bench.header()[2] == TARGET
+
+
+def test_a_drive_that_has_the_low_word_first_is_read_so_and_its_torn_positions_are_dropped(opened: ExitStack) -> None:
+    server = opened.enter_context(tcp_server(Drive()))
+    profile = replace(PROFILE, line=replace(PROFILE.line, word_order="low first"))
+    registers = server.drive.registers
+    registers[RATED], registers[RATED + 1] = registers[RATED + 1], 0
+    bench = opened.enter_context(Bench(plan_of(server.name, profile))).open().enable()
+    for counts in (30_000, 65_000):
+        registers[POSITION], registers[POSITION + 1] = counts & 0xFFFF, counts >> 16
+        assert bench.read()[5] == counts
+    registers[POSITION + 1] = 1
+    assert bench.read()[2] & STALE
+    assert bench.decoded()[5] == 65_000
+    registers[POSITION], registers[POSITION + 1] = 65_100, 0
+    assert bench.read()[5] == 65_100
 
 
 def test_a_drive_in_fault_is_seen_in_its_status(opened: ExitStack) -> None:

@@ -150,6 +150,7 @@ def test_a_form_that_is_filled_is_the_frame_that_is_encoded_anew(question: Quest
         assert bytes(framing.fill(form, octets)) == asked(other, replace(question, values=values))
 
 
+@pytest.mark.thorough("goes through all 65535 of them")
 def test_transaction_ids_go_round_without_zero() -> None:
     framing = Framing(serial=False)
     ids = {int.from_bytes(asked(framing, READ)[:2], "big") for _ in range(0x10000)}

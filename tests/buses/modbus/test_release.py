@@ -33,6 +33,7 @@ from tests.buses.modbus.servers import (
 
 Lines = Callable[..., AbstractContextManager[Server]]
 LINES: dict[str, Lines] = {"tcp": tcp_server, "rtu": rtu_server}
+BOTH = ("tcp", pytest.param("rtu", marks=pytest.mark.thorough("listens to the serial line first")))
 Piece = bytes | float | None
 
 
@@ -85,7 +86,7 @@ def test_a_second_stop_and_one_before_anything_was_written_do_nothing(opened: Ex
     assert len(server.frames) == requests
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", BOTH)
 def test_lost_requests_are_repeated_until_the_drive_is_off(opened: ExitStack, line: str) -> None:
     class Deaf(Drive):
         lost = 0
@@ -163,6 +164,7 @@ def honestly(frame: bytes, asked: int) -> Iterator[Piece]:
     yield frame
 
 
+@pytest.mark.thorough("listens to the serial line first")
 def test_all_units_of_a_line_get_zero_torque_before_any_is_asked_whether_it_is_off(opened: ExitStack) -> None:
     drives = [Drive(unit=1), Drive(unit=2), Drive(unit=3)]
     server = opened.enter_context(rtu_server(*drives))

@@ -94,6 +94,7 @@ def test_a_unit_that_does_not_answer_is_told_with_what_to_do(opened: ExitStack) 
         bench.open()
 
 
+@pytest.mark.thorough("listens to the serial line first")
 def test_an_adapter_that_gives_back_what_one_sends_is_noticed_and_can_be_declared(opened: ExitStack) -> None:
     server = opened.enter_context(rtu_server(Drive()))
     echoed: list[int] = []

@@ -81,6 +81,11 @@ def test_a_target_of_two_registers_needs_a_function_that_writes_two(tmp_path: Pa
     assert "16 or 23 among them: without it no target torque can be written" in fault
 
 
+def test_a_list_of_registers_needs_a_source_too(tmp_path: Path) -> None:
+    (fault,) = faults_of(tmp_path, ('"identity" = "own table', '"serial.unit" = "own table'))
+    assert fault.endswith('identity: no source; expected an entry "identity" in [sources]')
+
+
 def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
     faults = faults_of(tmp_path, ('unit = "ms"', 'unit = "h"'), ("functions = [3, 4, 6, 16, 23]", "functions = [5]"))
     assert [fault.partition(": ")[2].partition(":")[0] for fault in faults] == ["line.functions", "watchdog.time.unit"]

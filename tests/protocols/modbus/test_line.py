@@ -12,20 +12,20 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu import register_message as pdus
 
 from haptic_fieldbus.protocols.modbus.line import LineTimes, answer_octets, request_octets, serial_line, tcp_line
-from haptic_fieldbus.protocols.modbus.requests import Block, Request
+from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest
 
 FOUR, TWO, ONE = Block(0x100, 4, (), ()), Block(0x200, 2, (), ()), Block(0x200, 1, (), ())
 # Function, number of registers and octets of the PDU: address 2, quantity 2, count of octets 1, value 2 a register.
 COUNTED = [
-    (Request(3, read=FOUR), 5, 10),
-    (Request(4, read=FOUR), 5, 10),
-    (Request(6, write=ONE), 5, 5),
-    (Request(16, write=TWO), 10, 5),
-    (Request(23, read=FOUR, write=TWO), 14, 10),
+    (RegisterRequest(3, read=FOUR), 5, 10),
+    (RegisterRequest(4, read=FOUR), 5, 10),
+    (RegisterRequest(6, write=ONE), 5, 5),
+    (RegisterRequest(16, write=TWO), 10, 5),
+    (RegisterRequest(23, read=FOUR, write=TWO), 14, 10),
 ]
 
 
-def built(request: Request) -> tuple[ModbusPDU, ModbusPDU]:
+def built(request: RegisterRequest) -> tuple[ModbusPDU, ModbusPDU]:
     """The request and its answer as pymodbus has them."""
     read, write = [7] * (request.read.count if request.read else 0), [7] * (request.write.count if request.write else 0)
     pairs: dict[int, tuple[Any, Any]] = {
@@ -43,7 +43,7 @@ def built(request: Request) -> tuple[ModbusPDU, ModbusPDU]:
 
 
 @pytest.mark.parametrize(("request_", "asked", "answered"), COUNTED, ids=lambda each: str(each)[:20])
-def test_octets_are_those_of_the_standard_and_of_pymodbus(request_: Request, asked: int, answered: int) -> None:
+def test_octets_are_those_of_the_standard_and_of_pymodbus(request_: RegisterRequest, asked: int, answered: int) -> None:
     assert (request_octets(request_), answer_octets(request_)) == (asked, answered)
     pair = built(request_)
     for framer, around in ((FramerRTU(DecodePDU(True)), 3), (FramerSocket(DecodePDU(True)), 7)):

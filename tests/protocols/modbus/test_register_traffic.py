@@ -35,7 +35,7 @@ def test_the_lines_of_a_plan_tell_function_octets_time_and_registers() -> None:
     ]
     assert "bus        100 Hz by FC23 on Modbus RTU at 115200 bit/s, load 66 %" in text
     assert "ways       FC23 at 100 Hz, delay 10.2 ms: stable to 104.9 N/m, chosen" in text
-    assert "           FC3 then FC16 at 87 Hz, delay 6.34 ms: stable to 131.4 N/m" in text
+    assert "           FC3 then FC16 at 83 Hz, delay 6.34 ms: stable to 128.5 N/m" in text
 
 
 def test_a_command_that_stands_apart_is_told_as_what_takes_the_place_of_a_set_point() -> None:

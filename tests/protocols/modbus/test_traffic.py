@@ -93,6 +93,7 @@ class TestTimes:
         assert traffic.way is Transaction.READ_WRITE
         assert traffic.latch("right") - traffic.latch("left") == pytest.approx(ONE + SILENCE)
         assert traffic.shortest_period == pytest.approx(2 * (ONE + SILENCE))
+        assert traffic.line().endswith("; 2 units take turns, 13.1 ms a period instead of 6.56 for one alone")
         both = traffic_of(two_units(TCP, 500.0))
         exchange = ROUND_TRIP + ANSWER_TIME
         assert both.shortest_period == pytest.approx(4 * exchange + COMPUTE)
@@ -153,18 +154,18 @@ class TestChoice:
     def test_of_one_that_fits_when_the_other_does_not(self) -> None:
         assert traffic_of(on(RTU, 100.0)).way is Transaction.READ_WRITE
         assert traffic_of(on(RTU, 87.0)).way is Transaction.READ_THEN_WRITE
-        with pytest.raises(BusOverloadError, match=r"160 Hz is too fast: FC23 takes 6\.56 ms a period.*--rate 150"):
+        with pytest.raises(BusOverloadError, match=r"160 Hz is too fast: FC23 takes 6\.56 ms a period.*--rate 140"):
             on(RTU, 160.0)
 
 
 class TestRate:
     @pytest.mark.parametrize(
-        ("bus", "rate"), [(TCP, 1000.0), (RTU, 150.0), ("sim-modbus-rtu@1000000", 240.0), ("sim-modbus-rtu", 150.0)]
+        ("bus", "rate"), [(TCP, 1000.0), (RTU, 140.0), ("sim-modbus-rtu@1000000", 230.0), ("sim-modbus-rtu", 140.0)]
     )
     def test_without_one_is_the_highest_of_the_best_way_in_two_digits(self, bus: str, rate: float) -> None:
         plan = on(bus)
         assert plan.rate == rate
-        assert traffic_of(plan).highest_rate >= rate
+        assert 1.05 * rate <= traffic_of(plan).highest_rate < 1.05 * rate + 20.0, "what was late is made up"
 
     def test_of_a_wall_at_100_hz_has_a_limit_near_104(self) -> None:
         """b/(T/2 + T + lag) with 1.58 N·s/m, 10 ms and 0.159 ms is 104 N/m."""
@@ -176,7 +177,7 @@ class TestRate:
         assert on("sim").rate == 1000.0
 
     def test_is_that_of_the_slowest_bus(self) -> None:
-        assert mixed(RTU).rate == pytest.approx(1e3 / 7), "150 Hz, and in whole milliseconds 7"
+        assert mixed(RTU).rate == 125.0, "140 Hz, and in whole milliseconds 8"
         assert mixed(TCP).rate == 1000.0
 
     def test_can_be_asked_for_by_half_of_the_limit(self) -> None:

@@ -111,6 +111,7 @@ class ToyTraffic:
     waiting: float
     speed: str = f"{BAUD} baud"
     silence: float = math.inf
+    waits_for_answers: bool = False
     disturbance: float = 0.0
     exchange: str = ""
 

@@ -1,5 +1,6 @@
 """Profiles beside the files of their vendors: what agrees, what is a fault, what the profile explains."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -23,8 +24,9 @@ from haptic_fieldbus.sim.canopen.proof import proof_of
 from tests.builders import canopen, shipped
 from tests.eds.sheets import changed, generic, without, without_member
 from tests.eds.vendor_files import FILES, needs_files, vendor_eds
-from tests.sim.canopen.profile_mutants import configure, mutants, told_by
+from tests.sim.canopen.profile_mutants import NOT_SHOWN, configure, mutants, told_by
 
+PROJECT = Path(__file__).resolve().parents[3]
 GENERIC = "generic_cia402"
 ITS_FILES = {
     "delta_asda_a2": ("delta_asda_a2.eds",),
@@ -262,6 +264,14 @@ UNNOTICED = {
     "commissioning.shown.object", "commissioning.shown.subindex", "identity.product_codes", "sync.powers",
 }  # fmt: skip
 """Keys where a wrong value can pass: another object of the same type, one more code, a power without limits."""
+
+
+def test_the_page_lists_the_keys_whose_wrong_values_can_pass() -> None:
+    page = (PROJECT / "docs" / "how-to" / "add_a_drive.md").read_text(encoding="utf-8")
+    told = page.partition("**What neither the check nor the drive can show.**")[2].partition("\n## ")[0]
+    slip, _, unknown = told.partition("And no file and no object shows")
+    assert set(re.findall(r"`([a-z_]+\.[a-z_.]+)`", slip)) == UNNOTICED
+    assert set(re.findall(r"`([a-z_]+\.[a-z_.]+)`", unknown)) == NOT_SHOWN
 
 
 def unnoticed(name: str, profile: CanopenProfile, eds: Eds, folder: Path) -> tuple[int, list[str]]:
