@@ -19,7 +19,7 @@ from tests.peers.hosts import PROJECT, STARTS_WITHIN, free_port, line_of, requir
 pytestmark = pytest.mark.xdist_group("peers")
 
 TEXT = (PROJECT / "docs" / "how-to" / "run_beside_a_simulated_drive.md").read_text(encoding="utf-8")
-SIMULATE, PLAN, RUN = re.findall(r"^```console\nhaptic-fieldbus (.*?)\n```", TEXT, re.MULTILINE | re.DOTALL)
+SIMULATE, PLAN, RUN, MODBUS = re.findall(r"^```console\nhaptic-fieldbus (.*?)\n```", TEXT, re.MULTILINE | re.DOTALL)
 READY, SHOWN = re.findall(r"^```text\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 (RIG,) = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 TOO_SLOW = re.compile(
@@ -52,6 +52,14 @@ def test_the_rig_of_the_page_is_the_one_that_is_written_and_a_plan_takes_it_as_i
     assert "is proved at zero torque before force is given" in finished.out
 
 
+def test_the_same_drives_on_modbus_are_hosted_by_what_the_page_says() -> None:
+    for line in MODBUS.replace("haptic-fieldbus ", "").splitlines():
+        words = line.split()
+        bus, (slot,) = resolve(HostRequest([], words[words.index("--bus") + 1], hand=words[words.index("--hand") + 1]))
+        assert slot.axis.profile == "generic_cia402_modbus"
+        assert rig_of(bus, [slot]).bus
+
+
 @pytest.mark.thorough("two processes in real time")
 def test_the_commands_of_the_page(tmp_path: Path) -> None:
     port = free_port()
@@ -67,7 +75,7 @@ def test_the_commands_of_the_page(tmp_path: Path) -> None:
         if "guard" not in out:
             pytest.skip(f"this computer is too slow to prove a guard: {err.splitlines()[-1]}")
         rows = {line.split()[0]: line for line in out.splitlines() if line and line[0] != " "}
-        shown = [line.split()[0] for line in SHOWN.splitlines()]
+        shown = [line.split()[0] for line in SHOWN.splitlines() if line[0] != " "]
         assert [name for name in shown if name in rows] == (shown if run.returncode == 0 else shown[:-1])
         assert re.fullmatch(re.sub(r"[\d.]+", r"[\\d.]+", SHOWN.splitlines()[0]), rows["guard"])
         proved = load_rig(tmp_path / "rig.toml").axis["handle"].proved

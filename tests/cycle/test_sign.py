@@ -139,6 +139,7 @@ def test_missing_feedback_begins_the_stage_anew() -> None:
         state[4] = force
         state = motion @ state
     assert watched.decided == 0, "90 ms after a gap at 60 ms have not passed"
+    assert watched.proof.broken_off == 1
     for _ in range(60):
         state[4] = watched.give(float(state[0]))
         state = motion @ state

@@ -102,6 +102,7 @@ def test_forces_of_two_axes_wait_until_both_signs_are_seen() -> None:
     cycle.sign_seen()
     assert [cycle.permitted_ns(name) for name in ("left", "right")] == [None, None]
     assert [cycle.unseen(name) for name in ("left", "right")] == [0, 0]
+    assert [cycle.broken_off(name) for name in ("left", "right")] == [0, 0]
 
 
 def test_the_first_reason_of_a_trip_stays_when_energy_is_given_too() -> None:
