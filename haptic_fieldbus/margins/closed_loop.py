@@ -13,7 +13,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, limit_of
-from haptic_fieldbus.margins.passivity import passive_limit_of
+from haptic_fieldbus.margins.passivity import passive_limit_of, searched
+from haptic_fieldbus.margins.places import Places
 from haptic_fieldbus.margins.plant import Plant, check_times, quantisation_limit, sample
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
@@ -121,9 +122,13 @@ class OneAxis(ClosedLoop):
     """A single axis, with the closed forms of `numerics.sampled` and `numerics.passivity`."""
 
     def matrix(self, environment: StateSpace) -> Matrix:
-        return sampled.loop_matrix(self.devices[0], environment)
+        """Return the matrix of one period, at the worst place of an environment that has several."""
+        at = environment.worst(self.devices[0])[1] if isinstance(environment, Places) else environment
+        return sampled.loop_matrix(self.devices[0], at)
 
     def growth(self, environment: StateSpace) -> float:
+        if isinstance(environment, Places):
+            return environment.worst(self.devices[0])[0].growth
         return sampled.growth(self.devices[0], environment)
 
     def damping_share(self, environment: StateSpace) -> float:
@@ -137,13 +142,27 @@ class OneAxis(ClosedLoop):
         (axis,) = self.axes
         if axis.plant.tachometer:
             return math.inf if environment.c.any() or environment.d.any() else 0.0
-        needed = damping_needed(environment, self.period, axis.delay, axis.plant.torque_lag)
+        times = (self.period, axis.delay, axis.plant.torque_lag)
+        if isinstance(environment, Places):
+            needed = environment.increments.damping_needed(*times)
+            if environment.swept is not None:
+                needed += damping_needed(environment.swept, *times)
+        else:
+            needed = damping_needed(environment, *times)
         if not axis.plant.damping:
             return math.inf if needed else 0.0
         return needed / axis.plant.damping
 
     def passive_limit(self, environment_of: EnvironmentOf, stable: float) -> float:
         (axis,) = self.axes
+        if isinstance(environment_of(1.0), Places) and not axis.plant.tachometer:
+            return searched(
+                lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0,
+                self.scale(environment_of),
+                stable,
+                smallest=1e-6,
+                precision=1e-9,
+            )
         return passive_limit_of(axis.plant, self.period, axis.delay, environment_of, stable)
 
     def felt(self, environment_of: EnvironmentOf) -> list[float]:
