@@ -155,6 +155,8 @@ class OneAxis(ClosedLoop):
 
     def passive_limit(self, environment_of: EnvironmentOf, stable: float) -> float:
         (axis,) = self.axes
+        if not stable:
+            return 0.0
         if isinstance(environment_of(1.0), Places) and not axis.plant.tachometer:
             return searched(
                 lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0,
