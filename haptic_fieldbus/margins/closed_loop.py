@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, limit_of
 from haptic_fieldbus.margins.passivity import passive_limit_of, searched
-from haptic_fieldbus.margins.places import Places
+from haptic_fieldbus.margins.places import Place, Places
 from haptic_fieldbus.margins.plant import Plant, check_times, quantisation_limit, sample
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
@@ -71,6 +71,13 @@ class ClosedLoop(ABC):
     @abstractmethod
     def growth(self, environment: StateSpace) -> float:
         """Return the largest modulus of the eigenvalues, without free shifts of the handles; below 1 is stable."""
+
+    def judged_at(self, environment: StateSpace) -> tuple[Place | None, Place | None]:
+        """Return the resting place with the largest growth, and the place where the ideal itself grows the most.
+
+        None for a place that is not known, or does not exist.
+        """
+        return None, None
 
     @abstractmethod
     def damping_share(self, environment: StateSpace) -> float:
@@ -130,6 +137,14 @@ class OneAxis(ClosedLoop):
         if isinstance(environment, Places):
             return environment.worst(self.devices[0])[0].growth
         return sampled.growth(self.devices[0], environment)
+
+    def judged_at(self, environment: StateSpace) -> tuple[Place | None, Place | None]:
+        (axis,) = self.axes
+        if not isinstance(environment, Places):
+            return None, None
+        mass = axis.plant.mass + sum(body.mass for body in axis.bodies)
+        crest = environment.crest(self.devices[0], mass, axis.plant.damping, self.period)
+        return environment.worst(self.devices[0])[0], crest
 
     def damping_share(self, environment: StateSpace) -> float:
         """Return the needed damping over the device's own; ∞ for a device without damping that needs any.

@@ -115,7 +115,8 @@ class Group:
         stiffness = None if self.stiffest is None else contact.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, contact.damping_of(self.varied))
         named = zip((member.name for member in self.members), verdicts, strict=True)
-        return {name: replace(verdict, find_cautious=self.cautious_limit) for name, verdict in named}
+        effort = min(member.effort for member in self.members)
+        return {name: replace(verdict, effort=effort, find_cautious=self.cautious_limit) for name, verdict in named}
 
     @property
     def stability(self) -> Stability:

@@ -44,6 +44,8 @@ class Place:
     damping: float
     growth: float
     ideal: float | None = None
+    among: int = 1
+    """Number of different places that were tried."""
 
     def to_json(self) -> dict[str, float | None]:
         return {
@@ -143,7 +145,9 @@ class Places(StateSpace):
         growths = self._growths(device, together)
         at, growth = int(self._tried[growths.argmax()]), float(growths.max())
         stiffness, damping = float(self.stiffness[at]), float(self.damping[at])
-        return Place(_known(self.position[at]), stiffness, damping, growth), together.at(stiffness, damping)
+        return Place(_known(self.position[at]), stiffness, damping, growth, among=len(growths)), together.at(
+            stiffness, damping
+        )
 
     @cached_property
     def _tried(self) -> NDArray[np.intp]:
