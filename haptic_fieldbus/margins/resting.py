@@ -119,7 +119,7 @@ class Axle:
 
     def _beside(self, changes: Mapping[str, float]) -> "Beside":
         """Return what acts beside the places."""
-        if self._varies or not changes:
+        if not changes or (self._varies and set(changes) == {"stiffness"}):
             return self._nominal_beside
         return self._beside_of(self._changed(changes))
 
@@ -133,14 +133,15 @@ class Axle:
         options = product(*(_options(each, space) for each, space in zip(others, rest, strict=True) if not space.order))
         sums = list(dict.fromkeys((sum(k for k, _ in each), sum(b for _, b in each)) for each in options))
         with_states = any(space.order for space in rest)
-        together = self._together(elements) if with_states else self._without_states
+        uses_velocity = any(Signal.VELOCITY in each.needs for each in elements)
+        together = self._together(elements) if with_states else self._without_states[uses_velocity]
         bounds = [_bounds(each) for each in others if not self._is_linear(each)]
         return Beside(tuple(sums), together, tuple(bounds), self._swept(others))
 
     @cached_property
-    def _without_states(self) -> tuple[Together, ...]:
-        estimator = self.estimator if any(Signal.VELOCITY in each.needs for each in self.elements) else None
-        return (Together((), self.period, estimator),)
+    def _without_states(self) -> tuple[tuple[Together, ...], tuple[Together, ...]]:
+        """What acts beside the places when no element has states, without a velocity and with it."""
+        return (Together((), self.period, None),), (Together((), self.period, self.estimator),)
 
     def _scaled(self, changes: Mapping[str, float]) -> "Resting | None":
         """Return the places of a single element that scales with its stiffness; None for any other."""

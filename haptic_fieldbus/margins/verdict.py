@@ -101,8 +101,8 @@ class Stability:
     def recommended(self) -> float | None:
         """Stiffness up to which the loop is stable over all ranges, and friction holds the handle between counts.
 
-        None without a limit, and when none is stable over all ranges. When any stiffness is stable, the limit of passivity takes the
-        place of the limit of stability.
+        None without a limit, and when none is stable over all ranges. When any stiffness is stable, the limit of
+        passivity takes the place of the limit of stability.
         """
         limit, least = self.stiffness_limit, self.cautious
         if least is None:

@@ -14,7 +14,7 @@ from haptic_fieldbus.signals import Workspace
 # A passive hand is one that gives off no more energy than it took up.
 MEANING = {
     Verdict.PASSIVE: "no hand that is passive itself can make it unstable",
-    Verdict.STABLE: "a small motion dies at every place where the handle can rest{held}; some hand could make it grow",
+    Verdict.STABLE: "a small motion dies wherever {held} can hold the handle; some hand could make it grow",
     Verdict.LIMIT_CYCLE: "it moves to and fro over the edge of an encoder count for ever",
     Verdict.UNSTABLE: "it grows until something saturates",
 }
@@ -27,14 +27,16 @@ def stability_lines(judgement: Judgement) -> list[Line]:
         ("scene", f"{judgement.scene.name}: {_asked(stability, unit, judgement.workspace)}{_axis(judgement)}"),
         *_devices(judgement),
         *(("assumed", text) for text in judgement.assumed),
-        *(("limits" if number == 0 else "", text) for number, text in enumerate(_limits(judgement, unit))),
+        *_keyed("limits", _limits(judgement, unit)),
         ("radius", f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"),
-        *(
-            ("place" if number == 0 else "", text)
-            for number, text in enumerate(place_texts(stability, judgement.workspace))
-        ),
+        *_keyed("place", place_texts(stability, judgement.workspace)),
         ("verdict", f"{stability.verdict.value}: {_meaning(stability, judgement.workspace)}{_margin(stability)}"),
     ]
+
+
+def _keyed(key: str, texts: Iterator[str]) -> Iterator[Line]:
+    """Yield a line for each text, with the key on the first one only."""
+    return ((key if number == 0 else "", text) for number, text in enumerate(texts))
 
 
 def _devices(judgement: Judgement) -> Iterator[Line]:
@@ -129,8 +131,8 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
 
 def _meaning(stability: Stability, workspace: Workspace) -> str:
     """Return what the verdict says, with the force up to which places were judged."""
-    force = in_unit(stability.effort, workspace.effort_unit)
-    held = f", held with up to {force}" if stability.place is not None and math.isfinite(stability.effort) else ""
+    known = stability.place is not None and math.isfinite(stability.effort)
+    held = f"up to {in_unit(stability.effort, workspace.effort_unit)}" if known else "a hand"
     return MEANING[stability.verdict].format(held=held)
 
 

@@ -9,6 +9,7 @@ small and large knocks are given; with friction and counts large knocks and slow
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ class Drawn:
     effort: float
     elements: tuple[Any, ...]
 
-    @property
+    @cached_property
     def stability(self) -> Stability:
         travel = (-TRAVEL, TRAVEL)
         member = Member("a", self.plant, self.delay, self.elements, None, "backward-difference", (), None,
@@ -128,9 +129,18 @@ def bench_of(loops: list[Drawn], push: Array) -> Bench:
 
 
 def places(loops: list[Drawn], law: Law, random: np.random.Generator) -> Array:
-    """A place for each loop within or beside one of its elements."""
-    found = []
+    """A place for each loop within or beside one of its elements; for its first copy the one that is told as the worst.
+
+    A place at an edge is moved by 10 µm towards the stiffer side.
+    """
+    found, first = [], set()
     for loop in loops:
+        told = loop.stability.place
+        if id(loop) not in first and told is not None and told.position is not None:
+            near = [told.position + step for step in (-1e-5, 0.0, 1e-5)]
+            found.append(max(near, key=lambda x: _slope_of(loop, x)))
+            first.add(id(loop))
+            continue
         each = loop.elements[random.integers(len(loop.elements))]
         if isinstance(each, HuntCrossley):
             force = loop.effort * 10.0 ** random.uniform(-3.0, -0.01)
@@ -148,6 +158,10 @@ def places(loops: list[Drawn], law: Law, random: np.random.Generator) -> Array:
     return np.array(found)
 
 
+def _slope_of(loop: Drawn, x: float) -> float:
+    return float(slope(law_of([loop]), np.array([x]))[0])
+
+
 def slope(law: Law, x: Array, step: float = 1e-7) -> Array:
     """−dF/dx with all frictions sliding along: a friction holds, and only adds to it."""
     return (law.at_rest(x - step) - law.at_rest(x + step)) / (2.0 * step)
@@ -163,7 +177,7 @@ def potential_range(law: Law, effort: Array, low: Array, high: Array) -> Array:
 
 
 def grown(windows: Array, least: float) -> Array:
-    return np.asarray((windows[-1] + least) / (windows[1] + least))
+    return np.asarray((windows[-3:].max(axis=0) + least) / (windows[1:4].max(axis=0) + least))
 
 
 @dataclass(frozen=True)
@@ -182,7 +196,7 @@ class Trial:
     def called(self, *verdicts: Verdict) -> NDArray[np.bool_]:
         return np.array([each in verdicts for each in self.verdicts])
 
-    def told(self, false: NDArray[np.bool_], **values: Array) -> str:
+    def told(self, false: NDArray[np.bool_], **values: NDArray[Any]) -> str:
         at = np.flatnonzero(false)[:3]
         return "\n".join(
             f"{self.loops[n]} {self.verdicts[n]} { {key: each[n] for key, each in values.items()} }" for n in at
@@ -210,7 +224,7 @@ def test_no_loop_is_called_better_than_it_is(batch: int, size: int, periods: int
     bench = bench_of(trial.loops, push)
     rests = (np.abs(push) <= 0.99 * bench.effort) & (np.abs(x) <= TRAVEL) & (slope(law, x) > 1e-3)
     tuned = np.array([loop.elements[0].stiffness for loop in trial.loops]) * 10.0 ** random.uniform(-2.0, 1.0, len(x))
-    bench.hand_mass = np.where(kind > 0, bench.mass * 10.0 ** random.uniform(-1.0, 1.5, len(x)), 0.0)
+    bench.hand_mass = np.where(kind > 0, bench.mass * 10.0 ** random.uniform(-1.0, 0.5, len(x)), 0.0)
     bench.hand_stiffness = np.where(kind > 0, tuned, 0.0)
     hard = 10.0 ** random.uniform(-4.0, 0.0, len(x))
     knock = np.where(kind == 2, hard, 1e-6)
