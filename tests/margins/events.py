@@ -135,6 +135,33 @@ class Bench:
             energy[at] = np.maximum(energy[at], held)
         return reach, energy
 
+    def speeds(self, law: Law, x: Array, v: Array, periods: int, last: int, parts: int = 8) -> tuple[Array, Array]:
+        """Return ∫v² and ∫|v| over the `last` of the periods, from `parts` readings of v in each period, (n,) each."""
+        start, n = x.copy(), len(x)
+        whole = np.floor(self.delay / self.period + 1e-9).astype(int)
+        rest = np.maximum(self.delay - whole * self.period, 0.0)
+        law.relax(x)
+        first = np.clip(law.force(self._read(x), np.zeros(n)), -self.effort, self.effort)
+        queue, before, motor = [first.copy() for _ in range(int(whole.max()) + 2)], self._read(x), first.copy()
+        whole_spans = (rest, self.period - rest)
+        watched = [(span / parts, self._transition(span / parts)) for span in whole_spans]
+        unwatched = [(span, self._transition(span)) for span in whole_spans]
+        squares, ways = np.zeros(n), np.zeros(n)
+        for count in range(periods):
+            seen = self._read(x)
+            force = np.clip(law.force(seen, (seen - before) / self.period), -self.effort, self.effort)
+            before, queue = seen, [force, *queue[:-1]]
+            stack = np.array(queue)
+            is_watched = count >= periods - last
+            moves = watched if is_watched else unwatched
+            for (span, step), age in zip(moves, (whole + 1, whole), strict=True):
+                for _ in range(parts if is_watched else 1):
+                    fast = np.abs(v)
+                    x, v, motor = self._move(step, span, x, v, motor, stack[age, np.arange(n)], start)
+                    squares += is_watched * 0.5 * span * (fast**2 + v**2)
+                    ways += is_watched * 0.5 * span * (fast + np.abs(v))
+        return squares, ways
+
     def _read(self, x: Array) -> Array:
         step = np.where(self.resolution > 0.0, self.resolution, 1.0)
         return np.where(self.resolution > 0.0, step * np.round(x / step), x)
