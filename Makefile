@@ -41,7 +41,7 @@ PART ?= 0/1
 .PHONY: demo test test-all test-part soak check docs setup system-packages format clean
 
 demo: $(DEMO_STAMP)
-	$(BIN)/haptic-fieldbus run wall --drive maxon_epos4 --duration 10 --plot demo.png
+	$(BIN)/haptic-fieldbus run wall --drive maxon_epos4 --hand release --duration 3 --plot demo.png
 
 # The gates come last and repeat how many tests passed and failed.
 test: setup
@@ -72,8 +72,10 @@ check: setup
 docs: setup
 	$(BIN)/python docs/make_architecture.py
 	$(BIN)/python docs/make_api.py
+	$(BIN)/python docs/make_buses.py
 	$(BIN)/python docs/make_elements.py
 	$(BIN)/python docs/make_faults.py
+	$(BIN)/python docs/make_modbus_profiles.py
 	$(BIN)/python docs/make_rig_files.py
 	$(BIN)/python docs/make_tables.py
 	$(BIN)/python -m haptic_fieldbus.schemas docs/reference/schemas --shipped

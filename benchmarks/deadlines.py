@@ -9,23 +9,24 @@ from itertools import groupby
 from pathlib import Path
 
 from haptic_fieldbus.planning.explain import milliseconds
-from tests.system.zero_torque import RATES, Row, table
+from tests.system.zero_torque import PROFILES, Row, table
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "deadlines.md"
 BEGIN = "<!-- written by python -m benchmarks.deadlines -->\n"
 
 
 def tables(rows: Iterable[Row]) -> str:
-    """The rows as one table for each profile, with a column for each rate: `stated / measured`."""
+    """The rows as one table for each profile, with a column for each of its rates: `stated / measured`."""
     return "".join(f"\n{_table(profile, list(of))}" for profile, of in groupby(rows, key=lambda row: row.profile))
 
 
 def _table(profile: str, rows: list[Row]) -> str:
-    head = f"| {profile} | {' | '.join(f'{rate:g} Hz' for rate in RATES)} |\n|---|{'---|' * len(RATES)}\n"
+    rates = PROFILES[profile]
+    head = f"| {profile} | {' | '.join(f'{rate:g} Hz' for rate in rates)} |\n|---|{'---|' * len(rates)}\n"
     cells = {(row.cause, row.rate): _cell(row) for row in rows}
     causes = dict.fromkeys(row.cause for row in rows)
     return head + "".join(
-        f"| {cause.value} | {' | '.join(cells[cause, rate] for rate in RATES)} |\n" for cause in causes
+        f"| {cause.value} | {' | '.join(cells[cause, rate] for rate in rates)} |\n" for cause in causes
     )
 
 

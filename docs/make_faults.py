@@ -9,11 +9,12 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.faults import drive, frames, host
+from haptic_fieldbus.sim.faults import answers, drive, frames, host
 
 FILE = Path(__file__).resolve().parent / "reference" / "faults.md"
 GROUPS = {
     "Frames and the bus": (frames, faults.LineFault),
+    "Answers on Modbus": (answers, faults.AnswerFault),
     "Drive and node": (drive, faults.DriveFaultKind),
     "Computer of the master": (host, faults.HostFault),
     "Hand": (host, faults.HandFault),
@@ -45,7 +46,9 @@ Everything that a `[[fault]]` of `run --faults FILE` can be. How to use them:
 | `node` | node-ID of the drive that is meant; without it every drive. For frames: whose frames |
 | `bus` | the bus of a rig that is meant; without it every bus |
 
-A service of frames, where a kind has `frames`, is one of {services}.
+A service of frames, where a kind has `frames`, is one of {services}. *Frames and the bus* are faults
+of CANopen, as are TPDOs, RPDOs, SYNC, heartbeat, emergency, a second node and SDO aborts of a drive; a kind that no bus of
+a run can have is refused.
 
 This page is written by `make docs`.
 """

@@ -5,6 +5,7 @@ Those that a command draws are drawn by that command; the others show parts that
 
 import math
 from collections.abc import Callable
+from os import chdir
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from haptic_fieldbus.cli import main
 from haptic_fieldbus.numerics import estimators
 from haptic_fieldbus.numerics.estimators.tachometer import bind_position
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.plot import BLUE, GREY, INK, VERMILION
+from haptic_fieldbus.report.drawing import BLUE, GREY, INK, VERMILION
 from haptic_fieldbus.study.measure import growth, work_precision
 from haptic_fieldbus.study.measure.bench import bench_of
 from haptic_fieldbus.study.measure.in_the_loop import loop_growth
@@ -25,15 +26,19 @@ from haptic_fieldbus.study.page import integrator as integrator_page
 from haptic_fieldbus.study.page import work_precision as work_precision_page
 from haptic_fieldbus.study.page.style import dress, figure, line
 
-FOLDER = Path(__file__).resolve().parent / "images" / "lecture"
+PROJECT = Path(__file__).resolve().parents[1]
+FOLDER = PROJECT / "docs" / "images" / "lecture"
 DPI = 80
 
 COMMANDS = {
     "step.png": "response sprung_mass --input step --amplitude 0.01",
     "euler.png": "response sprung_mass --method forward-euler --amplitude 0.01 --duration 10",
     "slow.png": "response sprung_mass --method trapezoidal --amplitude 0.01 --rate 10 --duration 3",
+    "poles.png": "response sprung_mass --model --rate 20",
+    "free_puck.png": "response free_puck --amplitude 0.01 --duration 2",
     "wall.png": "run wall --duration 3",
     "chatter.png": "run wall --set wall.stiffness=20000 --force --hand release --duration 3",
+    "coarse.png": "run wall --rig examples/lecture/coarse_encoder.toml --set wall.stiffness=1000 --duration 3",
     "region.png": "stability damped_wall",
 }
 NOISE_RATE, NOISE_TIME = 100.0, 10.0
@@ -115,6 +120,7 @@ DRAWN: dict[str, Callable[[], Figure]] = {
 def make() -> None:
     """All of them."""
     FOLDER.mkdir(parents=True, exist_ok=True)
+    chdir(PROJECT)  # commands name files of examples/
     for name, words in COMMANDS.items():
         try:
             main([*words.split(), "--plot", str(FOLDER / name)])

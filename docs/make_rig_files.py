@@ -1,21 +1,15 @@
 """Write docs/reference/rig_files.md, the keys of rig files as their schema says: `python docs/make_rig_files.py`."""
 
-import ast
 import inspect
-import re
 import sys
-import textwrap
 from collections.abc import Iterator
-from dataclasses import MISSING, Field, fields, is_dataclass
-from itertools import pairwise
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, ClassVar, get_args, get_type_hints
+from typing import ClassVar, get_args, get_type_hints
 
-from haptic_fieldbus.documents import schema_of
-from haptic_fieldbus.documents.expected import Expectation
+from key_tables import default, meanings, of_a_file, value
+
 from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.drive.rig_units import measured_by, units_of
-from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
 
 FILE = Path(__file__).resolve().parent / "reference" / "rig_files.md"
@@ -70,6 +64,22 @@ channel = "can0"
 arguments = { host = "192.168.1.20", port = 29536 }
 ```
 
+**Modbus.** `interface` is then "modbus-tcp", with a host and its port as `channel`, or "modbus-rtu", with a device. An
+axis has its unit id as `node`.
+
+```toml
+[bus.line]
+interface = "modbus-rtu"
+channel = "/dev/ttyUSB0"
+baud = 115_200
+silence = "0.3 ms"
+
+[bus.network]
+interface = "modbus-tcp"
+channel = "192.168.0.10:502"
+round_trip = "0.4 ms"
+```
+
 **What is left out** is unknown, or has the default that is shown. On a real bus a run needs `rated_torque`, `inertia`
 and `viscous_damping`; without them it is refused, and names the keys that are missing.
 
@@ -90,20 +100,20 @@ def page() -> str:
 
 def _lines() -> Iterator[str]:
     for protocol in BUILT_IN:
-        yield from _table(protocol_named(protocol).section, ("bus", "NAME"))
+        yield from _table(protocol_named(protocol).section, ("bus", "NAME"), f", protocol {protocol}")
     yield from _table(RigAxis, ("axis", "NAME"))
 
 
-def _table(schema: type, path: tuple[str, ...]) -> Iterator[str]:
-    """Yield the section of a table, and then those of the tables in it."""
-    yield f"## `[{'.'.join(path)}]`{_kind(schema)}\n"
-    yield f"{_of_a_file(inspect.getdoc(schema) or '')}\n"
-    meanings, inner = _meanings(schema), _tables(schema)
+def _table(schema: type, path: tuple[str, ...], which: str = "") -> Iterator[str]:
+    """Yield the section of a table, and then those of the tables in it; `which` tells it from one of the same name."""
+    yield f"## `[{'.'.join(path)}]`{which}{_kind(schema)}\n"
+    yield f"{of_a_file(inspect.getdoc(schema) or '')}\n"
+    told, inner = meanings(schema), _tables(schema)
     values = [field for field in fields(schema) if field.name not in inner]
     if values:
         yield "| key | value | default | meaning |\n|---|---|---|---|"
         for field in values:
-            cells = (f"`{field.name}`", _value(schema, field.name), _default(field), meanings[field.name])
+            cells = (f"`{field.name}`", value(schema, field.name), default(field), told[field.name])
             yield f"| {' | '.join(cells)} |"
         yield ""
     for name, members in inner.items():
@@ -122,42 +132,6 @@ def _tables(schema: type) -> dict[str, list[type]]:
     hints = {name: hint for name, hint in get_type_hints(schema).items() if hint is not ClassVar}
     found = {name: [each for each in (hint, *get_args(hint)) if is_dataclass(each)] for name, hint in hints.items()}
     return {name: [each for each in each_of if isinstance(each, type)] for name, each_of in found.items() if each_of}
-
-
-def _meanings(schema: type) -> dict[str, str]:
-    """Return the text below each field of a dataclass, as its source has it, and of those that it inherits."""
-    found: dict[str, str] = {}
-    for owner in reversed([each for each in schema.__mro__ if is_dataclass(each)]):
-        (body,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
-        statements = body.body if isinstance(body, ast.ClassDef) else []
-        for statement, text in pairwise(statements):
-            match statement, text:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
-                    found[name] = _of_a_file(meaning)
-    return found
-
-
-def _of_a_file(text: str) -> str:
-    """Return what is said of a value as it is true of a file, which leaves out what is None."""
-    text = re.sub(r"(^|\. )None:", r"\1Left out:", " ".join(text.split()))
-    return text.replace("None:", "left out:")
-
-
-def _value(schema: type, name: str) -> str:
-    """Return what may stand at a key, in the words of its faults, with its unit."""
-    measured = measured_by(get_type_hints(schema, include_extras=True)[name])
-    words = Expectation(schema_of(schema)).describe((name,), {})
-    return words if measured is None else f"{words}, in {units_of(measured)}"
-
-
-def _default(field: "Field[Any]") -> str:
-    if field.default is MISSING:
-        return "must be given" if field.default_factory is MISSING else "none"
-    if isinstance(field.default, bool):
-        return f"`{str(field.default).lower()}`"
-    if isinstance(field.default, float | int):
-        return exactly(field.default)
-    return "none" if field.default is None else f'`"{field.default}"`'
 
 
 if __name__ == "__main__":

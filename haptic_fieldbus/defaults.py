@@ -4,6 +4,7 @@ SIMULATION = "sim"
 """Name of the simulated bus; without a bit rate it takes that of the bus which it replaces in a rig."""
 
 DEFAULT_DRIVE = "maxon_epos4"
+DEFAULT_MODBUS_DRIVE = "generic_cia402_modbus"
 DEFAULT_PROTOCOL = "canopen"
 DEFAULT_BUS = SIMULATION
 DEFAULT_BIT_RATE = 1_000_000

@@ -26,12 +26,14 @@ from haptic_fieldbus.protocols.canopen.pdo import Pdo
 from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection, canopen_profile
 from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
-from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
 
+EXAMPLE = "example_velocity_only"
+"""The shipped profile that is an example and no drive."""
 PERMILLE = "permille_of_rated_torque"
 
 PROFILE = CanopenProfile(
@@ -127,3 +129,8 @@ def pdos_of(plan: Plan) -> tuple[Pdo, ...]:
 def canopen(name: str | Path) -> CanopenProfile:
     """A shipped profile or a file."""
     return canopen_profile(load_profile(name))
+
+
+def shipped(protocol: str = "canopen") -> list[str]:
+    """Names of the shipped profiles of one protocol; the example stands for no drive."""
+    return [name for name in profile_names() if load_profile(name).drive.protocol == protocol and name != EXAMPLE]

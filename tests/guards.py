@@ -390,12 +390,11 @@ GUARDS = {
         "test_setup",
         "test_a_wrong_drive_is_refused_before_anything_is_written",
     ),
-    "rated torque of the rig": _bus(
-        "preparing",
+    "rated torque of the rig": Guard(
+        "haptic_fieldbus/buses/rating.py",
         "if expected is not None and abs(rated - expected)",
         "if False and abs(rated - expected)",
-        "test_setup",
-        "test_a_wrong_drive_is_refused_before_anything_is_written",
+        (f"{BUSES}/test_setup.py::test_a_wrong_drive_is_refused_before_anything_is_written",),
     ),
     "torque-free set-points at the end": _bus(
         "release",

@@ -50,15 +50,17 @@ DOES_WITHOUT = {
         "cli.options": "planning.request protocols.registry",
         "cli.pictures": "planning.request",
         "cli.doctor": "api.bench",
+        "cli.estimate": "api.estimation report.estimates report.plot_estimate",
         "cli.plan": "api planning.explain planning.plan_json planning.task",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue protocols.folders sim.canopen.sheet",
         "cli.report": "api study.make_report study.measure.bench",
-        "cli.response": "api api.open_loop report.plot_response report.responses",
+        "cli.response": "api api.model api.open_loop report.models report.plot_model"
+        " report.plot_response report.responses",
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scan": "api.bench",
-        "cli.scenes": "api protocols.catalogue protocols.folders scenes.catalogue scenes.parameters scenes.registry"
-        " scenes.scene",
-        "cli.simulate": "drive.rig_text running.rights sim.canopen.host_request sim.canopen.hosting sim.faults",
+        "cli.scenes": "api protocols.catalogue protocols.folders protocols.registry scenes.catalogue scenes.parameters"
+        " scenes.registry scenes.scene",
+        "cli.simulate": "drive.rig_text running.rights sim.host_request sim.faults",
         "cli.vendor_files": "documents eds protocols.canopen.from_eds protocols.canopen.profile"
         " protocols.canopen.vendor.draft protocols.catalogue sim.canopen.proof",
         "cli.stability": "api.judging report.plot_region report.stability",
@@ -76,6 +78,7 @@ DOES_WITHOUT = {
         "documents.document": "documents.positions",
         "margins.closed_loop": "margins.bodies",
         "margins.group": "margins.coupled",
+        "margins.increments": "numerics.estimators",
         "numerics.coupled": "numerics.estimators",
         "numerics.sampled": "numerics.estimators numerics.integrators",
         "planning.compile": "numerics.estimators",
@@ -90,6 +93,7 @@ DOES_WITHOUT = {
     },
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
         "api": "sim.faults.drawing",
+        "api.sites": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.element_forces": "assessing.virtual_states",
         "running.session": "running.direction running.proofs running.proving running.rights",

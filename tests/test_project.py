@@ -35,7 +35,12 @@ ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP, ELEMENT_GROUP}
 LONGEST_FILE = 300
 REFUSED = 4
 
-DISTRIBUTIONS = {"can": "python-can", "tree_sitter": "tree-sitter", "tree_sitter_toml": "tree-sitter-toml"}
+DISTRIBUTIONS = {
+    "can": "python-can",
+    "serial": "pyserial",
+    "tree_sitter": "tree-sitter",
+    "tree_sitter_toml": "tree-sitter-toml",
+}
 """Where a package is not called as its distribution is."""
 
 
@@ -64,6 +69,7 @@ def test_every_command_in_the_documents_does_what_they_say(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A report measures for a while: in a process of its own, where nobody counts which lines are run."""
+    (tmp_path / "examples").symlink_to(PROJECT / "examples")
     monkeypatch.chdir(tmp_path)
     if command.split()[1] == "report":
         subprocess.run([sys.executable, "-m", "haptic_fieldbus", *command.split()[1:]], check=True)
@@ -74,7 +80,9 @@ def test_every_command_in_the_documents_does_what_they_say(
 
 
 def maker(name: str) -> ModuleType:
-    """A script of docs/ that writes a page."""
+    """A script of docs/ that writes a page; like a program it finds what stands beside it."""
+    if str(PROJECT / "docs") not in sys.path:
+        sys.path.append(str(PROJECT / "docs"))
     spec = importlib.util.spec_from_file_location(name, PROJECT / "docs" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
@@ -83,7 +91,13 @@ def maker(name: str) -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", ["make_elements", "make_api", "make_faults", "make_rig_files"])
+@pytest.mark.thorough(
+    "a page is written from runs",
+    quick=("make_elements", "make_api", "make_faults", "make_rig_files", "make_modbus_profiles"),
+)
+@pytest.mark.parametrize(
+    "name", ["make_elements", "make_api", "make_faults", "make_rig_files", "make_modbus_profiles", "make_buses"]
+)
 def test_a_page_that_is_written_by_a_script_is_what_it_writes_now(name: str) -> None:
     script = maker(name)
     assert script.FILE.read_text(encoding="utf-8") == script.page(), "run: make docs"
@@ -256,22 +270,31 @@ def modules_in(folder: str) -> set[str]:
 
 # Public functions of one name in several modules: the same question, answered for what their module is about.
 SAME_QUESTION = {
+    "acknowledge": "the fault of a drive that lost its master cleared, by its protocol",
+    "adapter_checks": "what the system tells of an adapter, by its protocol",
     "bind": "a fresh step, its parameters bound",
+    "check_profile": "faults of a profile beyond its schema, by its protocol",
     "discrete": "the linear system that a step is",
     "draw": "a picture of what a page or a command shows",
     "dynamics": "(A, B) of bodies",
     "environment": "what a sampled loop is closed over, of one axis or several",
     "free_puck": "the lecture's free puck",
     "growth": "spectral radius but for shifts, of one axis or several",
+    "in_place_of": "a bus that is named in the place of one of a rig, by its protocol",
+    "listen": "a bus heard before anything is sent, by its protocol",
     "loop_matrix": "one period of a loop, of one axis or several",
     "main": "a program",
     "measure": "the points of a work-precision set",
+    "opened": "a bus open for a block, by its protocol",
     "parse_bus": "a bus name taken apart, by its protocol",
     "plan": "the command and the API behind it",
     "response": "the command and the API behind it",
+    "round_trip_checks": "the way to a node and back judged, by its protocol",
     "run": "the command, the API behind it, and a batch of loops",
     "sample": "a device under the delayed hold",
     "stability": "the command and the API behind it",
+    "traffic_of": "the traffic of the one bus of a part of a plan, by its protocol",
+    "translate": "the errors of a library or the system as ours, by its protocol",
 }
 
 

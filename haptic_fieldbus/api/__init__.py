@@ -4,7 +4,8 @@
 `run` renders on a drive.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +22,7 @@ from haptic_fieldbus.planning.refusal import check_stable
 from haptic_fieldbus.planning.request import check_fade_in, check_request
 from haptic_fieldbus.planning.selection import Selection, check_known, compiled, load, select
 from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.sim.faults import Fault, load_faults
 from haptic_fieldbus.sim.hand import hand_named
 
@@ -94,21 +96,24 @@ def run(trial: Trial) -> Result:
     """
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
-    faults = _faults(trial)
     bus = trial.bus or DEFAULT_BUS
-    check_request(bus=bus, node=trial.node, rate=trial.rate, duration=trial.duration, seed=trial.seed, record=recording)
+    name = check_request(
+        bus=bus, node=trial.node, rate=trial.rate, duration=trial.duration, seed=trial.seed, record=recording
+    )
     check_fade_in(trial.fade_in)
     try:
         selection = _selected(trial)
     except PlanError as error:
         # No plan exists yet, so the result holds the request alone.
-        error.result = Result(scene=str(trial.scene), drive=trial.drive, bus=bus, rate=trial.rate)
+        drive, rate = trial.drive or protocol_named(name.section.protocol).default_drive, trial.rate or math.nan
+        error.result = Result(scene=str(trial.scene), drive=drive, bus=bus, rate=rate)
         raise
     changes = _checked(selection, trial)
     if trial.announce is not None:
         trial.announce(selection.plan)
     if trial.hand is None:
         hand = hand_named(selection.plan.scene.hand or DEFAULT_HAND)
+    faults = faults_for(trial.faults, trial.duration, selection.plan)
     from haptic_fieldbus.api.sites import Conditions, site_of
     from haptic_fieldbus.running.session import Request, render
 
@@ -127,14 +132,21 @@ def run(trial: Trial) -> Result:
     )
 
 
-def _faults(trial: Trial) -> tuple[Fault, ...]:
-    """Return the faults of the run; those of a seed fall between enabling and the end."""
-    if not isinstance(trial.faults, str | Path):
-        return tuple(trial.faults)
+def faults_for(source: str | Path | Iterable[Fault], duration: float, plan: Plan) -> tuple[Fault, ...]:
+    """Return the faults of a run; those of a seed fall between enabling and the end, and are such as its buses have.
+
+    Raises FaultFileError or UsageError.
+    """
+    if not isinstance(source, str | Path):
+        return tuple(source)
     from haptic_fieldbus.sim.faults.drawing import drawn, seed_of
 
-    seed = seed_of(str(trial.faults))
-    return load_faults(trial.faults) if seed is None else drawn(seed, trial.duration)
+    seed = seed_of(str(source))
+    if seed is None:
+        return load_faults(source)
+    from haptic_fieldbus.api.sites import kinds_on
+
+    return drawn(seed, duration, kinds_on(plan))
 
 
 def _selected(trial: Trial) -> Selection:

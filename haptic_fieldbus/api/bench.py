@@ -1,6 +1,6 @@
 """The drives of a bench before any scene is there: found, checked and watched, and none of them enabled."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,8 +8,9 @@ from pathlib import Path
 from haptic_fieldbus.api.sites import access_of
 from haptic_fieldbus.buses.access import Onlooker
 from haptic_fieldbus.buses.found import Check, Scan
-from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.planning.task import Task
@@ -26,7 +27,7 @@ ANY_SCENE = "wall"
 class BenchRequest:
     """A bench by its rig, or by one drive on a bus, as for a `Task`."""
 
-    drive: str = DEFAULT_DRIVE
+    drive: str | None = None
     bus: str | None = None
     node: int = DEFAULT_NODE
     rig: Path | None = None
@@ -56,10 +57,16 @@ def placed_on(bench: BenchRequest) -> Placed:
     return Placed(buses, bench.rig is not None or loaded.bus.simulated)
 
 
-def scans(bench: BenchRequest) -> Iterator[Scan]:
-    """Yield what is found on each bus; raises DocumentError, UsageError or BusError."""
+def scans(bench: BenchRequest, nodes: Sequence[int] = ()) -> Iterator[Scan]:
+    """Yield what is found on each bus; `nodes` are the numbers that are asked, none given: those of the protocol.
+
+    Raises DocumentError, UsageError or BusError.
+    """
     for section, axes in placed_on(bench).buses.values():
-        yield access_of(section.protocol).scan(section, axes, bench.profiles)
+        possible = protocol_named(section.protocol).nodes
+        if wrong := [node for node in nodes if node not in possible]:
+            raise UsageError(f"--node {wrong[0]}: expected numbers from {possible[0]} to {possible[-1]}")
+        yield access_of(section.protocol).scan(section, axes, bench.profiles, nodes)
 
 
 def examined(bench: BenchRequest) -> list[Check]:

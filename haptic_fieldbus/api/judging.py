@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 
-from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_ESTIMATOR, DEFAULT_METHOD, DEFAULT_RATE
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Plant, Stability, stiffness_limit
@@ -16,6 +16,7 @@ from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import check_rendering, select
 from haptic_fieldbus.planning.settings import settled
 from haptic_fieldbus.planning.task import Task
+from haptic_fieldbus.planning.ways import WayLimit, way_limits
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -78,6 +79,8 @@ class Judgement:
     group: Group
     assumed: tuple[str, ...] = ()
     """What the profiles of the judged drives state without a source."""
+    ways: tuple[WayLimit, ...] = ()
+    """Limits of all ways in which the buses could exchange; empty where each has one way, and for a device."""
 
     @property
     def estimator(self) -> str | None:
@@ -104,9 +107,10 @@ def judge_scene(inquiry: Inquiry) -> Judgement:
     if inquiry.device is not None:
         return _on_device(inquiry, inquiry.device)
     plan = select(inquiry).plan
+    found = way_limits(plan)
     # Axes that are coupled have one judgement, in the units of one of them.
     return _weakest(
-        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group, plan.assumed)
+        Judgement(plan.scene, axis.name, axis.workspace, axis.stability, axis.group, plan.assumed, found)
         for axis in plan.axes
         if axis.stability is not None and axis.group is not None and axis.group.reference_axis == axis.name
     )
@@ -121,7 +125,7 @@ def _on_device(task: Task, device: Device) -> Judgement:
     """Judge the scene with this device, and ideal torque, on each of its axes."""
     check_rendering(task)
     # The loop counts its period in whole nanoseconds.
-    period = round(1e9 / task.rate) * 1e-9
+    period = round(1e9 / (task.rate or DEFAULT_RATE)) * 1e-9
     plant = _plant_of(device, period)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
 

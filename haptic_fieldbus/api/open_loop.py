@@ -22,6 +22,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_METHOD,
     DEFAULT_MOTION,
     DEFAULT_MOTION_DURATION,
+    DEFAULT_RATE,
 )
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
@@ -31,7 +32,7 @@ from haptic_fieldbus.planning.selection import check_rendering
 from haptic_fieldbus.planning.settings import parsed, with_settings
 from haptic_fieldbus.planning.task import Rendering
 from haptic_fieldbus.scenes.element import CouplingElement, DynamicElement, Element, Law
-from haptic_fieldbus.scenes.scene import Scene
+from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ Array = NDArray[np.float64]
 MOST_SAMPLES = 2_000_000
 """Most samples of a response; all of them are kept in memory."""
 STATE_NAMES = ("position", "velocity")
-"""Names of the first two virtual states; further states are numbered."""
+"""Names of the first two virtual states of an element that does not name its own; further states are numbered."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,23 +100,33 @@ def response(task: OpenLoop) -> Response:
     position, which `amplitude` multiplies. `rate` is in Hz, `duration` in s; a file has a duration of its own. Raises
     DocumentError or UsageError.
     """
-    duration, method = task.duration, task.method or DEFAULT_METHOD
-    check_request(rate=task.rate, duration=DEFAULT_MOTION_DURATION if duration is None else duration)
-    check_rendering(task)
+    duration = task.duration
     motion = motion_of(task.input, task.amplitude)
-    period = round(1e9 / task.rate) * 1e-9
-    chosen = with_settings(task.scene, parsed(task.settings)).at_period(period)
-    axis = chosen.axes[0]
+    check_request(rate=task.rate, duration=DEFAULT_MOTION_DURATION if duration is None else duration)
+    period, axis, elements = opened(task)
     # Both ends are sampled.
     samples = round((motion.duration if duration is None else duration) / period) + 1
     if samples > MOST_SAMPLES:
         expected = f"expected at most {MOST_SAMPLES}: a shorter duration"
-        raise UsageError(f"{samples} samples at {exactly(task.rate)} Hz; {expected}")
+        raise UsageError(f"{samples} samples of {exactly(period)} s; {expected}")
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
-    elements = (*chosen.of_axis(axis.name), *_grounded(chosen, axis.name))
-    answers = _Answers(elements, period, method, task.estimator or DEFAULT_ESTIMATOR)
+    answers = _Answers(elements, period, task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR)
     return answers.to(time, position, motion.rest, axis.workspace)
+
+
+def opened(task: Rendering) -> tuple[float, SceneAxis, tuple[Element, ...]]:
+    """Return the period [s], the first axis of the scene, and its elements, with couplings felt at this axis alone.
+
+    Raises DocumentError or UsageError.
+    """
+    rate = DEFAULT_RATE if task.rate is None else task.rate
+    check_request(rate=rate)
+    check_rendering(task)
+    period = round(1e9 / rate) * 1e-9
+    scene = with_settings(task.scene, parsed(task.settings)).at_period(period)
+    axis = scene.axes[0]
+    return period, axis, (*scene.of_axis(axis.name), *_grounded(scene, axis.name))
 
 
 @dataclass(frozen=True)
@@ -217,7 +228,8 @@ class _Answers:
         # Growth without bound is reported by `diverged`, not by warnings.
         with np.errstate(over="ignore", invalid="ignore"):
             found = follow(one, inputs, (integrators.rest(space)[0] * rest).tolist())
-        names = [*STATE_NAMES, *(f"state {number}" for number in range(3, space.order + 1))][: space.order]
+        first = getattr(element, "state_names", STATE_NAMES)
+        names = [*first, *(f"state {number}" for number in range(len(first) + 1, space.order + 1))][: space.order]
         radius = float(np.abs(np.linalg.eigvals(one.system.a)).max(initial=0.0))
         states = {name: found.states[:, place] for place, name in enumerate(names)}
         return _Answer(found.outputs[:, 0], states, radius)

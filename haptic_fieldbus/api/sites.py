@@ -25,8 +25,14 @@ from haptic_fieldbus.sim.simulation import Simulation
 from haptic_fieldbus.sim.slot import Slot
 
 # Objects as texts, so that a run imports only the protocols of its buses.
-ACCESS = {"canopen": "haptic_fieldbus.buses.canopen.access:ACCESS"}
-SIMULATIONS = {"canopen": "haptic_fieldbus.sim.canopen.site:SIMULATION"}
+ACCESS = {
+    "canopen": "haptic_fieldbus.buses.canopen.access:ACCESS",
+    "modbus": "haptic_fieldbus.buses.modbus.access:ACCESS",
+}
+SIMULATIONS = {
+    "canopen": "haptic_fieldbus.sim.canopen.site:SIMULATION",
+    "modbus": "haptic_fieldbus.sim.modbus.site:SIMULATION",
+}
 BUS_GROUP, SIMULATION_GROUP = "haptic_fieldbus.buses", "haptic_fieldbus.simulations"
 """Entry point groups in which a package adds the real and the simulated half of its protocol."""
 
@@ -120,12 +126,12 @@ def _closed(recorder: ExitStack, faults: list[str]) -> None:
 def _simulated(plan: Plan, bus: BusPlan, clock: Clock, conditions: Conditions, log: object) -> tuple[Bus, Truth | None]:
     """Return one simulated bus and the true motion of its drives; the hand waits until the force has faded in."""
     hand, slots = conditions.hand, []
-    faults = faults_on(conditions.faults, bus.name)
+    simulation = _simulation(bus.protocol)
+    faults = [fault for fault in faults_on(conditions.faults, bus.name) if fault.kind in simulation.kinds]
     for axis in plan.on(bus).axes:
         waiting = hand.after(axis.limits.fade_in) if hand is not None and plan.scene.holds(axis.name) else None
         slots.append(Slot(axis.node, axis.profile, axis.rig, waiting, tuple(faults)))
     channel = bus.name if len(plan.buses) > 1 else ""
-    simulation = _simulation(bus.protocol)
     return simulation.simulate(plan.rig.bus[bus.name], channel, slots, clock, _seed(plan, bus, conditions.seed), log)
 
 
@@ -139,14 +145,29 @@ def _seed(plan: Plan, bus: BusPlan, seed: int) -> int | str:
 
 
 def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
-    names = [bus.name for bus in plan.buses]
-    unknown = [
-        f'fault "{fault.kind}" is on the bus "{fault.bus}"; this run has: {", ".join(names)}'
+    kinds = {bus.name: _simulation(bus.protocol).kinds for bus in plan.buses}
+    wrong = [
+        f'fault "{fault.kind}" is on the bus "{fault.bus}"; this run has: {", ".join(kinds)}'
         for fault in faults
-        if fault.bus is not None and fault.bus not in names
+        if fault.bus is not None and fault.bus not in kinds
     ]
-    if unknown:
-        raise UsageError("\n".join(unknown))
+    protocols = ", ".join(dict.fromkeys(bus.protocol for bus in plan.buses))
+    wrong += [
+        f'fault "{fault.kind}" is none that a bus of this run can have ({protocols}); leave it out'
+        for fault in faults
+        if fault.bus in (None, *kinds)
+        and not any(fault.kind in kinds[name] for name in kinds if fault.bus in (None, name))
+    ]
+    if wrong:
+        raise UsageError("\n".join(wrong))
+
+
+def kinds_on(plan: Plan) -> tuple[str, ...]:
+    """Return the kinds of faults that may be drawn for a plan: what happens at an instant, on any of its buses."""
+    from haptic_fieldbus.sim.faults.drawing import ANSWER_RECIPES, RECIPES
+
+    here = frozenset[str]().union(*(_simulation(bus.protocol).kinds for bus in plan.buses))
+    return tuple(kind for kind in (*RECIPES, *ANSWER_RECIPES) if kind in here)
 
 
 def access_of(protocol: str) -> BusAccess:

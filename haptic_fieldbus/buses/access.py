@@ -52,10 +52,13 @@ class BusAccess(Protocol):
         """
         return None
 
-    def scan(self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None) -> Scan:
+    def scan(
+        self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
+    ) -> Scan:
         """Find the devices of a bus by reading alone; `axes` are those that a simulated bus has.
 
-        `profiles` is a folder of own profiles. Raises UsageError or BusError.
+        `profiles` is a folder of own profiles, `nodes` are the numbers that are asked; none given: those that a
+        protocol asks without being told. Raises UsageError or BusError.
         """
         raise UsageError(f"{section.protocol} buses cannot be scanned")
 

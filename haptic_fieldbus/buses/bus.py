@@ -19,8 +19,8 @@ class DriveFacts:
     axis: str
     node: int
     title: str
-    vendor_id: int
-    product_code: int
+    vendor_id: int | None
+    product_code: int | None
     revision: int | None
     serial: int | None
     rated_torque: float | None

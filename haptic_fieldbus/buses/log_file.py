@@ -9,6 +9,8 @@ from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 
+FRAME_SUFFIXES = (".log", ".blf")
+"""Suffixes of files of CAN frames."""
 CHUNK = 1 << 16
 """[octets]; the disk is asked only when so many have gathered."""
 

@@ -6,6 +6,7 @@ import typer
 
 from haptic_fieldbus.cli import profiles, scenes
 from haptic_fieldbus.cli.doctor import doctor
+from haptic_fieldbus.cli.estimate import estimate
 from haptic_fieldbus.cli.plan import plan
 from haptic_fieldbus.cli.report import report
 from haptic_fieldbus.cli.response import response
@@ -50,6 +51,7 @@ app.command()(run)
 app.command()(plan)
 app.command()(stability)
 app.command()(response)
+app.command()(estimate)
 app.command()(report)
 app.command()(simulate)
 app.command()(scan)

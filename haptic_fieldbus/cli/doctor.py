@@ -8,15 +8,16 @@ import typer
 
 from haptic_fieldbus.cli.options import (
     BENCH,
+    DRIVE,
     RENDERING,
     note_assumed_bitrate,
     option,
     options_of,
     refuse_beside_rig,
 )
-from haptic_fieldbus.cli.scan import ScanOptions
+from haptic_fieldbus.cli.scan import BusOptions
 from haptic_fieldbus.cli.screen import print_json, show
-from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.defaults import DEFAULT_NODE, DEFAULT_RATE
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.bench import BenchRequest
@@ -27,12 +28,10 @@ FAILED = ("adapter", "round_trip")
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveOptions(ScanOptions):
+class DriveOptions(BusOptions):
     """Options of a command that looks at drives without a scene."""
 
-    drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DEFAULT_DRIVE)] = (
-        None
-    )
+    drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DRIVE)] = None
     node: Annotated[int | None, option("ID", "Node-ID of the drive.", BENCH, default=DEFAULT_NODE)] = None
 
     def bench(self) -> "BenchRequest":

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, ParamSpec, TypeVar
 
 import typer
 
-from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_DRIVE, DEFAULT_MODBUS_DRIVE, DEFAULT_NODE, DEFAULT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
@@ -25,6 +25,15 @@ Options = TypeVar("Options")
 Asked = TypeVar("Asked", bound="Rendering")
 
 BENCH, RENDERING, SIMULATION, OUTPUT = "Bench", "Rendering", "Simulation", "Output"
+BUSES = (
+    "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0; on Modbus sim-modbus-tcp, "
+    "sim-modbus-rtu@BAUD, modbus-tcp:HOST:PORT or modbus-rtu:DEVICE@BAUD."
+)
+"""Names of buses, for the help."""
+DRIVE = f"{DEFAULT_DRIVE} on CAN, {DEFAULT_MODBUS_DRIVE} on Modbus"
+"""Default of the drive, for the help."""
+RATE = f"{exactly(DEFAULT_RATE)} on CAN, the highest that it sustains on Modbus"
+"""Default of the rate, for the help."""
 SHOWN = (
     "scene", "input", "amplitude", "drive", "bus", "node", "rig", "axes", "zero", "profiles",
     "rate", "duration", "settings", "change", "method", "estimator",
@@ -58,7 +67,7 @@ class SceneOptions:
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
     ]
-    rate: Annotated[float, option("HZ", "Periods a second.", RENDERING, default=DEFAULT_RATE)] = DEFAULT_RATE
+    rate: Annotated[float | None, option("HZ", rf"Periods a second. \[default: {RATE}]", RENDERING)] = None
     settings: Annotated[
         list[str] | None,
         option("ELEMENT.PARAMETER=VALUE", "Change the scene; may be repeated.", RENDERING, "--set"),
@@ -84,12 +93,10 @@ class SceneOptions:
 class BenchOptions(SceneOptions):
     """Options of a scene on a bench."""
 
-    drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DEFAULT_DRIVE)] = (
-        None
-    )
+    drive: Annotated[str | None, option("PROFILE", "Drive profile by name or path.", BENCH, default=DRIVE)] = None
     bus: Annotated[
         str | None,
-        option("BUS", "sim@BITRATE, or INTERFACE:CHANNEL@BITRATE such as socketcan:can0.", BENCH, default=DEFAULT_BUS),
+        option("BUS", BUSES, BENCH, default=DEFAULT_BUS),
     ] = None
     node: Annotated[int | None, option("ID", "Node-ID of the first axis.", BENCH, default=DEFAULT_NODE)] = None
     rig: Annotated[Path | None, option("FILE", "Rig file: your bench. --bus sim simulates it.", BENCH)] = None

@@ -26,12 +26,12 @@ app = typer.Typer(help="The drive profiles: list, show, check, draft.", no_args_
 
 # Order of the sections in `profiles show`.
 SECTIONS = (
-    "identity", "torque", "position", "velocity", "pdo", "setup", "sync", "commissioning", "link_loss", "timing",
-    "simulation",
+    "line", "identity", "serial", "power", "torque", "position", "velocity", "mode", "pdo", "setup", "sync",
+    "commissioning", "watchdog", "link_loss", "timing", "simulation",
 )  # fmt: skip
 IN_HEXADECIMAL = (
     "object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes", "absent",
-    "supported_modes", "controlword",
+    "supported_modes", "controlword", "address", "mask", "bits", "readable",
 )  # fmt: skip
 """Keys whose whole numbers are written as in vendors' manuals: indices, identities and bit fields."""
 
@@ -89,8 +89,11 @@ def show_profile(
     if eds is not None:
         show([(None, f"{eds}: the EDS of the simulated {profile.title}")])
         return
-    usable = "usable" if profile.drive.usable else "not usable for force"
+    reason = profile.sources.get("drive.usable", "no reason given")
+    usable = "usable" if profile.drive.usable else f"not usable for force: {reason}"
     show([(None, f"{profile.title} · {profile.drive.protocol} · {usable} · evidence: {profile.drive.evidence}")])
+    if not profile.drive.usable:
+        show([(None, f"not usable because {profile.sources['drive.usable']}")])
     show([(None, profile.source), (None, "")])
     width = max(len(key) for key, _, _ in _rows(profile))
     for key, value, source in _rows(profile):
@@ -191,7 +194,9 @@ def _rows(profile: "DriveProfile") -> Iterator[tuple[str, str, str]]:
     """Yield key, value and source of each value that is given, or that is other than the usual."""
     for section in SECTIONS:
         table = getattr(profile, section, None)
-        for field in fields(table) if table is not None else ():
+        if table and not is_dataclass(table):  # rows of registers
+            yield section, _text(section, table), _source(section, profile.sources)
+        for field in fields(table) if is_dataclass(table) else ():
             name, value = f"{section}.{field.name}", getattr(table, field.name)
             if value not in (None, (), {}) and value is not False and _is_told(name, value, field, profile.sources):
                 # The objects of a simulated drive fill screens: its EDS shows them (--eds).

@@ -78,16 +78,15 @@ def run(options: RunOptions) -> None:
     trial = options.given(api.Trial)
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    show(_drawn_faults(options), sys.stderr)
     changes = parse_changes(options.change or [])
-    progress = bar(trial.rate)
+    progress = bar(trial.duration)
     trial = replace(
         trial,
         changes=changes,
         confirm=_tell_question if options.yes else _ask,
         instruct=None if options.yes or not sys.stderr.isatty() else _instruct,
         progress=progress,
-        announce=_announcer(options.as_json, progress, changes),
+        announce=_announcer(options, progress, changes),
     )
     with _object_of_failure(options.as_json):
         try:
@@ -98,19 +97,20 @@ def run(options: RunOptions) -> None:
     _finish(result, options.plot, options.as_json)
 
 
-def _drawn_faults(options: RunOptions) -> list[tuple[None, str]]:
+def _drawn_faults(options: RunOptions, plan: "Plan") -> list[tuple[None, str]]:
     """Return the lines of the file of faults that a seed stands for; none when faults come from a file."""
     if options.faults is None:
         return []
-    from haptic_fieldbus.sim.faults.drawing import drawn, seed_of
+    from haptic_fieldbus.sim.faults.drawing import seed_of
 
-    seed = seed_of(options.faults)
-    if seed is None:
+    if seed_of(options.faults) is None:
         return []
+    from haptic_fieldbus.api import faults_for
     from haptic_fieldbus.sim.faults import toml_of
 
     head = f"# {options.faults}, {exactly(options.duration)} s"
-    return [(None, line) for line in (head, *toml_of(drawn(seed, options.duration)).splitlines())]
+    these = faults_for(options.faults, options.duration, plan)
+    return [(None, line) for line in (head, *toml_of(these).splitlines())]
 
 
 def _ask(text: str) -> bool:
@@ -138,7 +138,7 @@ def _tell_question(text: str) -> bool:
 
 
 def _announcer(
-    as_json: bool, progress: Bar | None, changes: Sequence[tuple[float, dict[str, str]]]
+    options: RunOptions, progress: Bar | None, changes: Sequence[tuple[float, dict[str, str]]]
 ) -> Callable[["Plan"], None]:
     """Return a function that prints the plan that is about to run."""
 
@@ -148,7 +148,8 @@ def _announcer(
         # On a real bus the bar is not drawn: drawing takes time of a period, in which the drive waits.
         if progress is not None and not plan.simulated:
             progress.silent = True
-        if not as_json:
+        show(_drawn_faults(options, plan), sys.stderr)
+        if not options.as_json:
             show(announcement(plan, changes))
             sys.stdout.flush()  # in a pipe, too, the plan is read before the run and not after it
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from haptic_fieldbus.cli.options import BENCH, JsonOption, ProfilesOption, note_assumed_bitrate, option, options_of
 from haptic_fieldbus.cli.screen import print_json, show, show_table
 from haptic_fieldbus.defaults import DEFAULT_BUS
+from haptic_fieldbus.errors import UsageError
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.bench import BenchRequest
@@ -21,7 +22,7 @@ NOBODY_ANSWERS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScanOptions:
+class BusOptions:
     """Options of a command that needs a bus alone."""
 
     bus: Annotated[
@@ -43,13 +44,31 @@ class ScanOptions:
         return BenchRequest(**names)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ScanOptions(BusOptions):
+    """Options of `scan`."""
+
+    asked: Annotated[
+        str | None,
+        option("IDS", "Nodes to ask, as in 1-8 or 1,3.", BENCH, "--node", default="all on CAN, 1 on Modbus"),
+    ] = None
+
+    def nodes(self) -> list[int]:
+        """Return the numbers that are asked; raises UsageError for a text that is none."""
+        ranges = [part.partition("-") for part in (self.asked or "").split(",") if part]
+        try:
+            return [node for first, _, last in ranges for node in range(int(first), int(last or first) + 1)]
+        except ValueError:
+            raise UsageError(f"--node {self.asked}: expected numbers, as in 1-8 or 1,3") from None
+
+
 @options_of(ScanOptions)
 def scan(options: ScanOptions) -> None:
     """List the nodes of a bus: who they are, their state, the profile that fits. Nothing is written to them."""
     from haptic_fieldbus.api.bench import scans
 
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    found = list(scans(options.bench()))
+    found = list(scans(options.bench(), options.nodes()))
     if options.as_json:
         nodes = [{**node.to_json(), "bus": each.bus} for each in found for node in each.nodes]  # type: ignore[dict-item]
         buses = [{"bus": each.bus, "listened": each.listened, "masters": each.masters or None} for each in found]

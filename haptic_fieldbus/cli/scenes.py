@@ -10,9 +10,11 @@ import typer
 from haptic_fieldbus.cli.checking import check_files
 from haptic_fieldbus.cli.options import JsonOption
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
+from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.numerals import exactly, rounded_limit
 
 if TYPE_CHECKING:
+    from haptic_fieldbus.planning.plan import Plan
     from haptic_fieldbus.scenes.element import AnyElement
     from haptic_fieldbus.scenes.scene import Scene
 
@@ -85,21 +87,29 @@ def _recommended(scene: "Scene") -> Iterator[str]:
     from haptic_fieldbus.api import plan
     from haptic_fieldbus.protocols.catalogue import load_profile
     from haptic_fieldbus.protocols.folders import profile_folder, profile_names
+    from haptic_fieldbus.protocols.registry import protocol_named
 
     for name in profile_names():
         path = str(profile_folder() / f"{name}.toml")  # an own profile may have the same name
-        if load_profile(path).drive.usable:
-            compiled = plan(scene, drive=path)
-            # The advice is about the axis with the smallest margin; without any judgement, about the first.
-            found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
-            if found is None or found.stiffness is None:
-                yield f"{name}: no stiffness in it"
-            elif found.recommended is None:
-                yield f"{name}: any stiffness" if found.stiffness else f"{name}: no stiffness in it"
-            else:
-                asked = f"asked {rounded_limit(found.stiffness)}"
-                unit = f"{space.effort_unit}/{space.length_unit}"
-                yield f"{name}: stiffness up to {rounded_limit(found.recommended)} {unit} ({asked})"
+        profile = load_profile(path)
+        if profile.drive.usable:
+            bus = protocol_named(profile.drive.protocol).simulated_bus(profile)
+            try:
+                yield f"{name}: {_advice(plan(scene, drive=path, bus=bus))}"
+            except PlanError as error:  # a motor that goes straight renders no rotary scene
+                yield f"{name}: {error}"
+
+
+def _advice(compiled: "Plan") -> str:
+    """Return the recommended upper limit of stiffness of a plan in words."""
+    # The advice is about the axis with the smallest margin; without any judgement, about the first.
+    found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
+    if found is None or found.stiffness is None:
+        return "no stiffness in it"
+    if found.recommended is None:
+        return "any stiffness" if found.stiffness else "no stiffness in it"
+    unit = f"{space.effort_unit}/{space.length_unit}"
+    return f"stiffness up to {rounded_limit(found.recommended)} {unit} (asked {rounded_limit(found.stiffness)})"
 
 
 def _element_json(element: "AnyElement") -> Any:

@@ -68,10 +68,11 @@ def print_json(value: "Mapping[str, Json]") -> None:
 class Bar:
     """Progress bar on standard error, drawn in the thread that reports progress: no thread disturbs the loop."""
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, duration: float) -> None:
+        """Begin at 0 of `duration` [s]."""
         self.silent = False
         """Set it to True to draw nothing."""
-        self._rate = rate
+        self._duration = duration
         self._progress: Progress | None = None
         self._drawn = 0.0
 
@@ -81,10 +82,10 @@ class Bar:
         if self.silent or (done < total and now - self._drawn < REDRAW):
             return
         self._drawn = now
-        progress = self._progress or self._begin(total)
-        progress.update(progress.task_ids[0], completed=done / self._rate, refresh=True)
+        progress = self._progress or self._begin()
+        progress.update(progress.task_ids[0], completed=self._duration * done / total, refresh=True)
 
-    def _begin(self, total: int) -> "Progress":
+    def _begin(self) -> "Progress":
         from rich.progress import BarColumn, Progress, TextColumn
 
         self._progress = Progress(
@@ -94,7 +95,7 @@ class Bar:
             auto_refresh=False,
             transient=True,
         )
-        self._progress.add_task("", total=total / self._rate)
+        self._progress.add_task("", total=self._duration)
         self._progress.start()
         return self._progress
 
@@ -104,9 +105,9 @@ class Bar:
             self._progress.stop()
 
 
-def bar(rate: float) -> Bar | None:
-    """Return a bar for a loop of this rate [Hz]; None when standard error is no terminal."""
-    return Bar(rate) if sys.stderr.isatty() else None
+def bar(duration: float) -> Bar | None:
+    """Return a bar for a loop of this duration [s]; None when standard error is no terminal."""
+    return Bar(duration) if sys.stderr.isatty() else None
 
 
 def plain(value: object) -> "Json":

@@ -5,10 +5,12 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from haptic_fieldbus.cli.options import (
+    DRIVE,
     HANDS,
     OUTPUT,
     SIMULATION,
@@ -18,11 +20,12 @@ from haptic_fieldbus.cli.options import (
     option,
 )
 from haptic_fieldbus.cli.screen import show
-from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
+from haptic_fieldbus.defaults import DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
 
 if TYPE_CHECKING:
     from haptic_fieldbus.drive.rig import Rig
+    from haptic_fieldbus.protocols.bus_name import BusName
     from haptic_fieldbus.sim.slot import Slot
 
 
@@ -34,11 +37,11 @@ The first run proves the guards of the drives, and keeps the proof here."""
 def simulate(
     drive: Annotated[
         list[str] | None,
-        option("PROFILE@NODE", "Drive profile by name or path, may be repeated.", default=DEFAULT_DRIVE),
+        option("PROFILE@NODE", "Drive profile by name or path, may be repeated.", default=DRIVE),
     ] = None,
     bus: Annotated[
         str | None,
-        option("BUS", "INTERFACE:CHANNEL@BITRATE, such as udp_multicast:239.74.163.2 or socketcan:can0."),
+        option("BUS", "Such as socketcan:can0, udp_multicast:239.74.163.2, modbus-tcp:127.0.0.1:0 or modbus-rtu:pty."),
     ] = None,
     node: Annotated[
         int, option("ID", "Node-ID of the first drive that names none.", default=DEFAULT_NODE)
@@ -54,34 +57,44 @@ def simulate(
 ) -> None:
     """Host simulated drives in real time until Ctrl-C, and print one line a drive when it is ready."""
     from haptic_fieldbus.running.rights import real_time
-    from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve, rig_of
-    from haptic_fieldbus.sim.canopen.hosting import host
     from haptic_fieldbus.sim.faults import load_faults
+    from haptic_fieldbus.sim.host_request import HostRequest, host_on, resolve, rig_of
 
     known_faults = load_faults(faults) if faults is not None else ()
-    name, slots = resolve(HostRequest(drive or [DEFAULT_DRIVE], bus, node, hand, known_faults, profiles))
+    name, slots = resolve(HostRequest(drive or [], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
     if write_rig is not None:
-        _write(write_rig, rig_of(name, slots))
+        _check_free(write_rig)
+    teller = _Teller(as_json)
+
+    def opened(joined: "BusName") -> None:
+        teller.bus = joined.text
+        if write_rig is not None:
+            _write(write_rig, rig_of(joined, slots))
+
     # A loop beside us may take a processor for itself, so the drives stay free to move to another.
     with _until_asked_to_stop() as stopped, real_time(pinned=False):
-        lost = host(name, slots, seed, _teller(name.text, as_json), stopped, _note)
+        lost = host_on(name)(name, slots, seed, teller.tell, stopped, _note, opened)
     if lost:
         _note(f"{lost} frames could not be sent: the transmit queue was full")
 
 
+def _check_free(path: Path) -> None:
+    """Raise UsageError when there is a file already, before anything is hosted."""
+    if path.exists():
+        raise UsageError(
+            f"{path} is there already, and is not overwritten: a run keeps what was proved in it. Leave out "
+            "--write-rig to host the same drives again, or name another file"
+        )
+
+
 def _write(path: Path, rig: "Rig") -> None:
-    """Write a rig file; raises UsageError when there is a file already, or it cannot be written."""
+    """Write a rig file that is not there yet; raises UsageError when it cannot be written."""
     from haptic_fieldbus.drive.rig_text import rig_text
 
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(rig_text(rig, HEADING))
-    except FileExistsError as error:
-        raise UsageError(
-            f"{path} is there already, and is not overwritten: a run keeps what was proved in it. Leave out "
-            "--write-rig to host the same drives again, or name another file"
-        ) from error
     except (OSError, ValueError) as error:
         raise UsageError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from error
 
@@ -108,14 +121,16 @@ def _until_asked_to_stop() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def _teller(bus: str, as_json: bool) -> Callable[["Slot"], None]:
-    """Return a function that prints one line for a drive that is ready."""
+@dataclass
+class _Teller:
+    """Prints one line for a drive that is ready on the bus."""
 
-    def tell(slot: "Slot") -> None:
-        if as_json:
-            print(json.dumps({"drive": slot.axis.profile, "node": slot.node, "bus": bus}, ensure_ascii=False))
+    as_json: bool
+    bus: str = ""
+
+    def tell(self, slot: "Slot") -> None:
+        if self.as_json:
+            print(json.dumps({"drive": slot.axis.profile, "node": slot.node, "bus": self.bus}, ensure_ascii=False))
         else:
-            show([("ready", f"{slot.axis.profile}, node {slot.node}, on {bus}")])
+            show([("ready", f"{slot.axis.profile}, node {slot.node}, on {self.bus}")])
         sys.stdout.flush()  # a program that started this one waits for the line
-
-    return tell

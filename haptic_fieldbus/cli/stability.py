@@ -2,11 +2,14 @@
 
 import sys
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from haptic_fieldbus.cli.options import BenchOptions, note_assumed_bitrate, option, options_of
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import plain, print_json, show
+
+if TYPE_CHECKING:
+    from haptic_fieldbus.protocols.traffic import Json
 
 DEVICE_PANEL = "Device, instead of a bench (SI, in the scene's workspace; what is not given is 0)"
 
@@ -40,7 +43,8 @@ def stability(options: StabilityOptions) -> None:
     show(notes(judgement), sys.stderr)
     if options.as_json:
         found = {key: plain(value) for key, value in judgement.stability.to_json().items()}
-        print_json({**found, "assumed": list(judgement.assumed)})
+        ways: list[Json] = [way.to_json() for way in judgement.ways]
+        print_json({**found, "assumed": list(judgement.assumed), "ways": ways})
         return
     show(stability_lines(judgement))
     if options.plot is not None:

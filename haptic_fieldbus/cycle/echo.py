@@ -3,8 +3,8 @@
 A drive whose set-points are lost (its RPDO disabled by another tool, or frames that no longer reach it) holds its last
 torque, while feedback and signs of life go on. The sign is that its echo does not follow:
 
-- A torque demand equals the target that was sent, to within a step, one period later; where it acts at a SYNC or at a
-  control tick beside one, the target of the period before may still be there.
+- A torque demand equals the target that was sent, to within a step, one period later; where it acts at a SYNC, at which
+  the feedback is sampled before, or at a control tick beside one, the target of the period before may still be there.
 - A target torque that is asked for is one of those that were in force between question and answer.
 - A torque actual value follows through the lag of the torque loop, a first order whose output is worked out here. Its
   tolerance is for noise and ripple of the current. Friction does not enter: the value is that of the motor's current.
@@ -61,7 +61,7 @@ def _bind_demand(
 ) -> PeriodStep:
     """Compare with the target that must be in force by now, or with the nearer one of two where it may be either."""
     sign, tolerance = axis.rig.mechanism.sign * _ratio(axis.demand_unit, axis), doubt.tolerance
-    waits = axis.delay.transport > (1.0 - 1e-9) * period
+    waits = axis.delay.transport > (1.0 - 1e-9) * period and not axis.delay.acts_first
     before = deque([0] * (FEWEST_TARGETS - 1), maxlen=FEWEST_TARGETS - 1)
 
     def check() -> None:

@@ -102,6 +102,11 @@ class DriveProfile(ABC):
         return None
 
     @property
+    def full_scale(self) -> float | None:
+        """Torque at 32767 of a target that is told as a share of it [N·m]; None: it is told otherwise."""
+        return None
+
+    @property
     def torque_lag(self) -> float:
         """Time constant of the torque behind its target [s]: torque loop, and the slope of the drive's own."""
         return 1.0 / (2 * math.pi * self.timing.torque_bandwidth) + self.ramp

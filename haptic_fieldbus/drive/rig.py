@@ -233,6 +233,11 @@ class Rig:
         return replace(self, axis={name: replace(axis, proved=None) for name, axis in self.axis.items()})
 
 
+def metres_per_revolution(axis: RigAxis) -> float:
+    """Return the way of the handle in a turn of the motor [m]; 0 where it turns."""
+    return axis.mechanism.metres_per_revolution if isinstance(axis.mechanism, LinearMechanism) else 0.0
+
+
 COUNTS_PER_REVOLUTION = 4096
 """Of the shipped bench."""
 

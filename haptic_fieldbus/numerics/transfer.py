@@ -34,6 +34,12 @@ Polynomial = tuple[float, ...]
 """Coefficients of a polynomial, the highest power first."""
 
 
+ROUNDING = 1e-12
+"""Share of the largest coefficient below which one is rounding."""
+FORMULA_DIGITS = 9
+"""Digits of a coefficient: at 1 kHz the denominator of an oscillator differs from (z - 1)^2 in the fourth."""
+
+
 @dataclass(frozen=True)
 class TransferFunction:
     """Proper rational function of s or z with a monic denominator."""
@@ -128,8 +134,8 @@ def bind_difference_equation(function: TransferFunction) -> Callable[[float], fl
 
 def difference_equation(function: TransferFunction, source: str = "u", output: str = "y") -> str:
     """Return the difference equation as text for people."""
-    terms = [_term(value, source, lag) for lag, value in enumerate(_padded(function)) if value]
-    terms += [_term(-value, output, lag) for lag, value in enumerate(function.den) if lag and value]
+    terms = [_term(value, source, lag) for lag, value in _significant(_padded(function))]
+    terms += [_term(-value, output, lag) for lag, value in _significant(function.den) if lag]
     return f"{output}[n] = " + (" ".join(terms).removeprefix("+ ") or "0")
 
 
@@ -139,3 +145,37 @@ def _padded(function: TransferFunction) -> Polynomial:
 
 def _term(value: float, name: str, lag: int) -> str:
     return f"{'-' if value < 0 else '+'} {rounded(abs(value), 6)} {name}[n{f'-{lag}' if lag else ''}]"
+
+
+def formula(function: TransferFunction, variable: str) -> str:
+    """Return the fraction of two polynomials in s or z as text for people."""
+    over, under = (_bracketed(_polynomial(part, variable)) for part in (function.num, function.den))
+    return over.strip("()") if under == "1" else f"{over}/{under}"
+
+
+def _bracketed(text: str) -> str:
+    return f"({text})" if " + " in text or " - " in text else text
+
+
+def _significant(coefficients: Polynomial) -> list[tuple[int, float]]:
+    """Return the coefficients that are more than rounding, with their places."""
+    largest = max(map(abs, coefficients), default=0.0)
+    return [(place, value) for place, value in enumerate(coefficients) if abs(value) > ROUNDING * largest]
+
+
+def _polynomial(coefficients: Polynomial, variable: str) -> str:
+    degree = len(coefficients) - 1
+    terms = [
+        f"{'-' if value < 0 else '+'} {_monomial(abs(value), degree - place, variable)}"
+        for place, value in _significant(coefficients)
+    ]
+    text = " ".join(terms)
+    return (f"-{text[2:]}" if text.startswith("-") else text.removeprefix("+ ")) or "0"
+
+
+def _monomial(value: float, power: int, variable: str) -> str:
+    letters = {0: "", 1: variable}.get(power, f"{variable}^{power}")
+    number = rounded(value, FORMULA_DIGITS)
+    if not letters:
+        return number
+    return letters if number == "1" else f"{number} {letters}"

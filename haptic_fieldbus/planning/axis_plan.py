@@ -250,7 +250,9 @@ def _protocol(profile: DriveProfile, rig: Rig, axis: RigAxis) -> FieldbusProtoco
         raise PlanError(f"the bus {axis.bus} of the rig is of no protocol; in Python a CAN bus is a CanSection")
     protocol = protocol_named(section.protocol)
     if profile.drive.protocol != protocol.name:
+        own = protocol_named(profile.drive.protocol).simulated_bus(profile)
         raise PlanError(
-            f"{profile.title} speaks {profile.drive.protocol}, but the bus {axis.bus} is one of {protocol.name}"
+            f"{profile.title} speaks {profile.drive.protocol}, but the bus {axis.bus} is one of {protocol.name}; "
+            f"simulated it is on --bus {own}"
         )
     return protocol

@@ -3,7 +3,8 @@
 Three ways lead to zero, and each cause takes the first that it can:
 
 - The loop sees the event in the feedback of the next period, and the set-points of that period are torque-free.
-- Feedback that is missing: the torque is held, then fades; feedback that grows too old is a trip.
+- Feedback that is missing: the torque is held, then fades; feedback that grows too old is a trip. Where set-points wait
+  for answers, nothing fades, and the trip comes first.
 - Nothing of us reaches the drive: its own guard takes the torque away.
 
 A torque loop of first order never reaches zero, so *zero* is `REMAINDER` of the torque at the event. The times are
@@ -24,6 +25,7 @@ from haptic_fieldbus.protocols.traffic import BusTraffic, Json
 
 REMAINDER = 0.01
 """Share of the torque at which it counts as zero."""
+BESIDE = "by what is sent beside the exchange"
 
 
 class EndCause(Enum):
@@ -71,19 +73,26 @@ def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Tor
     alone, end = bool(unguarded(axis.profile, axis.rig)), _end(axis, traffic)
     guard = math.inf if alone else traffic.guard(axis.name)
     # The event may happen just after a latch, so the next one shows it.
-    seen = period + traffic.latch + axis.delay.transport + end
+    seen = period + traffic.latch(axis.name) + axis.delay.transport + end
     faded, old = _missing(axis, period)
     by_loop = "seen in the next period, whose set-points are torque-free"
     by_guard = "a person who cuts the power" if alone else f"the guard of the drive, {rounded(1e3 * guard)} ms"
     yield TorqueDeadline(EndCause.TRIP, seen, by_loop)
-    lost = min(faded, old) + end
-    yield TorqueDeadline(EndCause.FEEDBACK, lost, "held for one period, then faded out")
+    by_age = f"feedback older than {rounded(1e3 * axis.limits.age)} ms is a trip"
+    held = traffic.waits_for_answers
+    lost = (old if held else min(faded, old)) + end
+    by_loss = (
+        f"held, as nothing is sent before the drive answers; {by_age}"
+        if held
+        else "held for one period, then faded out"
+    )
+    yield TorqueDeadline(EndCause.FEEDBACK, lost, by_loss)
     yield TorqueDeadline(EndCause.FAULT, seen, f"the drive by itself; the others: {by_loop}")
     yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself; the others as when feedback is lost")
     if math.isfinite(traffic.silence):
         how = f"{rounded(1e3 * traffic.silence)} ms without it, then {by_loop}"
         yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
-    how = f"feedback older than {rounded(1e3 * axis.limits.age)} ms is a trip; then by SDO, at the latest {by_guard}"
+    how = f"{by_age}; then {BESIDE}, at the latest {by_guard}"
     yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
     yield TorqueDeadline(EndCause.DISCONNECTED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
@@ -97,7 +106,7 @@ def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
     if math.isinf(axis.limits.echo):
         return "nothing notices it: the drive does not show what it was sent"
     waited = rounded(1e3 * axis.limits.echo)
-    return f"not followed for {waited} ms from the first change on is a trip; then by SDO, at the latest {by_guard}"
+    return f"not followed for {waited} ms from the first change on is a trip; then {BESIDE}, at the latest {by_guard}"
 
 
 def _end(axis: AxisPlan, traffic: BusTraffic) -> float:

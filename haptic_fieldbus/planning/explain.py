@@ -15,6 +15,7 @@ from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.guards import guard_lines
 from haptic_fieldbus.planning.limit_table import limit_lines, recommended_limits
 from haptic_fieldbus.planning.plan import BusPlan, Plan
+from haptic_fieldbus.planning.ways import way_limits
 from haptic_fieldbus.signals import Workspace
 
 KEY_WIDTH = 11
@@ -44,6 +45,7 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from _listed("guard", list(guard_lines(plan.guards, simulated=plan.simulated)))
     yield from _listed("enabling", list(enabling_lines(plan.axes)))
     yield "delay", delay_text(plan)
+    yield from _listed("ways", [way.text() for way in way_limits(plan)])
     yield from _listed("assumed", list(plan.assumed))
     yield from _listed("deadlines", list(deadline_texts(plan)))
     yield from _listed("coupling", [str(ages) for ages in plan.coupling_ages])

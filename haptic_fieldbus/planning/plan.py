@@ -157,5 +157,5 @@ class Plan:
         # Imported here, because a scene without couplings does without it.
         from haptic_fieldbus.planning.coupled_plan import ages
 
-        latch = {name: bus.traffic.latch for bus in self.buses for name in bus.axes}
+        latch = {name: bus.traffic.latch(name) for bus in self.buses for name in bus.axes}
         return tuple(ages(self.scene.couplings, self.axes, latch))

@@ -6,6 +6,7 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limit_table import limit_rows
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.sign_probe import sign_probe
+from haptic_fieldbus.planning.ways import way_limits
 from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
 from haptic_fieldbus.protocols.traffic import Json
 
@@ -24,6 +25,7 @@ def plan_json(plan: Plan) -> dict[str, Json]:
             "torque_loop": delay.torque_loop,
             "total": delay.total,
         },
+        "ways": [way.to_json() for way in way_limits(plan)],
         "couplings": [
             {"name": each.name, "age_s": {on: dict(ages) for on, ages in each.ages.items()}}
             for each in plan.coupling_ages

@@ -112,18 +112,18 @@ def check_request(
     *,
     bus: str = DEFAULT_BUS,
     node: int = DEFAULT_NODE,
-    rate: float = DEFAULT_RATE,
+    rate: float | None = None,
     duration: float = DEFAULT_DURATION,
     seed: int = DEFAULT_SEED,
     choices: Sequence[Choice] = (),
     record: Path | None = None,
     plot: Path | None = None,
 ) -> BusName:
-    """Check a request and return its bus; `rate` in Hz, `duration` in s.
+    """Check a request and return its bus; `rate` in Hz, None for that of the bus, `duration` in s.
 
     Raises one UsageError that lists every fault.
     """
-    faults = _number_faults(rate, duration, seed)
+    faults = _number_faults(DEFAULT_RATE if rate is None else rate, duration, seed)
     faults += [fault for choice in choices for fault in choice.faults()]
     faults += file_faults("record", record, RECORD_SUFFIXES)
     faults += file_faults("plot", plot, PLOT_SUFFIXES)

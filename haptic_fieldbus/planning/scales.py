@@ -4,8 +4,15 @@ import math
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.drive.units import COUNTS, TORQUE_UNITS, needed_for, steps_per_revolution, torque_step
+from haptic_fieldbus.drive.rig import RigAxis, metres_per_revolution
+from haptic_fieldbus.drive.units import (
+    ABSOLUTE_TORQUE_UNITS,
+    COUNTS,
+    TORQUE_UNITS,
+    needed_for,
+    steps_per_revolution,
+    torque_step,
+)
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.signals import Signal
@@ -21,9 +28,9 @@ def torque_unit(signal: Signal, profile: DriveProfile, axis: RigAxis) -> float:
     """
     offered = profile.offers()
     unit = offered.get(signal, offered[Signal.TARGET_TORQUE]).unit
-    if unit not in TORQUE_UNITS:
+    if unit not in TORQUE_UNITS + ABSOLUTE_TORQUE_UNITS:
         raise PlanError(f"{profile.title}: torque unit {unit!r} is not supported")
-    step = torque_step(unit, axis)
+    step = torque_step(unit, axis, profile.full_scale)
     if step is None:
         raise PlanError(
             f"the rig's {needed_for(unit, axis)} of node {axis.node} is unknown: torque cannot be scaled without it"
@@ -38,9 +45,16 @@ def rated_effort(axis: RigAxis) -> float:
 
 
 def position_steps(profile: DriveProfile, axis: RigAxis) -> float:
-    """Return the position steps in one revolution of the motor; encoder counts when the drive offers no position."""
+    """Return the position steps in one revolution of the motor; encoder counts when the drive offers no position.
+
+    Raises PlanError for a motor that goes straight and turns in the rig.
+    """
     offered = profile.offers().get(Signal.POSITION)
-    return steps_per_revolution(offered.unit if offered else COUNTS, axis.encoder_counts_per_revolution)
+    unit = offered.unit if offered else COUNTS
+    steps = steps_per_revolution(unit, axis.encoder_counts_per_revolution, metres_per_revolution(axis))
+    if not steps:
+        raise PlanError(f"{profile.title} tells its position in {unit}; it needs a linear mechanism in the rig")
+    return steps
 
 
 def load_of(axis: RigAxis, plant: Plant | None) -> "HungBody | None":

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from haptic_fieldbus.defaults import DEFAULT_BUS
+from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_RATE
 from haptic_fieldbus.drive.rig import COUNTS_PER_REVOLUTION, BusSection, Rig, RigAxis, default_axis, shipped_mechanism
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.planning.compile import compile_plan
@@ -97,7 +97,7 @@ def check_rendering(rendering: Rendering) -> None:
 
         chosen(rendering.estimator)
     if isinstance(rendering.scene, Scene):
-        check_elements(rendering.scene, 1.0 / rendering.rate, rendering.method)
+        check_elements(rendering.scene, 1.0 / (rendering.rate or DEFAULT_RATE), rendering.method)
 
 
 def check_known(loaded: Loaded) -> None:
@@ -185,18 +185,23 @@ def _on_bus(rig: Rig, named: BusName) -> Rig:
     return replace(rig, bus=sections)
 
 
-def _shipped_bench(scene: Scene, drive: str, bus: BusName, node: int) -> Rig:
+def _shipped_bench(scene: Scene, drive: str | None, bus: BusName, node: int) -> Rig:
     """Return the shipped bench: a drive for each axis of the scene, with node-IDs counting from `node`.
 
     On a real bus nothing is known of the motors, so that rated torque, inertia and damping are None.
     """
-    name = bus.text.partition("@")[0]
-    make = default_axis if bus.simulated else _unknown_axis
+    name, drive = bus.text.partition("@")[0], drive or protocol_named(bus.section.protocol).default_drive
+    make = _simulated_axis if bus.simulated else _unknown_axis
     axes = {
         axis.name: make(axis.workspace, bus=name, node=node + position, profile=drive)
         for position, axis in enumerate(scene.axes)
     }
     return Rig({name: bus.section}, axes)
+
+
+def _simulated_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:
+    """Return an axis of the shipped bench; nobody holds it, and its power can be cut at any time."""
+    return replace(default_axis(workspace, bus=bus, node=node, profile=profile), emergency_stop="power")
 
 
 def _unknown_axis(workspace: Workspace, *, bus: str, node: int, profile: str) -> RigAxis:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
-from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_NODE, DEFAULT_RATE
+from haptic_fieldbus.defaults import DEFAULT_NODE
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.scene import Scene
@@ -20,8 +20,8 @@ class Rendering:
     scene: str | Path | Scene
     """A name of the library, a file, or a scene made in Python."""
     _: KW_ONLY
-    rate: float = DEFAULT_RATE
-    """Periods a second [Hz]."""
+    rate: float | None = None
+    """Periods a second [Hz]; None: 1000 Hz, and on a bus that is slower the highest rate that it sustains."""
     settings: Mapping[str, Setting] | None = None
     """Parameters of the scene, such as {"wall.stiffness": 800.0}, "0.8 N/mm" or "max/2"."""
     method: str | None = None
@@ -40,8 +40,8 @@ class Task(Rendering):
     rig: str | Path | Rig | None = None
     """A file or a Rig; None is the shipped bench, with one drive for each axis of the scene."""
     _: KW_ONLY
-    drive: str = DEFAULT_DRIVE
-    """Profile of the shipped bench, by name or path."""
+    drive: str | None = None
+    """Profile of the shipped bench, by name or path; None: that which the protocol of the bus names."""
     bus: str | None = None
     """sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE]; None is the simulation, or the buses of the rig."""
     node: int = DEFAULT_NODE

@@ -19,7 +19,8 @@ def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
     """Return the axis with what its bus says of it: delay, limits of age and echo, the bench as the loop sees it."""
     echo = echo_time(draft.profile.echo, period)
     limits = replace(draft.limits, age=AGE_SHARE * traffic.guard(draft.name), echo=echo)
-    return replace(draft, delay=traffic.delay(draft.name), limits=limits, plant=_seen(draft, period))
+    delay, plant = traffic.delay(draft.name), _seen(draft, period)
+    return replace(draft, traffic=traffic.of(draft.name), delay=delay, limits=limits, plant=plant)
 
 
 def _seen(axis: AxisPlan, period: float) -> Plant | None:

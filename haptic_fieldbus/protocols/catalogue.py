@@ -29,13 +29,7 @@ from haptic_fieldbus.protocols.folders import known_names, own_profile, profile_
 from haptic_fieldbus.protocols.folders import profile_folder as profile_folder
 from haptic_fieldbus.protocols.folders import profile_names as profile_names
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
-from haptic_fieldbus.protocols.registry import (
-    BUILT_IN,
-    UNBUILT,
-    protocol_named,
-    protocol_names,
-    protocol_of_bus,
-)
+from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named, protocol_names, protocol_of_bus
 
 PROFILE_LOADED = ("name", "source")
 """Fields that the loader fills in; a profile file must not give them."""
@@ -68,17 +62,14 @@ def load_profile(name_or_path: str | Path, profiles: str | Path | None = None) -
 def _protocol_of(document: Document) -> FieldbusProtocol:
     """Return the protocol that the file names, whose schema decides how the rest of the file is read.
 
-    Raises ProfileError for a protocol that is not available yet. An unknown name is taken for a slip: its fault is
-    noted, and the rest is checked as a profile of the default protocol.
+    An unknown name is taken for a slip: its fault is noted, and the rest is checked as a profile of the default
+    protocol.
     """
     path: KeyPath = ("drive", "protocol")
     name = document.value(*path)
     if isinstance(name, str) and name in BUILT_IN:
         return protocol_named(name)  # without a look at what is installed, which takes longer than the rest
     known = protocol_names()
-    if isinstance(name, str) and name in UNBUILT and name not in known:
-        document.fault(path, f'"{name}" is not available yet in this version; there is: {", ".join(known)}')
-        return document.checked(None)
     if isinstance(name, str) and name not in known:
         document.refuse(path, " or ".join(f'"{each}"' for each in known))
     return protocol_named(name if isinstance(name, str) and name in known else DEFAULT_PROTOCOL)
@@ -176,6 +167,8 @@ def _check_sources(document: Document, schema: type[DriveProfile]) -> None:
     """
     sources = document.table("sources")
     for section in document.data.keys() - UNSOURCED:
+        if isinstance(document.data[section], list) and section not in sources and knows(schema, (section,)):
+            document.fault((section,), f'no source; expected an entry "{section}" in [sources]')
         for key, value in document.table(section).items():
             for path in _unsourced((section, key), value, sources):
                 if knows(schema, path):
@@ -230,17 +223,13 @@ def _channel_as_text(document: Document, bus: str) -> None:
 
 def _check_bus_section(document: Document, name: str) -> BusSection | None:
     """Return the bus as its protocol defines it; None when it has faults, which are noted."""
-    try:
-        protocol = _protocol_of_bus(document, name)
-    except UsageError as error:
-        document.fault(("bus", name, "interface"), str(error))
-        return None
+    protocol = _protocol_of_bus(document, name)
     convert_units(document, protocol.section, ("bus", name))
     return document.validate(protocol.section, ("bus", name))
 
 
 def _protocol_of_bus(document: Document, name: str) -> FieldbusProtocol:
-    """Return the protocol of a bus by its interface; raises UsageError when it is not available yet."""
+    """Return the protocol of a bus by its interface."""
     interface = document.value("bus", name, "interface")
     return protocol_of_bus(interface) if isinstance(interface, str) else protocol_named(DEFAULT_PROTOCOL)
 

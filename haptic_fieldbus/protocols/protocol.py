@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE, SIMULATION
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
@@ -38,6 +39,15 @@ class FieldbusProtocol(Protocol):
     @property
     def bus_forms(self) -> str:
         """Forms of its bus names with examples, as a part of a sentence."""
+
+    @property
+    def default_drive(self) -> str:
+        """Profile of a drive on its buses when none is named."""
+        return DEFAULT_DRIVE
+
+    def simulated_bus(self, profile: DriveProfile) -> str:
+        """Return the name of a simulated bus on which a drive of its own can be."""
+        return SIMULATION
 
     def vendor_profile(self, path: str | Path) -> DriveProfile:
         """Return the profile described by a vendor's file; raises ProfileError or EdsError."""
@@ -75,6 +85,10 @@ class FieldbusProtocol(Protocol):
 
         Raises PlanError (ImageTooLargeError) when the drive cannot carry them.
         """
+
+    def default_rate(self, section: BusSection, members: Members, waiting: float) -> float:
+        """Return the rate of a loop that is not told one [Hz]; the arguments are those of `bus_traffic`."""
+        return DEFAULT_RATE
 
     def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> BusTraffic:
         """Return the traffic of a bus at `rate` [Hz], whose feedback waits for that of other buses, `waiting` in s."""

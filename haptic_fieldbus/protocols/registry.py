@@ -8,7 +8,7 @@ import re
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 
-from haptic_fieldbus.defaults import DEFAULT_PROTOCOL
+from haptic_fieldbus.defaults import DEFAULT_PROTOCOL, SIMULATION
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
@@ -16,12 +16,15 @@ from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 
 GROUP = "haptic_fieldbus.protocols"
 """Protocol of a profile that names none, and of a bus whose first word belongs to no other protocol."""
-BUILT_IN = {DEFAULT_PROTOCOL: "haptic_fieldbus.protocols.canopen.protocol"}
+BUILT_IN = {
+    DEFAULT_PROTOCOL: "haptic_fieldbus.protocols.canopen.protocol",
+    "modbus": "haptic_fieldbus.protocols.modbus.protocol",
+}
 """Protocols of this package: name → module, which has the protocol as `PROTOCOL`."""
 TRAFFIC_KEYS = {DEFAULT_PROTOCOL: "pdos", "modbus": "registers"}
 """Protocol → key of its traffic in `plan --json`; each key is always there, null when no axis uses the protocol."""
-UNBUILT = {"modbus": ("modbus-tcp", "modbus-rtu", "sim-modbus-tcp", "sim-modbus-rtu")}
-"""Protocols that are announced but not available yet: name → first words of their bus names."""
+WORDS = dict.fromkeys(("modbus-tcp", "modbus-rtu", "sim-modbus-tcp", "sim-modbus-rtu"), "modbus")
+"""First word of a bus name → protocol of this package; all other words are interfaces of the default protocol."""
 
 
 def protocol_names() -> list[str]:
@@ -30,43 +33,29 @@ def protocol_names() -> list[str]:
 
 
 def protocol_named(name: str) -> FieldbusProtocol:
-    """Return the protocol of that name; raises UsageError when it is unknown or not available yet."""
+    """Return the protocol of that name; raises UsageError when it is unknown."""
     if name in BUILT_IN:  # imported here, because a run needs the modules of its own protocols alone
         built_in: FieldbusProtocol = import_module(BUILT_IN[name]).PROTOCOL
         return built_in
-    if name in added(GROUP):  # before UNBUILT, so that another package may provide an announced protocol
+    if name in added(GROUP):
         theirs: FieldbusProtocol = added(GROUP)[name].load()
         return theirs
-    if name in UNBUILT:
-        raise UsageError(
-            f"{name.capitalize()} is not available yet in this version; there is: {', '.join(protocol_names())}"
-        )
     raise UsageError(f'no protocol "{name}"{suggestion(name, protocol_names())}')
 
 
 def protocol_of_bus(word: str) -> FieldbusProtocol:
-    """Return the protocol of a bus by its first word: an interface of a rig, or the name of a simulation.
-
-    Raises UsageError when the word belongs to a protocol that is not available yet.
-    """
-    if word in added(GROUP):
-        return protocol_named(word)
-    unbuilt = next((name for name, words in UNBUILT.items() if word in words), None)
-    if unbuilt is not None:
-        forms = "; ".join(protocol_named(each).bus_forms for each in protocol_names())
-        raise UsageError(f"{unbuilt.capitalize()} is not available yet in this version; buses are {forms}")
+    """Return the protocol of a bus by its first word: an interface of a rig, or the name of a simulation."""
+    if word in WORDS or word in added(GROUP):
+        return protocol_named(WORDS.get(word, word))
     # CAN interfaces are not listed here, so the default protocol has to refuse a word that nobody knows.
     return protocol_named(DEFAULT_PROTOCOL)
 
 
 def parse_bus(text: str) -> BusName:
     """Parse the name of a bus; raises UsageError with the nearest names and the known forms."""
-    try:
-        # The first word ends at the channel or at the bit rate.
-        protocol = protocol_of_bus(re.split("[:@]", text)[0])
-    except UsageError as error:
-        raise UsageError(f'bus "{text}": {error}') from None
-    return protocol.parse_bus(text)
+    word = re.split("[:@]", text)[0]  # ends at the channel or at the bit rate
+    slip = next((name for name in WORDS.values() if word.startswith((name, f"{SIMULATION}-{name}"))), None)
+    return (protocol_named(slip) if slip else protocol_of_bus(word)).parse_bus(text)
 
 
 def added(group: str) -> dict[str, EntryPoint]:

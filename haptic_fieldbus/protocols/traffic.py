@@ -42,6 +42,8 @@ class Delay:
     """Shortest `transport` over all that is assumed; None: always as it is."""
     longest: float | None = None
     """Longest `transport` over all that is assumed, or that changes from period to period; None: always as it is."""
+    acts_first: bool = False
+    """True: a set-point that acts at the instant of a sample acts before it, so that the sample shows it."""
 
     @property
     def total(self) -> float:
@@ -95,9 +97,23 @@ class BusTraffic(Protocol):
     def highest_rate(self) -> float:
         """Highest rate of the loop that the bus can sustain [Hz]; 0 or less: none."""
 
+    def of(self, axis: str) -> AxisTraffic:
+        """Return the traffic of an axis as it is exchanged on this bus."""
+
+    def others(self) -> "tuple[BusTraffic, ...]":
+        """Return other ways of the same exchange that were not chosen, each at the rate of this one or, if that is too
+        fast for it, at its own highest; empty where there is one way."""
+
     @property
-    def latch(self) -> float:
-        """Time from the beginning of the exchange until the drives latch [s]."""
+    def exchange(self) -> str:
+        """The way of the exchange in words; empty where there is one way."""
+
+    @property
+    def rate(self) -> float:
+        """Rate of the loop [Hz]."""
+
+    def latch(self, axis: str) -> float:
+        """Return the time from the beginning of the exchange until the drive of an axis latches [s]."""
 
     @property
     def feedback_time(self) -> float:
@@ -116,6 +132,10 @@ class BusTraffic(Protocol):
     @property
     def silence(self) -> float:
         """Time without a device's own sign of life after which it counts as gone [s]; inf where devices send none."""
+
+    @property
+    def waits_for_answers(self) -> bool:
+        """True when no set-point is sent while an answer stays away: the torque is held then, and does not fade."""
 
     @property
     def disturbance(self) -> float:

@@ -1,13 +1,9 @@
 """Picture of a run: position and wall, force, and error, over the whole run and around the first force.
 
 On real drives the error is not known; there the last panel shows how late the periods began and how old feedback was.
-
-Lines of many points are thinned to the least and the greatest value of each bin, so that no spike is lost. Colours are
-from the palette of Okabe and Ito, made to be told apart with any colour vision (https://jfly.uni-koeln.de/color/).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from textwrap import fill
@@ -20,21 +16,25 @@ from matplotlib.figure import Figure, SubFigure
 from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.result import Array, Result, Trace
 from haptic_fieldbus.numerals import percent
+from haptic_fieldbus.report.drawing import (
+    BLUE,
+    FELT,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    UNITS,
+    VERMILION,
+    AxisUnits,
+    held,
+    thin,
+)
+from haptic_fieldbus.report.plot_law import draw_law
 from haptic_fieldbus.report.words import key_figures
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.signals import Workspace
 
-BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
-GREY, INK = "#8a8a8a", "#222222"
-
-FELT = 0.08
-"""Smallest change of a force that a hand can tell, as a share of the force.
-
-Pang, Tan and Durlach measured 7 % from 2.5 to 10 N: Manual discrimination of force using active finger motion,
-Perception & Psychophysics 49 (1991).
-"""
-BINS = 900
-"""Bins to which a line is thinned; about as many as the picture has columns of pixels for a panel."""
 ZOOM_BEFORE, ZOOM_AFTER = 12, 28
 """Periods shown before and after the first considerable force in the right-hand panels."""
 COUNTS = 0.05
@@ -42,22 +42,6 @@ COUNTS = 0.05
 
 SIZE = (13.5, 8.4)
 DPI = 110
-
-
-@dataclass(frozen=True)
-class AxisUnits:
-    """Units in which a picture shows the quantities of a workspace; `per_length` converts from m or rad to `length`."""
-
-    length: str
-    per_length: float
-    effort: str
-    effort_name: str
-
-
-UNITS = {
-    Workspace.LINEAR: AxisUnits("mm", 1e3, "N", "force"),
-    Workspace.ROTARY: AxisUnits("°", 180 / np.pi, "N·m", "torque"),
-}
 
 
 def plot_run(result: Result, path: Path) -> None:
@@ -74,28 +58,33 @@ def plot_run(result: Result, path: Path) -> None:
     figure.text(0.02, 1.0 - 0.015 / axes, title, size=14.5, weight="bold", color=INK, va="top")
     figure.text(0.02, 1.0 - below / axes, key_figures(result), size=10.5, color="#555555", va="top")
     for part, trace in zip(figure.subfigures(len(result.traces), 1, squeeze=False)[:, 0], result.traces, strict=True):
-        walls = [element for element in _elements(result, trace.axis) if isinstance(element, Wall)]
         name = f"{trace.axis}: " if axes > 1 else ""
-        draw_axis(part, trace, walls, [change.time for change in result.changes], name, result.periods)
+        elements = result.plan.scene.of_axis(trace.axis) if result.plan else ()
+        times = [change.time for change in result.changes]
+        draw_axis(part, trace, elements, times, name, result.periods, _limit(result, trace.axis))
     figure.savefig(path)
 
 
-def _elements(result: Result, axis: str) -> tuple[object, ...]:
-    return result.plan.scene.of_axis(axis) if result.plan else ()
+def _limit(result: Result, name: str) -> float | None:
+    """Return the effort limit of an axis [N or N·m]; None where it is not known."""
+    axes = result.plan.axes if result.plan else ()
+    return next((axis.limits.effort for axis in axes if axis.name == name), None)
 
 
 def draw_axis(
     figure: SubFigure | Figure,
     trace: Trace,
-    walls: list[Wall],
+    elements: Sequence[object],
     changes: Sequence[float] = (),
     name: str = "",
     periods: PeriodTimes | None = None,
+    effort: float | None = None,
 ) -> None:
-    """Draw three panels over the whole run, and the same three around the first force when there is one.
+    """Draw position, force and error over the whole run, and beside them, when there is force: force over position, and
+    position and force around the first force.
 
     `changes` are the times [s] at which the scene was changed; `name` precedes the titles. The times of `periods` take
-    the place of the error, if they are given.
+    the place of the error, if they are given. `effort` is the limit of the motor [N or N·m].
     """
     window = first_force(trace)
     columns = 2 if window else 1
@@ -103,10 +92,10 @@ def draw_axis(
         3,
         columns,
         squeeze=False,
-        sharex="col",
-        gridspec_kw={"width_ratios": [1.9, 1.0][:columns], "height_ratios": [1.15, 1.0, 0.8]},
+        gridspec_kw={"width_ratios": [1.5, 1.0][:columns], "height_ratios": [1.15, 1.0, 0.8]},
     )
-    figure.subplots_adjust(left=0.065, right=0.985, top=0.87, bottom=0.07, hspace=0.2, wspace=0.18)
+    figure.subplots_adjust(left=0.065, right=0.985, top=0.87, bottom=0.07, hspace=0.32, wspace=0.18)
+    walls = [element for element in elements if isinstance(element, Wall)]
     units = UNITS[trace.workspace]
     _column(panels[:, 0], trace, walls, units, f"{name}the whole run", "time [s]", 1.0)
     _mark_fade_in(panels[:, 0], trace, units)
@@ -117,25 +106,40 @@ def draw_axis(
         panels[2, 0].text(0.5, 0.5, "the error is not known", transform=panels[2, 0].transAxes, ha="center")
     _legends(panels[:, 0])
     if window:
+        draw_law(panels[0, 1], trace, elements, effort, units)
+        _dress(panels[0, 1], f"{name}{units.effort_name} over position [{units.length}]")
         close = cut(trace, *window)
-        _column(panels[:, 1], close, walls, units, f"{name}a closer look, period by period", "time [ms]", 1e3)
+        _column(panels[1:, 1], close, walls, units, f"{name}a closer look, period by period", "time [ms]", 1e3)
+        panels[2, 1].set_ylabel(f"{units.effort_name} [{units.effort}]")
         panels[0, 0].axvspan(*window, color=ORANGE, alpha=0.35, linewidth=0)
 
 
 def _column(
     panels: Array, trace: Trace, walls: list[Wall], units: AxisUnits, title: str, time_label: str, per_second: float
 ) -> None:
-    """Draw position, force and error below one another; `per_second` converts times to the unit of their axis."""
+    """Draw position, force and, with three panels, error below one another, over one time.
+
+    `per_second` converts times to the unit of their axis.
+    """
     draws: tuple[Callable[[Axes, Trace, AxisUnits, float], None], ...] = (_draw_position, _draw_force, _draw_error)
-    for panel, draw in zip(panels, draws, strict=True):
+    for panel, draw in zip(panels, draws, strict=False):
         draw(panel, trace, units, per_second)
-        panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
-        panel.set_axisbelow(True)
-        panel.spines[["top", "right"]].set_visible(False)
-        panel.margins(x=0)
+        if panel is not panels[-1]:
+            panel.sharex(panels[-1])
+        _dress(panel, title if panel is panels[0] else "")
     _shade_walls(panels[0], walls, units)
-    panels[0].set_title(title, loc="left", size=11, color=INK)
-    panels[2].set_xlabel(time_label)
+    for panel in panels[:-1]:
+        panel.tick_params(labelbottom=False)
+    panels[-1].set_xlabel(time_label)
+
+
+def _dress(panel: Axes, title: str) -> None:
+    panel.grid(visible=True, color="#e4e4e4", linewidth=0.8)
+    panel.set_axisbelow(True)
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.margins(x=0)
+    if title:
+        panel.set_title(title, loc="left", size=11, color=INK)
 
 
 def _draw_position(panel: Axes, trace: Trace, units: AxisUnits, per_second: float) -> None:
@@ -216,12 +220,18 @@ def _mark_changes(panels: Array, changes: Sequence[float]) -> None:
 
 
 def _legends(panels: Array) -> None:
-    """Put a legend above each panel, where it hides no line."""
     for panel in panels:
-        handles, labels = panel.get_legend_handles_labels()
-        if labels:
-            place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.0}
-            panel.legend(handles, labels, ncols=len(labels), fontsize=9, frameon=False, **place)
+        _legend(panel)
+
+
+def _legend(panel: Axes) -> None:
+    """Put a legend above a panel, where it hides no line."""
+    handles, labels = panel.get_legend_handles_labels()
+    if labels:
+        panel.legend(
+            handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=len(labels),
+            fontsize=9, frameon=False,
+        )  # fmt: skip
 
 
 def first_force(trace: Trace) -> tuple[float, float] | None:
@@ -260,31 +270,3 @@ def _between(times: Array | None, first: float, last: float) -> slice:
     if times is None:
         return slice(0, 0)
     return slice(int(np.searchsorted(times, first)), int(np.searchsorted(times, last, side="right")))
-
-
-def held(times: Array, values: Array, end: float) -> tuple[Array, Array]:
-    """Return times and values of a staircase, each `(2 n,)`: a value is held until the next time, the last until `end`.
-
-    `times` [s] and `values` have the shape `(n,)`.
-    """
-    # Every time except the first and the last is a corner twice: end of one step, begin of the next.
-    corners = np.repeat(np.append(times, end), 2)[1:-1]
-    return corners, np.repeat(values, 2)
-
-
-def thin(times: Array, values: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """Return the least and the greatest value of each bin, and both ends, in order of time.
-
-    `times` and `values` have the shape `(n,)`. A line with fewer than four points a bin is returned as it is.
-    """
-    size = len(values) // bins
-    if size < 4:
-        return times, values
-    # `size` is rounded down, so the last points may fill no bin; they are all kept.
-    whole = len(values) // size * size
-    blocks = values[:whole].reshape(-1, size)
-    starts = np.arange(0, whole, size)
-    rest = np.arange(whole, len(values))
-    ends = [0, len(values) - 1]
-    kept = np.unique(np.concatenate([starts + blocks.argmin(axis=1), starts + blocks.argmax(axis=1), rest, ends]))
-    return times[kept], values[kept]

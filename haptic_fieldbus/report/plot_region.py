@@ -12,7 +12,7 @@ from haptic_fieldbus.api.judging import Judgement
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import rounded
-from haptic_fieldbus.report.plot import BLUE, GREEN, INK, VERMILION
+from haptic_fieldbus.report.drawing import BLUE, GREEN, INK, VERMILION
 from haptic_fieldbus.report.words import parameter_units
 
 POINTS = 48

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.api.open_loop import Array, Response
-from haptic_fieldbus.report.plot import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, thin
+from haptic_fieldbus.report.drawing import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, thin
 
 COLOURS = (ORANGE, GREEN, PURPLE, SKY)
 

@@ -6,6 +6,8 @@ from haptic_fieldbus.api.open_loop import Array, Response
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.report.words import Line
 
+ROUNDING = 1e-12
+
 
 def response_lines(response: Response, title: str) -> list[Line]:
     """Return lines on the input, the range of each quantity, the growth of the method, and the verdict."""
@@ -24,6 +26,8 @@ def _range(name: str, values: Array, unit: str) -> str:
     if not len(values):
         return f"{name}: none"
     low, high = float(np.min(values)), float(np.max(values))
+    # An end that is far below the other is rounding.
+    low, high = (0.0 if abs(end) < ROUNDING * max(-low, high) else end for end in (low, high))
     return f"{name} {rounded(low)} to {rounded(high)} {unit}".rstrip()
 
 

@@ -26,6 +26,7 @@ def stability_lines(judgement: Judgement) -> list[Line]:
     return [
         ("scene", f"{judgement.scene.name}: {_asked(stability, unit, judgement.workspace)}{_axis(judgement)}"),
         *_devices(judgement),
+        *(("" if number else "ways", way.text()) for number, way in enumerate(judgement.ways)),
         *(("assumed", text) for text in judgement.assumed),
         *_keyed("limits", _limits(judgement, unit)),
         ("radius", f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"),

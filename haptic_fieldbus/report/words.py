@@ -16,6 +16,7 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.explain import delay_text, milliseconds
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.ways import way_limits
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.scene import axes_of
@@ -60,6 +61,8 @@ def _announcement(plan: Plan) -> Iterator[Line]:
     for text in enabling_lines(plan.axes):
         yield "enabling", text
     yield "delay", delay_text(plan)
+    for way in way_limits(plan):
+        yield "ways", way.text()
     for text in plan.assumed:
         yield "assumed", text
     yield "deadlines", deadlines_text(plan)

@@ -13,7 +13,7 @@ from haptic_fieldbus.buses.found import Glimpse
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.power import PowerState, PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.drive.rig import RigAxis, metres_per_revolution
 from haptic_fieldbus.drive.units import steps_per_revolution, torque_step, velocity_step
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.signals import Signal
@@ -99,7 +99,9 @@ class Viewer:
         if self._zero is None:
             self._zero = counts
         rig = self._axis.rig
-        steps = steps_per_revolution(self._offers[Signal.POSITION].unit, rig.encoder_counts_per_revolution)
+        steps = steps_per_revolution(
+            self._offers[Signal.POSITION].unit, rig.encoder_counts_per_revolution, metres_per_revolution(rig)
+        )
         return (counts - self._zero) * rig.mechanism.sign * 2 * math.pi * rig.mechanism.ratio / steps
 
     def _velocity(self, glimpse: Glimpse, position: float | None) -> float | None:
@@ -114,7 +116,7 @@ class Viewer:
     def _torque(self, raw: int | None) -> float | None:
         if raw is None:
             return None
-        step = torque_step(self._offers[Signal.TORQUE_ACTUAL].unit, self._axis.rig)
+        step = torque_step(self._offers[Signal.TORQUE_ACTUAL].unit, self._axis.rig, self._axis.profile.full_scale)
         return None if step is None else raw * step
 
 

@@ -35,6 +35,7 @@ class FreePuck:
     mass: Mass
     damping: Damping = 0.0
     name: str = "free_puck"
+    state_names: ClassVar = ("position", "velocity", "mass position", "mass velocity")
     __pydantic_config__: ClassVar = STRICT
 
     @property

@@ -7,11 +7,17 @@ from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection
+from haptic_fieldbus.sim.faults import HandFault, HostFault, kinds_of
 from haptic_fieldbus.sim.slot import Slot
 
 
 class Simulation(Protocol):
     """The part of a protocol that simulates its buses and drives."""
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Kinds of faults that its buses and drives may have; by default those that need no bus and no link."""
+        return kinds_of(HostFault) | kinds_of(HandFault)
 
     def simulate(
         self, section: BusSection, channel: str, slots: Sequence[Slot], clock: Clock, seed: int | str, log: Any

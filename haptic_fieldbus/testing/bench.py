@@ -21,8 +21,8 @@ from haptic_fieldbus.defaults import (
 )
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus, publish
-from haptic_fieldbus.sim.canopen.channel import NamedDrive, slot_of
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.channel import NamedDrive, slot_of
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.testing.drive import SimulatedDrive
 from haptic_fieldbus.testing.fault_plan import FaultPlan

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.signal
 
 import haptic_fieldbus
 from haptic_fieldbus.api.open_loop import _grounded
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import DocumentError, UsageError
 from haptic_fieldbus.numerics.integrators import METHODS, bind
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
@@ -40,6 +41,18 @@ def test_an_exact_step_is_the_closed_form(method: str) -> None:
     np.testing.assert_allclose(found.states["velocity"], OMEGA * np.sin(OMEGA * found.time), atol=1e-10)
     np.testing.assert_allclose(found.force, -STIFFNESS * np.cos(OMEGA * found.time), atol=1e-9)
     assert found.spectral_radius == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_free_puck_after_a_step_is_its_two_normal_modes() -> None:
+    """Undamped: M·ü + K·u = 0 for the ways u of puck and mass from rest at the handle, by scipy's eigenvectors."""
+    found = haptic_fieldbus.response("free_puck", settings={"free_puck.damping": 0.0}, duration=3.0)
+    masses, stiffness = np.diag([0.1, 0.3]), np.array([[300.0 + 150.0, -150.0], [-150.0, 150.0]])
+    squares, modes = scipy.linalg.eigh(stiffness, masses)
+    amplitudes = modes.T @ masses @ [-1.0, -1.0]
+    ways = modes @ (amplitudes[:, None] * np.cos(np.sqrt(squares)[:, None] * found.time))
+    np.testing.assert_allclose(found.states["position"], 1.0 + ways[0], atol=1e-9)
+    np.testing.assert_allclose(found.states["mass position"], 1.0 + ways[1], atol=1e-9)
+    np.testing.assert_allclose(found.force, 300.0 * ways[0], atol=1e-7)
 
 
 @pytest.mark.thorough("18 integrations by an adaptive solver", quick=3)
@@ -147,11 +160,11 @@ class TestFile:
          "time,position\n0,1\n1,nan\n", "time,position\n0\n1,2\n"],
     )  # fmt: skip
     def test_one_that_is_no_motion_is_refused(self, tmp_path: Path, text: str) -> None:
-        with pytest.raises(UsageError, match="expected"):
+        with pytest.raises(DocumentError, match="expected"):
             haptic_fieldbus.response("wall", input=self.written(tmp_path, text))
 
     def test_one_that_does_not_exist_is_refused(self, tmp_path: Path) -> None:
-        with pytest.raises(UsageError, match="cannot be read"):
+        with pytest.raises(DocumentError, match="cannot be read"):
             haptic_fieldbus.response("wall", input=tmp_path / "none.csv")
 
 

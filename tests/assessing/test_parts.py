@@ -11,6 +11,7 @@ from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Run
 from haptic_fieldbus.assessing.error_sums import ErrorFigures
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.report.plot import first_force
+from tests.builders import endless_rig
 
 CASES: dict[str, dict[str, Any]] = {
     "wall": {"scene": "wall"},
@@ -65,10 +66,10 @@ def test_parts_add_up_to_the_whole(task: dict[str, Any], monkeypatch: pytest.Mon
 
 @pytest.mark.thorough("renders a run of 3 s twice")
 def test_the_traces_of_a_long_run_lose_no_spike_and_keep_the_first_contact(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, thinned = run("wall", duration=3.0, hand="tap").traces[0], None
+    whole, thinned = run("wall", endless_rig("wall"), duration=3.0, hand="tap").traces[0], None
     monkeypatch.setattr(traces, "WHOLE", 1000)
     monkeypatch.setattr(traces, "BINS", 50)
-    thinned = run("wall", duration=3.0, hand="tap").traces[0]
+    thinned = run("wall", endless_rig("wall"), duration=3.0, hand="tap").traces[0]
     assert whole.ideal is not None
     assert thinned.ideal is not None
     assert len(thinned.times) < len(whole.times) / 4

@@ -12,7 +12,7 @@ import pytest
 from haptic_fieldbus.cli.simulate import HEADING
 from haptic_fieldbus.drive.rig_text import rig_text
 from haptic_fieldbus.protocols.catalogue import load_rig
-from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve, rig_of
+from haptic_fieldbus.sim.host_request import HostRequest, resolve, rig_of
 from tests.cli.command import Command
 from tests.peers.hosts import PROJECT, STARTS_WITHIN, free_port, line_of, require_multicast
 

@@ -18,7 +18,7 @@ from haptic_fieldbus.cli.run import RunOptions
 from haptic_fieldbus.cli.stability import StabilityOptions
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.sim.canopen.host_request import HostRequest
+from haptic_fieldbus.sim.host_request import HostRequest
 from tests.cli.command import Command
 
 PACKAGE = Path(defaults.__file__).parent
@@ -101,7 +101,18 @@ def test_no_module_writes_a_default_of_its_own(path: Path) -> None:
 def test_what_a_person_may_leave_out_is_what_there_is_a_default_for() -> None:
     shared = {value for kind in REQUESTS for value in defaults_of(kind).values()}
     assert shared <= {value for name, value in vars(defaults).items() if name.isupper()}
-    assert {"rate", "drive", "node", "duration", "seed", "input", "amplitude", "hand"} <= SETTABLE
+    assert {"node", "duration", "seed", "input", "amplitude", "hand"} <= SETTABLE
+
+
+def test_the_protocol_of_the_bus_decides_about_rate_and_drive(command: Command) -> None:
+    assert (Task("wall").rate, Task("wall").drive) == (None, None)
+    found = api.plan("wall"), api.plan("wall", bus="sim-modbus-rtu@115200")
+    assert [plan.rate for plan in found] == [defaults.DEFAULT_RATE, 140.0]
+    drives = [defaults.DEFAULT_DRIVE, defaults.DEFAULT_MODBUS_DRIVE]
+    assert [plan.axes[0].profile.name for plan in found] == drives
+    text = " ".join(command("plan", "--help").out.replace("│", " ").split())
+    assert f"[default: {drives[0]} on CAN, {drives[1]} on Modbus]" in text
+    assert "[default: 1000 on CAN, the highest that it sustains on Modbus]" in text
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -23,7 +23,7 @@ from haptic_fieldbus.protocols.folders import (
     profile_names,
 )
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
-from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve
+from haptic_fieldbus.sim.host_request import HostRequest, resolve
 from tests.cli.command import Command
 from tests.drive.test_profile_files import COMPLETE
 

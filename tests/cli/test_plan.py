@@ -8,8 +8,8 @@ from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 
 KEYS = [
-    "mapped", "left_out", "assumed", "pdos", "registers", "bus_load", "delay_s", "couplings", "limits", "guards",
-    "sign", "stability", "modules", "deadlines",
+    "mapped", "left_out", "assumed", "pdos", "registers", "bus_load", "delay_s", "ways", "couplings", "limits",
+    "guards", "sign", "stability", "modules", "deadlines",
 ]  # fmt: skip
 
 

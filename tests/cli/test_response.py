@@ -78,6 +78,53 @@ def test_it_is_drawn(scene: str, tmp_path: Path, command: Command) -> None:
     assert picture.stat().st_size > 10_000
 
 
+class TestTheModel:
+    def test_it_is_told_as_json_beside_the_response(self, command: Command) -> None:
+        found = json.loads(command("response", "sprung_mass", "--model", "--method", "trapezoidal", "--json").out)
+        assert list(found) == [*KEYS, "model"]
+        model = found["model"]
+        assert model["continuous"]["a"] == [[0.0, 1.0], [-400.0, 0.0]]
+        assert model["continuous"]["poles"] == [[0.0, pytest.approx(-20.0)], [0.0, pytest.approx(20.0)]]
+        assert (model["period_s"], model["method"]) == (0.001, "trapezoidal")
+        assert model["growth"]["forward-euler"] == pytest.approx((1 + 0.02**2) ** 0.5, rel=1e-12)
+        assert list(model["growth"]) == list(METHODS)
+
+    def test_it_is_told_in_matrices_poles_and_formulas(self, command: Command) -> None:
+        out = command("response", "sprung_mass", "--model").out
+        assert "A [[0, 1], [-400, 0]]" in out
+        assert "poles ± 20j (modulus 20)" in out
+        assert "F/x = -200 s^2/(s^2 + 400)" in out
+        assert "natural frequency 20 rad/s, 3.18 Hz, a period of 0.314 s, damping ratio 0" in out
+        assert "x[n] to F[n] at 1 ms, virtual states by exact-foh" in out
+        assert "F[n] = - 199.987 x[n]" in out
+        assert "forward-euler 1.00019998" in out
+
+    def test_a_wall_has_no_states_and_nothing_grows(self, command: Command) -> None:
+        out = command("response", "damped_wall", "--model").out
+        assert "no virtual states" in out
+        assert "F/v = -2" in out
+        assert "F/x = (-2600 z + 2000)/z" in out
+        assert "growth " not in out
+        assert json.loads(command("response", "wall", "--model", "--json").out)["model"]["growth"] == {}
+
+    def test_a_memory_steps_itself_and_a_real_pole_stands_alone(self, command: Command) -> None:
+        out = command("response", "generalised_maxwell", "--model").out
+        assert "the memory of an element by its own exact step" in out
+        assert "poles -333.333333 (modulus 333.333333), -10 (modulus 10), -1 (modulus 1)" in out
+
+    @pytest.mark.thorough("draws", quick=("sprung_mass",))
+    @pytest.mark.parametrize("scene", ["sprung_mass", "free_puck", "damped_sprung_mass"])
+    def test_its_poles_are_drawn(self, scene: str, command: Command, tmp_path: Path) -> None:
+        picture = tmp_path / "poles.png"
+        assert command("response", scene, "--model", "--plot", picture).status == 0
+        assert picture.stat().st_size > 30_000
+
+    def test_a_picture_of_no_poles_is_refused(self, command: Command, tmp_path: Path) -> None:
+        finished = command("response", "wall", "--model", "--plot", tmp_path / "poles.png")
+        assert finished.status == 2
+        assert "there are no poles to draw" in finished.err
+
+
 @pytest.mark.parametrize(
     "options", [("--input", "jump"), ("--method", "magic"), ("--set", "wall.stiffness=-1"), ("--duration", "0")]
 )

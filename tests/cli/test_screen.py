@@ -82,13 +82,13 @@ def test_values_become_plain() -> None:
 
 def test_there_is_no_bar_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    assert bar(1000.0) is None
+    assert bar(10.0) is None
 
 
 def test_the_bar_shows_the_seconds_done(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    progress = bar(1000.0)
+    progress = bar(10.0)
     assert progress is not None
     progress(500, 10_000)
     progress(501, 10_000)
@@ -102,7 +102,7 @@ def test_the_bar_shows_the_seconds_done(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_silent_bar_draws_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    progress = Bar(1000.0)
+    progress = Bar(10.0)
     progress.silent = True
     progress(10_000, 10_000)
     progress.close()

@@ -91,7 +91,16 @@ class TestWriteRig:
         """The drives that would be hosted; they are ready at once, and it ends."""
         told: list[str] = []
 
-        def host(bus: BusName, slots: Sequence[Slot], seed: int, ready: Callable[[Slot], None], *_: object) -> int:
+        def host(
+            bus: BusName,
+            slots: Sequence[Slot],
+            seed: int,
+            ready: Callable[[Slot], None],
+            stopped: Callable[[], bool],
+            tell: Callable[[str], None],
+            opened: Callable[[BusName], None],
+        ) -> int:
+            opened(bus)
             for slot in slots:
                 told.append(slot.axis.profile)
                 ready(slot)

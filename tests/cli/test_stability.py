@@ -22,7 +22,8 @@ def test_the_json_object_has_the_keys_of_the_contract(scene: str, command: Comma
     finished = command("stability", scene, "--json")
     assert finished.status == 0
     found = json.loads(finished.out)
-    assert list(found) == [*KEYS, "assumed"]
+    assert list(found) == [*KEYS, "assumed", "ways"]
+    assert found.pop("ways") == [], "CANopen has one way"
     assert list(found["stiffness_limit"]) == ["passive", "stable", "quantisation", "cautious"]
     assert found.pop("assumed") == list(haptic_fieldbus.plan(scene).assumed)
     assert found == haptic_fieldbus.stability(scene).to_json()

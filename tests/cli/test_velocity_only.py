@@ -2,10 +2,12 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from tests.builders import EXAMPLE, canopen
 from tests.cli.command import Command
 from tests.velocity_only import velocity_only
 
@@ -47,3 +49,19 @@ def test_an_unstable_scene_is_refused_with_what_would_be_stable(command: Command
     hint = re.search(r"Would be stable: --set (wall\.stiffness=\d+)", refused.err)
     assert hint is not None
     assert "verdict    stable" in command("stability", "damped_wall", *drive, "--set", hint[1]).out
+
+
+def test_the_shipped_example_is_the_generic_drive_with_a_tachometer_alone(tmp_path: Path) -> None:
+    example, made = (canopen(name) for name in (EXAMPLE, str(velocity_only(tmp_path))))
+    assert example.position is None
+    assert replace(
+        made, name=EXAMPLE, drive=example.drive, identity=example.identity, sources=example.sources
+    ) == replace(example, source=made.source)
+
+
+@pytest.mark.thorough("runs until the position has drifted")
+def test_the_shipped_example_ends_by_drift_after_twelve_seconds(command: Command) -> None:
+    finished = command("run", "damped_wall", "--drive", EXAMPLE, "--duration", "13")
+    assert finished.status == 3
+    assert "12.000 s after operation enabled" in finished.err
+    assert "adds up" in finished.err

@@ -13,7 +13,7 @@ from haptic_fieldbus.cycle.sign_watch import bind_sign_watch
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.sim import faults
-from tests.builders import plan_of, scene_of
+from tests.builders import endless_rig, plan_of, scene_of
 
 PERIOD = 1e-3
 AXIS = plan_of().axes[0]
@@ -113,5 +113,9 @@ def test_the_first_reason_of_a_trip_stays_when_energy_is_given_too() -> None:
 
 def test_what_a_doubt_did_is_told() -> None:
     blow = faults.HandHit("hand_hit", 0.6, 60.0, 0.05)
-    (told,) = [warning for warning in run("wall", duration=1.6, faults=[blow]).warnings if "against" in warning]
+    (told,) = [
+        warning
+        for warning in run("wall", endless_rig("wall"), duration=1.6, faults=[blow]).warnings
+        if "against" in warning
+    ]
     assert "the motion went against the torque 1 times, as by a blow of the hand; then at most 2.51 N was given" in told

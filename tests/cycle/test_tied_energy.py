@@ -14,7 +14,7 @@ from haptic_fieldbus.planning.energy import ledger_elements
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import PairLaw
-from tests.builders import plan_of, scene_of
+from tests.builders import endless_rig, plan_of, scene_of
 
 STIFFNESS = 400.0
 
@@ -57,7 +57,7 @@ def test_a_shaft_that_gives_energy_ends_the_run() -> None:
 
 def test_an_axis_with_a_virtual_mass_and_the_controller_keeps_its_account() -> None:
     scene = replace(load_scene("sprung_mass"), passivity="controller")
-    (ledger,) = run(scene, hand="tap", duration=1.5).passivity
+    (ledger,) = run(scene, endless_rig(scene), hand="tap", duration=1.5).passivity
     assert ledger.largest < ledger.limit
 
 

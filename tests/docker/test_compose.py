@@ -57,15 +57,21 @@ def mounts_of(service: dict[str, Any]) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "files", [("compose.yaml",), ("compose.yaml", "compose.socketcan.yaml")], ids=lambda each: each[-1]
+    "files",
+    [("compose.yaml",), ("compose.yaml", "compose.socketcan.yaml"), ("compose.yaml", "compose.modbus.yaml")],
+    ids=lambda each: each[-1],
 )
 def test_both_services_name_one_bus_and_the_rig_is_one_that_is_rendered(files: tuple[str, ...]) -> None:
     both = services(*files)
     rig = Path(mounts_of(both["loop"])[0].partition(":")[0])
     text = rig.read_text()
-    interface, _, channel = both["drive"]["environment"]["BUS"].partition("@")[0].partition(":")
+    named = both["drive"]["environment"]
+    interface, _, channel = named["BUS"].partition("@")[0].partition(":")
     assert f'interface = "{interface}"' in text
-    assert f'channel = "{channel}"' in text
+    # A server listens everywhere; its clients call it by the name of its service.
+    assert f'channel = "{channel.replace("0.0.0.0", "drive")}"' in text
+    assert f'profile = "{named["DRIVE"]}"' in text
+    assert "$DRIVE" in words(both["drive"])[-1]
     plan("wall", rig=rig, rate=200.0, settings={"wall.stiffness": "max/2"})
 
 

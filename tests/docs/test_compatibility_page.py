@@ -26,6 +26,8 @@ COMMANDS = {
     "plan": "plan virtual_shaft",
     "stability": "stability wall",
     "response": "response sprung_mass",
+    "response --model": "response sprung_mass --model",
+    "estimate": "estimate signal.csv",
     "scan": "scan",
     "doctor": "doctor",
     "watch": "watch --duration 0.5",
@@ -37,7 +39,7 @@ COMMANDS = {
     "scenes show": "scenes show wall",
     "scenes check": "scenes check wall no_such_scene",
 }
-BY_NAMES_OF_THEIR_OWN = ("by_source", "booked_j", "settings", "age_s", "states", "elements", "axes")
+BY_NAMES_OF_THEIR_OWN = ("by_source", "booked_j", "settings", "age_s", "states", "elements", "axes", "growth")
 """Objects whose keys are not ours, and those that a page of their own lists."""
 
 
@@ -65,6 +67,7 @@ def test_a_command_prints_the_keys_of_the_page(
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.chdir(tmp_path)
     Path("push1.eds").write_text(eds_text(generic()), encoding="utf-8")
+    Path("signal.csv").write_text("time,position\n0,0\n0.1,1\n", encoding="utf-8")
     with pytest.raises(SystemExit):
         main([*COMMANDS[name].split(), "--json"])
     told = dict(objects_of(json.loads(capsys.readouterr().out), name))
@@ -74,8 +77,8 @@ def test_a_command_prints_the_keys_of_the_page(
     for at, keys in told.items():
         known = next((at.replace(start, there, 1) for start, there in same.items() if at.startswith(start)), at)
         known = known.replace("stability.", "stability: ", 1)
-        # Run and plan tell what is assumed once, beside the rest of the plan.
-        assert OBJECTS[known] - ({"assumed"} if at.endswith(": stability") else set()) == keys, at
+        # Run and plan tell what is assumed, and plan the ways of exchange, once, beside the rest of the plan.
+        assert OBJECTS[known] - ({"assumed", "ways"} if at.endswith(": stability") else set()) == keys, at
     promised = {at for at in OBJECTS if at == name or at.startswith(f"{name}: ")}
     assert promised <= told.keys() | {"run: trips[]"}
 

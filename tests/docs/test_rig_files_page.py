@@ -8,9 +8,10 @@ from typing import Any
 import haptic_fieldbus
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import rig_schema
+from haptic_fieldbus.protocols.modbus.bus import modbus_section
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "rig_files.md").read_text(encoding="utf-8")
-SHOWN, DAEMON = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+SHOWN, DAEMON, LINES = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 
 
 def test_the_rig_that_is_shown_renders_a_wall(tmp_path: Path) -> None:
@@ -27,6 +28,14 @@ def test_the_adapter_that_is_shown_is_a_bus_of_a_rig(tmp_path: Path) -> None:
     section = haptic_fieldbus.load_rig(path).bus["desk"]
     assert isinstance(section, CanSection)
     assert section.arguments["port"] == 29536
+
+
+def test_the_modbus_lines_that_are_shown_are_buses_of_a_rig(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(LINES + SHOWN, encoding="utf-8")
+    rig = haptic_fieldbus.load_rig(path)
+    assert modbus_section(rig.bus["line"]).silence == 0.3e-3
+    assert modbus_section(rig.bus["network"]).address == ("192.168.0.10", 502)
 
 
 def keys(schema: dict[str, Any]) -> Iterator[str]:

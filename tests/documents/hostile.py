@@ -22,6 +22,7 @@ READERS = {
     "eds": "from haptic_fieldbus.protocols.catalogue import load_profile; load_profile(path('x.eds'))",
     "dcf": "from haptic_fieldbus.eds import load_eds; load_eds(path('x.dcf'))",
     "motion": "import haptic_fieldbus as h; h.response('wall', input=path('x.csv'), duration=0.1)",
+    "signal": "from haptic_fieldbus.documents.samples import *; read_samples(path('x.csv'), ('position', 'velocity'))",
 }
 """All that reads a file from outside; a file of the same content stands there by each suffix."""
 

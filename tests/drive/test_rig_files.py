@@ -263,6 +263,6 @@ def test_garbage_raises_nothing_but_a_document_error(tmp_path_factory: pytest.Te
         load_rig(path)
 
 
-def test_a_bus_of_a_protocol_that_is_not_built_yet_is_refused_in_a_sentence(tmp_path: Path) -> None:
+def test_a_bus_of_another_protocol_has_the_keys_of_that_protocol(tmp_path: Path) -> None:
     (fault,) = faults_of(tmp_path, ('interface = "socketcan"', 'interface = "modbus-tcp"'))
-    assert fault.startswith("line 2: bus.can0.interface: Modbus is not available yet in this version; buses are sim")
+    assert fault.startswith("line 4: bus.can0.bitrate: unknown key")

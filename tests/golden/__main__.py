@@ -6,7 +6,6 @@ writes them; read the difference before you commit it.
 
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.golden import left_out, plans
@@ -24,5 +23,3 @@ def write(texts: Mapping[Path, str]) -> None:
 
 write({path: plans.text_of(*case) for path, case in plans.cases().items()})
 write({left_out.FOLDER / f"{scene}.txt": left_out.text_of(scene) for scene in scene_names()})
-with TemporaryDirectory() as folder:
-    plans.VELOCITY_ONLY.write_text(plans.velocity_only_text(Path(folder)), encoding="utf-8")

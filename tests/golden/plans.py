@@ -11,12 +11,11 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.scenes.catalogue import scene_names
-from tests.velocity_only import velocity_only
 
 FOLDER = Path(__file__).parent
 SCENES, PROFILES = FOLDER / "scenes", FOLDER / "profiles"
-VELOCITY_ONLY = FOLDER / "velocity_only_damped_wall.txt"
 REFERENCE_PROFILE = "generic_cia402"
 """It holds what the standards say, so no figure of a vendor's drive, measured anew, touches the texts of all scenes."""
 REFERENCE_SCENE = "damped_wall"
@@ -38,14 +37,10 @@ def cases() -> dict[Path, tuple[str, str]]:
 @cache
 def planned(scene: str, profile: str) -> Plan:
     """The plan of a scene on a profile, made once."""
-    return plan(scene, drive=profile)
+    drive = load_profile(profile)
+    return plan(scene, drive=profile, bus=protocol_named(drive.drive.protocol).simulated_bus(drive))
 
 
 def text_of(scene: str, profile: str) -> str:
     """The golden text of a scene on a profile."""
     return explain(planned(scene, profile)) + "\n"
-
-
-def velocity_only_text(folder: Path) -> str:
-    """The reference scene on a drive that offers velocity only; its profile is written into the folder."""
-    return text_of(REFERENCE_SCENE, str(velocity_only(folder)))

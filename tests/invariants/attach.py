@@ -1,4 +1,4 @@
-"""The checker at work: every run on a simulated CAN bus within `watched` gets a witness, and is judged at its end."""
+"""The checker at work: every run on a simulated bus within `watched` gets a witness, and is judged at its end."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tests.invariants import outcome, proofs
+from tests.invariants.places import Place, pdos_of, place_of
 from tests.invariants.stated import Stated, stated
-from tests.invariants.witness import MASTER, STRANGER, Part, Shaft, Witness
+from tests.invariants.witness import Part, Shaft, Witness
 from tests.invariants.words import State
 
 MOST_FRAMES, KEPT_FRAMES = 200_000, 2_000
@@ -35,34 +36,33 @@ class Watch:
 
     def __init__(self, findings: Findings) -> None:
         self.findings = findings
-        self._open: dict[int, tuple[Witness, Any]] = {}
+        self._open: dict[int, tuple[Witness, Place]] = {}
         self.judged: list[Witness] = []
         """Since the last run of the API began."""
         self._proving = self._asked = self._must_prove = False
 
     def begin(self, bus: Any, plan: Any) -> None:
         """A master is about to configure its drives, for the first time or anew."""
-        wire = _simulated(bus) if self.findings.watching else None
         if id(bus) in self._open:
             self._again(*self._open[id(bus)])
-        if wire is None or id(bus) in self._open:
             return
-        world, port = wire.world, wire._controller.port
-        shafts = {axis.node: _shaft(world, axis.node) for axis in plan.axes if axis.node in world._rack.slaves}
-        witness = Witness(_stated(plan), world.clock, shafts, world._now_ns, proves=self._proving)
+        world = place_of(bus) if self.findings.watching else None
+        if world is None:
+            return
+        shafts = {axis.node: _shaft(world, axis.node) for axis in plan.axes if axis.node in world.nodes}
+        witness = Witness(_stated(plan), world.clock, shafts, world.now_ns, proves=self._proving)
         witness.may_prove, witness.must_prove = self._asked or not plan.simulated, self._must_prove
-        senders = {port: MASTER} | {own: slave.node.number for own, slave in world._rack.attached}
         frames = witness.frames
 
-        def seen(t_ns: int, frame: Any, sender: Any) -> None:
-            frames.append((t_ns, frame.can_id, frame.data, senders.get(sender, STRANGER)))
+        def seen(t_ns: int, can_id: int, data: bytes, sender: int) -> None:
+            frames.append((t_ns, can_id, data, sender))
             if len(frames) >= MOST_FRAMES:
                 self._shorten(witness, t_ns)
 
         world.watch(seen)
         self._open[id(bus)] = witness, world
 
-    def _again(self, witness: Witness, world: Any) -> None:
+    def _again(self, witness: Witness, world: Place) -> None:
         """Another part begins."""
         begun_ns, now_ns = witness.earlier[-1].ended_ns if witness.earlier else witness.begun_ns, world.clock.now_ns()
         witness.earlier.append(Part(begun_ns, now_ns, witness.proves, witness.released_ns))
@@ -100,10 +100,10 @@ class Watch:
         witness.closed_ns = world.clock.now_ns()
         self.judge(witness, world)
 
-    def judge(self, witness: Witness, world: Any) -> None:
+    def judge(self, witness: Witness, world: Place) -> None:
         """Bring the truth up to date, and judge it."""
         world.run()
-        witness.seen_ns = world._now_ns
+        witness.seen_ns = world.now_ns
         for node, shaft in witness.shafts.items():
             drive = world.slave(node).drive
             drive.servo.advance(witness.seen_ns)
@@ -147,14 +147,37 @@ class Watch:
 
 @contextmanager
 def watched(*, keep: bool = False) -> Iterator[Findings]:
-    """Judge every run on a simulated CAN bus meanwhile; `keep` its witnesses too."""
+    """Judge every run on a simulated bus meanwhile; `keep` its witnesses too."""
     from haptic_fieldbus.buses.canopen.master import CanopenBus
+    from haptic_fieldbus.buses.modbus.master import ModbusBus
     from haptic_fieldbus.running import proving, session
 
     watch = Watch(Findings(keep=keep))
     watch.findings.settle = watch.end_all
-    configure, release, close, render = CanopenBus.configure, CanopenBus.release, CanopenBus.close, session.render
-    prove = proving.prove
+    render, prove = session.render, proving.prove
+
+    def rendered(request: Any, place: Any) -> Any:
+        return watch.render(render, request, place)
+
+    def proved(*args: Any) -> Any:
+        return watch.prove(prove, *args)
+
+    patched: Any = session
+    patched.render = rendered
+    patched_proving: Any = proving
+    patched_proving.prove = proved
+    with _told(CanopenBus, watch), _told(ModbusBus, watch):
+        try:
+            yield watch.findings
+        finally:
+            patched.render, patched_proving.prove = render, prove
+            watch.end_all()
+
+
+@contextmanager
+def _told(master: Any, watch: Watch) -> Iterator[None]:
+    """Tell of what masters of a kind are asked to do."""
+    configure, release, close = master.configure, master.release, master.close
 
     def configured(self: Any, plan: Any) -> None:
         watch.begin(self, plan)
@@ -168,52 +191,34 @@ def watched(*, keep: bool = False) -> Iterator[Findings]:
         close(self)
         watch.end(self)
 
-    def rendered(request: Any, place: Any) -> Any:
-        return watch.render(render, request, place)
-
-    def proved(*args: Any) -> Any:
-        return watch.prove(prove, *args)
-
-    patched: Any = CanopenBus
-    patched.configure, patched.release, patched.close, session.render = configured, released, closed, rendered
-    patched_proving: Any = proving
-    patched_proving.prove = proved
+    master.configure, master.release, master.close = configured, released, closed
     try:
-        yield watch.findings
+        yield
     finally:
-        patched.configure, patched.release, patched.close, session.render = configure, release, close, render
-        patched_proving.prove = prove
-        watch.end_all()
+        master.configure, master.release, master.close = configure, release, close
 
 
-def _simulated(bus: Any) -> Any:
-    """The simulated bus of a master; None where it has another."""
-    owner = getattr(bus._wire._port, "_bus", None)
-    return owner if hasattr(owner, "world") and hasattr(owner, "_controller") else None
-
-
-def _shaft(world: Any, node: int) -> Shaft:
+def _shaft(world: Place, node: int) -> Shaft:
     """Write down from now on what the drive does."""
-    slave = world.slave(node)
-    drive = slave.drive
+    drive = world.slave(node).drive
     power, recorder = drive.power, drive.plant.recorder
     shaft = Shaft(
         node,
         State(power.state.value),
         1e-3 * drive.objects.rated_torque,
         drive.objects.torque_unit,
-        _faults(slave),
-        targets=[(world._now_ns, drive.servo._target)],
-        angles={world._now_ns: float(drive.plant.state[0])},
+        world.faults(node),
+        targets=[(world.now_ns, drive.servo._target)],
+        angles={world.now_ns: float(drive.plant.state[0])},
     )
     make, start, target = power._make, power.start, recorder.target
 
     def made(transition: Any) -> Any:
-        shaft.transitions.append((world._now_ns, transition.number))
+        shaft.transitions.append((world.now_ns, transition.number))
         return make(transition)
 
     def started() -> Any:
-        shaft.transitions.append((world._now_ns, -1))
+        shaft.transitions.append((world.now_ns, -1))
         return start()
 
     def targeted(t_ns: int, torque: float) -> None:
@@ -225,19 +230,13 @@ def _shaft(world: Any, node: int) -> Shaft:
     return shaft
 
 
-def _faults(slave: Any) -> tuple[Any, ...] | None:
-    """The faults that are planned for a drive; None where a test does something of its own when it is enabled."""
-    planned = getattr(slave.drive.on_enabled, "args", None)
-    return tuple(planned[0]) if planned else None
-
-
 def _stated(plan: Any) -> Stated:
     """The plain numbers of a part of a plan, as the whole has them in its JSON, of its rig and of its drives."""
     from haptic_fieldbus.planning.limit_table import limit_rows
     from haptic_fieldbus.planning.plan_json import _sign_json
 
     told = {
-        "pdos": [pdo for axis in plan.axes for pdo in axis.traffic.to_json(axis.rig.bus).get("pdos", ())],
+        "pdos": pdos_of(plan),
         "limits": [
             {"axis": axis.name, "limit": row.name, "value": row.value}
             for axis in plan.axes

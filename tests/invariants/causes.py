@@ -16,12 +16,18 @@ FADES = frozenset({FEEDBACK, FAULT, RESET, DISCONNECTED, STOPPED})
 """Causes after which torque cannot grow: it is held, fades or ends."""
 
 
+ANSWERS = 4
+"""Most answers of a drive on Modbus in a period."""
+
+
 def _lasts(fault: Any, stated: Stated) -> bool:
     """Whether a loss lasts until the age of the feedback is a trip, wherever in a period it begins."""
     oldest = max(axis.age for axis in stated.axes) + 3.0 * stated.period
     if hasattr(fault, "duration"):
         return fault.duration is None or float(fault.duration) > oldest
-    return fault.count is None or int(fault.count) * stated.period > oldest
+    # On Modbus set-points and several blocks may have answers of their own.
+    share = 1.0 / ANSWERS if fault.kind.startswith("answer_") else 1.0
+    return fault.count is None or int(fault.count) * stated.period * share > oldest
 
 
 def _stands_still(seconds: float, stated: Stated) -> bool:
@@ -58,12 +64,16 @@ ENDS: Mapping[str, Callable[[Any, Stated], str | None]] = {
     "bus_off": lambda fault, stated: DISCONNECTED,
     "interface_down": lambda fault, stated: DISCONNECTED if _lasts(fault, stated) else None,
     "foreign_frame": lambda fault, stated: TRIP if _commands(fault, stated) else None,
+    "answer_lost": lambda fault, stated: FEEDBACK if _lasts(fault, stated) else None,
+    "answer_truncated": lambda fault, stated: FEEDBACK if _lasts(fault, stated) and fault.length <= 8 else None,
+    "answer_corrupted": lambda fault, stated: FEEDBACK if _lasts(fault, stated) else None,
+    "connection_reset": lambda fault, stated: DISCONNECTED,
     "host_paused": lambda fault, stated: STOPPED if _stands_still(fault.duration, stated) else None,
     "host_late": lambda fault, stated: STOPPED if _stands_still(fault.delay, stated) else None,
 }
 """Causes of the end, by the kind of fault; None where it is not sure that the run ends."""
 
-CUTS = frozenset({"silence", "bus_off", "interface_down"})
+CUTS = frozenset({"silence", "bus_off", "interface_down", "connection_reset"})
 """Kinds that take a drive or the master off the wire."""
 
 HARMLESS: Mapping[str, Callable[[Any, Stated], bool]] = {
@@ -72,6 +82,7 @@ HARMLESS: Mapping[str, Callable[[Any, Stated], bool]] = {
     "frame_dropped": lambda fault, stated: (
         fault.frames in ("emergency", "nmt") or (fault.frames in ("tpdo", "rpdo") and fault.count == 1)
     ),
+    "answer_lost": lambda fault, stated: fault.count == 1,
     "host_late": lambda fault, stated: fault.delay < 0.2 * stated.period and fault.count == 1,
 }
 """Faults that must not end a run, when they are alone."""
@@ -87,6 +98,10 @@ STATUS: Mapping[str, frozenset[int]] = {
     "heartbeat_lost": frozenset({1}),
     "bus_off": frozenset({1}),
     "interface_down": frozenset({1}),
+    "answer_lost": frozenset({1}),
+    "answer_truncated": frozenset({1}),
+    "answer_corrupted": frozenset({1}),
+    "connection_reset": frozenset({1}),
     "torque_dead": frozenset({1}),
     "missing_rpdos": frozenset({1}),
     "duplicate_node": frozenset({3}),

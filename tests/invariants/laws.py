@@ -64,7 +64,9 @@ def slew_within_limits(witness: Witness) -> Iterator[str]:
         if len(wire) < 2:
             continue
         change = np.abs(np.diff(wire[:, 1]))
-        change[wire[1:, 2] == 0] = 0.0  # torque-free
+        let_go_ns = witness.released_ns if witness.released_ns is not None else np.inf
+        # Torque-free by its controlword, or a zero after the order to let go.
+        change[(wire[1:, 2] == 0) | ((wire[1:, 1] == 0.0) & (wire[1:, 0] >= let_go_ns))] = 0.0
         largest = axis.slew * witness.stated.period + 1.5 * shaft.unit
         if float(change.max()) > largest:
             at = int(change.argmax())
@@ -223,7 +225,9 @@ def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int
     # A drive that lets go by itself does so at the very instant of the event.
     at = int(np.searchsorted(times, event_ns, side="left")) - 1
     held = torques[max(at, 0) :]
-    first = abs(float(torques[at])) if at >= 0 else 0.0
+    # A set-point that was on its way at the event may still be taken over, up to a period later.
+    until = int(np.searchsorted(times, event_ns + 1e9 * witness.stated.period, side="right"))
+    first = float(np.abs(torques[max(at, 0) : max(until, at + 1)]).max()) if at >= 0 else 0.0
     zero = REMAINDER * max(first, shaft.permille)
     pushing = np.flatnonzero(np.abs(held) > zero)
     if not pushing.size:

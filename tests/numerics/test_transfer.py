@@ -18,6 +18,7 @@ from haptic_fieldbus.numerics.transfer import (
     TransferFunction,
     bind_difference_equation,
     difference_equation,
+    formula,
     substituted,
     transfer_function,
 )
@@ -151,3 +152,17 @@ def test_what_cannot_be_substituted_is_refused() -> None:
         substituted(function, 0.0, "forward")
     with pytest.raises(UsageError, match="goes to infinity"):
         substituted(function, 0.01, "trapezoidal")
+
+
+@pytest.mark.parametrize(
+    ("function", "text"),
+    [
+        (TransferFunction((-200.0, 1e-15, 0.0), (1.0, 0.0, 400.0)), "-200 s^2/(s^2 + 400)"),
+        (TransferFunction((1.0, -0.5), (1.0, 0.0)), "(s - 0.5)/s"),
+        (TransferFunction((0.0, 2.0), (1.0, 3.0)), "2/(s + 3)"),
+        (TransferFunction((-600.0,), (1.0,)), "-600"),
+        (TransferFunction((0.0,), (1.0,)), "0"),
+    ],
+)
+def test_a_transfer_function_is_told_as_a_fraction(function: TransferFunction, text: str) -> None:
+    assert formula(function, "s") == text

@@ -6,8 +6,8 @@ It hosts the drive as `haptic-fieldbus simulate` does, without friction, until i
 import sys
 from dataclasses import replace
 
-from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve
 from haptic_fieldbus.sim.canopen.hosting import host
+from haptic_fieldbus.sim.host_request import HostRequest, resolve
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.buses.canopen.frames import FRAME_SUFFIXES
+from haptic_fieldbus.buses.log_file import FRAME_SUFFIXES
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.request import (
@@ -60,6 +60,27 @@ def test_a_can_bus_is_interface_channel_and_bit_rate(
     assert bus.text == text
 
 
+@pytest.mark.parametrize(
+    ("text", "channel", "arguments"),
+    [
+        ("socketcand:can0@500000,host=192.168.1.20,port=29536", "can0", {"host": "192.168.1.20", "port": 29536}),
+        ("slcan:/dev/ttyACM0@500000,ttyBaudrate=115200,listen_only=true", "/dev/ttyACM0",
+         {"ttyBaudrate": 115200, "listen_only": True}),
+        ("vector:0,1@500000,app_name=a=b,poll_interval=0.5", "0,1", {"app_name": "a=b", "poll_interval": 0.5}),
+    ],
+)  # fmt: skip
+def test_what_an_interface_takes_beyond_the_channel_follows_behind_commas(
+    text: str, channel: str, arguments: dict[str, object]
+) -> None:
+    bus = parse_bus(text)
+    assert bus.section == CanSection(text.partition(":")[0], channel, 500_000, arguments=arguments)  # type: ignore[arg-type]
+    assert bus.text == text
+
+
+def test_a_bit_rate_that_is_not_given_is_asked_for_before_the_arguments() -> None:
+    assert parse_bus("socketcand:can0,port=29536").assumed.endswith("Give it as socketcand:can0@BITRATE")
+
+
 @pytest.mark.parametrize(("text", "bitrate"), [("sim", DEFAULT_BIT_RATE), ("sim@500000", 500_000)])
 def test_the_simulated_bus_has_a_bit_rate_that_is_known(text: str, bitrate: int) -> None:
     bus = parse_bus(text)
@@ -90,6 +111,7 @@ def test_a_rig_may_name_the_simulation_by_its_interface(text: str, channel: str,
         ("can0", "nearest: socketcan:can0"),
         ("vcan1@500000", "nearest: socketcan:vcan1@500000"),
         ("socketcan", "lacks its channel"),
+        ("socketcan:can0,receive_own_messages=true", "receive_own_messages would show the master its own frames"),
         ("socketcan:", "lacks its channel"),
         ("socketcan:@500000", "lacks its channel"),
         ("sim:1", "written sim[@BITRATE]"),
@@ -100,10 +122,12 @@ def test_a_rig_may_name_the_simulation_by_its_interface(text: str, channel: str,
         ("pcan:PCAN_USBBUS1@5000000", "outside of what CAN can do"),
         ("haptic_sim:bench@5000000", "outside of what CAN can do"),
         ("", 'no bus ""'),
-        ("sim-modbus-tcp", "not available yet"),
-        ("sim-modbus-rtu@115200", "not available yet"),
-        ("modbus-tcp:192.168.0.2:502", "not available yet"),
-        ("modbus-rtu:/dev/ttyUSB0@115200", "not available yet"),
+        ("modbus:192.168.0.2:502", "modbus-tcp:HOST[:PORT]"),
+        ("modbus-tcp", "lacks its channel"),
+        ("modbus-tcp:192.168.0.2:port", "a port, 1 to 65535"),
+        ("modbus-rtu:/dev/ttyUSB0@fast", "the bit rate in bit/s"),
+        ("sim-modbus-rtu@5", "1200 to 20000000"),
+        ("sim-modbus-tcp:bench", "has no channel"),
     ],
 )
 def test_a_wrong_bus_is_answered_with_what_was_expected(text: str, sentence: str) -> None:

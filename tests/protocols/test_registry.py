@@ -9,7 +9,7 @@ from haptic_fieldbus.errors import ProfileError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection, can_section
 from haptic_fieldbus.protocols.canopen.protocol import PROTOCOL
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
-from haptic_fieldbus.protocols.registry import BUILT_IN, TRAFFIC_KEYS, UNBUILT, parse_bus, protocol_named
+from haptic_fieldbus.protocols.registry import BUILT_IN, TRAFFIC_KEYS, WORDS, parse_bus, protocol_named
 from haptic_fieldbus.signals import Workspace
 from tests.builders import PROFILE
 
@@ -21,19 +21,14 @@ def test_a_protocol_of_ours_is_found_by_the_name_that_it_has(name: str) -> None:
     assert protocol_named(name).name == protocol_named(name).section.protocol == name
 
 
-def test_every_protocol_that_is_ours_or_to_come_has_a_key_in_the_json_of_a_plan() -> None:
-    assert set(TRAFFIC_KEYS) == {*BUILT_IN, *UNBUILT}
+def test_every_protocol_that_is_ours_has_a_key_in_the_json_of_a_plan() -> None:
+    assert set(TRAFFIC_KEYS) == set(BUILT_IN)
 
 
-@pytest.mark.parametrize("name", UNBUILT)
-def test_one_that_is_to_come_is_named_as_such(name: str) -> None:
-    with pytest.raises(
-        UsageError, match=f"{name.capitalize()} is not available yet in this version; there is: canopen"
-    ):
-        protocol_named(name)
-    for word in UNBUILT[name]:
-        with pytest.raises(UsageError, match=rf'bus "{word}:x": {name.capitalize()} is not available yet'):
-            parse_bus(f"{word}:x")
+@pytest.mark.parametrize("word", WORDS)
+def test_a_word_of_a_bus_name_belongs_to_its_protocol(word: str) -> None:
+    channel = "" if word.startswith("sim-") else ":somewhere"
+    assert parse_bus(word + channel).section.protocol == WORDS[word]
 
 
 class TestMixedUp:

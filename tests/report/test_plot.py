@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.result import Array, Result, TorqueError, Trace
-from haptic_fieldbus.report.plot import BINS, ZOOM_AFTER, ZOOM_BEFORE, cut, draw_axis, first_force, held, plot_run, thin
+from haptic_fieldbus.report.drawing import BINS, held, thin
+from haptic_fieldbus.report.plot import ZOOM_AFTER, ZOOM_BEFORE, cut, draw_axis, first_force, plot_run
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
 
@@ -32,7 +33,7 @@ def push(duration: float = 2.0, workspace: Workspace = Workspace.LINEAR, *, simu
 
 def result_of(*traces: Trace, walls: tuple[Wall, ...] = ()) -> Result:
     """A result that shows these traces."""
-    plan = SimpleNamespace(scene=SimpleNamespace(of_axis=lambda axis: walls))
+    plan = SimpleNamespace(scene=SimpleNamespace(of_axis=lambda axis: walls), axes=())
     return Result(
         scene="wall",
         drive="maxon EPOS4",
@@ -72,11 +73,14 @@ def test_position_wall_force_and_error_are_on_the_picture() -> None:
     assert labels(figure, 0) == {"encoder, held for a period", "handle", "wall"}
     assert labels(figure, 2) == {"rendered", "ideal: continuous, exact"}
     assert labels(figure, 4) == {"rendered − ideal", "±8 %: a hand cannot tell"}
-    assert [figure.axes[panel].get_ylabel() for panel in (0, 2, 4)] == [
-        "position [mm]",
-        "force on the handle [N]",
-        "error [N]",
-    ]
+    assert [panel.get_ylabel() for panel in figure.axes] == [
+        "position [mm]", "force [N]",
+        "force on the handle [N]", "position [mm]",
+        "error [N]", "force [N]",
+    ]  # fmt: skip
+    assert [panel.get_title("left") for panel in figure.axes[1::2]] == [
+        "force over position [mm]", "a closer look, period by period", "",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("side", "inside"), [("positive", 25.0), ("negative", 15.0)])

@@ -8,10 +8,10 @@ import pytest
 
 from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.errors import BusError, DriveFaultError, PlanError, SafetyTripError, UnprovedGuardError
-from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.faults import DeadGuard, DriveFault, SdoRefusal
-from tests.builders import canopen
+from tests.builders import canopen, shipped
 from tests.running.guard_bench import (
     DEAD,
     EMERGENCY_STOP,
@@ -22,7 +22,7 @@ from tests.running.guard_bench import (
 )
 
 MS = 1_000_000
-SHIPPED = [name for name in profile_names() if load_profile(name).drive.usable]
+SHIPPED = [name for name in shipped() if load_profile(name).drive.usable]
 LIFE_GUARDED = [name for name in SHIPPED if canopen(name).link_loss.life_guarding]
 MASTER_NODE = 0x7F
 

@@ -18,6 +18,7 @@ from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.sim.canopen.sheet import sheet
 from haptic_fieldbus.sim.faults import load_faults, toml_of
 from haptic_fieldbus.sim.faults.drawing import drawn
+from tests.builders import shipped
 
 LONGEST = 10.0
 """[s] that any file may take."""
@@ -67,7 +68,7 @@ def _profile_texts() -> tuple[str, ...]:
 
 @cache
 def _eds_texts() -> tuple[str, ...]:
-    return tuple(eds_text(sheet(canopen_profile(load_profile(name)))) for name in profile_names())
+    return tuple(eds_text(sheet(canopen_profile(load_profile(name)))) for name in shipped())
 
 
 def _eds(path: Path) -> object:

@@ -10,6 +10,7 @@ from typing import Any
 
 from haptic_fieldbus import api
 from haptic_fieldbus.errors import HapticFieldbusError
+from tests.builders import endless_rig
 from tests.invariants.attach import watched
 from tests.soak import files, frames
 from tests.soak.case import case_of, run_case
@@ -70,7 +71,7 @@ def an_hour(first: int, count: int) -> Found:
     broken = []
     with watched() as found:
         try:
-            result = api.run("wall", duration=float(count), hand="sine", seed=first)
+            result = api.run("wall", endless_rig("wall"), duration=float(count), hand="sine", seed=first)
             broken += [] if result.cycles == round(1000.0 * count) else [f"{result.cycles} periods of {1000 * count}"]
         except HapticFieldbusError as error:
             broken.append(f"a run without a fault ended: {error}")

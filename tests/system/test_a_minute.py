@@ -5,6 +5,7 @@ import pytest
 from haptic_fieldbus.api import run
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.scenes.catalogue import scene_names
+from tests.builders import endless_rig
 from tests.system.sign_bench import unseen_rig
 
 MINUTE = 60.0
@@ -26,5 +27,5 @@ def test_a_scene_of_the_library(scene: str, hand: str | None) -> None:
 @pytest.mark.parametrize("drive", ["maxon_epos4", "generic_cia402"])
 @pytest.mark.parametrize("hand", ["tap", "push", "sine"])
 def test_a_wall_of_half_the_stable_stiffness(rate: float, drive: str, hand: str) -> None:
-    settings = {"wall.stiffness": "max/2"}
-    assert run("wall", drive=drive, rate=rate, hand=hand, duration=MINUTE, settings=settings).trips == ()
+    rig = endless_rig("wall", drive)
+    assert run("wall", rig, rate=rate, hand=hand, duration=MINUTE, settings={"wall.stiffness": "max/2"}).trips == ()

@@ -11,6 +11,7 @@ from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.live_changes import plan_change
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.catalogue import scene_names
+from tests.builders import endless_rig
 
 DURATION, EVERY = 15.0, 0.17
 """[s]; a change begins while the handle moves, is pressed in, or is on its way out, at another phase each time."""
@@ -40,7 +41,7 @@ def test_changes_end_no_run(scene: str) -> None:
     possible = list(accepted(plan(scene)))
     times = [EVERY * (number + 1) for number in range(int(DURATION / EVERY) - 1)]
     changes = list(zip(times, islice(cycle(possible), len(times)), strict=False))
-    result = run(scene, duration=DURATION, changes=changes)
+    result = run(scene, endless_rig(scene), duration=DURATION, changes=changes)
     assert result.trips == ()
     assert len(result.changes) == len(changes)
     if not possible:

@@ -3,6 +3,7 @@
 import pytest
 
 from haptic_fieldbus.api import run
+from tests.builders import endless_rig
 
 
 @pytest.mark.thorough("six runs", quick=1)
@@ -11,7 +12,7 @@ from haptic_fieldbus.api import run
     ("drive", "hand"), [("maxon_epos4", "push"), ("maxon_epos4", "tap"), ("generic_cia402", "sine")]
 )
 def test_the_shipped_scenes_run_on_both_shipped_benches(name: str, drive: str, hand: str) -> None:
-    result = run(name, drive=drive, hand=hand, duration=2.0)
+    result = run(name, endless_rig(name, drive), hand=hand, duration=2.0)
     assert (result.missed_cycles, result.trips) == (0, ())
     assert result.stability is not None
     assert result.stability.margin is not None

@@ -7,6 +7,7 @@ from haptic_fieldbus import run
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.sim.faults import MissingTpdos
+from tests.builders import endless_rig
 from tests.system.sign_bench import unseen_rig
 
 CONTACT = 2.0
@@ -48,12 +49,12 @@ def test_the_energy_that_a_gap_costs_the_hand_is_what_its_push_does_meanwhile() 
 @pytest.mark.parametrize("hand", ["push", "tap", "release"])
 def test_single_missing_samples_all_over_a_run_are_no_reason_to_stop(hand: str) -> None:
     faults = [MissingTpdos("missing_tpdos", 0.7 + 0.05 * number, 1) for number in range(300)]
-    assert run("wall", duration=20.0, hand=hand, faults=faults).cycles == 20_000
+    assert run("wall", endless_rig("wall"), duration=20.0, hand=hand, faults=faults).cycles == 20_000
 
 
 def test_a_force_that_a_gap_took_is_told() -> None:
     """The feedback stays away while the handle enters the wall: nothing pushes it out, and it is said why."""
-    found = run("wall", duration=1.5, faults=[MissingTpdos("missing_tpdos", 0.71, 20)])
+    found = run("wall", endless_rig("wall"), duration=1.5, faults=[MissingTpdos("missing_tpdos", 0.71, 20)])
     depth = found.traces[0].position[-1] - 0.02
     assert depth > 0.03, "a wall of 600 N/m would have held 6 N at 0.01"
     (told,) = [text for text in found.warnings if "gap" in text]

@@ -17,6 +17,7 @@ from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
+from tests.builders import endless_rig
 
 Array = NDArray[np.float64]
 SURFACE = 0.02
@@ -163,7 +164,7 @@ def test_a_changed_run_is_compared_with_the_ideal_in_force_at_each_time() -> Non
 @pytest.mark.thorough("a long run")
 def test_a_sprung_mass_begins_afresh_and_is_compared_with_an_ideal_that_does_so_too() -> None:
     change = {"sprung_mass.stiffness": 150.0, "sprung_mass.mass": 0.2}
-    result = run("sprung_mass", duration=3.0, hand="sine", changes=[(1.5, change)])
+    result = run("sprung_mass", endless_rig("sprung_mass"), duration=3.0, hand="sine", changes=[(1.5, change)])
     assert result.torque_error is not None
     assert result.torque_error.contact is not None
     assert result.torque_error.contact < 0.08

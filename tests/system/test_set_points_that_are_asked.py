@@ -13,6 +13,7 @@ from haptic_fieldbus.planning.deadlines import EndCause
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.link.frame import Frame
+from tests.builders import endless_rig
 from tests.system.test_set_points_that_do_not_act import CONTACT, RATES, TOOLS, Rack
 from tests.system.zero_torque import measured, planned
 
@@ -73,7 +74,8 @@ def test_no_scene_of_the_library_trips(scene: str) -> None:
 @pytest.mark.thorough("60 s at every rate", quick=0)
 @pytest.mark.parametrize("rate", RATES)
 def test_taps_on_a_wall_at_half_its_limit_never_trip(rate: float) -> None:
-    result = run("wall", drive=ASKED, rate=rate, hand="tap", duration=60.0, settings={"wall.stiffness": "max/2"})
+    rig = endless_rig("wall", ASKED)
+    result = run("wall", rig, rate=rate, hand="tap", duration=60.0, settings={"wall.stiffness": "max/2"})
     assert result.trips == ()
     assert np.abs(result.traces[0].force).max() > 0.0
 

@@ -16,7 +16,6 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import DriveFaultError, UnstableSceneError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.catalogue import profile_names
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.wall import Wall
@@ -25,7 +24,7 @@ from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import Hand, Piece
-from tests.builders import PROFILE, can_traffic, canopen, endless_rig, rig_of, scene_of
+from tests.builders import PROFILE, can_traffic, canopen, endless_rig, rig_of, scene_of, shipped
 from tests.softened import softened
 
 RATES = (1000.0, 250.0, 50.0)
@@ -38,7 +37,7 @@ STROKE, ARM = 0.03, 1e6
 LED = Hand("led", (Piece(0.0, 0.5 * ARM * STROKE * TURN**2),), angular_frequency=TURN, mass=ARM, stiffness=1e7,
            damping=2e3)  # fmt: skip
 """Leads the handle over the stroke and back, ½·STROKE·(1 − cos TURN·t), whatever the motor does."""
-SHIPPED = [name for name in profile_names() if canopen(name).drive.usable]
+SHIPPED = [name for name in shipped() if canopen(name).drive.usable]
 SOFT = scene_of(Wall("handle", stiffness=300.0, position=0.01))
 """120 ‰ of rated torque where the hand is deepest."""
 LONGEST = 0.4

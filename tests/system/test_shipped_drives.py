@@ -7,10 +7,11 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
-from tests.builders import canopen
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.sim.canopen.sheet import dictionary_of
+from tests.builders import canopen, shipped
 
-SHIPPED = [name for name in profile_names() if load_profile(name).drive.usable]
+SHIPPED = [name for name in shipped() if load_profile(name).drive.usable]
 KINDS = {
     "maxon_epos4": 10, "elmo_gold": 10, "nanotec_pd4_c": 10, "nanotec_c5_e": 10, "ingenia_everest": 10,
     "zeroerr_erob": 10, "technosoft_ipos": -5, "maxon_epos2": -3, "delta_asda_a2": 4, "oriental_blvd_krd": 4,
@@ -22,6 +23,17 @@ NODE = 5
 
 def test_ten_drives_are_shipped_each_with_its_mode() -> None:
     assert {name: canopen(name).torque.mode_of_operation for name in SHIPPED} == KINDS
+
+
+def test_a_drive_without_a_torque_set_point_is_shipped_and_refused_for_force_with_the_reason() -> None:
+    with pytest.raises(haptic_fieldbus.PlanError, match="is not usable for force: there is no 6071h target torque"):
+        haptic_fieldbus.run("wall", drive="faulhaber_mclm", force=True)
+
+
+def test_the_simulated_drive_without_a_torque_set_point_serves_a_master_that_positions_it() -> None:
+    dictionary = {(entry.index, entry.subindex) for entry in dictionary_of(canopen("faulhaber_mclm"), NODE)}
+    assert {(0x607A, 0), (0x6081, 0), (0x60FF, 0), (0x6064, 0)} <= dictionary
+    assert not {(0x6071, 0), (0x6077, 0)} & dictionary
 
 
 def downloads(path: Path) -> list[tuple[int, int, bytes]]:

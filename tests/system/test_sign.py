@@ -16,17 +16,16 @@ from haptic_fieldbus.errors import SafetyTripError
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.sign_probe import sign_probe
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.protocols.catalogue import profile_names
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.hand import HANDS
-from tests.builders import VELOCITY_ONLY, WALL, canopen, endless_rig, plan_of, rig_of
+from tests.builders import VELOCITY_ONLY, WALL, canopen, endless_rig, plan_of, rig_of, shipped
 from tests.system.sign_bench import HELD_BY, REVERSED, SMALL, rendered, unseen_plan, unseen_rig
 
 RATES = (1000.0, 250.0, 50.0)
 SCENES = sorted(scene_names())
-SHIPPED = [name for name in profile_names() if canopen(name).drive.usable]
+SHIPPED = [name for name in shipped() if canopen(name).drive.usable]
 ROUNDING = 1e-9
 SOFT = {"end_stop.stiffness": 50.0}
 """Of the scene `constant`; stable at 50 Hz."""

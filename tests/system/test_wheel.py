@@ -82,7 +82,7 @@ def test_all_that_the_wheel_needs_is_installed_with_it(environment: Path) -> Non
 
 @pytest.mark.thorough("installs into a clean environment")
 def test_the_demo_runs_from_the_wheel(environment: Path, tmp_path: Path) -> None:
-    words = "run wall --drive maxon_epos4 --duration 10 --plot demo.png"
+    words = "run wall --drive maxon_epos4 --hand release --duration 3 --plot demo.png"
     finished = call(environment / "haptic-fieldbus", *words.split(), cwd=tmp_path)
     assert finished.returncode == 0, finished.stderr
     assert "verdict" in finished.stdout

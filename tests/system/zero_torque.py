@@ -1,6 +1,5 @@
 """How long the torque of a simulated drive lasts after each cause for which it is taken away."""
 
-import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -16,16 +15,21 @@ from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.deadlines import REMAINDER, EndCause
 from haptic_fieldbus.planning.limits import ECHO_SHARE, ECHO_STEPS
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.signals import Signal
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import hand_named
-from tests.builders import can_traffic
+from tests.builders import can_traffic, endless_rig, shipped
 
-PROFILES = ("generic_cia402", "maxon_epos4")
 RATES = (1000.0, 250.0, 50.0)
+AT_EVERY_RATE = ("generic_cia402", "maxon_epos4")
+PROFILES = {
+    name: RATES if name in AT_EVERY_RATE else RATES[:1] for name in shipped() if load_profile(name).drive.usable
+}
+"""Shipped CANopen drives that take torque, and the rates at which each is measured [Hz]."""
 PHASES = (0.05, 0.35, 0.65, 0.95)
 """Of an event, in periods after a whole number of them from operation enabled."""
 CONTACT = 1.2
@@ -36,6 +40,8 @@ WATCHED_NS = 700_000_000
 """How long the motor is looked at after an event; longer than any deadline."""
 GRID_NS = 20_000
 MASTER_HEARTBEAT = 0x77F
+CONTROLWORD_OCTETS = 2
+"""Of the RPDO, before the target torque."""
 
 
 FaultsAt = Callable[[float], tuple[faults.Fault, ...]]
@@ -79,7 +85,7 @@ class Mortal(CanopenBus):
 @cache
 def planned(profile: str, rate: float) -> Plan:
     """A wall of half the stiffness that is stable."""
-    return plan("wall", drive=profile, rate=rate, settings={"wall.stiffness": "max/2"})
+    return plan("wall", endless_rig("wall", profile), rate=rate, settings={"wall.stiffness": "max/2"})
 
 
 class Bench:
@@ -173,14 +179,16 @@ def _without_effect(profile: str, rate: float, phase: float) -> float:
         return (faults.MissingRpdos("missing_rpdos", at),)
 
     with Bench(profile, rate, phase, lost, after=SWINGING) as bench:
-        noticed = 1000 * ECHO_SHARE if bench.axis.profile.echo is Signal.TORQUE_ACTUAL else ECHO_STEPS
+        axis = bench.axis
+        lags = axis.profile.echo is Signal.TORQUE_ACTUAL
+        noticed = ECHO_SHARE * axis.rated_effort / axis.effort_unit if lags else ECHO_STEPS
         lost_ns = held = 0
 
         def tapped(t_ns: int, can_id: int, data: bytes) -> None:
             nonlocal lost_ns, held
-            if can_id != 0x200 + bench.axis.node or not bench.event_ns:
+            if can_id != 0x200 + axis.node or not bench.event_ns:
                 return
-            target = struct.unpack("<Hh", data)[1]
+            target = int.from_bytes(data[CONTROLWORD_OCTETS:], "little", signed=True)
             lost_ns = lost_ns or bench.event_ns
             if t_ns < lost_ns:
                 held = target
@@ -265,9 +273,9 @@ def measured(profile: str, rate: float, cause: EndCause, phases: tuple[float, ..
     return max(measure(profile, rate, phase) for measure in MEASURED[cause] for phase in phases)
 
 
-def table(profiles: tuple[str, ...] = PROFILES) -> Iterator[Row]:
-    """Every cause at every rate on every profile."""
-    for profile in profiles:
-        for rate in RATES:
+def table() -> Iterator[Row]:
+    """Every cause on every profile at its rates."""
+    for profile, rates in PROFILES.items():
+        for rate in rates:
             for each in planned(profile, rate).deadlines:
                 yield Row(profile, rate, each.cause, each.seconds, measured(profile, rate, each.cause))

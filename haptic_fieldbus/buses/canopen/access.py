@@ -23,7 +23,7 @@ from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DocumentError, UsageError
-from haptic_fieldbus.protocols.canopen.bus import CanSection, can_section
+from haptic_fieldbus.protocols.canopen.bus import NODES, CanSection, can_section
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
 from haptic_fieldbus.protocols.canopen.traffic import MASTER_NODES
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -60,10 +60,12 @@ class CanopenAccess(BusAccess):
             can_bus.shutdown()
         return raw * RATED_TORQUE_UNITS[mapped.unit]
 
-    def scan(self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None) -> Scan:
+    def scan(
+        self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
+    ) -> Scan:
         own = can_section(section)
         with opened(own, axes) as wire:
-            return scan_bus(wire, own.listen, own.bitrate, _canopen_profiles(profiles))
+            return scan_bus(wire, own.listen, own.bitrate, _canopen_profiles(profiles), nodes or NODES)
 
     @contextmanager
     def onlooker(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Iterator[Looking]:

@@ -3,7 +3,7 @@
 Under Linux, /sys and `ip -details -json link show` know driver, state, bit rate and queue of a SocketCAN interface, and
 the latency timer of a serial port. Everywhere else only the round trip can be measured.
 
-Reference: Documentation/networking/can.rst of Linux; AN232B-04 of FTDI (latency timer).
+Reference: Documentation/networking/can.rst of Linux.
 """
 
 import json
@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from haptic_fieldbus.buses.found import Check
+from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 
-SYS = Path("/sys")
 SHORTEST_QUEUE, ADVISED_QUEUE = 100, 1000
 """Transmit queue [frames]: below the first, a burst of SDO and PDO frames of some axes is refused."""
-LONGEST_LATENCY = 1
-"""Latency timer of a USB serial adapter [ms]; it is 16 after plugging in."""
 VIRTUAL = ("vcan", "vxcan")
 HEALTHY = ("ERROR-ACTIVE",)
 SERIAL = ("slcan", "serial", "robotell", "seeedstudio")
@@ -134,16 +132,6 @@ def _up(section: CanSection, *, virtual: bool) -> str:
 
 
 def _latency_timer(section: CanSection, root: Path) -> Check:
-    """Check the time for which an FTDI chip holds back what it received."""
     if section.interface not in SERIAL:
         return Check("usb_latency_timer", None, "none, the bus is on no serial port")
-    port = Path(section.channel.split("@")[0]).name
-    file = root / "bus" / "usb-serial" / "devices" / port / "latency_timer"
-    try:
-        milliseconds = int(file.read_text(encoding="ascii"))
-    except (OSError, ValueError):
-        return Check("usb_latency_timer", None, f"{port} has none")
-    rule = 'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"'
-    advice = f"shorten it: echo 1 > {file}; for good, write {rule} into /etc/udev/rules.d/99-can.rules"
-    fits = milliseconds <= LONGEST_LATENCY
-    return Check("usb_latency_timer", fits, f"{milliseconds} ms", "" if fits else advice)
+    return latency_timer(section.channel.split("@")[0], root)

@@ -10,10 +10,8 @@ from struct import Struct
 from types import TracebackType
 from typing import Protocol, Self
 
-from haptic_fieldbus.buses.log_file import LogFile, cut_file
+from haptic_fieldbus.buses.log_file import FRAME_SUFFIXES, LogFile, cut_file
 from haptic_fieldbus.buses.writing import WritingProcess, pieces
-
-FRAME_SUFFIXES = (".log", ".blf")
 
 EXTENDED_FLAG = 0x8000_0000
 REMOTE_FLAG = 0x4000_0000

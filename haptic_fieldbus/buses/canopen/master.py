@@ -29,11 +29,11 @@ from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
 from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Link, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
-from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.release import Parting, Release
-from haptic_fieldbus.buses.canopen.setup import Setup
+from haptic_fieldbus.buses.canopen.setup import TORQUE_LIMITS, Setup
 from haptic_fieldbus.buses.canopen.wire import Wire
+from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import HEADER
@@ -160,7 +160,9 @@ class CanopenBus(InSteps):
 
     def _setup_of(self, axis: AxisPlan, traffic: CanTraffic, member: BusMember, *, real: bool) -> Setup:
         node = Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})", guarded=member.traffic.life_guarding)
-        return Setup(node, axis, traffic, member, TorqueLimits(node, axis, self.warnings.append, real))
+        permille = 1e-3 * axis.rated_effort
+        limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille)
+        return Setup(node, axis, traffic, member, limits)
 
     def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:
         """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""

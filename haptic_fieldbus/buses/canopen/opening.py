@@ -34,7 +34,7 @@ ADVICE: Mapping[str, str] = {
     "serial": f'install "python-can[serial]" by pip, {_PORT} serial:/dev/ttyUSB0',
     "slcan": f'install "python-can[serial]" by pip, {_PORT} slcan:/dev/ttyACM0',
     "socketcan": "type an interface that is up, as `ip -details link show type can` lists them",
-    "socketcand": "install nothing, but give host and port of the daemon in [bus.NAME.arguments] of a rig",
+    "socketcand": "install nothing, but give the daemon, for example socketcand:can0,host=192.168.1.20,port=29536",
     "systec": f"install the USB-CANmodul driver of SYS TEC, which is for Windows only; {_SOCKETCAN}",
     "udp_multicast": 'install "python-can[multicast]" by pip, and type a group, for example udp_multicast:239.74.163.2',
     "usb2can": 'install the CANAL driver of 8devices, which is for Windows only, and "pywin32" by pip',

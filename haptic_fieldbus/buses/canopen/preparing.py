@@ -4,20 +4,21 @@ What is written is read back. A value that is there already is not written, so t
 fault. Nothing is stored: 1010h is never written, and a drive that is switched off forgets all of it.
 """
 
+import math
 from collections.abc import Iterator
 
 from haptic_fieldbus.buses.canopen.node import Node
+from haptic_fieldbus.buses.rating import check_rating, rated_torque
 from haptic_fieldbus.drive.objects import ObjectEntry
-from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.enabling import first_enabling
 from haptic_fieldbus.protocols.canopen.periods import period_objects
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, ShownObject
 
-RATED_TOLERANCE = 0.02
-"""Of a rated value in the rig; what a drive holds may differ by its rounding."""
+MAX_MOTOR_SPEED, MOTOR_SPEED_UNIT = 0x6080, "r/min"
+"""Object of CiA 402-2; some drives have it in a unit of their own."""
 
 
 def prepare(node: Node, profile: CanopenProfile, rate: float) -> None:
@@ -45,6 +46,7 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     """
     section = profile.commissioning
     shown: list[str] = []
+    told: list[str] = []
     for each in section.shown:
         value = node.optional(each.entry)
         if each.needed and not value:
@@ -54,13 +56,32 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
             )
         if value is not None:
             shown.append(f"{each.name} {value}{f' {each.unit}' if each.unit else ''}")
+            told.extend(_slower(node, each, value, axis))
     if profile.torque.rated_current is not None:
         _check_rated_current(node, profile.torque.rated_current.entry, axis)
     if shown:
         yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
+    yield from told
     warning = first_enabling(profile)
     if warning:
         yield warning
+
+
+def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Iterator[str]:
+    """Yield a sentence when the drive's max motor speed is below the speed at which the run ends.
+
+    What a drive does there is not laid down for torque modes: it may take torque away, or fault.
+    """
+    if shown.object != MAX_MOTOR_SPEED or shown.unit != MOTOR_SPEED_UNIT:
+        return
+    allowed = value * 2.0 * math.pi / 60.0 * axis.rig.mechanism.ratio
+    limit, unit = axis.limits.speed, f"{axis.workspace.length_unit}/s"
+    if allowed < limit:
+        yield (
+            f"{node.label}: its {shown.name} of {value} {shown.unit} (6080h) is {rounded(allowed)} {unit} at "
+            f"the handle, below the {exactly(limit)} {unit} at which the run ends, so the drive may take torque "
+            f"away or fault before that. Raise it with the drive's tool, or lower axis.{axis.name}.limits.speed"
+        )
 
 
 def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> float | None:
@@ -71,24 +92,11 @@ def check_rated_torque(node: Node, profile: CanopenProfile, axis: AxisPlan) -> f
     mapped = profile.torque.rated
     if mapped is None:
         return None
-    if mapped.unit not in RATED_TORQUE_UNITS:
-        wrong = f"unit {mapped.unit!r} of {mapped.entry} is not one of {', '.join(RATED_TORQUE_UNITS)}"
-        raise BusConfigurationError(f"{profile.title}: {wrong}")
-    rated = node.read(mapped.entry) * RATED_TORQUE_UNITS[mapped.unit]
-    _check_rating(node, axis, mapped.entry, "torque", rated, axis.rig.rated_torque, "N·m")
+    rated = rated_torque(profile.title, str(mapped.entry), mapped.unit, node.read(mapped.entry))
+    check_rating(node.label, axis, str(mapped.entry), "torque", rated, axis.rig.rated_torque, "N·m")
     return rated
 
 
 def _check_rated_current(node: Node, entry: ObjectEntry, axis: AxisPlan) -> None:
-    _check_rating(node, axis, entry, "current", node.read(entry) * 1e-3, axis.rig.rated_current, "A")
-
-
-def _check_rating(
-    node: Node, axis: AxisPlan, entry: ObjectEntry, what: str, rated: float, expected: float | None, unit: str
-) -> None:
-    """Raise BusConfigurationError when the rated torque or current of a drive is not that of the rig."""
-    if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
-        raise BusConfigurationError(
-            f"{node.label}: its rated {what} is {exactly(rated)} {unit} ({entry}), the rig says {exactly(expected)} "
-            f"{unit} (axis.{axis.name}.rated_{what}); every command would be off by that"
-        )
+    held = node.read(entry) * 1e-3
+    check_rating(node.label, axis, str(entry), "current", held, axis.rig.rated_current, "A")

@@ -53,8 +53,10 @@ FROM_A_NODE = (EMCY_COB_ID, 0x180, 0x280, 0x380, 0x480, SDO_RESPONSE_COB_ID, HEA
 Value = TypeVar("Value")
 
 
-def scan_bus(wire: Wire, listening: float, bitrate: int, profiles: Sequence[CanopenProfile]) -> Scan:
-    """Listen for so long [s], then find all nodes; `profiles` are those that may fit. Raises BusError."""
+def scan_bus(
+    wire: Wire, listening: float, bitrate: int, profiles: Sequence[CanopenProfile], nodes: Sequence[int] = NODES
+) -> Scan:
+    """Listen for so long [s], then ask these node-IDs; `profiles` are those that may fit. Raises BusError."""
     one, states = OneMaster(NODES, NOBODY), dict[int, int]()
     for node in NODES:
         wire.listen(HEARTBEAT_COB_ID + node, partial(_note_state, states, node))
@@ -65,7 +67,7 @@ def scan_bus(wire: Wire, listening: float, bitrate: int, profiles: Sequence[Cano
         return Scan(wire.name, tuple(_heard_nodes(heard, states)), heard.sentence(), _only_listened(words))
     others: list[str] = []
     foreign = ForeignMaster(wire, one, others.append)
-    answered = _answering(wire, bitrate)
+    answered = _answering(wire, bitrate, nodes)
     found = {node: FoundNode(node, nmt_state=nmt_state_name(state)) for node, state in states.items()}
     for node in answered:
         if others or foreign.cob_id is not None:
@@ -73,8 +75,8 @@ def scan_bus(wire: Wire, listening: float, bitrate: int, profiles: Sequence[Cano
             continue
         found[node] = _found(Node(wire, node, f"node {node}"), states.get(node), profiles)
     began = [] if foreign.cob_id is None else [f"somebody else began to command: {frame_words(foreign.cob_id)}"]
-    nodes = tuple(found[node] for node in sorted(found))
-    return Scan(wire.name, nodes, heard.sentence(), "; ".join([*began, *others]))
+    in_order = tuple(found[node] for node in sorted(found))
+    return Scan(wire.name, in_order, heard.sentence(), "; ".join([*began, *others]))
 
 
 def _only_listened(words: str) -> str:
@@ -93,13 +95,13 @@ def _heard_nodes(heard: Heard, states: dict[int, int]) -> Iterable[FoundNode]:
         yield FoundNode(node, nmt_state=nmt_state_name(states[node]) if node in states else None)
 
 
-def _answering(wire: Wire, bitrate: int) -> list[int]:
-    """Ask all node-IDs for their device type, and return those that answered."""
+def _answering(wire: Wire, bitrate: int, nodes: Sequence[int]) -> list[int]:
+    """Ask these node-IDs for their device type, and return those that answered."""
     found: set[int] = set()
-    for node in NODES:
+    for node in nodes:
         wire.listen(SDO_RESPONSE_COB_ID + node, partial(_note_answer, found, node))
     gap_ns = max(1_000_000, round(BITS_OF_A_QUESTION * 1e9 / bitrate))
-    for node in NODES:
+    for node in nodes:
         wire.send(SDO_REQUEST_COB_ID + node, request(DEVICE_TYPE, None))
         _receive(wire, gap_ns)
     _receive(wire, LATEST_ANSWER_NS)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
-from haptic_fieldbus.buses.canopen.max_torque import TorqueLimits
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.buses.canopen.preparing import check_rated_torque, commissioned, prepare
+from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
@@ -33,6 +33,8 @@ CONTROLWORD = ObjectEntry(0x6040, DataType.UINT16)
 STATUSWORD = ObjectEntry(0x6041, DataType.UINT16)
 MODE = ObjectEntry(0x6060, DataType.INT8)
 MODE_DISPLAY = ObjectEntry(0x6061, DataType.INT8)
+TORQUE_LIMITS = tuple(ObjectEntry(index, DataType.UINT16) for index in (0x6072, 0x60E0, 0x60E1))
+"""Max torque, positive and negative torque limit value (CiA 402-2), all in ‰ of rated torque."""
 
 DRIVE_PROFILE = 0x0192  # low word of the device type: CiA 402
 COB_ID_INVALID = 0x8000_0000
@@ -57,7 +59,7 @@ class Setup:
     axis: AxisPlan
     bus: CanTraffic
     member: BusMember
-    torque_limits: TorqueLimits
+    torque_limits: TorqueLimits[ObjectEntry]
 
     def inspect(self) -> DriveFacts:
         """Check that the node is the drive of the profile, healthy and rated as in the rig; write nothing.

@@ -1,7 +1,8 @@
 """Names of CAN buses, as users and rig files write them."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
 from typing import Annotated, ClassVar
@@ -16,7 +17,6 @@ from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
 
-"""Bit rate that is assumed when none is given [bit/s]."""
 BITRATES = (10_000, 1_000_000)
 """Lowest and highest bit rate of CiA 301, table 1 [bit/s]."""
 NODES = range(1, 128)
@@ -41,6 +41,8 @@ LINUX_CHANNEL = re.compile(r"(v|sl)?can\d+(@.*)?")
 """Usual name of a CAN interface under Linux, which users write without `socketcan:`."""
 
 
+ARGUMENT = re.compile(r",(?=[A-Za-z_]\w*=)")
+"""What parts further arguments from a bus name and from each other; another comma belongs to the channel."""
 Argument = bool | int | float | str
 """What an argument of an interface may be in a rig file."""
 _OF_THE_BUS = "is a key of the bus itself; expected it one table above"
@@ -153,18 +155,44 @@ def _parse_simulation(text: str, rest: str) -> BusName:
 
 
 def _parse_can(text: str, interface: str, rest: str) -> BusName:
-    """Parse a real bus, INTERFACE:CHANNEL[@BITRATE]; a missing bit rate is assumed, in a sentence of the result."""
+    """Parse a real bus, INTERFACE:CHANNEL[@BITRATE][,ARGUMENT=VALUE …].
+
+    A missing bit rate is assumed, in a sentence of the result.
+    """
     if interface not in can_interfaces():
         near = suggestion(interface, can_interfaces())
         raise UsageError(f'no bus interface "{interface}" in "{text}"{near}. Buses are {BUS_FORMS}')
+    place, *given = ARGUMENT.split(rest)
     # The last @ separates the bit rate; a channel may have one of its own.
-    channel, at, digits = rest.rpartition("@") if "@" in rest else (rest, "", "")
+    channel, at, digits = place.rpartition("@") if "@" in place else (place, "", "")
     if not channel:
         raise UsageError(f'bus "{text}" lacks its channel: {interface}:CHANNEL[@BITRATE]')
+    arguments = _arguments(text, given)
     if at:
-        return BusName(text, CanSection(interface, channel, _bitrate(text, digits)))
-    assumed = f"the bit rate of {text} is not known; 1 Mbit/s is assumed. Give it as {text}@BITRATE"
-    return BusName(text, CanSection(interface, channel), assumed)
+        return BusName(text, CanSection(interface, channel, _bitrate(text, digits), arguments=arguments))
+    assumed = f"the bit rate of {text} is not known; 1 Mbit/s is assumed. Give it as {interface}:{place}@BITRATE"
+    return BusName(text, CanSection(interface, channel, arguments=arguments), assumed)
+
+
+def _arguments(text: str, given: Sequence[str]) -> dict[str, Argument]:
+    """Return the further arguments of an interface from texts such as `port=29536`.
+
+    Raises UsageError for one that is not for a user to give.
+    """
+    arguments = {name: _value(value) for name, _, value in (each.partition("=") for each in given)}
+    for name in arguments.keys() & OURS.keys():
+        raise UsageError(f'bus "{text}": {name} {OURS[name]}')
+    return arguments
+
+
+def _value(text: str) -> Argument:
+    """Return a truth value or a number that a text says, else the text."""
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text
 
 
 def can_interfaces() -> tuple[str, ...]:

@@ -8,9 +8,9 @@ from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.protocols.acting import HostTimes
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen import bus, checks
-from haptic_fieldbus.protocols.canopen.acting import HostTimes
 from haptic_fieldbus.protocols.canopen.pdo import SYNCHRONOUS_TYPES, Direction, lay_out
 from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic, asked_signals
 from haptic_fieldbus.protocols.canopen.periods import period_objects

@@ -5,13 +5,13 @@ for slower buses, computing, RPDOs. Worst-case stuffing is assumed, and a bus wi
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.protocols.acting import IDEAL, HostTimes, ways
 from haptic_fieldbus.protocols.canopen import beside
-from haptic_fieldbus.protocols.canopen.acting import IDEAL, HostTimes, ways
 from haptic_fieldbus.protocols.canopen.bus import LISTENING
 from haptic_fieldbus.protocols.canopen.pdo import INTERFRAME_SPACE_BITS, worst_case_bits
 from haptic_fieldbus.protocols.canopen.pdo_traffic import PdoTraffic
@@ -50,6 +50,7 @@ class CanTraffic:
     chosen_master_node: int | None = None
     host: HostTimes = IDEAL
     """Times of adapter and host."""
+    exchange: str = field(default="", init=False)
 
     @property
     def heartbeat_every(self) -> int:
@@ -76,6 +77,11 @@ class CanTraffic:
         return max(self.silence_of(member.axis) for member in self.members)
 
     @property
+    def waits_for_answers(self) -> bool:
+        """Set-points are sent whether or not a drive answers."""
+        return False
+
+    @property
     def disturbance(self) -> float:
         """Time by which frames beside the exchange delay it: one of eight octets, and all signs of life [s]."""
         own = worst_case_bits(1) if self.beats else 0
@@ -90,9 +96,16 @@ class CanTraffic:
         nodes = {member.traffic.node for member in self.members}
         return next(node for node in MASTER_NODES if node not in nodes)
 
-    @property
-    def latch(self) -> float:
-        """Time from the beginning of SYNC to its end [s]."""
+    def of(self, axis: str) -> PdoTraffic:
+        """Return the PDOs of an axis."""
+        return self.member(axis).traffic
+
+    def others(self) -> tuple["CanTraffic", ...]:
+        """There is one way: SYNC, TPDOs, RPDOs."""
+        return ()
+
+    def latch(self, axis: str) -> float:
+        """Return the time from the beginning of SYNC to its end [s], which is the same for all drives."""
         return worst_case_bits(0) / self.bitrate
 
     @property

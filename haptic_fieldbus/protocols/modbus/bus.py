@@ -39,7 +39,8 @@ class ModbusSection(BusSection):
     silence: NonNegativeTime | None = None
     """Silence between two frames [s]; None: that of the profile, else that of the standard."""
     round_trip: NonNegativeTime | None = None
-    """Time that a network and both its ends take for a request and its answer [s]; None: an assumed time."""
+    """Time that network or adapter and both ends take for a request and its answer [s]; None: 0.25 ms on TCP, and 0 on
+    a serial line."""
     jitter: NonNegativeTime | None = None
     """Time by which the host may be late in a period [s]; None: 0 in the plan, and an assumed time in the cautious
     limit of a real bus."""
@@ -63,11 +64,11 @@ class ModbusSection(BusSection):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port of a TCP bus; raises UsageError for a port that is none."""
+        """Host and port of a TCP bus, port 0 for a free one of a host of drives; raises UsageError for none."""
         host, colon, port = self.channel.rpartition(":")
         if not colon or (host.count(":") and not host.endswith("]")):  # an IPv6 address without a port
             return self.channel.strip("[]"), PORT
-        if not port.isdecimal() or not 0 < int(port) <= 0xFFFF:
+        if not port.isdecimal() or int(port) > 0xFFFF:
             raise UsageError(f'bus "{self.interface}:{self.channel}": after the host stands a port, 1 to 65535')
         return host.strip("[]"), int(port)
 
@@ -110,6 +111,12 @@ def in_place_of(section: ModbusSection, named: BusName, channel: str | None) -> 
             f'bus "{named.text}" is no Modbus line, the rig\'s {section.interface}:{section.channel} is one'
         )
     return replace(section, interface=new.interface, channel=channel or new.channel, baud=new.baud or section.baud)
+
+
+def simulated(section: ModbusSection, channel: str | None) -> ModbusSection:
+    """Return the simulated line in the place of `section` of a rig."""
+    interface = SIM_RTU if section.serial else SIM_TCP
+    return replace(section, interface=interface, channel=channel or SIMULATION_CHANNEL)
 
 
 def _baud(text: str, digits: str) -> int:

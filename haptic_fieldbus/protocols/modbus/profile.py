@@ -12,8 +12,8 @@ from typing import Annotated, ClassVar, Literal
 from annotated_types import Ge, Gt, Le, Len
 
 from haptic_fieldbus.drive.cia402 import Index
-from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, UInt32
-from haptic_fieldbus.drive.objects import DataType, Order
+from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, Torque, UInt32
+from haptic_fieldbus.drive.objects import NAMES, DataType, Order
 from haptic_fieldbus.drive.power import PowerRow
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
 from haptic_fieldbus.errors import UsageError
@@ -37,7 +37,8 @@ class Register:
     """One register, or two for a value of 32 bits."""
 
     address: Address
-    type: Literal[DataType.INT16, DataType.UINT16, DataType.INT32, DataType.UINT32]
+    type: DataType
+    """Of 16 or 32 bits."""
     unit: str = ""
     object: Index | None = None
     """The object of CiA 402 whose value the register has."""
@@ -47,6 +48,9 @@ class Register:
     def count(self) -> int:
         """Number of registers."""
         return self.type.size // 2
+
+    def __str__(self) -> str:
+        return f"register {self.address:04X}h {NAMES.get(self.object or 0, '')}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -62,22 +66,43 @@ class LineSection:
     """Facts of the drive's line: what it understands, and how fast it answers."""
 
     transports: Annotated[tuple[Transport, ...], Len(1)]
+    """Lines on which it can be."""
     functions: Annotated[tuple[FunctionCode, ...], Len(1)]
     """Function codes that the drive understands."""
     word_order: WordOrder = "high first"
+    """Which register of a value of 32 bits has the lower address."""
     longest_read: Annotated[int, Ge(1), Le(125)] = 125
     """Most registers of one reading request."""
     longest_write: Annotated[int, Ge(1), Le(123)] = 123
     """Most registers of one writing request."""
+    readable: tuple[tuple[Address, Address], ...] = ()
+    """First and last address of ranges in which every register can be read, so that a gap may be read through."""
     answer_time: NonNegativeTime = 0.001
-    """Time from the end of a request to the begin of the answer [s]; registers are read and written at its end."""
+    """Time that the drive works on a request before its answer begins [s]; at its end registers are written and read.
+    On RTU it follows the silence by which the end of a request is known."""
     baud: Annotated[int, Ge(1200), Le(20_000_000)] = 19200
     """[bit/s] after power-on."""
     parity: Parity = "even"
+    """After power-on."""
     stop_bits: Literal[1, 2] = 1
+    """After power-on."""
     silence: NonNegativeTime | None = None
     """Silence that the drive needs between two frames [s]; None: 3.5 characters, 1.75 ms above 19200 bit/s."""
     __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def reading(self) -> int | None:
+        """Function that reads registers; None when the drive has none."""
+        return next((each for each in (READ_HOLDING, READ_INPUT) if each in self.functions), None)
+
+    def writing(self, count: int) -> int | None:
+        """Return the function that writes so many registers with the fewest octets; None when the drive has none."""
+        either = (WRITE_SINGLE, WRITE_MULTIPLE) if count == 1 else (WRITE_MULTIPLE,)
+        return next((each for each in either if each in self.functions), None)
+
+    def has_all(self, first: int, end: int) -> bool:
+        """Return True when every register from `first` to the one before `end` can be read."""
+        return any(low <= first and end - 1 <= high for low, high in self.readable)
 
 
 @dataclass(frozen=True)
@@ -85,14 +110,19 @@ class ModbusTorque:
     """Torque registers, and the way in which a set-point is seen to act."""
 
     target: Register
+    """The set-point."""
     actual: Register | None = None
+    """Measured torque."""
     demand: Register | None = None
     """Target torque as the drive has taken it over, in the unit of `target`."""
     rated: Register | None = None
     """Rated torque, read at configuration and compared with the rig."""
     limit: Register | None = None
-    """Torque limit of the drive itself, in the unit of `target`; written with the limit of the run, and put back."""
+    """Torque limit of the drive itself; written with the limit of the run, and put back."""
+    full_scale: Torque | None = None
+    """Torque at 32767 [N·m], for the unit full_scale/32767."""
     echo: Literal["demand", "actual", "none"] = "none"
+    """Register in which a set-point comes back, so that the loop sees whether its set-points act."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -126,6 +156,8 @@ class WatchdogSection:
     reaction: Annotated[str, Len(1)] = "the shaft is free"
     writes: tuple[WrittenRegister, ...] = ()
     """Registers that choose the reaction."""
+    fault: UInt32 | None = None
+    """Code in `power.error` by which the drive says that it lost its master; None: it has no code for it."""
     __pydantic_config__: ClassVar = STRICT
 
 
@@ -134,10 +166,13 @@ class PowerSection:
     """Registers by which the power stage is commanded, and what their values mean."""
 
     status: Register
+    """Its state, the statusword."""
     command: Register
+    """What it is told, the controlword; it may be the register of the state."""
     table: Literal["cia402", "rows"] = "cia402"
     """cia402: statusword and controlword of CiA 402; rows: `rows` tells."""
     rows: tuple[PowerRow, ...] = ()
+    """States with the command for each."""
     off: UInt32 = 0
     """Command that frees the shaft in every state; only with `rows`."""
     error: Register | None = None
@@ -177,6 +212,10 @@ class ModbusProfile(DriveProfile):
     @property
     def guarded(self) -> bool:
         return self.watchdog is not None
+
+    @property
+    def full_scale(self) -> float | None:
+        return self.torque.full_scale
 
     @property
     def echo(self) -> Signal | None:

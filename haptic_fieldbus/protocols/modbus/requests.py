@@ -1,7 +1,7 @@
 """Registers that are exchanged with one drive in each period, laid out in as few requests as pay.
 
-Signals in adjacent registers share a block. A gap is read through where that is cheaper than a request of its own;
-nothing that was not asked for is ever written.
+Signals in adjacent registers share a block. A gap is read through where that is cheaper than a request of its own and
+the profile says that the registers in it exist; nothing that was not asked for is ever written.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ class Block:
 
     @property
     def places(self) -> Iterator[tuple[int, int]]:
-        """Yield the first and the last-but-one octet of each signal in the octets of the block."""
+        """Yield the first octet of each signal in the octets of the block, and the one behind its last."""
         for offset, mapped in zip(self.offsets, self.signals, strict=True):
             yield offset, offset + mapped.type.size
 
@@ -35,9 +35,12 @@ class Block:
         """Registers that are read although nobody asked for them."""
         return self.count - sum(mapped.type.size for mapped in self.signals) // 2
 
+    def has(self, signal: Signal) -> bool:
+        return any(mapped.signal is signal for mapped in self.signals)
+
 
 @dataclass(frozen=True)
-class Request:
+class RegisterRequest:
     """One request to a drive: its function, and what it reads and writes."""
 
     function: int
@@ -53,16 +56,24 @@ def blocks(profile: ModbusProfile, signals: Sequence[Signal], longest: int, larg
     registers = profile.registers()
     groups: list[list[Signal]] = []
     for signal in sorted(signals, key=lambda each: registers[each].address):
-        first, end = registers[groups[-1][0]].address if groups else 0, _end(profile, groups[-1]) if groups else 0
         own = registers[signal]
-        fits = own.address + own.count - first <= longest
-        if groups and 0 <= own.address - end <= largest_gap and fits:
-            groups[-1].append(signal)
-        elif own.count > longest:
+        if own.count > longest:
             raise ImageTooLargeError(f"{signal.value} needs {own.count} registers; a request may have {longest}")
+        if groups and _joins(profile, groups[-1], signal, longest, largest_gap):
+            groups[-1].append(signal)
         else:
             groups.append([signal])
     return tuple(_block(profile, group) for group in groups)
+
+
+def _joins(profile: ModbusProfile, group: Sequence[Signal], signal: Signal, longest: int, largest_gap: int) -> bool:
+    """Return True when a signal that follows a group stands in one block with it."""
+    registers = profile.registers()
+    first, end, own = registers[group[0]].address, _end(profile, group), registers[signal]
+    gap = own.address - end
+    if gap < 0 or own.address + own.count - first > longest:
+        return False
+    return gap == 0 or (gap <= largest_gap and profile.line.has_all(end, own.address))
 
 
 def _end(profile: ModbusProfile, signals: Sequence[Signal]) -> int:

@@ -19,10 +19,10 @@ from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.channel import drives_of, slot_of
 from haptic_fieldbus.sim.canopen.link.controller import Received
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.channel import drives_of, slot_of
 from haptic_fieldbus.sim.hand import hand_named
 
 _MAX_OCTETS = 8

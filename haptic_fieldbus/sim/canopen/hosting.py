@@ -10,9 +10,7 @@ A step must not be late for its own reasons, so all that steps need is built bef
 exponential is computed and no module imported afterwards, and what exists then is kept out of garbage collection.
 """
 
-import gc
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from functools import partial
 
 from haptic_fieldbus.buses.canopen.opening import open_can
@@ -25,13 +23,9 @@ from haptic_fieldbus.sim.canopen.link.wire import Port
 from haptic_fieldbus.sim.canopen.outlet import STAMPED, Outlet, Tell
 from haptic_fieldbus.sim.canopen.rack import Rack
 from haptic_fieldbus.sim.faults import Disturbance, HostFault
+from haptic_fieldbus.sim.realtime import LONGEST_REMEMBERED, NAP_NS, frozen
 from haptic_fieldbus.sim.slot import Slot
 
-LONGEST_REMEMBERED = 1000
-"""Least number of latest motion segments that are kept; no caller needs more."""
-
-_NAP_NS = 100_000_000
-"""Longest wait, so that a request to stop is noticed soon."""
 _BOOT_NS = 1_000_000
 """Time after power-on by which a drive has sent its boot-up message and is ready."""
 _BURST = 1000
@@ -45,10 +39,12 @@ def host(
     ready: Callable[[Slot], None],
     stopped: Callable[[], bool],
     tell: Tell = lambda _sentence: None,
+    opened: Callable[[BusName], None] = lambda _bus: None,
 ) -> int:
     """Host drives until `stopped()` is True; return the number of frames that could not be sent.
 
-    `ready` is called for each drive once it has booted; `tell` gets a sentence when the bus goes down or comes back.
+    `opened` is called once the bus is open, `ready` for each drive once it has booted; `tell` gets a sentence when the
+    bus goes down or comes back.
     Raises UsageError or BusError when the bus cannot be opened, and ValueError when two drives have the same node-ID.
     """
     section = can_section(bus.section)
@@ -63,29 +59,19 @@ def host(
         stamped=section.interface in STAMPED,
     )
     try:
+        opened(bus)
         subject = Host(outlet, clock, seed, bitrate=section.bitrate)
         for slot in slots:
             subject.add(slot)
         subject.serve_for(_BOOT_NS)
-        with _frozen():
+        with frozen():
             for slot in slots:
                 ready(slot)
             while not stopped():
-                subject.serve(_NAP_NS)
+                subject.serve(NAP_NS)
         return outlet.lost
     finally:
         outlet.close()
-
-
-@contextmanager
-def _frozen() -> Iterator[None]:
-    """Keep what exists now out of garbage collection inside the block, so that a collection has little to do."""
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
 
 
 class Host:

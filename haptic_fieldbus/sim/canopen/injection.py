@@ -1,15 +1,11 @@
-"""Application of each kind of fault to the simulated slave, to its bus, or to the hand."""
+"""Application of each kind of fault to the simulated slave or to its bus."""
 
-import math
-from collections.abc import Callable, Iterable
 from typing import Protocol, assert_never
 
 from haptic_fieldbus.sim import NEVER_NS, faults
+from haptic_fieldbus.sim.agenda import Plan
 from haptic_fieldbus.sim.canopen.slave import Slave
-from haptic_fieldbus.sim.hand import Hand
-
-Plan = Callable[[int, Callable[[int], None]], None]
-"""Plan to call an action at an instant [ns], with that instant."""
+from haptic_fieldbus.sim.drive.broken import inject_drive, until
 
 
 class Line(Protocol):
@@ -47,19 +43,6 @@ def install_fault(fault: faults.LastingFault, slave: Slave) -> None:
             assert_never(fault)
 
 
-def faulty_hand(hand: Hand | None, these: Iterable[faults.Fault]) -> Hand | None:
-    """Return the hand that lets go and hits as these faults say; a hand that is not there does neither."""
-    if hand is None:
-        return None
-    for fault in these:
-        match fault:
-            case faults.HandRelease(at=at):
-                hand = hand.letting_go(at)
-            case faults.HandHit(at=at, force=force, duration=duration):
-                hand = hand.hitting(at, force, duration)
-    return hand
-
-
 def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) -> None:
     """Apply a fault of a drive that happens at `t_ns`."""
     match fault:
@@ -67,10 +50,6 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
             slave.error(code, t_ns)
         case faults.DriveFault():
             _inject_fault(fault, slave, plan, t_ns)
-        case faults.SafeTorqueOff(duration=duration):
-            slave.drive.sto(True, t_ns)
-            if duration is not None:
-                plan(until(t_ns, duration), lambda closed_ns: slave.drive.sto(False, closed_ns))
         case faults.NodeReset(duration=duration):
             slave.node.reset(t_ns, round(duration * 1e9))
         case faults.Silence(duration=duration):
@@ -86,7 +65,7 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
         case faults.DuplicateNode():
             slave.duplicate()
         case _:
-            _inject_motor(fault, slave, t_ns)
+            inject_drive(fault, slave.drive, plan, t_ns)
 
 
 def _inject_fault(fault: faults.DriveFault, slave: Slave, plan: Plan, t_ns: int) -> None:
@@ -98,30 +77,6 @@ def _inject_fault(fault: faults.DriveFault, slave: Slave, plan: Plan, t_ns: int)
     errors.raise_error(fault.code, fault)
     if fault.duration is not None:
         plan(until(t_ns, fault.duration), lambda _t_ns: errors.clear(fault.code, fault))
-
-
-def _inject_motor(fault: faults.DriveFaultKind, slave: Slave, t_ns: int) -> None:
-    """Apply a fault of encoder or current loop."""
-    # Bring the shaft up to date first: the encoder goes on from the counts of this instant.
-    slave.drive.measure(t_ns)
-    servo = slave.drive.servo
-    match fault:
-        case faults.EncoderJump(counts=counts):
-            servo.jump(counts)
-        case faults.PositionStuck(duration=duration):
-            servo.stuck_until_ns = max(servo.stuck_until_ns, until(t_ns, duration))
-        case faults.EncoderScaling(factor=factor):
-            servo.rescale(factor)
-        case faults.EncoderReversed():
-            servo.rescale(-1.0)
-        case faults.TorqueDead():
-            servo.impair(0.0)
-        case faults.TorqueSaturated(share=share):
-            servo.impair(share * slave.drive.objects.rated_torque)
-        case faults.TorqueReversed():
-            servo.impair(math.inf, -servo.torque_sign)
-        case _:
-            raise ValueError(f"{fault.kind} is no fault of encoder or current loop")
 
 
 def inject_line(fault: faults.LineFault | faults.HostFault, line: Line, plan: Plan, t_ns: int) -> None:
@@ -150,8 +105,3 @@ def inject_line(fault: faults.LineFault | faults.HostFault, line: Line, plan: Pl
             line.disturb(fault)
         case _:
             assert_never(fault)
-
-
-def until(t_ns: int, duration: float | None) -> int:
-    """Return the end [ns] of a fault that begins at `t_ns`."""
-    return NEVER_NS if duration is None else t_ns + round(duration * 1e9)

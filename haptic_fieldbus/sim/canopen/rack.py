@@ -4,27 +4,22 @@ Frames come from a wire, simulated or real, and leave through the ports. Everyth
 the encoder's zero within a count, boot time) is drawn from the seed.
 """
 
-import heapq
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from random import Random
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.canopen.injection import Line, faulty_hand, inject, inject_line, install_fault
+from haptic_fieldbus.sim.agenda import Agenda
+from haptic_fieldbus.sim.canopen.injection import Line, inject, inject_line, install_fault
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.link.wire import Port
-from haptic_fieldbus.sim.canopen.schedule import FaultSchedule, TimedFault
 from haptic_fieldbus.sim.canopen.slave import Slave
-from haptic_fieldbus.sim.drive.settings import DriveSettings
-from haptic_fieldbus.sim.faults import HandFault, HostFault, LastingFault, LineFault, faults_of
+from haptic_fieldbus.sim.drive.broken import faulty_hand
+from haptic_fieldbus.sim.drive.settings import drawn_settings
+from haptic_fieldbus.sim.faults import AnswerFault, HandFault, HostFault, LastingFault, LineFault, faults_of
+from haptic_fieldbus.sim.schedule import FaultSchedule, TimedFault
 from haptic_fieldbus.sim.slot import Slot
-
-_START_JITTER_NS = 40_000
-_DRIFT = 5e-5
-"""Largest error of the clock of a drive; crystals have 20 to 100 ppm."""
-_RESET_NS = (20_000_000, 30_000_000)
 
 
 class Rack:
@@ -41,15 +36,14 @@ class Rack:
         """Time of the next timer or planned action; NEVER_NS when there is none."""
         self._line = line
         self._longest = longest
-        self._agenda: list[tuple[int, int, Callable[[int], None]]] = []
+        self._agenda = Agenda()
+        self.plan = self._agenda.plan
         self._schedule = FaultSchedule(self.plan)
-        # Orders actions of the same instant by age; callables cannot be compared.
-        self._planned = 0
 
     def add(self, slot: Slot, port: Port, t_ns: int) -> Slave:
         """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
         self.check_free(slot.node)
-        settings = replace(_drawn(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
+        settings = replace(drawn_settings(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
         hand = faulty_hand(slot.hand, faults_of(slot.faults, slot.node))
         slave = Slave(slot.node, slot.profile, slot.axis, port.send, hand, settings, t_ns=t_ns)
         slave.drive.plant.recorder.longest = self._longest
@@ -87,8 +81,7 @@ class Rack:
 
     def timers(self, t_ns: int) -> None:
         """Run the planned actions and timers that are due."""
-        while self._agenda and self._agenda[0][0] <= t_ns:
-            heapq.heappop(self._agenda)[2](t_ns)
+        self._agenda.run(t_ns)
         for _port, slave in self.attached:
             if slave.due_ns <= t_ns:
                 slave.timer(t_ns)
@@ -96,15 +89,10 @@ class Rack:
 
     def find_due(self) -> None:
         """Update `due_ns`; call it after anything that may have changed a slave's timers."""
-        due_ns = self._agenda[0][0] if self._agenda else NEVER_NS
+        due_ns = self._agenda.due_ns
         for _port, slave in self.attached:
             due_ns = min(due_ns, slave.due_ns)
         self.due_ns = due_ns
-
-    def plan(self, t_ns: int, action: Callable[[int], None]) -> None:
-        """Plan to call `action` at an instant, with that instant."""
-        self._planned += 1
-        heapq.heappush(self._agenda, (t_ns, self._planned, action))
 
     def let_happen(self, fault: TimedFault, node: int, t_ns: int) -> None:
         """Plan a fault of a drive or of the bus, whose `at` counts from `t_ns`."""
@@ -115,18 +103,6 @@ class Rack:
         """Return what a fault does, to its drive or to the line."""
         if isinstance(fault, LineFault | HostFault):
             return partial(inject_line, fault, self._line, self.plan)
+        if isinstance(fault, AnswerFault):
+            raise ValueError(f"{fault.kind} is no fault of a drive on CAN")
         return partial(inject, fault, slave, self.plan)
-
-
-def _drawn(seed: int | str, node: int) -> DriveSettings:
-    """Return the random properties of one drive, drawn from seed and node-ID."""
-    # A generator for each drive, so that adding a drive changes no other one.
-    random = Random(f"{seed}/{node}")
-    return DriveSettings(
-        serial=random.getrandbits(32),
-        encoder_phase=random.random() - 0.5,
-        start_delay_ns=random.randrange(_START_JITTER_NS),
-        reset_ns=random.randrange(*_RESET_NS),
-        tick_phase=random.random(),
-        tick_drift=random.uniform(-_DRIFT, _DRIFT),
-    )

@@ -45,6 +45,10 @@ class Defaults:
     """6081h [position units/s]."""
     acceleration: int
     """6083h and 6084h [position units/s²]; the quick stop ramp 6085h is twice as steep."""
+    lever: float = 0.0
+    """Torque of the motor for a force of 1 N at a handle that goes straight [N·m]; 0 for another handle."""
+    full_scale: float = 0.0
+    """Torque that 32767 stands for in drives that count in shares of it [N·m]; 0: unknown."""
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,8 @@ class Objects:
     """Bits of the controlword without which the drive's own torque mode gives no torque; 0: none."""
     table: dict[tuple[int, int], Entry]
     """The entries of `object_table`, by index and sub-index."""
+    step: Callable[[str], float]
+    """Returns one step of a unit of torque [N·m]; raises UsageError for an unknown one."""
 
     def row(self, index: int, subindex: int = 0) -> Entry:
         """Return an entry of `object_table`."""
@@ -143,6 +145,7 @@ def add_objects(
         demand_unit=step(demand.unit) if demand is not None else rated * PERMILLE,
         mode_bits=profile.torque.controlword,
         table=table,
+        step=step,
     )
 
 
@@ -154,8 +157,11 @@ def _torque_step(name: str, bench: Defaults, rated: float, unit: str) -> float:
         "mA": 1e-3 * bench.torque_constant,
         "peak_current/32760": bench.peak_current * bench.torque_constant / _FULL_SCALE,
         "peak_current/32760/65536": bench.peak_current * bench.torque_constant / _FULL_SCALE / _WORD,
+        "mN·m": 1e-3,
+        "mN": 1e-3 * bench.lever,
+        "full_scale/32767": bench.full_scale / 0x7FFF,
     }
-    if unit not in steps:
+    if not steps.get(unit):
         raise UsageError(f'{name}: torque in "{unit}" cannot be simulated')
     return steps[unit]
 

@@ -5,10 +5,11 @@ Values that a rig leaves open (inertia, damping, rated torque) are those of the 
 
 import math
 from dataclasses import dataclass
+from random import Random
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis, RotaryMechanism, default_axis
+from haptic_fieldbus.drive.rig import LinearMechanism, RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.drive.units import COUNTS, COUNTS_PER_SECOND, steps_per_revolution, velocity_step
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.object_table import Defaults
@@ -23,6 +24,10 @@ from haptic_fieldbus.sim.mechanics.plant import Plant
 
 _RAMP = 0.05
 """Time in which the default ramp reaches the default profile velocity [s]; chosen here."""
+_START_JITTER_NS = 40_000
+_DRIFT = 5e-5
+"""Largest error of the clock of a drive; crystals have 20 to 100 ppm."""
+_RESET_NS = (20_000_000, 30_000_000)
 
 
 @dataclass(frozen=True)
@@ -58,8 +63,24 @@ class DriveSettings:
     """First control tick after power-on, as a share of the control period; for ticks that run free."""
     tick_drift: float = 0.0
     """By how much the drive's clock is slow, as a share; for ticks that run free."""
+    full_scale: float | None = None
+    """Torque that 32767 stands for in drives that count in shares of it [N·m]; None: it counts in none."""
     velocity_unit: str | None = None
     """Unit of velocity after power-on, None: that of the profile."""
+
+
+def drawn_settings(seed: int | str, node: int) -> DriveSettings:
+    """Return the random properties of one drive, drawn from the seed and its number on the bus."""
+    # A generator for each drive, so that adding a drive changes no other one.
+    random = Random(f"{seed}/{node}")
+    return DriveSettings(
+        serial=random.getrandbits(32),
+        encoder_phase=random.random() - 0.5,
+        start_delay_ns=random.randrange(_START_JITTER_NS),
+        reset_ns=random.randrange(*_RESET_NS),
+        tick_phase=random.random(),
+        tick_drift=random.uniform(-_DRIFT, _DRIFT),
+    )
 
 
 def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
@@ -149,7 +170,7 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     current, peak, constant = _known_currents(axis, settings)
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia
-    steps = steps_per_revolution(profile.position.actual.unit if profile.position is not None else COUNTS, counts)
+    steps = position_steps(profile.position.actual.unit if profile.position is not None else COUNTS, axis)
     return Defaults(
         max_torque_permille=settings.max_torque_permille,
         rated_current_ma=round(current * 1e3),
@@ -158,7 +179,15 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
         counts_per_revolution=counts,
         velocity=_whole(_RAMP * acceleration / velocity_step(_velocity_unit(profile, settings), counts)),
         acceleration=_whole(acceleration * steps / (2 * math.pi)),
+        lever=axis.mechanism.ratio if isinstance(axis.mechanism, LinearMechanism) else 0.0,
+        full_scale=settings.full_scale or 0.0,
     )
+
+
+def position_steps(unit: str, axis: RigAxis) -> float:
+    """Return the number of position units in one revolution of the motor."""
+    straight = axis.mechanism.metres_per_revolution if isinstance(axis.mechanism, LinearMechanism) else 0.0
+    return steps_per_revolution(unit, axis.encoder_counts_per_revolution, straight)
 
 
 def _whole(value: float) -> int:

@@ -5,6 +5,17 @@ without it exist from power-on. `node` is the node-ID of the drive, None every d
 rig, None every bus. `duration` [s] None is for ever.
 """
 
+from haptic_fieldbus.sim.faults.answers import AnswerCorrupted as AnswerCorrupted
+from haptic_fieldbus.sim.faults.answers import AnswerDelayed as AnswerDelayed
+from haptic_fieldbus.sim.faults.answers import AnswerDisturbance as AnswerDisturbance
+from haptic_fieldbus.sim.faults.answers import AnswerException as AnswerException
+from haptic_fieldbus.sim.faults.answers import AnswerFault as AnswerFault
+from haptic_fieldbus.sim.faults.answers import AnswerGarbage as AnswerGarbage
+from haptic_fieldbus.sim.faults.answers import AnswerLost as AnswerLost
+from haptic_fieldbus.sim.faults.answers import AnswerSwapped as AnswerSwapped
+from haptic_fieldbus.sim.faults.answers import AnswerTruncated as AnswerTruncated
+from haptic_fieldbus.sim.faults.answers import AnswerWrongUnit as AnswerWrongUnit
+from haptic_fieldbus.sim.faults.answers import ConnectionReset as ConnectionReset
 from haptic_fieldbus.sim.faults.concern import Concern as Concern
 from haptic_fieldbus.sim.faults.drive import DeadGuard as DeadGuard
 from haptic_fieldbus.sim.faults.drive import DriveFault as DriveFault
@@ -34,6 +45,7 @@ from haptic_fieldbus.sim.faults.file import FaultFile as FaultFile
 from haptic_fieldbus.sim.faults.file import TimedFault as TimedFault
 from haptic_fieldbus.sim.faults.file import faults_of as faults_of
 from haptic_fieldbus.sim.faults.file import faults_on as faults_on
+from haptic_fieldbus.sim.faults.file import kinds_of as kinds_of
 from haptic_fieldbus.sim.faults.file import load_faults as load_faults
 from haptic_fieldbus.sim.faults.file import toml_of as toml_of
 from haptic_fieldbus.sim.faults.frames import BusOff as BusOff

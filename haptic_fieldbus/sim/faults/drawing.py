@@ -115,15 +115,37 @@ RECIPES: Mapping[str, Recipe] = {
         "hand_hit", at, round(_signed(random, 10.0, 200.0)), round(random.uniform(0.002, 0.05), 4)
     ),
 }
-"""All kinds that happen at an instant."""
+"""Kinds that happen at an instant, on CAN."""
+
+ANSWER_RECIPES: Mapping[str, Recipe] = {
+    "answer_lost": lambda random, at: faults.AnswerLost("answer_lost", at, _count(random)),
+    "answer_delayed": lambda random, at: faults.AnswerDelayed(
+        "answer_delayed", at, round(10 ** random.uniform(-4.0, -0.7), 5), _count(random)
+    ),
+    "answer_swapped": lambda random, at: faults.AnswerSwapped("answer_swapped", at, _count(random)),
+    "answer_garbage": lambda random, at: faults.AnswerGarbage("answer_garbage", at, _count(random)),
+    "answer_corrupted": lambda random, at: faults.AnswerCorrupted("answer_corrupted", at, _count(random)),
+    "answer_truncated": lambda random, at: faults.AnswerTruncated(
+        "answer_truncated", at, random.randrange(20), _count(random)
+    ),
+    "answer_wrong_unit": lambda random, at: faults.AnswerWrongUnit(
+        "answer_wrong_unit", at, random.randint(1, 247), _count(random)
+    ),
+    "answer_exception": lambda random, at: faults.AnswerException(
+        "answer_exception", at, random.choice((1, 2, 3, 4, 6, 11)), _count(random)
+    ),
+    "connection_reset": lambda random, at: faults.ConnectionReset("connection_reset", at, _duration(random)),
+}
+"""Kinds that happen at an instant, on Modbus alone."""
 
 
 def drawn(seed: int, duration: float, kinds: Sequence[str] = tuple(RECIPES)) -> tuple["faults.Fault", ...]:
-    """Return the faults of a seed: one to `MOST`, at times within a run of `duration` [s], in their order."""
+    """Return the faults of a seed: one to `MOST` of these kinds, at times within a run of `duration` [s], in order."""
+    recipes = {**RECIPES, **ANSWER_RECIPES}
     random = Random(f"faults/{seed}")
     (count,) = random.choices(range(1, MOST + 1), _WEIGHTS)
     times = sorted(_time(random, duration) for _ in range(count))
-    return tuple(RECIPES[random.choice(kinds)](random, at) for at in times)
+    return tuple(recipes[random.choice(kinds)](random, at) for at in times)
 
 
 def _time(random: Random, duration: float) -> float:

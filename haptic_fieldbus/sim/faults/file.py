@@ -3,17 +3,18 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, get_args
 
 from haptic_fieldbus.documents import read_document
 from haptic_fieldbus.drive.fields import STRICT
 from haptic_fieldbus.drive.rig import ByKind
 from haptic_fieldbus.errors import FaultFileError
+from haptic_fieldbus.sim.faults.answers import AnswerFault
 from haptic_fieldbus.sim.faults.drive import DriveFaultKind, LastingFault
 from haptic_fieldbus.sim.faults.frames import LineFault
 from haptic_fieldbus.sim.faults.host import HandFault, HostFault
 
-TimedFault = DriveFaultKind | LineFault | HostFault | HandFault
+TimedFault = DriveFaultKind | LineFault | AnswerFault | HostFault | HandFault
 """Kinds that happen at an instant."""
 Fault = TimedFault | LastingFault
 
@@ -35,6 +36,11 @@ def load_faults(path: str | Path) -> tuple[Fault, ...]:
 def toml_of(faults: Iterable[Fault]) -> str:
     """Return the text of a file of these faults; a value that is the default of its key is left out."""
     return "\n".join("[[fault]]\n" + "".join(_lines(fault)) for fault in faults)
+
+
+def kinds_of(union: object) -> frozenset[str]:
+    """Return the names of the kinds in a union of them."""
+    return frozenset(kind.__annotations__["kind"].__args__[0] for kind in get_args(union))
 
 
 def faults_of(faults: Iterable[Fault], node: int) -> tuple[Fault, ...]:

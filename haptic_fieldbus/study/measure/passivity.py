@@ -75,7 +75,8 @@ def decays(tools: Tools, shares: Iterable[float], duration: float) -> Iterable[D
 
 def felt(tools: Tools, duration: float) -> list[Felt]:
     """Return a tap on the wall without and with the controller."""
-    return [_felt(scene, tools.run(scene, hand="tap", duration=duration)) for scene in _both(FELT)]
+    rig = _endless(tools)
+    return [_felt(scene, tools.run(scene, rig, bus="sim", hand="tap", duration=duration)) for scene in _both(FELT)]
 
 
 def limit_share(found: Iterable[Decay], *, controlled: bool) -> float | None:
@@ -100,9 +101,16 @@ def _felt(scene: Scene, result: Result) -> Felt:
     return Felt(scene.controlled, contact, result.energy_generated, peak, periods)
 
 
-def _smooth(tools: Tools) -> Rig:
-    """Return the shipped bench without Coulomb friction."""
+def _endless(tools: Tools) -> Rig:
+    """Return the shipped bench with an endless way: a hand that taps carries the handle off it after some contacts."""
     rig = tools.plan("wall").rig
+    axes = {name: replace(axis, limits=replace(axis.limits, position=None)) for name, axis in rig.axis.items()}
+    return replace(rig, axis=axes)
+
+
+def _smooth(tools: Tools) -> Rig:
+    """Return the same bench without Coulomb friction."""
+    rig = _endless(tools)
     return replace(rig, axis={name: replace(axis, coulomb_friction=0.0) for name, axis in rig.axis.items()})
 
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, astuple
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import exactly, percent, rounded
-from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, SKY
+from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, SKY
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
 from haptic_fieldbus.study.measure.deadlines import SCENE, RateDeadlines, deadlines

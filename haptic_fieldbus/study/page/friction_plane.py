@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
 from haptic_fieldbus.numerals import exactly, percent
-from haptic_fieldbus.report.plot import INK
+from haptic_fieldbus.report.drawing import INK
 from haptic_fieldbus.study.measure.friction_plane import LARGEST, Ending, Plane, border
 from haptic_fieldbus.study.page.html import paragraph, picture
 from haptic_fieldbus.study.page.style import dress, side_by_side, svg

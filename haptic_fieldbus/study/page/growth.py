@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.plot import FELT, GREY
+from haptic_fieldbus.report.drawing import FELT, GREY
 from haptic_fieldbus.study.measure import growth
 from haptic_fieldbus.study.measure.growth import Growth
 from haptic_fieldbus.study.page.context import Context

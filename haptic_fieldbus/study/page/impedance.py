@@ -9,7 +9,7 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import parallel
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.verdicts import grouped
-from haptic_fieldbus.report.plot import BLUE, FELT, GREY, INK, VERMILION
+from haptic_fieldbus.report.drawing import BLUE, FELT, GREY, INK, VERMILION
 from haptic_fieldbus.study.measure.bench import bench_of
 from haptic_fieldbus.study.measure.impedance import Impedance, impedance
 from haptic_fieldbus.study.page.context import Context

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.plot import GREY, INK
+from haptic_fieldbus.report.drawing import GREY, INK
 from haptic_fieldbus.study.measure import in_the_loop
 from haptic_fieldbus.study.measure.bench import Bench
 from haptic_fieldbus.study.measure.in_the_loop import HANDLES, LoopGrowth, flicked_free

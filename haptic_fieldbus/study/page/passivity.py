@@ -6,7 +6,7 @@ from dataclasses import asdict
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent, rounded
-from haptic_fieldbus.report.plot import BLUE, INK, ORANGE
+from haptic_fieldbus.report.drawing import BLUE, INK, ORANGE
 from haptic_fieldbus.study.measure.passivity import Decay, Felt, decays, felt, limit_share
 from haptic_fieldbus.study.page.context import Context
 from haptic_fieldbus.study.page.html import Entry, Section, paragraph, picture, table

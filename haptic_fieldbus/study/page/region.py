@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
 from haptic_fieldbus.numerals import percent, rounded
-from haptic_fieldbus.report.plot import GREEN, VERMILION
+from haptic_fieldbus.report.drawing import GREEN, VERMILION
 from haptic_fieldbus.study.measure.friction_plane import plane
 from haptic_fieldbus.study.measure.region import Region, region
 from haptic_fieldbus.study.page import friction_plane

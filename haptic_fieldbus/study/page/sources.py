@@ -6,7 +6,7 @@ from dataclasses import asdict
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import percent
-from haptic_fieldbus.report.plot import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
 from haptic_fieldbus.study.measure.scene_errors import Misfit, scene_error

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.plot import FELT, GREY
+from haptic_fieldbus.report.drawing import FELT, GREY
 from haptic_fieldbus.study.measure import contact_loop, work_precision
 from haptic_fieldbus.study.measure.contact_loop import Contact
 from haptic_fieldbus.study.measure.problems import Problem, problems, step_counts

@@ -137,6 +137,17 @@ class TestCommissioning:
             bench.open()
         assert bench.written() == []
 
+    @pytest.mark.parametrize(
+        ("speed", "unit", "told"), [(1000, "r/min", True), (2500, "r/min", False), (1000, "mrev/s", False)]
+    )
+    def test_a_drive_that_is_slower_than_the_rig_allows_is_told(self, speed: int, unit: str, told: bool) -> None:
+        """2 m/s of a bench with 50 mm a turn are 2400 r/min."""
+        shown = ShownObject("max motor speed", 0x6080, DataType.UINT32, unit=unit)
+        section = CommissioningSection("the tool", (shown,))
+        bench = bench_of({(0x6080, 0): speed}, sizes={(0x6080, 0): 4}, commissioning=section).open()
+        words = "max motor speed of 1000 r/min (6080h) is 0.833 m/s at the handle, below the 2 m/s"
+        assert any(words in each for each in bench.bus.facts["handle"].changes) is told
+
     def test_another_rated_current_than_the_rigs_is_refused(self) -> None:
         profile = replace(PROFILE, **torque(rated=None, rated_current=MappedObject(0x6075, DataType.UINT32, unit="mA")))
         bench = Bench(plan_of(profile=profile))

@@ -14,7 +14,8 @@ from haptic_fieldbus.drive.cia402 import MappedObject
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
-from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from haptic_fieldbus.protocols.catalogue import load_profile
+from tests.builders import shipped
 from tests.buses.canopen.test_foreign import COMMANDS, QUESTIONS
 from tests.buses.canopen.two_programs import TwoPrograms, assert_uploads_alone
 
@@ -47,7 +48,7 @@ def test_both_drives_are_found_with_identity_state_and_profile(two: TwoPrograms)
 
 @pytest.mark.thorough("eleven drives, each asked for the objects of all that may fit")
 def test_each_shipped_drive_is_taken_for_itself() -> None:
-    profiles = [canopen_profile(load_profile(name)) for name in profile_names()]
+    profiles = [canopen_profile(load_profile(name)) for name in shipped()]
     two = TwoPrograms(",".join(f"{profile.name}@{10 + place}" for place, profile in enumerate(profiles)))
     found = scan_bus(two.wire, 0.1, 1_000_000, profiles).nodes
     assert_uploads_alone([frame for frame in two.sent() if not frame.is_remote_frame])

@@ -5,7 +5,7 @@ values are big-endian, ten bits an octet. A drive that hears no set-point for `D
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from struct import Struct
 from typing import Any, ClassVar
@@ -25,7 +25,7 @@ from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
-from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay, Json
+from haptic_fieldbus.protocols.traffic import COMPUTE_NS, AxisTraffic, BusTraffic, Delay, Json
 from haptic_fieldbus.signals import LinkFlag, Signal
 from haptic_fieldbus.sim.drive.settings import DriveSettings, build_plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
@@ -106,15 +106,22 @@ class ToyAxis:
 
 @dataclass(frozen=True)
 class ToyTraffic:
-    members: Mapping[str, DriveProfile]
+    members: Members
     rate: float
     waiting: float
     speed: str = f"{BAUD} baud"
     silence: float = math.inf
+    waits_for_answers: bool = False
     disturbance: float = 0.0
+    exchange: str = ""
 
-    @property
-    def latch(self) -> float:
+    def of(self, axis: str) -> AxisTraffic:
+        return self.members[axis][1]
+
+    def others(self) -> tuple[BusTraffic, ...]:
+        return ()
+
+    def latch(self, axis: str) -> float:
         return line_time(POLL.size)
 
     @property
@@ -134,8 +141,8 @@ class ToyTraffic:
         return 1.0 / (self.feedback_time + self.sending_ns * 1e-9 + self.waiting + COMPUTE_NS * 1e-9)
 
     def delay(self, axis: str) -> Delay:
-        timing = self.members[axis].timing
-        bus, compute = self.feedback_time - self.latch + self.sending_ns * 1e-9 + self.waiting, COMPUTE_NS * 1e-9
+        timing = self.members[axis][0].timing
+        bus, compute = self.feedback_time - self.latch(axis) + self.sending_ns * 1e-9 + self.waiting, COMPUTE_NS * 1e-9
         ticks = math.ceil((bus + compute) / timing.control_period)
         drive = ticks * timing.control_period - bus - compute
         return Delay(bus, compute, drive, 1.0 / (2.0 * math.pi * timing.torque_bandwidth))
@@ -184,7 +191,7 @@ class ToyProtocol(FieldbusProtocol):
         return ToyAxis(axis.node, tuple(offered[s] for s in incoming), tuple(offered[s] for s in outgoing))
 
     def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> ToyTraffic:
-        return ToyTraffic({name: profile for name, (profile, _) in members.items()}, rate, waiting)
+        return ToyTraffic(members, rate, waiting)
 
 
 class ToyDrive:

@@ -6,9 +6,9 @@ import can
 
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.channel import NamedDrive, slot_of
 from haptic_fieldbus.sim.canopen.hosting import Host
 from haptic_fieldbus.sim.canopen.outlet import Outlet
+from haptic_fieldbus.sim.channel import NamedDrive, slot_of
 from haptic_fieldbus.sim.faults import Fault
 from haptic_fieldbus.sim.hand import hand_named
 

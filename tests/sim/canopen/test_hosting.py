@@ -15,11 +15,11 @@ import pytest
 from haptic_fieldbus.drive.rig import shipped_mechanism
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.canopen.channel import NamedDrive, slot_of
-from haptic_fieldbus.sim.canopen.host_request import HostRequest, resolve
 from haptic_fieldbus.sim.canopen.hosting import host
+from haptic_fieldbus.sim.channel import NamedDrive, slot_of
 from haptic_fieldbus.sim.faults import Emergency
 from haptic_fieldbus.sim.hand import HANDS, grip
+from haptic_fieldbus.sim.host_request import HostRequest, resolve
 from haptic_fieldbus.sim.mechanics import flow
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant

@@ -15,9 +15,10 @@ from canopen.objectdictionary import ODVariable
 from haptic_fieldbus.eds import EdsType, NodeOffset, eds_text, read_eds
 from haptic_fieldbus.eds.names import member_name, parameter_name
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
-from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.sim.canopen.sheet import dictionary_of, sheet
 from haptic_fieldbus.sim.drive.dictionary import AbortCode
+from tests.builders import shipped
 from tests.eds.vendor_files import FOLDER, needs_files
 from tests.sim.bench import NODE
 from tests.sim.canopen.test_canopen_peer import Bench
@@ -25,7 +26,7 @@ from tests.sim.canopen.test_canopen_peer import Bench
 pytestmark = pytest.mark.thorough(
     "the sheets of all shipped drives", quick=("generic_cia402", "maxon_epos4", "technosoft_ipos", "vendor")
 )
-NAMES = [name for name in profile_names() if load_profile(name).drive.usable]
+NAMES = [name for name in shipped() if load_profile(name).drive.usable]
 VENDOR = "maxon_epos4_70_15.eds"
 EVERY = [*NAMES, pytest.param(str(FOLDER / VENDOR), id="vendor", marks=needs_files)]
 NAMELESS = ("delta_asda_a2", "zeroerr_erob")

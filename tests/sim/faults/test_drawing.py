@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.faults.drawing import MOST, RECIPES, drawn, seed_of
+from haptic_fieldbus.sim.faults.drawing import ANSWER_RECIPES, MOST, RECIPES, drawn, seed_of
+
+KINDS = (*RECIPES, *ANSWER_RECIPES)
 
 
 @given(st.integers(0, 2**64 - 1))
@@ -24,14 +26,16 @@ def test_a_seed_gives_the_same_faults_each_time(seed: int) -> None:
 
 def test_every_kind_that_happens_at_an_instant_is_drawn() -> None:
     timed = {kind.__annotations__["kind"].__args__[0] for kind in faults.TimedFault.__args__}
-    assert set(RECIPES) == timed
-    assert {fault.kind for seed in range(600) for fault in drawn(seed, 1.0)} == timed
+    assert {*RECIPES, *ANSWER_RECIPES} == timed
+    assert {fault.kind for seed in range(600) for fault in drawn(seed, 1.0)} == set(RECIPES)
+    answers = tuple(ANSWER_RECIPES)
+    assert {fault.kind for seed in range(100) for fault in drawn(seed, 1.0, answers)} == set(answers)
 
 
 def test_what_is_drawn_reads_back_from_its_file(tmp_path: Path) -> None:
     path = tmp_path / "faults.toml"
     for seed in range(40):
-        these = tuple(fault for other in range(10) for fault in drawn(10 * seed + other, 1.0))
+        these = tuple(fault for other in range(10) for fault in drawn(10 * seed + other, 1.0, KINDS))
         path.write_text(faults.toml_of(these), encoding="utf-8")
         assert faults.load_faults(path) == these
 

@@ -279,6 +279,9 @@ def test_all_kinds_are_tried_here_or_with_the_world() -> None:
         "emergency", "drive_fault", "node_reset", "silence", "missing_tpdos", "missing_rpdos", "heartbeat_lost",
         "encoder_jump", "position_stuck", "bus_off", "error_frame", "missing_node", "wrong_identity", "sdo_abort",
         "dead_guard",
+        # In tests/sim/modbus/test_line_faults.py:
+        "answer_lost", "answer_delayed", "answer_swapped", "answer_garbage", "answer_corrupted", "answer_truncated",
+        "answer_wrong_unit", "answer_exception", "connection_reset",
     }  # fmt: skip
     assert {kind.__annotations__["kind"].__args__[0] for kind in faults.Fault.__args__} == tried
 

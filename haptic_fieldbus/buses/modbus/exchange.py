@@ -1,0 +1,195 @@
+"""The exchange of one period on one line: all units are read in turn, and written in turn.
+
+`master` tells what goes out when, and what becomes of answers that stay away.
+"""
+
+from haptic_fieldbus.buses.modbus.foreign import foreign_write
+from haptic_fieldbus.buses.modbus.framing import Answer, FrameForm, Question
+from haptic_fieldbus.buses.modbus.link import Reading, UnitLink
+from haptic_fieldbus.buses.modbus.requester import Requester
+from haptic_fieldbus.planning.image import HEADER
+from haptic_fieldbus.protocols.modbus.profile import READ_WRITE
+from haptic_fieldbus.protocols.traffic import answer_time
+
+
+class Turns:
+    """The requests of all units of a line, and their answers in the input `image`."""
+
+    def __init__(
+        self, requester: Requester, readings: tuple[Reading, ...], image: bytearray, *, period_ns: int, writes: bool
+    ) -> None:
+        """`writes` tells that the set-points are sent by requests of their own, after computing."""
+        self.latch_ns = 0
+        self.foreign: int | None = None
+        """Address to which somebody else was heard to write; None while nobody was."""
+        self._requester, self._readings, self._image = requester, readings, image
+        self._links = tuple(dict.fromkeys(reading.link for reading in readings))
+        self._units = frozenset(link.unit for link in self._links)
+        self._period_ns, self._writes = period_ns, writes
+        self._left_ns = tuple(sum(each.times.whole_ns for each in readings[at:]) for at in range(len(readings)))
+        """Time that each request and those after it take."""
+        self._begun_ns = 0
+        self._patience_ns = round(1e9 * answer_time(1e-9 * period_ns))
+        self._asked: Question | None = None
+        self._written: UnitLink | None = None
+        """Link whose set-point is under way."""
+
+    @property
+    def fresh(self) -> bool:
+        """True when all answers of the last exchange came."""
+        return all(link.fresh for link in self._links)
+
+    def forget(self) -> None:
+        """Forget what was exchanged: the drives are configured anew."""
+        self._requester.forget()
+        self._written, self.foreign = None, None
+        for link in self._links:
+            link.forget()
+        for reading in self._readings:
+            reading.forget()
+
+    def prepare(self, deadline_ns: int) -> None:
+        """Take the answer to the last set-point, as long as the deadline [ns] leaves time for all that is read."""
+        link, self._written = self._written, None
+        if link is not None:
+            self._confirm(link, self._requester.waiting() or self._requester.answer(deadline_ns - self._left_ns[0]))
+        elif self._requester.outstanding is not None:
+            self._requester.answer(0)
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """Wait no more for an answer that has stayed away for long: the unit may have lost its question."""
+        if self._requester.clock.now_ns() - self._requester.sent_ns > self._patience_ns:
+            self._requester.forget()
+
+    def begin(self) -> None:
+        """Ask the first unit."""
+        self._begun_ns = self._requester.clock.now_ns()
+        for link in self._links:
+            link.begin()
+        self._asked = self._ask(self._readings[0])
+
+    def collect(self, deadline_ns: int) -> bytearray:
+        """Receive, and ask the other units, until the deadline [ns] at the latest; return the image."""
+        requester, last = self._requester, len(self._readings) - 1
+        for at, reading in enumerate(self._readings):
+            until_ns = self._share_of(at, deadline_ns)
+            if self._asked is None and requester.outstanding is None:
+                self._wait_for_quiet(reading.link, until_ns)
+            else:
+                self._take(reading, self._asked, requester.answer(until_ns))
+            if at < last:
+                self._asked = self._ask(self._readings[at + 1])
+        self._finish()
+        return self._image
+
+    def write(self, image: bytes | bytearray) -> None:
+        """Store the set-points; send them where they have requests of their own."""
+        for link in self._links:
+            link.set_point.store(image)
+        if self._writes:
+            self._send()
+
+    def _share_of(self, at: int, deadline_ns: int) -> int:
+        """Return the deadline of one request [ns]: its share of the time that is left."""
+        if at == len(self._readings) - 1:
+            return deadline_ns
+        now_ns = self._requester.clock.now_ns()
+        left_ns = max(0, deadline_ns - now_ns)
+        return now_ns + left_ns * self._readings[at].times.whole_ns // self._left_ns[at]
+
+    def _ask(self, reading: Reading) -> Question | None:
+        """Ask a unit, and return the question; None when nothing can be asked now."""
+        form, octets = self._form(reading)
+        if form is None:
+            return None
+        self._requester.send(form, octets)
+        return form.question
+
+    def _form(self, reading: Reading) -> tuple[FrameForm | None, bytes]:
+        """Return what is sent to a unit, with the octets that are written; no form when nothing can be."""
+        link, set_point = reading.link, reading.link.set_point
+        late, waits = link.late, self._requester.outstanding is not None
+        if waits and not (reading.writing and set_point.lessens):
+            return None, b""
+        if not (reading.writing and set_point.waiting):
+            alone = reading.alone
+            return (None if alone is None or alone.question.function in late else alone), b""
+        if not waits and READ_WRITE not in late:
+            place, octets = set_point.take()
+            return reading.writing[place], octets
+        if not link.writing or set_point.function in late:
+            return None, b""
+        place, octets = set_point.take()
+        return link.writing[place], octets
+
+    def _wait_for_quiet(self, link: UnitLink, until_ns: int) -> None:
+        """Ask nothing, and drop what comes; when nothing did, no answer is late any more."""
+        link.missing += 1
+        if not self._requester.listen(until_ns):
+            link.late.clear()
+
+    def _take(self, reading: Reading, asked: Question | None, answer: Answer | None) -> None:
+        """Take an answer, or that it stayed away."""
+        link, requester = reading.link, self._requester
+        accepted = asked is not None and self._accepted(link, asked, answer)
+        if not accepted or answer is None or not answer.data or not reading.take(answer.data):
+            link.missing += 1
+        elif reading.latches:
+            link.latch_ns = reading.latched(requester.sent_ns, requester.arrived_ns)
+
+    def _accepted(self, link: UnitLink, asked: Question, answer: Answer | None) -> bool:
+        """Note what an answer says of the unit; False without one, and for an exception."""
+        if answer is None:
+            if self._requester.transport.serial:
+                self._requester.forget()
+                link.late.add(asked.function)
+            return False
+        if link.late and asked.function not in link.late:
+            link.late.clear()  # a unit answers in order, so no earlier answer can come any more
+        if answer.exception is not None:
+            link.refused(answer.exception)
+            return False
+        if asked.values:
+            link.set_point.answered()
+        return True
+
+    def _finish(self) -> None:
+        """Write all headers."""
+        if self._requester.unasked or self._requester.garbled:
+            self._overhear()
+        now_ns, latch_ns = self._requester.clock.now_ns(), 0
+        for link in self._links:
+            link.finish(now_ns, self._begun_ns, self.foreign)
+            latch_ns = max(latch_ns, link.latch_ns)
+        self.latch_ns = latch_ns
+        HEADER.pack_into(self._image, 0, latch_ns)
+
+    def _overhear(self) -> None:
+        """Look at octets that were no answers: is there a command of somebody else among them?"""
+        requester = self._requester
+        for octets in (requester.unasked, requester.garbled):
+            if requester.transport.serial and self.foreign is None:
+                self.foreign = foreign_write(octets, self._units)
+        requester.unasked = requester.garbled = b""
+
+    def _send(self) -> None:
+        """Send the set-points, one unit after another; only those that lessen torque while an answer is outstanding."""
+        requester, last = self._requester, self._links[-1]
+        for left, link in zip(range(len(self._links), 0, -1), self._links, strict=True):
+            waits = requester.outstanding is not None
+            if waits and not link.set_point.lessens:
+                continue
+            place, octets = link.set_point.take()
+            form = link.writing[place]
+            requester.send(form, octets)
+            self._asked = form.question
+            if link is last:
+                self._written = link
+            elif not waits:
+                now_ns = requester.clock.now_ns()
+                self._confirm(link, requester.answer(now_ns + (self._begun_ns + self._period_ns - now_ns) // left))
+
+    def _confirm(self, link: UnitLink, answer: Answer | None) -> None:
+        if self._asked is not None:
+            self._accepted(link, self._asked, answer)

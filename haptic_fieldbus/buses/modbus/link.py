@@ -1,0 +1,209 @@
+"""The link to one axis: what its unit answers goes into the input image, with its age and the flags of the link."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from struct import Struct
+
+from haptic_fieldbus.buses.modbus.framing import FrameForm
+from haptic_fieldbus.buses.modbus.set_points import StoredSetPoint
+from haptic_fieldbus.drive.objects import Order
+from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.modbus.profile import ModbusProfile
+from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest
+from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
+from haptic_fieldbus.signals import LinkFlag, Signal
+
+# Plain integers: combining members of an IntFlag would make a new member in every period of the loop.
+STALE, EXCEPTION, FOREIGN = int(LinkFlag.STALE), int(LinkFlag.EXCEPTION), int(LinkFlag.FOREIGN)
+TORN, TORN_WITHIN = 65536, 16384
+"""Counts by which a value jumps when its two registers are of different instants, and how near to it a jump is one."""
+
+
+class UnitLink:
+    """The link to one unit; `header` is the offset of its axis' header in the image."""
+
+    def __init__(self, unit: int, set_point: StoredSetPoint, header: int, image: bytearray, latch_ns: int) -> None:
+        """`latch_ns` is the time from the beginning of the exchange until the drive should latch."""
+        self.unit = unit
+        self.set_point = set_point
+        self.writing: tuple[FrameForm, ...] = ()
+        """Forms that write each block of the set-point, and read nothing."""
+        self.torn = 0
+        """Samples that were dropped, since their two registers did not belong together."""
+        self.latch_ns = 0
+        """Instant at which the drive latched the motion of this exchange, or should have [ns]."""
+        self.missing = 0
+        self.late: set[int] = set()
+        """Functions whose answers have stayed away, and may still come."""
+        self._header, self._image, self._should_ns = header, image, latch_ns
+        self._latched_ns: int | None = None
+        self._code: int | None = None
+
+    def forget(self) -> None:
+        """Forget what was received: the drive is configured anew."""
+        self._latched_ns = self._code = None
+        self.late.clear()
+        self.set_point.forget()
+
+    @property
+    def fresh(self) -> bool:
+        """True when all answers of the last exchange came."""
+        return not self.missing
+
+    def begin(self) -> None:
+        """Begin an exchange."""
+        self.missing = 0
+
+    def refused(self, code: int) -> None:
+        """Note an exception, for the header of the next exchange that ends."""
+        self._code = code
+
+    def finish(self, now_ns: int, begun_ns: int, foreign: int | None) -> None:
+        """Write the header: age of the data [ns], flags, code of an exception or of somebody else's command."""
+        if not self.missing:
+            self._latched_ns = self.latch_ns
+            if self._code is None and foreign is None:
+                AXIS_HEADER.pack_into(self._image, self._header, max(0, now_ns - self.latch_ns), 0, 0)
+                return
+        else:
+            self.latch_ns = min(now_ns, begun_ns + self._should_ns)
+        self._accuse(now_ns, foreign)
+
+    def _accuse(self, now_ns: int, foreign: int | None) -> None:
+        """Write a header with flags."""
+        flags, code = (STALE if self.missing else 0), 0
+        if self._code is not None:
+            flags, code, self._code = flags | EXCEPTION, self._code, None
+        if foreign is not None:
+            flags, code = flags | FOREIGN, foreign
+        age_ns = LARGEST_AGE_NS if self._latched_ns is None else min(now_ns - self._latched_ns, LARGEST_AGE_NS)
+        AXIS_HEADER.pack_into(self._image, self._header, max(0, age_ns), flags, code)
+
+
+class Reading:
+    """One request of the reading part: its forms, where its registers go, and its times."""
+
+    def __init__(
+        self,
+        link: UnitLink,
+        block: Block,
+        times: "Times",
+        image: bytearray,
+        offsets: Mapping[Signal, int],
+        *,
+        latches: bool,
+    ) -> None:
+        """Take the offsets of the unit's signals in the image; `latches` tells that the motion is in this block."""
+        self.link, self.block, self.times, self.latches = link, block, times, latches
+        self.alone: FrameForm | None = None
+        """Form that reads and writes nothing; None when the drive has no function for it."""
+        self.writing: tuple[FrameForm, ...] = ()
+        """Forms that write each block of the set-point first; none where they have requests of their own."""
+        self._image = image
+        self._copies = tuple(_joined(block, offsets))
+        self._wide = tuple(
+            _Wide(mapped.order is Order.BIG_LOW_WORD_FIRST, start)
+            for mapped, (start, end) in zip(block.signals, block.places, strict=True)
+            if end - start == 4 and mapped.signal is Signal.POSITION
+        )
+
+    def take(self, data: bytes) -> bool:
+        """Copy the registers into the image; False when they are torn, and dropped."""
+        for wide in self._wide:
+            if wide.torn(data):
+                self.link.torn += 1
+                return False
+        for place, start, end in self._copies:
+            self._image[place : place + end - start] = data[start:end]
+        return True
+
+    def forget(self) -> None:
+        """Forget what was read: a statusword of before would count as that of now, until the first answer comes."""
+        for place, start, end in self._copies:
+            self._image[place : place + end - start] = bytes(end - start)
+
+    def latched(self, sent_ns: int, arrived_ns: int) -> int:
+        """Return the instant at which the drive latched [ns].
+
+        It is the nominal one, unless the answer came before its time: then the way back is counted from its arrival.
+        """
+        nominal_ns, latest_ns = sent_ns + self.times.executed_ns, arrived_ns - self.times.answer_ns
+        return nominal_ns if nominal_ns <= latest_ns else max(sent_ns, latest_ns)
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times of one request [ns]."""
+
+    executed_ns: int
+    """From its first octet until the drive reads its registers."""
+    answer_ns: int
+    """Of its answer on the line."""
+    whole_ns: int
+    """With the silence that follows."""
+
+
+class _Wide:
+    """A value of two registers, in which a jump by about 65536 counts shows that the drive tore it."""
+
+    def __init__(self, low_first: bool, start: int) -> None:
+        self._words = Struct(">HH")
+        self._low_first, self._start = low_first, start
+        self._before: int | None = None
+        self._doubted = False
+
+    def torn(self, octets: bytes) -> bool:
+        """Whether the value jumped as a torn one does; a second one in a row is the drive's own motion."""
+        high, low = self._words.unpack_from(octets, self._start)
+        value = low << 16 | high if self._low_first else high << 16 | low
+        before = self._before
+        if before is None or self._doubted or abs(value - before) < TORN - TORN_WITHIN:
+            self._before, self._doubted = value, False
+            return False
+        jump = abs((value - before + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000)
+        self._doubted = abs(jump - TORN) <= TORN_WITHIN
+        if not self._doubted:
+            self._before = value
+        return self._doubted
+
+
+def _joined(block: Block, offsets: Mapping[Signal, int]) -> Iterator[tuple[int, int, int]]:
+    """Yield the place in the image, and the begin and end in the block, of signals that are neighbours in both."""
+    open_copy: tuple[int, int, int] | None = None
+    for mapped, (start, end) in zip(block.signals, block.places, strict=True):
+        place = offsets[mapped.signal]
+        if open_copy is not None and (place - open_copy[0], start) == (open_copy[2] - open_copy[1], open_copy[2]):
+            open_copy = (open_copy[0], open_copy[1], end)
+        else:
+            if open_copy is not None:
+                yield open_copy
+            open_copy = (place, start, end)
+    if open_copy is not None:
+        yield open_copy
+
+
+def traffic_of(plan: Plan) -> ModbusTraffic:
+    """Return the traffic of the only bus in this part of a plan; raises TypeError for a bus of another protocol."""
+    (bus,) = plan.buses
+    if not isinstance(bus.traffic, ModbusTraffic):
+        raise TypeError(f"bus {bus.name} is one of {bus.protocol}")
+    return bus.traffic
+
+
+def times_of(traffic: ModbusTraffic, profile: ModbusProfile, request: RegisterRequest) -> Times:
+    """Return the times of one request on the line of this traffic."""
+    line, answer_time = traffic.wire, profile.line.answer_time
+    executed, answered = line.executed(request, answer_time), line.answer_duration(request)
+    whole = executed + answered + line.silence
+    return Times(round(1e9 * executed), round(1e9 * answered), round(1e9 * whole))
+
+
+def offsets_of(blocks: tuple[Block, ...], start: int) -> dict[Signal, int]:
+    """Return the offset of each signal of these blocks in an image in which they follow one another from `start`."""
+    offsets = {}
+    for block in blocks:
+        for mapped in block.signals:
+            offsets[mapped.signal] = start
+            start += mapped.type.size
+    return offsets

@@ -1,0 +1,256 @@
+"""The Modbus master: a request and its answer, one drive after another, all in the thread of the loop.
+
+One period is `read` and `write`, by the way that the plan has chosen:
+
+- Function 23 (`Transaction.READ_WRITE`): `write` stores the set-points, and the next `begin` sends them with the
+  questions. A period without a `write` asks by a reading function, so that a set-point is sent once, and feeds a
+  watchdog once.
+- Reading, then writing (`Transaction.READ_THEN_WRITE`): `write` sends the set-points, one drive after another. The
+  answer of the last one is taken by the next `prepare`, as nothing is computed from it.
+
+Answers that stay away never make a period longer: each request has its share of the time until the deadline. Then the
+axis is stale, and the age of its feedback grows. `requester` tells why nothing is sent on TCP while an answer is
+outstanding. On RTU, after function 23 stayed without an answer, the set-point is sent by a writing function in the next
+period: a late answer of function 23 cannot be taken for its own. A unit answers in order, so when that answer comes no
+earlier one can. Where it stays away as well, or nothing is to be written, nothing is asked until a whole reading part
+was quiet.
+
+A dead line raises, and the run ends. `stop` consists of `release`, `settle` and `leave`; `release` tells how.
+
+Reference: Modbus application protocol 1.1b3, 6.3, 6.12, 6.17; Modbus over serial line 1.02, 2.4.
+"""
+
+from collections.abc import Iterator
+
+from haptic_fieldbus.buses.bus import DriveFacts, InSteps
+from haptic_fieldbus.buses.modbus.acknowledging import acknowledge
+from haptic_fieldbus.buses.modbus.exchange import Turns
+from haptic_fieldbus.buses.modbus.foreign import listen
+from haptic_fieldbus.buses.modbus.framing import Question
+from haptic_fieldbus.buses.modbus.link import Reading, UnitLink, offsets_of, times_of, traffic_of
+from haptic_fieldbus.buses.modbus.parting import UnitParting
+from haptic_fieldbus.buses.modbus.registers import from_words
+from haptic_fieldbus.buses.modbus.release import LineRelease
+from haptic_fieldbus.buses.modbus.requester import Requester
+from haptic_fieldbus.buses.modbus.set_points import StoredSetPoint
+from haptic_fieldbus.buses.modbus.set_up import SetUp
+from haptic_fieldbus.buses.modbus.transport import Transport
+from haptic_fieldbus.buses.modbus.unit import UnitClient
+from haptic_fieldbus.buses.modbus.watchdog import DriveWatch
+from haptic_fieldbus.buses.torque_limits import TorqueLimits
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.image import AxisImage
+from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.protocols.modbus.bus import ModbusSection
+from haptic_fieldbus.protocols.modbus.layout import characters
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
+from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
+from haptic_fieldbus.signals import LinkFlag
+
+UNGUARDED = 1.0
+"""Time for which a drive without a watchdog is tried to be freed [s]: on TCP, lost octets come again within it."""
+ANSWER_TIME = 0.01
+"""[s]; so long an answer beside the exchange is waited for at least."""
+
+
+class ModbusBus(InSteps):
+    """A Modbus master on any transport; `section` is its bus in the rig."""
+
+    def __init__(self, transport: Transport, clock: Clock, section: ModbusSection) -> None:
+        self.facts: dict[str, DriveFacts] = {}
+        self.warnings: list[str] = []
+        self._transport, self._clock, self._section = transport, clock, section
+        self._requester = Requester(transport, clock, echo=section.echo)
+        self._plan: Plan | None = None
+        self._set_ups: tuple[SetUp, ...] = ()
+        self._links: tuple[UnitLink, ...] = ()
+        self._partings: tuple[UnitParting, ...] = ()
+        self._release: LineRelease | None = None
+        self._exchange: Turns
+
+    def inspect(self, plan: Plan, image: bytearray) -> None:
+        """Listen for somebody else, then check all drives without writing to them, and fill `facts`.
+
+        Exchanges fill the part of this bus in the input `image`. Raises ForeignMasterError before anything was written,
+        BusTimeoutError, BusConfigurationError or DriveFaultError, TypeError for a bus of another protocol.
+        """
+        traffic = traffic_of(plan)
+        if self._section.serial:
+            self._transport.tune(*characters(self._section, [member.profile for member in traffic.members]))
+        self._requester.silence_ns = round(1e9 * traffic.wire.silence)
+        listened = listen(self._requester)
+        self._bind(plan, traffic, image)
+        self.facts = {each.axis.name: each.inspect(listened) for each in self._set_ups}
+
+    def configure(self, plan: Plan) -> None:
+        """Configure all inspected drives; raises BusError, ForeignMasterError when somebody else commands by now."""
+        self._exchange.forget()
+        self._plan = plan  # from here on `stop` has something to undo
+        for each in self._set_ups:
+            each.configure()
+
+    def start(self) -> None:
+        """Arm the watchdogs; from now on set-points must come. Raises BusError."""
+        for each in self._set_ups:
+            each.start()
+        self._requester.forget()
+        self._requester.keep_silence()  # it is no part of the first period
+
+    def _bind(self, plan: Plan, traffic: ModbusTraffic, image: bytearray) -> None:
+        """Prepare all requests and offsets, so that the loop looks nothing up."""
+        axes = tuple(zip(plan.axes, plan.image.axes, strict=True))
+        self._set_ups = tuple(self._set_up_of(axis, traffic, real=not plan.simulated) for axis in plan.axes)
+        self._links = tuple(self._link_of(axis, places, traffic, image) for axis, places in axes)
+        readings = tuple(
+            reading
+            for link, (axis, places) in zip(self._links, axes, strict=True)
+            for reading in self._readings_of(link, axis, places, traffic, image)
+        )
+        writes = traffic.way is Transaction.READ_THEN_WRITE
+        self._exchange = Turns(self._requester, readings, image, period_ns=plan.period_ns, writes=writes)
+        self._partings = tuple(
+            UnitParting(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
+        )
+        longest = max(reading.times.whole_ns for reading in readings) * 1e-9
+        guard = max(UNGUARDED if each.watchdog is None else traffic.guard(each.axis.name) for each in self._set_ups)
+        self._release = LineRelease(self._requester, self._partings, exchange=longest, guard=guard)
+
+    def _set_up_of(self, axis: AxisPlan, traffic: ModbusTraffic, *, real: bool) -> SetUp:
+        profile = traffic.member(axis.name).profile
+        unit = UnitClient(self._requester, axis.node, f"unit {axis.node} (axis {axis.name})", profile.line)
+        section = profile.watchdog
+        watchdog = None if section is None else DriveWatch(unit, section, traffic.guard(axis.name))
+        entries = () if profile.torque.limit is None else (profile.torque.limit,)
+        limits = TorqueLimits(unit, axis, self.warnings.append, real, entries, axis.effort_unit)
+        return SetUp(unit, axis, profile, watchdog, limits)
+
+    def _link_of(self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray) -> UnitLink:
+        member = traffic.member(axis.name)
+        set_point = StoredSetPoint(member.traffic, member.profile.line, places.outputs[0])
+        link = UnitLink(axis.node, set_point, places.header, image, round(1e9 * traffic.latch(axis.name)))
+        if set_point.function is not None:
+            link.writing = tuple(self._requester.form(set_point.writing(block)) for block in set_point.blocks)
+        return link
+
+    def _readings_of(
+        self, link: UnitLink, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray
+    ) -> Iterator[Reading]:
+        """Yield the requests of the reading part of one axis, with their forms."""
+        member, form, set_point = traffic.member(axis.name), self._requester.form, link.set_point
+        offsets, function = offsets_of(member.traffic.reads, places.inputs[0]), member.profile.line.reading
+        for request in traffic.of(axis.name).reading:
+            block = request.read
+            if block is None:
+                continue
+            times = times_of(traffic, member.profile, request)
+            reading = Reading(link, block, times, image, offsets, latches=block.has(member.traffic.motion))
+            if function is not None:
+                reading.alone = form(Question(axis.node, function, block.address, block.count))
+            if request.write is not None:
+                reading.writing = tuple(form(set_point.writing_before(each, block)) for each in set_point.blocks)
+            yield reading
+
+    def read(self, deadline_ns: int) -> bytearray:
+        """Exchange feedback once and return the input image, by the deadline [ns]; raises BusError when dead."""
+        exchange = self._exchange
+        exchange.prepare(deadline_ns)
+        exchange.begin()
+        return exchange.collect(deadline_ns)
+
+    def prepare(self, deadline_ns: int) -> None:
+        """Take the answer to the last set-point, until the deadline [ns] at the latest; raises BusError when dead."""
+        self._exchange.prepare(deadline_ns)
+
+    def begin(self) -> None:
+        """Ask the first unit; raises BusError when the line is dead."""
+        self._exchange.begin()
+
+    def collect(self, deadline_ns: int) -> bytearray:
+        """Receive answers and ask the other units until the deadline [ns], write the headers, return the input image.
+
+        Raises BusError when the line is dead.
+        """
+        return self._exchange.collect(deadline_ns)
+
+    def write(self, image: bytes | bytearray) -> None:
+        """Send the set-points, or store them for the next `begin`; raises BusError when the line is dead."""
+        self._exchange.write(image)
+
+    @property
+    def latch_ns(self) -> int:
+        return self._exchange.latch_ns
+
+    @property
+    def fresh(self) -> bool:
+        return self._exchange.fresh
+
+    @property
+    def causes(self) -> dict[str, tuple[LinkFlag, int]]:
+        """By axis, the fault that a drive reported while it was freed, unless it is that of having lost us."""
+        found = {}
+        for each, parting in zip(self._set_ups, self._partings, strict=True):
+            watchdog = each.profile.watchdog
+            if parting.fault and (watchdog is None or parting.fault != watchdog.fault):
+                found[each.axis.name] = (LinkFlag.EMERGENCY, parting.fault)
+        return found
+
+    def ask(self, axis: str) -> int | None:
+        """Read the statusword of an axis; None without an answer in some milliseconds."""
+        each = next(each for each in self._set_ups if each.axis.name == axis)
+        status = each.profile.power.status
+        self._requester.ask(each.unit.reading(status))
+        longest = max(ANSWER_TIME, 4e-9 * self._requester.silence_ns)
+        answer = self._requester.answer(self._clock.now_ns() + round(1e9 * longest))
+        self._requester.forget()
+        if answer is None or answer.exception is not None:
+            return None
+        return from_words(status, answer.registers, each.profile.line.word_order)
+
+    def acknowledge(self) -> None:
+        """Clear the faults by which the stopped drives say that they lost us; raises DriveFaultError or BusError."""
+        for each in self._set_ups:
+            acknowledge(each.unit, each.profile, each.axis.power)
+
+    def release(self) -> None:
+        """Send zero torque, once something was written; raises nothing."""
+        if self._plan is not None and self._release is not None:
+            self._release.begin()
+
+    def settle(self) -> bool:
+        """Free the drives for some milliseconds; True when they are, or the time is over. Raises nothing."""
+        return self._release is None or self._release.look()
+
+    def leave(self) -> bool:
+        """End the way to zero; True when every drive confirmed that its motor is off, or nothing had been written."""
+        if self._plan is None or self._release is None:
+            return True
+        confirmed = self._release.leave()
+        for each, parting in zip(self._set_ups, self._partings, strict=True):
+            if parting.settled and not parting.refused:
+                each.torque_limits.restored()
+        told = [*self._release.warnings, *self._surprises(), *self._torn()]
+        self.warnings += [sentence for sentence in told if sentence not in self.warnings]
+        self._plan = None
+        return confirmed
+
+    def _surprises(self) -> list[str]:
+        """Return a sentence about octets that were dropped, and forget them."""
+        words = [f"{number} {kind.value}" for kind, number in self._requester.surprises.items()]
+        self._requester.surprises.clear()
+        return [f"{self._transport.name}: answers were dropped: {', '.join(words)}"] if words else []
+
+    def _torn(self) -> list[str]:
+        """Return a sentence for each unit that tore positions."""
+        return [
+            f"unit {link.unit} gave {link.torn} positions that jumped by about 65536 counts, as they do when their two "
+            "registers are of different instants; these samples were dropped"
+            for link in self._links
+            if link.torn
+        ]
+
+    def close(self) -> None:
+        """Stop unless already stopped, and close the line; raises no BusError."""
+        self.stop()
+        self._plan = None
+        self._transport.close()

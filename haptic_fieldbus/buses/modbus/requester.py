@@ -1,0 +1,180 @@
+"""One request at a time on a line: sent, waited for until a deadline, and forgotten.
+
+A request whose answer stays away is *outstanding*: its answer may still come. What that means differs:
+
+- On TCP the answer carries a transaction id, and nothing else gets through before it. Set-points would only queue up,
+  to be obeyed one after another when they are old, so meanwhile only those are sent that ask for less torque than the
+  one before. After some periods the question counts as lost.
+- On RTU the late answer to a request looks like the answer to the next one of the same function. The next request is
+  therefore one of another function, or none: see `master`.
+
+With a half-duplex adapter that gives back what one sends, our own octets come first, and are taken off.
+"""
+
+from collections import Counter
+
+from haptic_fieldbus.buses.modbus.framing import Answer, FrameForm, Framing, Question, Surprise
+from haptic_fieldbus.buses.modbus.transport import Transport
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.errors import BusError
+
+LONGEST_FRAME = 256
+"""Octets of a frame of RTU."""
+ECHO_ADVICE = "the adapter gives back what one sends: say echo = true in its table of the rig"
+
+
+class Requester:
+    """The requests of one line; `echo` says that the adapter gives back what one sends."""
+
+    def __init__(self, transport: Transport, clock: Clock, *, echo: bool = False) -> None:
+        self.transport = transport
+        self.clock = clock
+        self.echo = echo
+        self.silence_ns = 0
+        """Silence that must separate two frames [ns]."""
+        self.surprises: Counter[Surprise] = Counter()
+        """How often octets were dropped, and why."""
+        self.unasked = self.garbled = b""
+        """The latest octets that came when nothing was asked, and those that came in the place of an answer."""
+        self.outstanding: FrameForm | None = None
+        """The question whose answer has not come; None when the line is free."""
+        self.sent_ns = self.arrived_ns = 0
+        """Instants [ns] of the last request and of the last answer."""
+        self.echoes = False
+        """Whether octets came back as they were sent, although `echo` does not say so."""
+        self._serial = transport.serial
+        self._framing = Framing(serial=transport.serial)
+        self._gathered = b""
+        self._echo = b""
+        self._replaced = 0
+        """Questions that were replaced by another one before they were answered."""
+        self._free_ns = clock.now_ns()
+
+    @property
+    def name(self) -> str:
+        return self.transport.name
+
+    def form(self, question: Question) -> FrameForm:
+        """Return the form of a question, so that it need not be encoded each time."""
+        return self._framing.form(question)
+
+    def ask(self, question: Question) -> None:
+        """Send a question; raises BusError when the line is dead."""
+        self.send(self.form(question))
+
+    def send(self, form: FrameForm, values: bytes = b"") -> None:
+        """Send a form, with other octets of the values that are written, after octets of before were dropped.
+
+        On TCP nothing need be dropped: a transaction id tells answers of before. Raises BusError when the line is dead.
+        """
+        if self._serial:
+            self.keep_silence()
+            dropped = self.transport.discard()
+            if dropped:
+                self._drop(dropped)
+        frame = self._framing.fill(form, values)
+        self._gathered, self._echo = b"", bytes(frame) if self._serial else b""
+        self._replaced += self.outstanding is not None
+        self.outstanding = form
+        self.sent_ns = self.clock.now_ns()
+        self.transport.send(frame)
+
+    def answer(self, deadline_ns: int) -> Answer | None:
+        """Return the answer to the outstanding question; None when it did not come by the deadline [ns].
+
+        Raises BusError when the line is dead.
+        """
+        while self.outstanding is not None:
+            octets = self.transport.receive(deadline_ns)
+            if not octets:
+                return None
+            if not (self._gathered or self._echo):
+                data = self._framing.data_of(octets)
+                if data is not None:  # the usual case: all of the answer at once, and nothing else
+                    return self._arrived(Answer(data))
+            self._gathered += octets
+            answer = self._taken()
+            if answer is not None:
+                return answer
+        return None
+
+    def _arrived(self, answer: Answer) -> Answer:
+        """Free the line, and note when its answer came."""
+        self.outstanding, self.arrived_ns = None, self.clock.now_ns()
+        self._free_ns = self.arrived_ns + self.silence_ns
+        return answer
+
+    def waiting(self) -> Answer | None:
+        """Return the answer that has come while nobody looked; the silence after it has passed as well."""
+        answer = self.answer(self.clock.now_ns())
+        if answer is not None:
+            self._free_ns = self.clock.now_ns()
+        return answer
+
+    def keep_silence(self) -> None:
+        """Wait until the silence after the last answer is over."""
+        self.clock.sleep_until(self._free_ns)
+
+    def quiet(self, duration_ns: int) -> None:
+        """Send nothing for this time [ns], and drop what comes; raises BusError when the line is dead."""
+        self.forget()
+        if self.listen(self.clock.now_ns() + duration_ns):
+            self.surprises[Surprise.EARLIER] += 1
+
+    def listen(self, deadline_ns: int) -> bytes:
+        """Return what comes until the deadline [ns] although nothing was asked; raises BusError when dead."""
+        heard = b""
+        while octets := self.transport.receive(deadline_ns):
+            heard += octets
+        return heard
+
+    def forget(self) -> None:
+        """Give up the outstanding question."""
+        self.outstanding, self._gathered = None, b""
+
+    def _drop(self, octets: bytes) -> None:
+        """Note octets that came when nothing was asked, or too late."""
+        if self.outstanding is None:
+            self.unasked = octets[-LONGEST_FRAME:]
+            self.surprises[Surprise.EARLIER] += 1
+
+    def _taken(self) -> Answer | None:
+        """Take frames from the octets that were gathered, until one is the answer."""
+        if self._echo and not self._echo_taken():
+            return None
+        while self._gathered:
+            octets = self._gathered
+            used, found = self._framing.take(octets)
+            if not used:
+                return None
+            self._gathered = octets[used:]
+            if isinstance(found, Answer):
+                return self._arrived(found)
+            if found is Surprise.EARLIER and self._replaced:
+                self._replaced -= 1  # we did not wait for it
+            elif found is not None:
+                self.surprises[found] += 1
+                if found is Surprise.GARBAGE:
+                    self.garbled = octets[:used]
+        return None
+
+    def _echo_taken(self) -> bool:
+        """Take our own octets off; False while they are not complete. They may be declared, or a surprise."""
+        frame, gathered = self._echo, self._gathered
+        if not self.echo:
+            # The answer to FC6 repeats its request in full, so for that function nothing can be told.
+            self.echoes = self.echoes or (gathered.startswith(frame) and frame[1] != 6)
+            self._echo = b""
+            return True
+        if len(gathered) < len(frame) and frame.startswith(gathered):
+            return False
+        self._echo = b""
+        if gathered.startswith(frame):
+            self._gathered = gathered[len(frame) :]
+        return True
+
+
+def no_echo(requester: Requester) -> None:
+    """Raise BusError when the adapter gives back what one sends, and the rig does not say so."""
+    if requester.echoes:
+        raise BusError(f"{requester.name}: {ECHO_ADVICE}")

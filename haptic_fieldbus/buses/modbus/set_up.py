@@ -1,0 +1,155 @@
+"""Configuration of one drive, register by register: inspect, then write and read back, then start.
+
+Inspection writes nothing, so a wrong drive, or one that somebody else commands, is refused untouched. What is written
+is read back, and nothing is stored for good.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from haptic_fieldbus.buses.bus import DriveFacts
+from haptic_fieldbus.buses.modbus.foreign import refuse_unrest
+from haptic_fieldbus.buses.modbus.unit import UnitClient
+from haptic_fieldbus.buses.modbus.watchdog import DriveWatch
+from haptic_fieldbus.buses.rating import check_rating, rated_torque
+from haptic_fieldbus.buses.torque_limits import TorqueLimits
+from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
+
+FAULTS = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
+POLL_NS = 5_000_000
+ADVICE = {
+    True: "check that the drive has power, its unit id, bit rate and parity, and that A and B are not swapped",
+    False: "check that the drive has power, and its unit id (behind a host of its own often 1 or 255)",
+}
+"""Whether the line is a serial one → what to do about a unit that does not answer."""
+UNGUARDED = "on link loss the motor keeps its torque until its power is cut"
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """Set-up of one axis of the plan on its unit."""
+
+    unit: UnitClient
+    axis: AxisPlan
+    profile: ModbusProfile
+    watchdog: DriveWatch | None
+    """None: the drive has none."""
+    torque_limits: TorqueLimits[Register]
+
+    def inspect(self, listened: str) -> DriveFacts:
+        """Check that the unit is the drive of the profile, healthy, at rest and rated as in the rig; write nothing.
+
+        Raises BusTimeoutError, BusConfigurationError, DriveFaultError or ForeignMasterError.
+        """
+        self._check_fault()
+        known = self._check_identity()
+        refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
+        serial = None if self.profile.serial is None else self.unit.optional(self.profile.serial)
+        self.torque_limits.inspect(self._unique(known, serial), self.unit.optional)
+        return DriveFacts(
+            axis=self.axis.name,
+            node=self.unit.id,
+            title=self.profile.title,
+            vendor_id=known.get("vendor"),
+            product_code=known.get("product code"),
+            revision=known.get("revision"),
+            serial=serial,
+            rated_torque=self._check_rated_torque(),
+            link_loss=UNGUARDED if self.watchdog is None else self.watchdog.words,
+            changes=tuple(self.torque_limits.sentences),
+            listened=listened,
+        )
+
+    def configure(self) -> None:
+        """Write all registers and read each back; the drive stays off. Raises BusError or ForeignMasterError."""
+        self._guarded()
+        refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
+        self.unit.write(self.profile.torque.target, 0)
+        for each in self.profile.setup:
+            self.unit.ensure(each, each.value)
+        if self.watchdog is not None:
+            self.watchdog.prepare()
+        self.torque_limits.configure()
+        self._set_mode()
+
+    def start(self) -> None:
+        """Arm the watchdog; raises BusError."""
+        if self.watchdog is not None:
+            self.watchdog.arm()
+
+    def parting(self) -> tuple[tuple[Register, int], ...]:
+        """Return what is written at the end: no watch on us, so that leaving is no fault, and the limits of before."""
+        return (*(() if self.watchdog is None else self.watchdog.disarming), *self.torque_limits.restoring)
+
+    def _guarded(self) -> None:
+        if self.watchdog is None and self.axis.rig.emergency_stop != "power":
+            raise BusConfigurationError(
+                f"{self.profile.title} has no watch on its master (profile: watchdog): it could hold the last torque "
+                "when the cable breaks; refused"
+            )
+
+    def _check_fault(self) -> None:
+        """Raise DriveFaultError for a drive in fault; the first question, so it also finds a unit that is not there."""
+        try:
+            state = self.axis.power.state(self.unit.read(self.profile.power.status))
+        except BusTimeoutError as error:
+            raise BusTimeoutError(f"{error}: {ADVICE[self.unit.requester.transport.serial]}") from error
+        if state not in FAULTS:
+            return
+        code = None if self.profile.power.error is None else self.unit.optional(self.profile.power.error)
+        cause = "" if code is None else f", error code {code:04X}h ({self.profile.power.error})"
+        raise DriveFaultError(
+            f"{self.unit.label} is in the state {state.value}{cause}. Remove the cause, then clear it: switch the "
+            "drive off and on, or use the drive's own tool"
+        )
+
+    def _check_identity(self) -> dict[str, int]:
+        """Return the values by which the drive tells its model; raises BusConfigurationError for another model."""
+        known = {}
+        for each in self.profile.identity:
+            known[each.name] = value = self.unit.read(each)
+            if each.values and value not in each.values:
+                wanted = " or ".join(f"{code:08X}h" for code in each.values)
+                raise BusConfigurationError(
+                    f"{self.unit.label} is another drive: its {each.name} ({each}) is {value:08X}h; the profile "
+                    f"{self.profile.name or self.profile.title} expects {wanted}. Nothing was written"
+                )
+        return known
+
+    def _unique(self, known: dict[str, int], serial: int | None) -> str | None:
+        """Return a name that no other drive has; None for a drive without a serial number."""
+        model = "-".join(f"{value:08x}" for value in known.values())
+        return None if serial is None else f"modbus-{self.profile.name}-{model}-{serial:08x}"
+
+    def _check_rated_torque(self) -> float | None:
+        register = self.profile.torque.rated
+        if register is None:
+            return None
+        rated = rated_torque(self.profile.title, str(register), register.unit, self.unit.read(register))
+        check_rating(self.unit.label, self.axis, str(register), "torque", rated, self.axis.rig.rated_torque, "N·m")
+        return rated
+
+    def _set_mode(self) -> None:
+        mode = self.profile.mode
+        if mode is None:
+            return
+        self.unit.ensure(mode.write, mode.value)
+        display = mode.display
+        if display is not None:
+            self._poll(
+                lambda: self.unit.read(display) == mode.value,
+                self.profile.timing.mode_change_timeout,
+                lambda: f"did not take over mode {mode.value}: {display} says {self.unit.read(display)}",
+            )
+
+    def _poll(self, reached: Callable[[], bool], timeout: float, complaint: Callable[[], str]) -> None:
+        clock = self.unit.requester.clock
+        deadline_ns = clock.now_ns() + round(timeout * 1e9)
+        while not reached():
+            if clock.now_ns() >= deadline_ns:
+                raise BusConfigurationError(f"{self.unit.label} {complaint()} (waited {exactly(timeout)} s)")
+            self.unit.requester.quiet(POLL_NS)

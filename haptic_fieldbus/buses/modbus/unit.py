@@ -1,0 +1,109 @@
+"""One unit on the line, register by register: for all that is asked and written beside the exchange.
+
+A request that stays without an answer is repeated, which changes nothing, since each one reads or writes a value. After
+a time-out the line is left quiet for a while, so that a late answer is not taken for that to the next question.
+"""
+
+from haptic_fieldbus.buses.modbus.framing import Answer, Question
+from haptic_fieldbus.buses.modbus.registers import from_words, to_words
+from haptic_fieldbus.buses.modbus.requester import Requester, no_echo
+from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
+from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection, Register
+from haptic_fieldbus.protocols.modbus.register_traffic import EXCEPTIONS
+
+ANSWER_TIMEOUT = 0.3
+"""Time for which an answer is waited for [s]."""
+TRIES = 3
+QUIET_NS = 50_000_000
+"""Time for which nothing is sent after a question without an answer [ns]."""
+ABSENT = (1, 2)
+"""Exceptions that say that there is no such register: illegal function, illegal data address."""
+
+
+class RefusedError(BusConfigurationError):
+    """An exception by which a unit refused a request; `code` is its number."""
+
+    def __init__(self, message: str, code: int) -> None:
+        self.code = code
+        super().__init__(message)
+
+
+class UnitClient:
+    """The unit with this id; `label` names it in messages, `section` tells which functions it has."""
+
+    def __init__(self, requester: Requester, unit: int, label: str, section: LineSection) -> None:
+        self.id = unit
+        self.label = label
+        self.requester = requester
+        self._section = section
+
+    def read(self, register: Register, timeout: float = ANSWER_TIMEOUT, tries: int = TRIES) -> int:
+        """Return the value of a register.
+
+        Raises BusTimeoutError without an answer, BusConfigurationError (RefusedError) when it is refused.
+        """
+        words = self._exchange(self.reading(register), f"to read {register}", timeout, tries).registers
+        return from_words(register, words, self._section.word_order)
+
+    def optional(self, register: Register) -> int | None:
+        """Return the value of a register; None when the unit has none of that address."""
+        try:
+            return self.read(register)
+        except RefusedError as error:
+            if error.code in ABSENT:
+                return None
+            raise
+
+    def send(self, register: Register, value: int) -> None:
+        """Write a register and do not read it back; raises BusError as `read` does."""
+        self._exchange(self.writing(register, value), f"to write {value} to {register}", ANSWER_TIMEOUT, TRIES)
+
+    def write(self, register: Register, value: int) -> None:
+        """Write a register and read it back; raises BusConfigurationError when it then holds another value."""
+        self.send(register, value)
+        held = self.read(register)
+        if held != value:
+            raise BusConfigurationError(f"{self.label}: {register} says {held} after {value} was written")
+
+    def ensure(self, register: Register, value: int) -> None:
+        """Write a register, unless it holds the value already; raises BusError as `write` does."""
+        if self.read(register) != value:
+            self.write(register, value)
+
+    def reading(self, register: Register) -> Question:
+        """Return the question for a register; raises BusConfigurationError when the drive has no function for it."""
+        function = self._section.reading
+        if function is None:
+            raise BusConfigurationError(f"{self.label} has no function that reads registers (profile: line.functions)")
+        return Question(self.id, function, register.address, register.count)
+
+    def writing(self, register: Register, value: int) -> Question:
+        """Return the request that writes a register; one that writes and reads where the drive has no other."""
+        words, address = to_words(register, value, self._section.word_order), register.address
+        function = self._section.writing(register.count)
+        if function is None:
+            return Question(self.id, READ_WRITE, address, register.count, words, address)
+        return Question(self.id, function, address, 0, words)
+
+    def _exchange(self, question: Question, purpose: str, timeout: float, tries: int) -> Answer:
+        requester = self.requester
+        for late in range(tries):
+            requester.ask(question)
+            answer = requester.answer(requester.clock.now_ns() + round(timeout * 1e9))
+            no_echo(requester)
+            if answer is None or late:
+                requester.quiet(QUIET_NS)
+            if answer is not None:
+                return self._accepted(answer, purpose)
+        raise BusTimeoutError(
+            f"{self.label} does not answer on {requester.name}: asked {purpose}, waited {exactly(timeout)} s, "
+            f"{tries} times"
+        )
+
+    def _accepted(self, answer: Answer, purpose: str) -> Answer:
+        code = answer.exception
+        if code is not None:
+            words = EXCEPTIONS.get(code, "not one of the standard")
+            raise RefusedError(f"{self.label} refused {purpose} with exception {code} ({words})", code)
+        return answer

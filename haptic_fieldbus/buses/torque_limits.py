@@ -1,0 +1,194 @@
+"""Torque limits that are stored in the drive: raised or lowered to the limit of the axis, and put back at the end.
+
+Some drives are delivered with a limit of 0 or 10 % of rated torque (Nanotec C5-E, PD4-C), with which everything would
+seem to work, but no force could be felt. Such a limit is raised only when the rig says so. A higher one is lowered, so
+that the drive itself holds the limit of the axis whatever the loop asks for.
+
+The values of before are put back when a run ends in order. A run that was killed leaves its own behind. So that the
+next one can tell them from the drive's, each change is noted in a file of the user until it is undone.
+"""
+
+import json
+import math
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Generic, Protocol, TypeVar
+
+from haptic_fieldbus.errors import BusConfigurationError
+from haptic_fieldbus.numerals import exactly, in_unit, percent
+from haptic_fieldbus.planning.axis_plan import AxisPlan
+
+Entry = TypeVar("Entry")
+"""An object or a register that holds a limit; its text is its name."""
+
+
+Asked = TypeVar("Asked", contravariant=True)
+
+
+class LimitedDrive(Protocol[Asked]):
+    """The drive behind the limits; its methods raise BusError."""
+
+    @property
+    def label(self) -> str: ...
+
+    def read(self, entry: Asked, /) -> int: ...
+
+    def write(self, entry: Asked, value: int, /) -> None:
+        """Write and read back; raises BusConfigurationError when the drive refuses."""
+
+
+@dataclass
+class TorqueLimits(Generic[Entry]):
+    """The torque limits of one drive, in its own steps: as they were, and as the axis needs them."""
+
+    node: LimitedDrive[Entry]
+    axis: AxisPlan
+    warn: Callable[[str], None]
+    noted: bool
+    """Whether changes are noted in a file; those to simulated drives are not, since nobody finds such a drive again."""
+    entries: tuple[Entry, ...]
+    """All limits that a drive may have."""
+    step: float
+    """Effort at the handle of one step [N or N·m]."""
+    notes: "Notes | None" = None
+    before: dict[Entry, int] = field(default_factory=dict)
+    """The value of each limit that is to be changed, before any run of ours changed it."""
+    left: dict[Entry, int] = field(default_factory=dict)
+    """What a run that was killed left behind in them, where it is still there."""
+    sentences: list[str] = field(default_factory=list)
+    """Sentences for people about each change."""
+
+    @property
+    def wanted(self) -> int:
+        """The limit of the axis [steps]."""
+        # The small addend keeps a ratio that is a whole number from being rounded down by its last digit.
+        return math.floor(self.axis.limits.effort / self.step + 1e-6)
+
+    def inspect(self, drive: str | None, read: Callable[[Entry], int | None]) -> None:
+        """Compare the limits with that of the axis and write nothing.
+
+        `drive` is a name that is unique to the drive; None: it has no serial number, and what is noted could be
+        another one's. `read` returns None for an entry that is not there.
+
+        Raises BusConfigurationError when the drive allows less than the axis may ask for, and the rig does not say
+        that this is to be changed.
+        """
+        self.notes = Notes(drive) if self.noted and drive is not None else None
+        noted = {} if self.notes is None else self.notes.read()
+        for entry in self.entries:
+            held = read(entry)
+            if held is None:
+                continue
+            ours, original = noted.get(str(entry), ([], held))
+            if held in ours:
+                self.left[entry] = held
+            else:
+                original = held
+            if held == original == self.wanted:
+                continue
+            if original < self.wanted and not self.axis.rig.raise_max_torque:
+                raise self._too_low(entry, original)
+            self.before[entry] = original
+            self.sentences.append(self._words(entry, original))
+
+    def configure(self) -> None:
+        """Write the limits and read them back; warn where the drive does not let one be lowered.
+
+        Raises BusError, BusConfigurationError when a limit cannot be raised.
+        """
+        if self.before and self.notes is not None:
+            self._note(self.notes)
+        elif self.before and self.noted:
+            self.warn(f"{self.node.label} has no serial number: a run that is killed leaves its torque limit in it")
+        for entry, original in list(self.before.items()):
+            try:
+                self.node.write(entry, self.wanted)
+            except BusConfigurationError as error:
+                if original < self.wanted:
+                    raise
+                if self.node.read(entry) == original:
+                    del self.before[entry]
+                self.warn(f"{error}: the drive keeps its own limit, and only the loop holds that of the axis")
+
+    def _note(self, notes: "Notes") -> None:
+        """Write down both what is there and what comes, as this run may be killed before it writes to the drive."""
+        try:
+            notes.write(
+                {str(each): ([self.wanted, self.left.get(each, self.wanted)], was) for each, was in self.before.items()}
+            )
+        except OSError as error:
+            self.warn(
+                f"{notes.path} cannot be written ({error.strerror}): a run that is killed leaves its torque limit"
+            )
+
+    @property
+    def restoring(self) -> tuple[tuple[Entry, int], ...]:
+        """Entries and values that put the limits back."""
+        return tuple(self.before.items())
+
+    def restored(self) -> None:
+        """Forget the changes, since the drive has confirmed that they are undone, or holds values of its own."""
+        if self.notes is not None:
+            self.notes.remove()
+
+    def _words(self, entry: Entry, original: int) -> str:
+        """Return the sentence about a change."""
+        change = "lowered" if original >= self.wanted else "raised, as the rig says,"
+        between = f"from {self._percent(original)} to {self._percent(self.wanted)}"
+        words = f"{entry} is {change} {between} of rated torque until the end"
+        left = self.left.get(entry)
+        return words if left is None else f"{words}; a run that did not end in order left it at {self._percent(left)}"
+
+    def _too_low(self, entry: Entry, held: int) -> BusConfigurationError:
+        unit, limit = self.axis.workspace.effort_unit, self.axis.limits.effort
+        left = self.left.get(entry)
+        told = "" if left is None else f", after a run that did not end in order left it at {self._permille(left)}"
+        return BusConfigurationError(
+            f"{self.node.label}: {entry} is {self._permille(held)} of rated torque "
+            f"({in_unit(held * self.step, unit)}){told}, the axis may ask for {self._permille(self.wanted)} "
+            f"({in_unit(limit, unit)}): force would be cut without a word. Say "
+            f"axis.{self.axis.name}.raise_max_torque = true in the rig, which raises it for each run, or set "
+            f"axis.{self.axis.name}.limits.effort"
+        )
+
+    def _share(self, steps: int) -> float:
+        return steps * self.step / self.axis.rated_effort
+
+    def _percent(self, steps: int) -> str:
+        return percent(self._share(steps))
+
+    def _permille(self, steps: int) -> str:
+        return f"{exactly(1e3 * self._share(steps))} ‰"
+
+
+class Notes:
+    """The file that says what was changed in one drive: for each entry the values that we set, and the drive's own."""
+
+    def __init__(self, drive: str) -> None:
+        """`drive` is unique to a drive, and a file name."""
+        state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
+        self.path = Path(state) / "haptic-fieldbus" / "torque-limits" / f"{drive}.json"
+
+    def read(self) -> dict[str, tuple[list[int], int]]:
+        """Return the changes that were not undone; nothing when there is no file, or one that is not ours."""
+        try:
+            with self.path.open("rb") as file:
+                told = json.loads(file.read(10_000))
+            return {str(entry): ([int(each) for each in ours], int(own)) for entry, (ours, own) in told.items()}
+        except (OSError, ValueError, TypeError, AttributeError):
+            return {}
+
+    def write(self, changes: dict[str, tuple[list[int], int]]) -> None:
+        """Write the changes, before they are made; raises OSError."""
+        aside = self.path.with_suffix(f".{os.getpid()}")
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        aside.write_text(json.dumps(changes))
+        aside.replace(self.path)
+
+    def remove(self) -> None:
+        """Remove the file, when all is undone."""
+        with suppress(OSError):
+            self.path.unlink(missing_ok=True)

@@ -1,0 +1,106 @@
+"""Modbus behind the interface of `protocols.protocol`."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE, SIMULATION
+from haptic_fieldbus.documents import Document
+from haptic_fieldbus.drive.power import PowerTable
+from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.rig import BusSection, RigAxis
+from haptic_fieldbus.protocols.acting import HostTimes
+from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.cia402 import CIA402
+from haptic_fieldbus.protocols.modbus import bus, checks
+from haptic_fieldbus.protocols.modbus.layout import lay_out_registers, line_of
+from haptic_fieldbus.protocols.modbus.line import LineTimes
+from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
+from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, best, candidates
+from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
+from haptic_fieldbus.protocols.traffic import AxisTraffic
+from haptic_fieldbus.signals import Signal
+
+
+class Modbus(FieldbusProtocol):
+    """Modbus on TCP and RTU, the simulated lines included."""
+
+    name = "modbus"
+    profile: type[DriveProfile] = ModbusProfile
+    section: type[BusSection] = bus.ModbusSection
+    nodes = bus.UNITS
+    bus_forms = bus.BUS_FORMS
+    default_drive = DEFAULT_MODBUS_DRIVE
+
+    def simulated_bus(self, profile: DriveProfile) -> str:
+        return bus.SIM_TCP if "tcp" in modbus_profile(profile).line.transports else bus.SIM_RTU
+
+    def check_profile(self, document: Document) -> None:
+        checks.check_profile(document)
+
+    def parse_bus(self, text: str) -> BusName:
+        return bus.parse_bus(text)
+
+    def bus_name(self, section: BusSection) -> BusName:
+        own = bus.modbus_section(section)
+        channel = "" if own.simulated else f":{own.channel}"
+        baud = f"@{own.baud}" if own.baud is not None else ""
+        return BusName(f"{own.interface}{channel}{baud}", own)
+
+    def in_place_of(self, section: BusSection, named: BusName, channel: str | None) -> BusSection:
+        own = bus.modbus_section(section)
+        return bus.simulated(own, channel) if named.text == SIMULATION else bus.in_place_of(own, named, channel)
+
+    def power_table(self, profile: DriveProfile) -> PowerTable:
+        power = modbus_profile(profile).power
+        return CIA402 if power.table == "cia402" else PowerTable(power.rows, power.off)
+
+    def axis_traffic(
+        self,
+        axis: RigAxis,
+        section: BusSection,
+        profile: DriveProfile,
+        incoming: Sequence[Signal],
+        outgoing: Sequence[Signal],
+    ) -> RegisterTraffic:
+        """Return the registers of one axis, without requests until the traffic of its line is known.
+
+        Raises PlanError when the drive is not made for this line (ImageTooLargeError when it cannot carry a signal),
+        UsageError for a profile of another protocol.
+        """
+        own = modbus_profile(profile)
+        return lay_out_registers(axis.node, own, line_of(bus.modbus_section(section), [own]), incoming)
+
+    def default_rate(self, section: BusSection, members: Members, waiting: float) -> float:
+        """Return the highest rate of the way whose torque is the youngest at its own highest rate [Hz]."""
+        own, wire, host = _on_line(section, members)
+        return best(candidates(own, wire, waiting, host)).rate
+
+    def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> ModbusTraffic:
+        """Return the traffic of the way that fits and whose torque is the youngest."""
+        own, wire, host = _on_line(section, members)
+        ways = [replace(each, rate=rate) for each in candidates(own, wire, waiting, host)]
+        fitting = [each for each in ways if each.fits]
+        return best(fitting) if fitting else max(ways, key=lambda each: each.highest_rate)
+
+
+def _on_line(section: BusSection, members: Members) -> tuple[tuple[ModbusMember, ...], LineTimes, HostTimes]:
+    """Return the drives of a line, its times, and those of the host."""
+    own = tuple(
+        ModbusMember(name, modbus_profile(profile), _registers(traffic)) for name, (profile, traffic) in members.items()
+    )
+    found = bus.modbus_section(section)
+    line = line_of(found, [member.profile for member in own])
+    # What the rig states of the way to the line is a part of its round trip.
+    host = HostTimes(None if found.round_trip is None else 0.0, found.jitter, found.simulated)
+    return own, line, host
+
+
+def _registers(traffic: AxisTraffic) -> RegisterTraffic:
+    """Return the traffic of an axis as registers; raises TypeError when another protocol made it."""
+    if not isinstance(traffic, RegisterTraffic):
+        raise TypeError(f"expected registers, not {type(traffic).__name__}")
+    return traffic
+
+
+PROTOCOL = Modbus()

@@ -1,0 +1,265 @@
+"""Traffic of a plan on a Modbus line: time of all requests, highest rate, and the delay from latch to torque.
+
+A period begins with the first request. All drives are read one after another, each latching its registers when it has
+worked on its request; the torque is computed; and where no function 23 has written already, all drives are written.
+The next period may begin when the last answer is in and the silence after it is over.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from haptic_fieldbus.defaults import DEFAULT_RATE
+from haptic_fieldbus.errors import BusOverloadError, PlanError
+from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.protocols.acting import IDEAL, HostTimes, ways
+from haptic_fieldbus.protocols.modbus.line import TCP_OCTETS, LineTimes
+from haptic_fieldbus.protocols.modbus.profile import ModbusProfile
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, Transaction, possible
+from haptic_fieldbus.protocols.modbus.requests import RegisterRequest
+from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay
+
+RESERVE = 0.05
+"""Share by which a period is longer than its requests need, where no rate is asked for: what was late is made up."""
+PERIODS_PER_GUARD = 5
+"""A drive's watchdog covers at least so many periods."""
+
+
+@dataclass(frozen=True)
+class ModbusMember:
+    """One axis on the line: its name, profile and registers."""
+
+    axis: str
+    profile: ModbusProfile
+    traffic: RegisterTraffic
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Times from the beginning of a period [s]."""
+
+    latched: dict[str, float]
+    """When the drive of each axis reads its motion."""
+    written: dict[str, float]
+    """When it writes its set-point; with function 23 that of the period before."""
+    feedback: float
+    """When the last answer of the reading part is in."""
+    end: float
+    """When the next period can begin."""
+
+
+@dataclass(frozen=True)
+class ModbusTraffic:
+    """Traffic of one line in a period; the rate is in Hz."""
+
+    members: tuple[ModbusMember, ...]
+    wire: LineTimes
+    way: Transaction
+    rate: float
+    waiting: float = 0.0
+    """Time from the last answer of this line to the feedback of the slowest bus, when computing can begin [s]."""
+    host: HostTimes = IDEAL
+    """Times of adapter and host."""
+
+    @cached_property
+    def instants(self) -> Timeline:
+        """Times of one period."""
+        latched, written, at = {}, {}, 0.0
+        for member in self.members:
+            for request in self.of(member.axis).reading:
+                executed, at = self._pass(member, request, at)
+                if request.read is not None and request.read.has(member.traffic.motion):
+                    latched[member.axis] = executed
+                if request.write is not None:
+                    written[member.axis] = executed
+        feedback = at = at - self.wire.silence
+        # Computing and waiting go on during the silence that the line needs anyway.
+        at += max(self.wire.silence, self.waiting + COMPUTE_NS * 1e-9)
+        for member in self.members:
+            for request in self.of(member.axis).writing:
+                written[member.axis], at = self._pass(member, request, at)
+        return Timeline(latched, written, feedback, at)
+
+    def _pass(self, member: ModbusMember, request: RegisterRequest, at: float) -> tuple[float, float]:
+        """Return when the drive executes a request that is sent at that time, and when the next may be sent [s]."""
+        answer_time = member.profile.line.answer_time
+        end = at + self.wire.exchange(request, answer_time) + self.wire.silence
+        return at + self.wire.executed(request, answer_time), end
+
+    @cached_property
+    def _bound(self) -> dict[str, RegisterTraffic]:
+        """Registers of each axis with the requests of this way."""
+        return {
+            member.axis: member.traffic.requested(self.way, self.wire, member.profile.line) for member in self.members
+        }
+
+    def of(self, axis: str) -> RegisterTraffic:
+        """Return the registers of an axis with their requests."""
+        return self._bound[axis]
+
+    def guard(self, axis: str) -> float:
+        """Time after which the watchdog of the drive acts [s]: that of its profile, but five periods at least."""
+        watchdog = self.member(axis).profile.watchdog
+        return watchdog_time(0.0 if watchdog is None else watchdog.deadline, self.rate)
+
+    @property
+    def silence(self) -> float:
+        """Drives on Modbus send no signs of life of their own."""
+        return math.inf
+
+    @property
+    def waits_for_answers(self) -> bool:
+        """On TCP requests would queue up behind one that is not answered, and be obeyed when they are old."""
+        return self.wire.frame_octets == TCP_OCTETS
+
+    @property
+    def disturbance(self) -> float:
+        """Whatever is sent beside the exchange is sent in the place of a set-point."""
+        return 0.0
+
+    def latch(self, axis: str) -> float:
+        """Return the time from the beginning of the exchange until the drive of an axis latches [s]."""
+        return self.instants.latched[axis]
+
+    @property
+    def feedback_time(self) -> float:
+        """Time from the first request until the last answer of the reading part [s]."""
+        return self.instants.feedback
+
+    @property
+    def sending_ns(self) -> float:
+        """Time from the end of computing until the last set-point is answered [ns]."""
+        computed = self.feedback_time + self.waiting + COMPUTE_NS * 1e-9
+        return 1e9 * max(0.0, self.instants.end - computed) if self.way is Transaction.READ_THEN_WRITE else 0.0
+
+    @property
+    def shortest_period(self) -> float:
+        """Time of all requests and answers, silences, the wait for other buses, and computing [s]."""
+        return self.instants.end
+
+    @property
+    def load(self) -> float:
+        """Share of the time in which the line is in use, silences included."""
+        alone = self if self.waiting == 0.0 else replace(self, waiting=0.0)
+        idle = max(0.0, COMPUTE_NS * 1e-9 - self.wire.silence)
+        return (alone.instants.end - idle) * self.rate
+
+    @property
+    def highest_rate(self) -> float:
+        """Highest rate that the line can sustain [Hz]."""
+        return 1.0 / self.shortest_period
+
+    @property
+    def sustained_rate(self) -> float:
+        """Rate of a loop that is not told one [Hz]: the highest with a reserve, rounded down; 1000 Hz at most, as on
+        other buses."""
+        return min(DEFAULT_RATE, round_down(self.highest_rate / (1.0 + RESERVE)))
+
+    @property
+    def fits(self) -> bool:
+        """True when a period has time for all requests."""
+        return self.shortest_period * self.rate <= 1.0 + 1e-9
+
+    @property
+    def age(self) -> float:
+        """Half a period and the longest delay of an axis [s]: the shorter, the stiffer a wall may be."""
+        return 0.5 / self.rate + max(self.delay(member.axis).transport for member in self.members)
+
+    def others(self) -> tuple["ModbusTraffic", ...]:
+        """Return the other ways that all drives have, each at this rate, or else at the highest that it sustains."""
+        found = [replace(self, way=way) for way in possible_ways(self.members) if way is not self.way]
+        return tuple(each if each.fits else replace(each, rate=each.sustained_rate) for each in found)
+
+    def check(self, bus: str) -> None:
+        """Raise BusOverloadError, with the figures and a rate that fits, when a period is too short."""
+        if self.fits:
+            return
+        subject = f"bus {bus}: " if bus else ""
+        raise BusOverloadError(
+            f"{subject}{exactly(self.rate)} Hz is too fast: {self.exchange} takes "
+            f"{rounded(1e3 * self.shortest_period)} ms a period at {self.speed}. Would fit: "
+            f"--rate {exactly(self.sustained_rate)}"
+        )
+
+    def delay(self, axis: str) -> Delay:
+        """Return the delay budget of an axis, by the way of its set-points and its profile."""
+        member, instants = self.member(axis), self.instants
+        period = round(1e9 / self.rate) * 1e-9
+        later = period if self.way is Transaction.READ_WRITE else 0.0
+        arrival, compute = later + instants.written[axis] - instants.latched[axis], COMPUTE_NS * 1e-9
+        found = ways(member.profile.timing, arrival, self.host, period, on_reception=True)
+        # When the drive writes and reads during its answer time is not known. Function 23 writes before it reads.
+        early = member.profile.line.answer_time
+        late = 0.0 if self.way is Transaction.READ_WRITE else early
+        lag = member.profile.torque_lag
+        return Delay(
+            arrival - compute,
+            compute,
+            found.planned - arrival,
+            lag,
+            found.shortest - early,
+            found.longest + late,
+            acts_first=self.way is Transaction.READ_WRITE,
+        )
+
+    def member(self, axis: str) -> ModbusMember:
+        """Return the axis of that name, which must be on this line."""
+        return next(member for member in self.members if member.axis == axis)
+
+    @property
+    def exchange(self) -> str:
+        """The way by its functions."""
+        traffic = self.of(self.members[0].axis)
+        functions = dict.fromkeys(request.function for request in traffic.requests)
+        return " then ".join(f"FC{function}" for function in functions)
+
+    @property
+    def speed(self) -> str:
+        """The line in words."""
+        return self.wire.speed
+
+    def line(self) -> str:
+        """Return rate, way, speed of the line and load in words, and what it costs that units take turns."""
+        return f"{exactly(self.rate)} Hz by {self.exchange} on {self.speed}, load {percent(self.load)}{self._turns()}"
+
+    def _turns(self) -> str:
+        if len(self.members) == 1:
+            return ""
+        alone = max(replace(self, members=(member,)).shortest_period for member in self.members)
+        together = f"{rounded(1e3 * self.shortest_period)} ms a period"
+        return f"; {len(self.members)} units take turns, {together} instead of {rounded(1e3 * alone)} for one alone"
+
+
+def watchdog_time(deadline: float, rate: float) -> float:
+    """Return the time of a watchdog [s]: the deadline, but five periods at least, in whole milliseconds."""
+    return math.ceil(max(deadline, PERIODS_PER_GUARD / rate) * 1e3 - 1e-9) * 1e-3
+
+
+def possible_ways(members: tuple[ModbusMember, ...]) -> list[Transaction]:
+    """Return the ways whose functions all drives have."""
+    return [way for way in Transaction if all(possible(way, each.traffic, each.profile.line) for each in members)]
+
+
+def candidates(
+    members: tuple[ModbusMember, ...], wire: LineTimes, waiting: float, host: HostTimes
+) -> list[ModbusTraffic]:
+    """Return the traffic of each possible way at its own sustained rate; raises PlanError when there is none."""
+    found = [ModbusTraffic(members, wire, way, DEFAULT_RATE, waiting, host) for way in possible_ways(members)]
+    if not found:
+        titles = ", ".join(dict.fromkeys(each.profile.title for each in members))
+        raise PlanError(
+            f"{titles}: no function that all drives of the line have reads feedback and writes set-points; "
+            "function 23 does, or function 3 with 16 or 6"
+        )
+    return [replace(each, rate=each.sustained_rate) for each in found]
+
+
+def best(traffics: list[ModbusTraffic]) -> ModbusTraffic:
+    """Return the traffic with the highest stiffness limit: that whose torque is the youngest."""
+    return min(traffics, key=lambda each: each.age)
+
+
+def round_down(rate: float) -> float:
+    """Return the rate rounded down to two significant digits [Hz]."""
+    step = 10.0 ** (math.floor(math.log10(rate)) - 1)
+    return math.floor(rate / step + 1e-9) * step

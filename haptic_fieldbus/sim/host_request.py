@@ -1,0 +1,179 @@
+"""What `simulate` is asked to host: drives with their node-IDs, on a bus that other programs can join."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol
+
+from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_PROTOCOL
+from haptic_fieldbus.documents import is_path
+from haptic_fieldbus.drive.rig import Rig, Seen
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.folders import profile_names
+from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
+from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.sim.channel import NamedDrive, drive_of, slot_of
+from haptic_fieldbus.sim.faults import Fault, HostFault, LineFault
+from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.slot import Slot
+
+_BUS = "simulated"
+"""Name of the bus in a rig that is written."""
+# Functions as texts, so that only the protocol of the bus is imported.
+_HOSTS = {
+    "canopen": "haptic_fieldbus.sim.canopen.hosting:host",
+    "modbus": "haptic_fieldbus.sim.modbus.hosting:host",
+}
+
+
+@dataclass(frozen=True)
+class HostRequest:
+    """Drives to host and the bus to host them on.
+
+    `drives` are written `PROFILE` or `PROFILE@NODE`; the first without a node-ID gets `node`, the others the next free
+    ones. None at all: the one that is assumed on such a bus.
+    """
+
+    drives: Sequence[str]
+    bus: str | None
+    node: int = DEFAULT_NODE
+    hand: str = DEFAULT_HOSTED_HAND
+    faults: tuple[Fault, ...] = ()
+    profiles: str | Path | None = None
+    """Folder of one's own profiles (see `load_profile`)."""
+
+
+def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
+    """Return the bus of a request and the slots to put on it.
+
+    Raises one UsageError that lists all faults of the request, or ProfileError or EdsError for a bad profile file.
+    """
+    faults = [
+        f'fault "{fault.kind}" is one of the bus or of the master\'s computer, which are not simulated here'
+        for fault in request.faults
+        if isinstance(fault, LineFault | HostFault)
+    ] + [
+        f'fault "{fault.kind}" names the bus "{fault.bus}" of a rig; here is one bus, leave it out'
+        for fault in request.faults
+        if fault.bus is not None
+    ]
+    slots: list[Slot] = []
+    bus, drives, hand = None, [], None
+    with _collecting(faults):
+        hand = hand_named(request.hand)
+        # As in a run on a simulated bus: the hand waits until force has faded in.
+        hand = hand.after(DEFAULT_FADE_IN) if hand is not None else None
+    with _collecting(faults):
+        bus = joined_bus(request.bus)
+    with _collecting(faults):
+        protocol = protocol_named(bus.section.protocol if bus is not None else DEFAULT_PROTOCOL)
+        drives = numbered(request.drives or [protocol.default_drive], request.node, protocol.nodes)
+    for drive in drives:
+        with _collecting(faults):
+            bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
+            slots.append(_on(bus, slot_of(*bench, booted=False, profiles=request.profiles)))
+    if bus is None or faults:
+        raise UsageError("\n".join(faults))
+    return bus, slots
+
+
+class Host(Protocol):
+    """A function that hosts drives on a bus until `stopped()` is True, and returns how many frames it could not send.
+
+    `opened` is called with the bus once it is open, `ready` for each drive, and `tell` with sentences for people.
+    """
+
+    def __call__(
+        self,
+        bus: BusName,
+        slots: Sequence[Slot],
+        seed: int,
+        ready: Callable[[Slot], None],
+        stopped: Callable[[], bool],
+        tell: Callable[[str], None] = ...,
+        opened: Callable[[BusName], None] = ...,
+    ) -> int: ...
+
+
+def host_on(bus: BusName) -> Host:
+    """Return the function that hosts drives on a bus; raises UsageError when there is none for its protocol."""
+    if bus.section.protocol not in _HOSTS:
+        raise UsageError(f"{bus.text}: drives on {bus.section.protocol} cannot be hosted")
+    module, name = _HOSTS[bus.section.protocol].split(":")
+    host: Host = getattr(import_module(module), name)
+    return host
+
+
+@contextmanager
+def _collecting(faults: list[str]) -> Iterator[None]:
+    try:
+        yield
+    except UsageError as error:
+        faults.append(str(error))
+
+
+def rig_of(bus: BusName, slots: Sequence[Slot]) -> Rig:
+    """Return the rig with which another program renders a scene on these drives.
+
+    The axes are called handle, handle2 and so on. A profile that is not shipped is named by its file.
+    """
+    axes = {}
+    for number, slot in enumerate(slots, start=1):
+        name = "handle" if number == 1 else f"handle{number}"
+        shipped = slot.profile.name in profile_names() and not is_path(slot.axis.profile)
+        profile = slot.profile.name if shipped else str(Path(slot.profile.source).absolute())
+        # Nobody can move this handle by hand, and nobody needs to: how it is built is known. The file may become that
+        # of a real bench, so nobody has said in it that a drive's own limit may be raised.
+        seen = Seen(direction="confirmed")
+        axes[name] = replace(slot.axis, bus=_BUS, profile=profile, seen=seen, raise_max_torque=False)
+    return Rig({_BUS: bus.section}, axes)
+
+
+def joined_bus(text: str | None) -> BusName:
+    """Parse the name of a bus that other programs can join.
+
+    Raises UsageError for no bus, an unknown one, or the simulated one, which exists inside a single program.
+    """
+    example = "socketcan:can0, udp_multicast:239.74.163.2, modbus-tcp:127.0.0.1:0"
+    if text is None:
+        raise UsageError(f"--bus says where the drives are hosted, for example {example}")
+    name = parse_bus(text)
+    if name.simulated:
+        raise UsageError(f'bus "{text}": no other program can join it; host on {example} or virtual:CHANNEL')
+    return name
+
+
+def _on(bus: BusName | None, slot: Slot) -> Slot:
+    """Return the slot; raises UsageError when its drive does not speak the protocol of the bus."""
+    if bus is not None and slot.profile.drive.protocol != bus.section.protocol:
+        raise UsageError(
+            f"{slot.axis.profile} speaks {slot.profile.drive.protocol}, and {bus.text} is a bus of "
+            f"{bus.section.protocol}"
+        )
+    return slot
+
+
+def numbered(texts: Sequence[str], first: int, nodes: range) -> list[NamedDrive]:
+    """Return every drive with its number: the one it is written with, else the next free one from `first` on.
+
+    `nodes` are the numbers that the protocol has. Raises UsageError for a number that is used twice or out of range,
+    and when none is left.
+    """
+    asking = [text.rpartition("@")[2].isdecimal() and "@" in text for text in texts]
+    taken = [drive_of(text, nodes).node for text, asks in zip(texts, asking, strict=True) if asks]
+    twice = sorted({node for node in taken if taken.count(node) > 1})
+    if twice:
+        raise UsageError(f"node-ID {', '.join(map(str, twice))} is asked for twice")
+    if first not in nodes:
+        raise UsageError(f"node {first}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}")
+    free = (node for node in nodes if node >= first and node not in taken)
+    drives = []
+    for text, asks in zip(texts, asking, strict=True):
+        node = drive_of(text, nodes).node if asks else next(free, None)
+        if node is None:
+            raise UsageError(f"no node-ID is left for {text}")
+        drives.append(drive_of(text, nodes) if asks else NamedDrive(text, node))
+    return drives

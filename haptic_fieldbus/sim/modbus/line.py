@@ -1,0 +1,246 @@
+"""A Modbus line with its drives in virtual time, as the transport of a master.
+
+Theory. A request is under way for its characters (none on TCP) and half of the round trip. On RTU the drive knows its
+end by the silence after it. It works for its answer time, at the end of which it writes and reads its registers. Then
+the answer is under way, in the same way. On RTU a request that follows other octets without the silence between them is
+a part of these to the drives, and is not understood.
+
+Time passes while the master waits for an answer, and whenever it waits for anything else. The drives follow when the
+line is touched, each event at its own instant. Everything random is drawn from the seed, so the same seed gives the
+same octets.
+"""
+
+import errno
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from haptic_fieldbus.buses.modbus.errors import translate
+from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.defaults import DEFAULT_SEED
+from haptic_fieldbus.protocols.modbus.line import LineTimes
+from haptic_fieldbus.protocols.modbus.profile import Parity
+from haptic_fieldbus.sim import NEVER_NS, faults
+from haptic_fieldbus.sim.drive.broken import until
+from haptic_fieldbus.sim.host import HostClock, truth_of
+from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
+from haptic_fieldbus.sim.modbus.desk import Desk
+from haptic_fieldbus.sim.modbus.station import Asked
+from haptic_fieldbus.sim.modbus.unit import Unit
+from haptic_fieldbus.sim.slot import Slot
+
+_TOLERANCE_NS = 1_000
+"""By how much a silence may be shorter than it should be, for rounding."""
+
+Tap = Callable[[int, bool, bytes], None]
+"""Callback for a frame: begin [ns], whether the master sent it, and the octets that arrive."""
+
+
+@dataclass
+class _Coming:
+    """Octets on their way to the master: arrival of the first one, and time between two [ns]."""
+
+    first_ns: int
+    octet_ns: float
+    octets: bytes
+
+    @property
+    def last_ns(self) -> int:
+        return self.first_ns + round(self.octet_ns * max(0, len(self.octets) - 1))
+
+    def taken(self, now_ns: int) -> bytes:
+        """Take what has arrived."""
+        if now_ns < self.first_ns:
+            return b""
+        count = len(self.octets)
+        if now_ns < self.last_ns:
+            count = 1 + int((now_ns - self.first_ns) / self.octet_ns)
+        arrived, self.octets = self.octets[:count], self.octets[count:]
+        self.first_ns += round(self.octet_ns * count)
+        return arrived
+
+
+class SimulatedLine:
+    """A line with its drives; the times are those of `clock`, the host's."""
+
+    def __init__(
+        self,
+        name: str,
+        wire: LineTimes,
+        clock: Clock,
+        seed: int | str = DEFAULT_SEED,
+        *,
+        serial: bool,
+        echo: bool = False,
+    ) -> None:
+        """`echo` gives the master back what it sends, as some adapters do."""
+        self.name, self.serial = name, serial
+        self._wire, self._host, self._clock, self._echo = wire, clock, truth_of(clock), echo
+        self._desk = Desk(self, seed, serial=serial)
+        self._rack = self._desk.rack
+        self._coming: deque[_Coming] = deque()
+        self._octet_ns = wire.octet * 1e9
+        self._way_ns, self._silence_ns = round(0.5 * wire.round_trip * 1e9), round(wire.silence * 1e9)
+        self._traffic: deque[tuple[int, int]] = deque()
+        """Begin and end [ns] of what was lately on the line, or will be."""
+        self._dead_since_ns = self._dead_until_ns = 0
+        self._broken = False
+        self._taps: list[Tap] = []
+
+    # Setting up.
+
+    def add(self, slot: Slot) -> Unit:
+        """Put a drive on the line; raises ValueError when its unit id is taken."""
+        return self._rack.add(slot, self._clock.now_ns())
+
+    def unit(self, number: int) -> Unit:
+        return self._rack.units[number]
+
+    def tap(self, callback: Tap) -> None:
+        """Call `callback` with every frame."""
+        self._taps.append(callback)
+
+    def let_happen(self, number: int, fault: faults.DriveFaultKind | faults.AnswerFault | faults.HostFault) -> None:
+        """Plan a fault of a drive or of its line; its `at` counts from the present."""
+        self.run()
+        self._rack.let_happen(fault, number, self._clock.now_ns())
+
+    # The transport.
+
+    def tune(self, baud: int, parity: Parity, stop_bits: int) -> None:
+        """A simulated line has the speed that its plan gives it."""
+
+    def discard(self) -> bytes:
+        """Drop all octets that wait, and return them; raises BusError when the line is dead."""
+        self._check_alive()
+        return self._arrived()
+
+    def send(self, frame: bytes | bytearray) -> None:
+        """Send a frame; raises BusError when the line is dead."""
+        self._check_alive()
+        begin_ns, frame = self._clock.now_ns(), bytes(frame)  # a master fills the same octets again
+        self._tell(begin_ns, True, frame)
+        glued, end_ns = self._is_glued(begin_ns), begin_ns + round(self._octet_ns * len(frame))
+        self._traffic.append((begin_ns, end_ns))
+        if self._echo:
+            self._comes(begin_ns, frame)
+        for octets in self._desk.disturbances.released():
+            self._comes(begin_ns + self._way_ns, octets)
+        _, asked = self._desk.station.next(frame)
+        if asked is not None and not glued:
+            heard_ns = end_ns + self._way_ns + self._silence_ns
+            self._rack.agenda.plan(heard_ns + self._answer_ns(asked), partial(self._execute, asked))
+
+    def receive(self, deadline_ns: int) -> bytes:
+        """Return what has arrived; the clock advances to the end of an answer, or to the deadline [ns]."""
+        self._check_alive()
+        octets = self._arrived()
+        if octets:
+            return octets
+        limit_ns = self._clock.now_ns() + max(0, deadline_ns - self._host.now_ns())
+        while self._rack.due_ns <= min(limit_ns, self._next_ns):
+            self._rack.run(self._rack.due_ns)
+            if self._broken:
+                self._clock.sleep_until(min(limit_ns, self._dead_since_ns))
+                self._check_alive()
+        self._clock.sleep_until(min(limit_ns, self._next_ns))
+        return self._arrived()
+
+    def reopen(self) -> None:
+        """Open a dead line anew; raises BusError while it cannot be."""
+        if self._clock.now_ns() < self._dead_until_ns:
+            raise self._error(errno.ENOENT if self.serial else errno.ECONNREFUSED)
+        self._broken = False
+        self._coming.clear()
+
+    def close(self) -> None:
+        """Nothing is to be released."""
+
+    # The true motion.
+
+    def trajectory(self, node: int) -> Trajectory:
+        """Return the true motion of a shaft up to the present."""
+        self.run()
+        drive, now_ns = self._rack.units[node].drive, self._clock.now_ns()
+        drive.servo.advance(now_ns)
+        return Trajectory(drive.plant.recorder, now_ns)
+
+    def so_far(self, node: int) -> Trajectory:
+        """Return the true motion of a shaft up to the instant that it has been moved to, without moving it."""
+        plant = self._rack.units[node].drive.plant
+        return Trajectory(plant.recorder, plant.t_ns)
+
+    def forget(self, before_ns: int) -> None:
+        """Drop the motion before an instant [ns]."""
+        for unit in self._rack.units.values():
+            unit.drive.plant.recorder.forget(before_ns)
+
+    def run(self) -> None:
+        """Run all events up to the present of the clock."""
+        self._rack.run(self._clock.now_ns())
+
+    # Faults.
+
+    def disturb(self, fault: faults.AnswerFault, number: int, t_ns: int) -> None:
+        """Disturb the next answers of a drive, or break the line."""
+        if isinstance(fault, faults.ConnectionReset):
+            self._broken, self._dead_since_ns, self._dead_until_ns = True, t_ns, until(t_ns, fault.duration)
+            self._coming.clear()
+        else:
+            self._desk.disturbances.add(fault, number)
+
+    def host_fault(self, fault: faults.HostFault) -> None:
+        """Let a fault of the master's computer happen; raises ValueError when its clock is not simulated."""
+        if not isinstance(self._host, HostClock):
+            raise ValueError(f'fault "{fault.kind}" needs a simulated clock of the host')
+        self._host.happen(fault)
+
+    # Inside.
+
+    @property
+    def _next_ns(self) -> int:
+        """Arrival of the last octet of what comes first."""
+        return min((coming.last_ns for coming in self._coming), default=NEVER_NS)
+
+    def _answer_ns(self, asked: Asked) -> int:
+        unit = self._rack.units.get(asked.unit)
+        return 0 if unit is None else round(unit.profile.line.answer_time * 1e9)
+
+    def _execute(self, asked: Asked, t_ns: int) -> None:
+        """Carry a request out, and send its answer."""
+        for later_ns, octets in self._desk.answer(asked, t_ns):
+            self._tell(t_ns + later_ns, False, octets)
+            self._comes(t_ns + later_ns + self._way_ns, octets)
+
+    def _comes(self, begin_ns: int, octets: bytes) -> None:
+        """Let octets come, the first of them one character after `begin_ns`."""
+        if octets:
+            self._coming.append(_Coming(begin_ns + round(self._octet_ns), self._octet_ns, octets))
+            self._traffic.append((begin_ns, begin_ns + round(self._octet_ns * len(octets))))
+
+    def _is_glued(self, t_ns: int) -> bool:
+        """Return whether something is on the serial line at this time, or has ended within the silence before it."""
+        since_ns = t_ns - self._silence_ns + _TOLERANCE_NS
+        self._traffic = deque(each for each in self._traffic if each[1] > since_ns)
+        return self.serial and any(begin_ns <= t_ns for begin_ns, _ in self._traffic)
+
+    def _arrived(self) -> bytes:
+        """Take what has arrived by now."""
+        self.run()
+        now_ns = self._clock.now_ns()
+        octets = b"".join(coming.taken(now_ns) for coming in self._coming)
+        self._coming = deque(coming for coming in self._coming if coming.octets)
+        return octets
+
+    def _tell(self, t_ns: int, own: bool, octets: bytes) -> None:
+        for tap in self._taps:
+            tap(t_ns, own, octets)
+
+    def _check_alive(self) -> None:
+        self.run()
+        if self._broken:
+            raise self._error(errno.EIO if self.serial else errno.ECONNRESET)
+
+    def _error(self, number: int) -> Exception:
+        return translate(OSError(number, ""), self.name)

@@ -1,0 +1,139 @@
+"""The units of a Modbus line, their timers, and their faults.
+
+Requests come from a line, simulated or real. Everything random (serial number, position of the encoder's zero within a
+count) is drawn from the seed.
+"""
+
+from dataclasses import replace
+from functools import partial
+from typing import Protocol
+
+from haptic_fieldbus.defaults import DEFAULT_SEED
+from haptic_fieldbus.sim import NEVER_NS, faults
+from haptic_fieldbus.sim.agenda import Action, Agenda, Plan
+from haptic_fieldbus.sim.drive.broken import faulty_hand, inject_drive, until
+from haptic_fieldbus.sim.drive.settings import drawn_settings
+from haptic_fieldbus.sim.modbus.unit import Unit
+from haptic_fieldbus.sim.schedule import FaultSchedule, TimedFault
+from haptic_fieldbus.sim.slot import Slot
+
+
+class Line(Protocol):
+    """The line and the master's side of it, where faults take effect that are none of a drive."""
+
+    def disturb(self, fault: faults.AnswerFault, number: int, t_ns: int) -> None: ...
+
+    def host_fault(self, fault: faults.HostFault) -> None: ...
+
+
+class Rack:
+    """The drives by unit id; all times are those of one clock [ns].
+
+    At least the `longest` latest segments of the true motion are kept, None: all.
+    """
+
+    def __init__(self, line: Line, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
+        self.units: dict[int, Unit] = {}
+        self.agenda = Agenda()
+        self.now_ns = 0
+        """Up to where timers and actions have been served."""
+        self._line, self._seed, self._longest = line, seed, longest
+        self._schedule = FaultSchedule(self.agenda.plan)
+
+    def add(self, slot: Slot, t_ns: int) -> Unit:
+        """Power a drive on; raises ValueError when its unit id is taken."""
+        if slot.node in self.units:
+            raise ValueError(f"unit {slot.node} is on this line already")
+        settings = replace(drawn_settings(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
+        hand = faulty_hand(slot.hand, faults.faults_of(slot.faults, slot.node))
+        unit = Unit(slot.node, slot.profile, slot.axis, hand, settings, t_ns)
+        unit.drive.plant.recorder.longest = self._longest
+        timed = self._install(unit, slot)
+        # The time of a fault counts from *operation enabled*, which is not known yet.
+        begin = partial(self._schedule.begin, timed, slot.node, partial(self._action, unit))
+        unit.drive.on_enabled = partial(_enabled, unit, begin)
+        unit.drive.on_freed = lambda _t_ns: self._schedule.freed(slot.node)
+        self.units[slot.node] = unit
+        unit.power_on(t_ns)
+        return unit
+
+    @property
+    def due_ns(self) -> int:
+        """Return the time of the next timer or planned action; NEVER_NS when there is none."""
+        return min((self.agenda.due_ns, *(unit.due_ns for unit in self.units.values())))
+
+    def run(self, until_ns: int) -> None:
+        """Serve all timers and actions up to and including this instant, each at its own."""
+        while (due_ns := self.due_ns) <= until_ns:
+            self.now_ns = due_ns
+            self.agenda.run(due_ns)
+            for unit in self.units.values():
+                if unit.due_ns <= due_ns:
+                    unit.timer(due_ns)
+        self.now_ns = max(self.now_ns, until_ns)
+
+    def let_happen(self, fault: TimedFault, number: int, t_ns: int) -> None:
+        """Plan a fault of a drive or of the line, whose `at` counts from `t_ns`."""
+        self.agenda.plan(t_ns + round(fault.at * 1e9), self._action(self.units[number], fault))
+
+    def _install(self, unit: Unit, slot: Slot) -> list[TimedFault]:
+        """Apply the faults of a drive that exist from power-on; return those that happen later."""
+        timed: list[TimedFault] = []
+        for fault in slot.faults:
+            if isinstance(fault, faults.ConnectionReset | faults.HostFault):
+                timed.append(fault)
+            elif fault.node in (None, slot.node):
+                if isinstance(fault, faults.LastingFault):
+                    _install(fault, unit)
+                elif not isinstance(fault, faults.HandFault):
+                    timed.append(fault)
+        return timed
+
+    def _action(self, unit: Unit, fault: TimedFault) -> Action:
+        """Return what a fault does, to its drive or to the line."""
+        if isinstance(fault, faults.HostFault):
+            return lambda _t_ns: self._line.host_fault(fault)
+        if isinstance(fault, faults.AnswerFault):
+            return partial(self._line.disturb, fault, unit.number)
+        if not isinstance(fault, faults.DriveFaultKind):
+            raise ValueError(f"{fault.kind} is no fault of a drive on Modbus")
+        return partial(inject, fault, unit, self.agenda.plan)
+
+
+def _enabled(unit: Unit, begin: Action, t_ns: int) -> None:
+    unit.enabled(t_ns)
+    begin(t_ns)
+
+
+def _install(fault: faults.LastingFault, unit: Unit) -> None:
+    """Apply a fault that exists from power-on; raises ValueError for one that this drive cannot have."""
+    match fault:
+        case faults.MissingNode():
+            unit.silent_until_ns = NEVER_NS
+        case faults.DeadGuard(factor=factor) if unit.watchdog is not None:
+            unit.watchdog.factor = factor
+        case faults.DeadGuard():
+            pass
+        case faults.WrongIdentity(product_code=code):
+            for entry in unit.identity:
+                entry.value = entry.default = code if code is not None else entry.value ^ 1
+        case _:
+            raise ValueError(f"{fault.kind} is no fault of a drive on Modbus")
+
+
+def inject(fault: faults.DriveFaultKind, unit: Unit, plan: Plan, t_ns: int) -> None:
+    """Apply a fault of a drive that happens at `t_ns`."""
+    match fault:
+        case faults.DriveFault(code=code, duration=duration):
+            unit.drive.measure(t_ns)
+            unit.drive.fault(code, t_ns)
+            if duration != 0.0:
+                unit.causes.add(fault)
+                plan(until(t_ns, duration), lambda _t_ns: unit.causes.discard(fault))
+        case faults.NodeReset(duration=duration):
+            unit.drive.measure(t_ns)
+            unit.power_on(t_ns, round(duration * 1e9))
+        case faults.Silence(duration=duration):
+            unit.silent_until_ns = max(unit.silent_until_ns, until(t_ns, duration))
+        case _:
+            inject_drive(fault, unit.drive, plan, t_ns)

@@ -1,0 +1,67 @@
+"""The schedule of the faults of a bench: each happens once, `at` seconds after *operation enabled*.
+
+A drive may be enabled more than once, as for the proof of its guard and then for the run. So the time counts anew from
+each *operation enabled*, and as long as nothing has happened yet it stops counting when the drive is freed. Once a
+fault has happened, the others keep their times: what comes after a drive was freed by a fault belongs to it.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+
+from haptic_fieldbus.sim.agenda import Plan
+from haptic_fieldbus.sim.faults import AnswerFault, ConnectionReset, DriveFaultKind, HostFault, LineFault
+
+TimedFault = DriveFaultKind | LineFault | AnswerFault | HostFault
+
+
+@dataclass(eq=False)
+class _Waiting:
+    """A fault that is planned, unless it was cancelled."""
+
+    fault: TimedFault
+    node: int
+    cancelled: bool = False
+
+    def concerns(self, fault: TimedFault, node: int) -> bool:
+        """Return whether this is the same fault, of the same drive unless it is one of the bus or of the host."""
+        return self.fault is fault and (self.node == node or isinstance(fault, LineFault | ConnectionReset | HostFault))
+
+
+class FaultSchedule:
+    """The faults of all drives of a bus, by node-ID; those of the bus and of the host count from its first drive."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._waiting: list[_Waiting] = []
+        self._happened: list[_Waiting] = []
+
+    def begin(
+        self, faults: Iterable[TimedFault], node: int, action: Callable[[TimedFault], Callable[[int], None]], t_ns: int
+    ) -> None:
+        """Plan the faults of a drive that is in *operation enabled* from now on; `action` returns what each one does.
+
+        Faults that have happened, or wait for another drive, are left out.
+        """
+        self._cancel(node)
+        for fault in faults:
+            if not any(each.concerns(fault, node) for each in (*self._happened, *self._waiting)):
+                waiting = _Waiting(fault, node)
+                self._waiting.append(waiting)
+                self._plan(t_ns + round(fault.at * 1e9), partial(self._happen, waiting, action(fault)))
+
+    def freed(self, node: int) -> None:
+        """Note that torque of a drive has ended."""
+        if not self._happened:
+            self._cancel(node)
+
+    def _cancel(self, node: int) -> None:
+        for waiting in self._waiting:
+            waiting.cancelled |= waiting.node == node
+        self._waiting = [waiting for waiting in self._waiting if not waiting.cancelled]
+
+    def _happen(self, waiting: _Waiting, act: Callable[[int], None], t_ns: int) -> None:
+        if not waiting.cancelled:
+            self._waiting.remove(waiting)
+            self._happened.append(waiting)
+            act(t_ns)

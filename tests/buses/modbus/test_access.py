@@ -1,0 +1,141 @@
+"""Units found, watched and checked on real lines, by reading alone; what cannot be done is told."""
+
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from haptic_fieldbus.buses.modbus.access import ACCESS
+from haptic_fieldbus.buses.modbus.adapter import adapter_checks
+from haptic_fieldbus.drive.rig import RigAxis, default_axis
+from haptic_fieldbus.errors import BusError, UsageError
+from haptic_fieldbus.protocols.modbus.bus import ModbusSection
+from haptic_fieldbus.signals import Signal, Workspace
+from tests.buses.modbus.benches import NAME, section_of
+from tests.buses.modbus.servers import ERROR, FAULT, STATUS, Drive, Server, rtu_server, tcp_server
+
+Lines = Callable[..., AbstractContextManager[Server]]
+LINES: dict[str, Lines] = {"tcp": tcp_server, "rtu": rtu_server}
+BOTH = ("tcp", pytest.param("rtu", marks=pytest.mark.thorough("listens to the serial line first")))
+AXIS = default_axis(Workspace.LINEAR, bus="bus", node=1, profile=NAME)
+AXES: dict[str, RigAxis] = {"handle": AXIS}
+
+
+@pytest.mark.parametrize("line", BOTH)
+def test_only_the_units_that_are_named_are_asked_and_those_that_answer_are_found(line: str) -> None:
+    with LINES[line](Drive(unit=1), Drive(unit=3)) as server:
+        found = ACCESS.scan(section_of(server.name), AXES, None, [1, 2, 3] if line == "tcp" else [3])
+        units = {frame[6 if line == "tcp" else 0] for frame in server.frames}
+        assert units == ({1, 2, 3} if line == "tcp" else {3})
+        assert [node.node for node in found.nodes] == ([1, 3] if line == "tcp" else [3])
+        assert found.nodes[-1].profile == NAME
+        assert found.nodes[-1].serial == 4711
+        assert found.nodes[-1].power_state == "switch on disabled"
+        assert "--node 1-8" in found.listened
+        assert all(drive.written == [] for drive in server.drives.values())
+
+
+def test_without_numbers_only_the_units_of_the_rig_are_asked() -> None:
+    with tcp_server(Drive(), Drive(unit=2)) as server:
+        assert [node.node for node in ACCESS.scan(section_of(server.name), AXES, None).nodes] == [1]
+        assert {frame[6] for frame in server.frames} == {1}
+
+
+def test_a_unit_that_is_no_known_drive_is_found_all_the_same() -> None:
+    with tcp_server(Drive()) as server:
+        del server.drive.registers[STATUS]
+        (node,) = ACCESS.scan(section_of(server.name), AXES, None).nodes
+        assert (node.node, node.profile) == (1, None)
+        assert node.sure is not None
+        assert "no profile fits" in node.sure
+
+
+def test_a_look_reads_what_the_drive_says_and_writes_nothing() -> None:
+    with tcp_server(Drive()) as server, ACCESS.onlooker(section_of(server.name), AXES) as onlooker:
+        server.drive.move_to(99)
+        glimpse = onlooker.look()["handle"]
+        assert glimpse.values[Signal.POSITION] == 99
+        assert glimpse.error_code is None
+        server.drive.registers |= {STATUS: FAULT, ERROR: 0x2310}
+        assert onlooker.look()["handle"].error_code == 0x2310
+        assert onlooker.masters == ""
+        server.drives.clear()
+        assert "does not answer" in onlooker.look()["handle"].note
+        assert server.frames
+        assert all(frame[7] == 3 for frame in server.frames)
+
+
+@pytest.mark.thorough("listens to the serial line first")
+def test_on_a_serial_line_that_somebody_uses_nothing_is_asked() -> None:
+    with rtu_server(Drive()) as server:
+        section = section_of(server.name)
+        with ACCESS.onlooker(section, AXES) as onlooker:
+            onlooker.look()
+            asked = len(server.frames)
+            server.put(bytes(5))
+            while not onlooker.masters:
+                asked = len(server.frames)
+                glimpse = onlooker.look()["handle"]
+            assert len(server.frames) == asked
+            assert (glimpse.note, glimpse.values) == ("not asked", {})
+
+
+def test_a_rated_torque_is_read() -> None:
+    with tcp_server(Drive()) as server:
+        assert ACCESS.rated_torque(section_of(server.name), "handle", AXIS) == 0.4
+        assert server.drive.written == []
+        assert ACCESS.rated_torque(section_of(server.name), "handle", replace(AXIS, profile="maxon_epos4")) is None
+
+
+@pytest.mark.parametrize("line", BOTH)
+def test_a_line_is_checked_by_its_round_trip(line: str) -> None:
+    with LINES[line](Drive()) as server:
+        checks = {check.name: check for check in ACCESS.checks(section_of(server.name), AXES, 50.0)}
+        assert checks["adapter"].ok is True
+        assert "unit 1" in checks["round_trip"].measured
+        assert checks["round_trip"].ok is True
+        assert checks["other_masters"].ok is (True if line == "rtu" else None)
+        server.drives.clear()
+        silent = {check.name: check for check in ACCESS.checks(section_of(server.name), AXES, 50.0)}
+        assert silent["round_trip"].ok is False
+        assert "unit id" in silent["round_trip"].advice
+
+
+def test_a_line_that_cannot_be_opened_is_a_check_that_fails() -> None:
+    checks = {check.name: check for check in ACCESS.checks(ModbusSection("modbus-rtu", "/dev/no_such"), AXES, 50.0)}
+    assert checks["adapter"].ok is False
+    assert checks["serial_access"].ok is False
+    assert checks["usb_latency_timer"].ok is None
+
+
+def test_a_serial_port_of_somebody_else_and_a_slow_latency_timer_have_their_advice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = tmp_path / "bus" / "usb-serial" / "devices" / "ttyUSB0"
+    port.mkdir(parents=True)
+    (port / "latency_timer").write_text("16\n")
+    (tmp_path / "ttyUSB0").touch()
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    section = ModbusSection("modbus-rtu", str(tmp_path / "ttyUSB0"))
+    rights, timer = adapter_checks(section, tmp_path)
+    assert (rights.ok, timer.ok) == (False, False)
+    assert "dialout" in rights.advice
+    assert "udev" in timer.advice
+
+
+@pytest.mark.parametrize("suffix", [".log", ".blf"])
+def test_can_frames_cannot_be_recorded_of_a_modbus_line(suffix: str) -> None:
+    with pytest.raises(UsageError, match=r"is for CAN frames, and a Modbus line has none\. Record the rows"):
+        ACCESS.logs(Path(f"run{suffix}"), ["bus"], simulated=True)
+    with ACCESS.logs(Path("run.csv"), ["bus"], simulated=True) as logs:
+        assert logs == {}
+
+
+def test_a_dead_server_is_told_when_it_is_scanned() -> None:
+    with tcp_server(Drive()) as server:
+        name = server.name
+    with pytest.raises(BusError, match="nobody listens there"):
+        ACCESS.scan(section_of(name), AXES, None)

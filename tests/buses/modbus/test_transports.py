@@ -1,0 +1,177 @@
+"""Octets over a real socket and a real pseudo-terminal: dropped, sent, received in time; a dead line is told."""
+
+import os
+import pty
+import socket
+import struct
+import time
+import tty
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from haptic_fieldbus.buses.modbus.opening import open_line
+from haptic_fieldbus.buses.modbus.serial_port import SerialTransport
+from haptic_fieldbus.buses.modbus.tcp import TcpTransport
+from haptic_fieldbus.buses.modbus.transport import Transport
+from haptic_fieldbus.clock import MonotonicClock
+from haptic_fieldbus.errors import BusError, UsageError
+from haptic_fieldbus.protocols.modbus.bus import ModbusSection
+
+CLOCK = MonotonicClock()
+SOON = 2_000_000_000
+
+
+@dataclass
+class Ends:
+    """Our end of a line, and what the other end does."""
+
+    ours: Transport
+    put: Callable[[bytes], object]
+    take: Callable[[], bytes]
+    end: Callable[[], None]
+
+
+def tcp_ends() -> Iterator[Ends]:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+        ours = TcpTransport(f"modbus-tcp:127.0.0.1:{port}", ("127.0.0.1", port), CLOCK)
+        theirs, _ = listener.accept()
+
+        def reset() -> None:
+            theirs.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            theirs.close()
+
+        with theirs:
+            yield Ends(ours, theirs.sendall, lambda: theirs.recv(4096), reset)
+        ours.close()
+
+
+def rtu_ends() -> Iterator[Ends]:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    name = os.ttyname(slave)
+    ours = SerialTransport(f"modbus-rtu:{name}", name, CLOCK)
+    os.close(slave)
+    ends = [master]
+
+    def end() -> None:
+        while ends:
+            os.close(ends.pop())
+
+    yield Ends(ours, lambda octets: os.write(master, octets), lambda: os.read(master, 4096), end)
+    ours.close()
+    end()
+
+
+@pytest.fixture(params=[tcp_ends, rtu_ends], ids=["tcp", "rtu"])
+def ends(request: pytest.FixtureRequest) -> Iterator[Ends]:
+    yield from request.param()
+
+
+def received(ours: Transport, size: int) -> bytes:
+    """So many octets, however many came at once."""
+    octets = b""
+    while len(octets) < size:
+        octets += ours.receive(CLOCK.now_ns() + SOON)
+    return octets
+
+
+def test_all_octets_pass_in_both_directions(ends: Ends) -> None:
+    every = bytes(range(256))
+    ends.ours.tune(115200, "even", 1)
+    ends.ours.send(every)
+    assert ends.take() == every
+    ends.put(every)
+    assert received(ends.ours, 256) == every
+
+
+def test_a_deadline_ends_the_wait_and_one_that_is_over_does_not_wait(ends: Ends) -> None:
+    for wait_ns in (3_000_000, -1):
+        began_ns = CLOCK.now_ns()
+        assert ends.ours.receive(began_ns + wait_ns) == b""
+        assert wait_ns <= CLOCK.now_ns() - began_ns
+
+
+def test_what_came_is_taken_after_the_deadline_too(ends: Ends) -> None:
+    ends.put(b"late")
+    assert received(ends.ours, 1) + ends.ours.receive(0) == b"late"
+
+
+def test_what_waits_is_dropped_and_told(ends: Ends) -> None:
+    assert ends.ours.discard() == b""
+    ends.put(b"a")
+    assert received(ends.ours, 1) == b"a"
+    ends.put(b"old")
+    dropped = b""
+    until = time.monotonic() + 2.0
+    while len(dropped) < 3 and time.monotonic() < until:
+        dropped += ends.ours.discard()
+    assert dropped == b"old"
+    assert ends.ours.receive(0) == b""
+
+
+def test_a_dead_line_raises_in_a_sentence_whatever_is_asked_of_it(ends: Ends) -> None:
+    ends.end()
+    with pytest.raises(BusError, match=r"connection|gone"):
+        received(ends.ours, 1)
+    with pytest.raises(BusError, match=rf"^{ends.ours.name}: "):
+        ends.ours.discard()
+    ends.ours.close()
+    actions: tuple[Callable[[], object], ...] = (lambda: ends.ours.send(b"x"), ends.ours.discard)
+    for action in actions:
+        with pytest.raises(BusError, match="closed"):
+            action()
+
+
+def test_tcp_connects_again() -> None:
+    for ends in tcp_ends():
+        ends.end()
+        with pytest.raises(BusError):
+            received(ends.ours, 1)
+        ends.ours.reopen()
+        ends.ours.send(b"x")
+
+
+def test_a_peer_that_takes_nothing_is_told_and_octets_do_not_wait() -> None:
+    for ends in tcp_ends():
+        for _ in range(2):
+            with pytest.raises(BusError, match="takes no more"):
+                filled(ends.ours)
+
+
+def filled(ours: Transport) -> None:
+    for _ in range(1000):
+        ours.send(bytes(100_000))
+
+
+def test_nobody_listens() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    with pytest.raises(BusError, match=rf"cannot connect to modbus-tcp:127.0.0.1:{port}: nobody listens there"):
+        open_line(ModbusSection("modbus-tcp", f"127.0.0.1:{port}"), CLOCK)
+
+
+def test_a_host_without_a_name_and_a_port_that_is_not_there_are_told() -> None:
+    with pytest.raises(BusError, match="no such host"):
+        open_line(ModbusSection("modbus-tcp", "no.such.host.invalid"), CLOCK)
+    with pytest.raises(BusError, match="no such device; plug the adapter in"):
+        open_line(ModbusSection("modbus-rtu", "/dev/no_such_port"), CLOCK)
+
+
+def test_a_simulated_line_is_not_opened() -> None:
+    with pytest.raises(UsageError, match="simulated run alone"):
+        open_line(ModbusSection("sim-modbus-tcp", "sim"), CLOCK)
+
+
+def test_a_serial_port_is_held_by_one_program_alone() -> None:
+    for ends in rtu_ends():
+        with pytest.raises(BusError, match="another program has it open"):
+            open_line(ModbusSection("modbus-rtu", ends.ours.name.partition(":")[2]), CLOCK)
+
+
+def test_a_bit_rate_that_the_port_does_not_have_is_told() -> None:
+    for ends in rtu_ends():
+        with pytest.raises(BusError, match="-5 bit/s"):
+            ends.ours.tune(-5, "even", 1)

@@ -1,0 +1,60 @@
+"""What `simulate` is asked to host: all of it is checked before a bus is opened."""
+
+import pytest
+
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.canopen.bus import NODES
+from haptic_fieldbus.sim.faults import BusOff, Emergency, ErrorFrame
+from haptic_fieldbus.sim.host_request import HostRequest, joined_bus, numbered, resolve
+
+
+class TestRequest:
+    """What is asked for is checked, all of it, before a bus is opened."""
+
+    @pytest.mark.parametrize(
+        ("texts", "first", "nodes"),
+        [
+            (["maxon_epos4"], 1, [1]),
+            (["maxon_epos4", "generic_cia402"], 5, [5, 6]),
+            (["maxon_epos4@9", "generic_cia402", "generic_cia402@5", "maxon_epos4"], 5, [9, 6, 5, 7]),
+        ],
+    )
+    def test_drives_get_the_node_id_they_ask_for_or_the_next_free_one(
+        self, texts: list[str], first: int, nodes: list[int]
+    ) -> None:
+        drives = numbered(texts, first, NODES)
+        assert [drive.node for drive in drives] == nodes
+        assert [drive.profile for drive in drives] == [text.partition("@")[0] for text in texts]
+
+    @pytest.mark.parametrize(
+        ("texts", "first", "said"),
+        [
+            (["a@5", "b@5"], 1, "node-ID 5 is asked for twice"),
+            (["a"], 0, "node 0: a node-ID is a whole number from 1 to 127"),
+            (["a@200"], 1, "expected profile@node-ID"),
+            (["a", "b"], 127, "no node-ID is left for b"),
+        ],
+    )
+    def test_impossible_node_ids_are_refused(self, texts: list[str], first: int, said: str) -> None:
+        with pytest.raises(UsageError, match=said):
+            numbered(texts, first, NODES)
+
+    @pytest.mark.parametrize("bus", ["sim", "sim@500000", "haptic_sim:maxon_epos4@5", None])
+    def test_a_bus_that_no_other_program_can_join_is_refused(self, bus: str | None) -> None:
+        with pytest.raises(UsageError, match="socketcan:can0"):
+            joined_bus(bus)
+
+    def test_a_drive_of_another_protocol_than_its_bus_is_refused(self) -> None:
+        with pytest.raises(UsageError, match="generic_cia402_modbus speaks modbus, and virtual:x is a bus of canopen"):
+            resolve(HostRequest(["generic_cia402_modbus"], "virtual:x"))
+
+    def test_all_that_is_wrong_is_told_at_once(self) -> None:
+        faults = (BusOff("bus_off", 1.0), ErrorFrame("error_frame", 1.0), Emergency("emergency", 1.0, 1, bus="can0"))
+        request = HostRequest(["generic_cia402", "nonsense"], "sim", hand="foot", faults=faults)
+        with pytest.raises(UsageError) as refused:
+            resolve(request)
+        said = str(refused.value).splitlines()
+        assert [line.split()[0:2] for line in said] == [
+            ["fault", '"bus_off"'], ["fault", '"error_frame"'], ["fault", '"emergency"'], ["no", "hand"],
+            ["bus", '"sim":'], ["no", "profile"],
+        ]  # fmt: skip

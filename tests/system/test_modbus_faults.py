@@ -1,0 +1,105 @@
+"""Faults of drives, answers and lines in whole runs over Modbus: how each ends, and that no invariant breaks.
+
+The checker of `tests/invariants` watches these runs too: torque and slew within limits, zero in the stated time,
+nothing enables again. Here stands what is said.
+"""
+
+from contextlib import suppress
+
+import pytest
+
+from haptic_fieldbus import Result
+from haptic_fieldbus.api import run
+from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, UsageError
+from haptic_fieldbus.sim import faults
+
+TCP, RTU = BUSES = ("sim-modbus-tcp", "sim-modbus-rtu@115200")
+AT = 1.1
+"""[s] after operation enabled, when the hand is in the wall."""
+MANY = 1000
+HANDS = {TCP: "push", RTU: "tap"}
+"""Hands that stay within the travel of the bench: on RTU half the limit is so soft that a push goes too deep."""
+
+Ends = tuple[faults.Fault, type[HapticFieldbusError], str]
+ENDING: tuple[Ends, ...] = (
+    (faults.AnswerLost("answer_lost", AT, MANY), BusTimeoutError, "no feedback from node 1"),
+    (faults.AnswerSwapped("answer_swapped", AT, MANY), BusTimeoutError, "no feedback from node 1"),
+    (faults.AnswerGarbage("answer_garbage", AT, MANY), BusTimeoutError, "no feedback from node 1"),
+    (faults.AnswerCorrupted("answer_corrupted", AT, MANY), BusTimeoutError, "no feedback from node 1"),
+    (faults.AnswerTruncated("answer_truncated", AT, count=MANY), BusTimeoutError, "no feedback from node 1"),
+    (faults.AnswerWrongUnit("answer_wrong_unit", AT, 9, MANY), BusTimeoutError, "no feedback from node 1"),
+    (faults.AnswerException("answer_exception", AT), BusError, "refused a request with exception 4"),
+    (faults.ConnectionReset("connection_reset", AT), BusError, "reset the connection|adapter is gone"),
+    (faults.ConnectionReset("connection_reset", AT, 0.01), BusError, "reset the connection|adapter is gone"),
+    (faults.Silence("silence", AT), BusTimeoutError, "no feedback from node 1"),
+    (faults.NodeReset("node_reset", AT), DriveFaultError, "switch on disabled by itself"),
+    (faults.DriveFault("drive_fault", AT), DriveFaultError, "fault 2310h"),
+    (faults.SafeTorqueOff("safe_torque_off", AT), DriveFaultError, "switch on disabled by itself"),
+    (faults.MissingNode("missing_node"), BusTimeoutError, "unit 1 .* does not answer"),
+    (faults.EncoderJump("encoder_jump", AT, 100_000), HapticFieldbusError, "handle"),
+)
+PASSED = (
+    faults.AnswerLost("answer_lost", AT),
+    faults.AnswerDelayed("answer_delayed", AT, 0.05),
+    faults.AnswerSwapped("answer_swapped", AT),
+    faults.AnswerGarbage("answer_garbage", AT),
+    faults.AnswerCorrupted("answer_corrupted", AT),
+    faults.AnswerTruncated("answer_truncated", AT),
+    faults.AnswerWrongUnit("answer_wrong_unit", AT, 9),
+    faults.DeadGuard("dead_guard"),
+)
+"""A single answer more or less ends nothing, and a watchdog that nobody needs neither."""
+
+
+def rendered(bus: str, *these: faults.Fault, duration: float = 1.3) -> Result:
+    return run("wall", bus=bus, settings={"wall.stiffness": "max/2"}, hand=HANDS[bus], duration=duration, faults=these)
+
+
+@pytest.mark.thorough("every kind on both lines", quick=1)
+@pytest.mark.parametrize("bus", BUSES)
+@pytest.mark.parametrize(("fault", "error", "said"), ENDING, ids=[f"{fault.kind}" for fault, *_ in ENDING])
+def test_what_lasts_ends_the_run_with_a_sentence(
+    fault: faults.Fault, error: type[HapticFieldbusError], said: str, bus: str
+) -> None:
+    with pytest.raises(error, match=said):
+        rendered(bus, fault)
+
+
+@pytest.mark.thorough("every kind on both lines", quick=1)
+@pytest.mark.parametrize("bus", BUSES)
+@pytest.mark.parametrize("fault", PASSED, ids=[fault.kind for fault in PASSED])
+def test_one_answer_more_or_less_ends_nothing(fault: faults.Fault, bus: str) -> None:
+    result = rendered(bus, fault)
+    assert result.trips == ()
+    assert result.torque_error is not None
+
+
+@pytest.mark.thorough("many runs")
+@pytest.mark.parametrize("bus", BUSES)
+@pytest.mark.parametrize("seed", range(40))
+def test_drawn_faults_break_no_invariant(seed: int, bus: str) -> None:
+    """How a run ends is judged by the checker; here it may end in any way that the program has a name for."""
+    with suppress(HapticFieldbusError):
+        run(
+            "wall",
+            bus=bus,
+            settings={"wall.stiffness": "max/2"},
+            hand=HANDS[bus],
+            duration=1.2,
+            faults=f"random@{seed}",
+        )
+
+
+def test_a_fault_of_another_protocol_is_refused_before_anything_moves() -> None:
+    with pytest.raises(UsageError, match='fault "bus_off" is none that a bus of this run can have'):
+        rendered(TCP, faults.BusOff("bus_off", AT))
+    with pytest.raises(UsageError, match='fault "answer_lost" is none that a bus of this run can have'):
+        run("wall", faults=(faults.AnswerLost("answer_lost", AT),))
+
+
+@pytest.mark.thorough("the same run twice")
+@pytest.mark.parametrize("bus", BUSES)
+def test_the_same_seed_gives_the_same_run(bus: str) -> None:
+    first, second = (rendered(bus, faults.AnswerGarbage("answer_garbage", AT)) for _ in range(2))
+    assert (first.traces[0].position == second.traces[0].position).all()
+    assert (first.traces[0].force == second.traces[0].force).all()
