@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, limit_of
-from haptic_fieldbus.margins.passivity import passive_limit_of, searched
+from haptic_fieldbus.margins.passivity import LOSSLESS, passive_limit_of, searched
 from haptic_fieldbus.margins.places import Place, Places
 from haptic_fieldbus.margins.plant import Plant, check_times, quantisation_limit, sample
 from haptic_fieldbus.numerics import sampled
@@ -161,7 +161,9 @@ class OneAxis(ClosedLoop):
         if isinstance(environment, Places):
             needed = environment.increments.damping_needed(*times)
             if environment.swept is not None:
-                needed += damping_needed(environment.swept, *times)
+                # At the resonance of an undamped mode no damping is enough.
+                is_lossless = sampled.spectral_radius(environment.swept.a) > 1.0 - LOSSLESS
+                needed += math.inf if is_lossless else damping_needed(environment.swept, *times)
         else:
             needed = damping_needed(environment, *times)
         if not axis.plant.damping:
