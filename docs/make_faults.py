@@ -46,9 +46,10 @@ Everything that a `[[fault]]` of `run --faults FILE` can be. How to use them:
 | `node` | node-ID of the drive that is meant; without it every drive. For frames: whose frames |
 | `bus` | the bus of a rig that is meant; without it every bus |
 
-A service of frames, where a kind has `frames`, is one of {services}. *Frames and the bus* are faults
-of CANopen, as are TPDOs, RPDOs, SYNC, heartbeat, emergency, a second node and SDO aborts of a drive; a kind that no bus of
-a run can have is refused.
+A service of frames, where a kind has `frames`, is one of {services}.
+
+*Frames and the bus* are faults of CANopen, as are those of a drive that name TPDOs, RPDOs, SYNC, heartbeat, emergency,
+SDO or a second node. A kind that no bus of a run can have is refused.
 
 This page is written by `make docs`.
 """

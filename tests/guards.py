@@ -28,6 +28,11 @@ def _bus(file: str, text: str, instead: str, of: str, *tests: str) -> Guard:
     return Guard(f"haptic_fieldbus/buses/canopen/{file}.py", text, instead, named)
 
 
+def _line(file: str, text: str, instead: str, of: str, *tests: str) -> Guard:
+    named = tuple(f"tests/buses/modbus/{of}.py::{test}" for test in tests)
+    return Guard(f"haptic_fieldbus/buses/modbus/{file}.py", text, instead, named)
+
+
 PROVING = "tests/running/test_proving.py"
 SAFETY, ECHO = "tests/cycle/test_safety.py", "tests/cycle/test_echo.py"
 SIGN, SIGN_WATCH, TIED = "tests/cycle/test_sign.py", "tests/cycle/test_sign_watch.py", "tests/cycle/test_tied_axes.py"
@@ -547,5 +552,98 @@ GUARDS = {
         "and recorded.serial != serial:",
         "and False:",
         ("tests/planning/test_guards.py::test_a_known_failure_is_not_tried_again_on_the_same_drive",),
+    ),
+    "Modbus: a set-point that is not ours": _line(
+        "foreign",
+        "    if target:\n",
+        "    if False:\n",
+        "test_set_up",
+        "test_a_drive_that_must_not_be_touched_is_refused_in_a_sentence_and_nothing_is_written",
+    ),
+    "Modbus: a command that is not ours": _line(
+        "foreign",
+        "if command in enabling:",
+        "if False:",
+        "test_set_up",
+        "test_a_drive_that_must_not_be_touched_is_refused_in_a_sentence_and_nothing_is_written",
+    ),
+    "Modbus: a power stage that somebody switched on": _line(
+        "foreign",
+        "if state in ENERGISED:",
+        "if False:",
+        "test_set_up",
+        "test_a_drive_that_must_not_be_touched_is_refused_in_a_sentence_and_nothing_is_written",
+    ),
+    "Modbus: answers that belong to another question": _line(
+        "framing", "transaction != self._transaction", "False", "test_framing", "test_on_tcp_another_frame_is_no_answer"
+    ),
+    "Modbus: answers of another unit": _line(
+        "framing", "if unit != asked.unit:", "if False:", "test_framing", "test_on_rtu_another_frame_is_no_answer"
+    ),
+    "Modbus: a set-point is sent once": _line(
+        "exchange",
+        "if not (reading.writing and set_point.waiting):",
+        "if not reading.writing:",
+        "test_exchange",
+        "test_a_set_point_is_sent_once_so_that_a_loop_that_hangs_feeds_no_watchdog",
+    ),
+    "Modbus: no set-points queue up": _line(
+        "exchange",
+        "if waits and not (reading.writing and set_point.lessens):",
+        "if False:",
+        "test_exchange",
+        "test_on_tcp_only_less_torque_is_sent_while_an_answer_is_outstanding",
+    ),
+    "Modbus: a late answer is not that of now": _line(
+        "exchange",
+        "if not waits and READ_WRITE not in late:",
+        "if not waits:",
+        "test_exchange",
+        "test_after_function_23_stayed_unanswered_a_serial_line_gets_the_set_point_by_another_function",
+    ),
+    "Modbus: torn positions": _line(
+        "link",
+        "if wide.torn(data):",
+        "if False:",
+        "test_exchange",
+        "test_a_torn_position_is_dropped_and_told_but_a_motion_is_not",
+    ),
+    "Modbus: exceptions": _line(
+        "link", "flags | EXCEPTION", "flags", "test_exchange", "test_an_exception_is_flagged_with_its_code"
+    ),
+    "Modbus: the drive's watch on us": _line(
+        "set_up",
+        "self.watchdog.arm()",
+        "pass",
+        "test_set_up",
+        "test_what_is_written_is_what_the_profile_asks_for_and_it_is_put_back",
+    ),
+    "Modbus: read-back of what was written": _line(
+        "unit",
+        "if held != value:",
+        "if False:",
+        "test_set_up",
+        "test_a_register_that_keeps_another_value_ends_the_set_up",
+    ),
+    "Modbus: the way to zero feeds no watchdog": _line(
+        "parting",
+        "MOST_ZEROS = 2",
+        "MOST_ZEROS = 99",
+        "test_release",
+        "test_a_drive_that_confirms_nothing_is_told_after_its_watchdog_and_still_gets_zero_torque",
+    ),
+    "Modbus: zero torque at the end": _line(
+        "parting",
+        "self._zeros -= 1",
+        "return steps",
+        "test_release",
+        "test_the_first_thing_that_goes_out_is_zero_torque",
+    ),
+    "Modbus: a line that was reset": _line(
+        "release",
+        "self._requester.transport.reopen()",
+        "pass",
+        "test_release",
+        "test_a_reset_connection_is_opened_again_for_zero_torque_alone",
     ),
 }

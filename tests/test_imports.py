@@ -71,6 +71,7 @@ DOES_WITHOUT = {
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
         "api": "api.sites running.changes running.session",
         "api.judging": "numerics.estimators",
+        "api.motions": "documents.samples",
         "api.open_loop": "numerics.estimators numerics.integrators numerics.integrators.trajectory",
         "cycle.axis": "cycle.tachometer",
         "cycle.sensing": "numerics.estimators",

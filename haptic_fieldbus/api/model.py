@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.api.open_loop import opened
+from haptic_fieldbus.api.open_loop import rendered_axis
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins.contact import environment_of
@@ -97,7 +97,7 @@ class EnvironmentModel:
 
 def model_of(task: Rendering) -> EnvironmentModel:
     """Return the model of the scene's first axis; raises DocumentError or UsageError."""
-    period, axis, elements = opened(task)
+    period, axis, elements = rendered_axis(task)
     method, estimator = task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR
     continuous = parallel([element.linearised() for element in elements])
     integrated = [element.dynamics for element in elements if isinstance(element, DynamicElement)]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.defaults import DEFAULT_MOTION_DURATION
-from haptic_fieldbus.documents.samples import read_samples
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
@@ -62,6 +61,8 @@ def _frequency(text: str) -> float:
 
 def _recorded(path: Path, amplitude: float) -> PrescribedMotion:
     """Return a motion on straight lines between the rows of a file; its first time becomes 0."""
+    from haptic_fieldbus.documents.samples import read_samples  # a motion without a file does without it
+
     rows = read_samples(path, ("position",))
     # Where an amplitude is too large for the positions, the response ends before its first sample.
     with np.errstate(over="ignore"):

@@ -103,7 +103,7 @@ def response(task: OpenLoop) -> Response:
     duration = task.duration
     motion = motion_of(task.input, task.amplitude)
     check_request(rate=task.rate, duration=DEFAULT_MOTION_DURATION if duration is None else duration)
-    period, axis, elements = opened(task)
+    period, axis, elements = rendered_axis(task)
     # Both ends are sampled.
     samples = round((motion.duration if duration is None else duration) / period) + 1
     if samples > MOST_SAMPLES:
@@ -115,7 +115,7 @@ def response(task: OpenLoop) -> Response:
     return answers.to(time, position, motion.rest, axis.workspace)
 
 
-def opened(task: Rendering) -> tuple[float, SceneAxis, tuple[Element, ...]]:
+def rendered_axis(task: Rendering) -> tuple[float, SceneAxis, tuple[Element, ...]]:
     """Return the period [s], the first axis of the scene, and its elements, with couplings felt at this axis alone.
 
     Raises DocumentError or UsageError.

@@ -9,6 +9,7 @@ from haptic_fieldbus.cli.options import RENDERING, SceneOptions, option, options
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
@@ -76,8 +77,10 @@ def _model(asked: "Rendering") -> "EnvironmentModel":
 
 
 def _draw(path: Path, found: "Response", model: "EnvironmentModel | None", title: str) -> None:
-    """Draw the poles of the model, or the response when there is no model."""
+    """Draw the poles of the model, or the response when there is no model; raises UsageError for no poles."""
     if model is not None:
+        if not model.integrated.order:
+            raise UsageError("--plot: no method integrates anything in this scene, so that there are no poles to draw")
         from haptic_fieldbus.report.plot_model import plot_model
 
         draw(path, lambda file: plot_model(model, title, file))

@@ -147,7 +147,7 @@ def _term(value: float, name: str, lag: int) -> str:
     return f"{'-' if value < 0 else '+'} {rounded(abs(value), 6)} {name}[n{f'-{lag}' if lag else ''}]"
 
 
-def formula(function: TransferFunction, variable: str) -> str:
+def fraction(function: TransferFunction, variable: str) -> str:
     """Return the fraction of two polynomials in s or z as text for people."""
     over, under = (_bracketed(_polynomial(part, variable)) for part in (function.num, function.den))
     return over.strip("()") if under == "1" else f"{over}/{under}"

@@ -77,7 +77,7 @@ def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Tor
     faded, old = _missing(axis, period)
     by_loop = "seen in the next period, whose set-points are torque-free"
     by_guard = "a person who cuts the power" if alone else f"the guard of the drive, {rounded(1e3 * guard)} ms"
-    yield TorqueDeadline(EndCause.TRIP, seen, by_loop)
+    yield TorqueDeadline(EndCause.TRIP, seen + traffic.doubted_periods * period, by_loop)
     by_age = f"feedback older than {rounded(1e3 * axis.limits.age)} ms is a trip"
     held = traffic.waits_for_answers
     lost = (old if held else min(faded, old)) + end

@@ -138,6 +138,10 @@ class BusTraffic(Protocol):
         """True when no set-point is sent while an answer stays away: the torque is held then, and does not fade."""
 
     @property
+    def doubted_periods(self) -> int:
+        """Periods for which a position that looks torn is not believed."""
+
+    @property
     def disturbance(self) -> float:
         """Time by which messages outside the exchange can delay it [s]."""
 

@@ -5,7 +5,7 @@ import math
 from haptic_fieldbus.api.model import EnvironmentModel, LinearModel, Poles
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.numerics.transfer import difference_equation, formula
+from haptic_fieldbus.numerics.transfer import difference_equation, fraction
 from haptic_fieldbus.report.words import Line
 
 DIGITS = 9
@@ -54,7 +54,7 @@ def _lines(key: str, title: str, model: LinearModel, variable: str) -> list[Line
     if space.order:
         lines.append(("", f"poles {poles_text(model.poles)}"))
     for name, function in model.transfer_functions.items():
-        lines.append(("", f"F/{LETTERS[name]} = {formula(function, variable)}"))
+        lines.append(("", f"F/{LETTERS[name]} = {fraction(function, variable)}"))
     return lines
 
 

@@ -13,7 +13,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from haptic_fieldbus.api.model import EnvironmentModel, Poles, poles_along, poles_of, step_growth
-from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix
@@ -31,12 +30,10 @@ GROWN = 3.0
 
 
 def plot_model(model: EnvironmentModel, title: str, path: Path) -> None:
-    """Draw a model into a file, whose suffix tells the format.
+    """Draw a model with virtual states into a file, whose suffix tells the format.
 
-    Raises UsageError for a scene without virtual states that a method integrates, OSError when it cannot be written.
+    Raises OSError when the file cannot be written.
     """
-    if not model.integrated.order:
-        raise UsageError("--plot: no method integrates anything in this scene, so that there are no poles to draw")
     figure = Figure(figsize=(13.0, 6.4), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(f"{title} · poles by method", size=13, weight="bold", color=INK, x=0.01, ha="left")

@@ -1,10 +1,11 @@
 """What `simulate` is asked to host: drives with their node-IDs, on a bus that other programs can join."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Protocol
 
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_PROTOCOL
@@ -22,10 +23,10 @@ from haptic_fieldbus.sim.slot import Slot
 
 _BUS = "simulated"
 """Name of the bus in a rig that is written."""
-# Functions as texts, so that only the protocol of the bus is imported.
+# Modules as texts, so that only the protocol of the bus is imported. Each has `host` and `KINDS`.
 _HOSTS = {
-    "canopen": "haptic_fieldbus.sim.canopen.hosting:host",
-    "modbus": "haptic_fieldbus.sim.modbus.hosting:host",
+    "canopen": "haptic_fieldbus.sim.canopen.hosting",
+    "modbus": "haptic_fieldbus.sim.modbus.hosting",
 }
 
 
@@ -68,6 +69,7 @@ def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
         hand = hand.after(DEFAULT_FADE_IN) if hand is not None else None
     with _collecting(faults):
         bus = joined_bus(request.bus)
+        faults += _strange(bus, request.faults)
     with _collecting(faults):
         protocol = protocol_named(bus.section.protocol if bus is not None else DEFAULT_PROTOCOL)
         drives = numbered(request.drives or [protocol.default_drive], request.node, protocol.nodes)
@@ -80,7 +82,7 @@ def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
     return bus, slots
 
 
-class Host(Protocol):
+class HostFunction(Protocol):
     """A function that hosts drives on a bus until `stopped()` is True, and returns how many frames it could not send.
 
     `opened` is called with the bus once it is open, `ready` for each drive, and `tell` with sentences for people.
@@ -98,13 +100,26 @@ class Host(Protocol):
     ) -> int: ...
 
 
-def host_on(bus: BusName) -> Host:
+def host_on(bus: BusName) -> HostFunction:
     """Return the function that hosts drives on a bus; raises UsageError when there is none for its protocol."""
+    host: HostFunction = _hosting(bus).host
+    return host
+
+
+def _hosting(bus: BusName) -> ModuleType:
     if bus.section.protocol not in _HOSTS:
         raise UsageError(f"{bus.text}: drives on {bus.section.protocol} cannot be hosted")
-    module, name = _HOSTS[bus.section.protocol].split(":")
-    host: Host = getattr(import_module(module), name)
-    return host
+    return import_module(_HOSTS[bus.section.protocol])
+
+
+def _strange(bus: BusName, faults: Iterable[Fault]) -> list[str]:
+    """Return a sentence for each fault that no drive on this bus can have."""
+    kinds: frozenset[str] = _hosting(bus).KINDS
+    return [
+        f'fault "{fault.kind}" is none that a drive on {bus.section.protocol} can have; leave it out'
+        for fault in faults
+        if fault.kind not in kinds and not isinstance(fault, LineFault | HostFault)
+    ]
 
 
 @contextmanager

@@ -56,7 +56,7 @@ def test_uneven_times_are_told(command: Command, tmp_path: Path) -> None:
     assert "up to 10 % of a period early or late" in command("estimate", path).out
 
 
-@pytest.mark.thorough("draws", quick=1)
+@pytest.mark.thorough("draws")
 @pytest.mark.parametrize("file", [SINE, TACHOMETER], ids=lambda file: file.stem)
 def test_it_is_drawn(file: Path, command: Command, tmp_path: Path) -> None:
     picture = tmp_path / "estimate.png"

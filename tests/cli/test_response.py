@@ -112,7 +112,7 @@ class TestTheModel:
         assert "the memory of an element by its own exact step" in out
         assert "poles -333.333333 (modulus 333.333333), -10 (modulus 10), -1 (modulus 1)" in out
 
-    @pytest.mark.thorough("draws", quick=("sprung_mass",))
+    @pytest.mark.thorough("draws")
     @pytest.mark.parametrize("scene", ["sprung_mass", "free_puck", "damped_sprung_mass"])
     def test_its_poles_are_drawn(self, scene: str, command: Command, tmp_path: Path) -> None:
         picture = tmp_path / "poles.png"

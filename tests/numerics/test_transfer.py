@@ -18,7 +18,7 @@ from haptic_fieldbus.numerics.transfer import (
     TransferFunction,
     bind_difference_equation,
     difference_equation,
-    formula,
+    fraction,
     substituted,
     transfer_function,
 )
@@ -165,4 +165,4 @@ def test_what_cannot_be_substituted_is_refused() -> None:
     ],
 )
 def test_a_transfer_function_is_told_as_a_fraction(function: TransferFunction, text: str) -> None:
-    assert formula(function, "s") == text
+    assert fraction(function, "s") == text

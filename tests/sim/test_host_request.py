@@ -1,11 +1,15 @@
 """What `simulate` is asked to host: all of it is checked before a bus is opened."""
 
+from typing import ClassVar
+
 import pytest
 
+from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen.bus import NODES
-from haptic_fieldbus.sim.faults import BusOff, Emergency, ErrorFrame
-from haptic_fieldbus.sim.host_request import HostRequest, joined_bus, numbered, resolve
+from haptic_fieldbus.sim.faults import AnswerLost, BusOff, Emergency, ErrorFrame, Fault, SyncIgnored
+from haptic_fieldbus.sim.host_request import HostRequest, host_on, joined_bus, numbered, resolve
 
 
 class TestRequest:
@@ -58,3 +62,35 @@ class TestRequest:
             ["fault", '"bus_off"'], ["fault", '"error_frame"'], ["fault", '"emergency"'], ["no", "hand"],
             ["bus", '"sim":'], ["no", "profile"],
         ]  # fmt: skip
+
+    @pytest.mark.parametrize(
+        ("bus", "drive", "fault", "said"),
+        [
+            ("virtual:x", "generic_cia402", AnswerLost("answer_lost", 1.0), "answer_lost.*none .* on canopen"),
+            (
+                "modbus-tcp:127.0.0.1:0",
+                "generic_cia402_modbus",
+                SyncIgnored("sync_ignored", 1.0),
+                "sync_ignored.*modbus",
+            ),
+        ],
+    )
+    def test_a_fault_of_another_protocol_is_refused(self, bus: str, drive: str, fault: Fault, said: str) -> None:
+        with pytest.raises(UsageError, match=said):
+            resolve(HostRequest([drive], bus, faults=(fault,)))
+
+    def test_without_a_drive_it_is_the_one_that_is_assumed_on_such_a_bus(self) -> None:
+        assert [slot.profile.name for slot in resolve(HostRequest([], "modbus-rtu:pty"))[1]] == [
+            "generic_cia402_modbus"
+        ]
+        assert [slot.profile.name for slot in resolve(HostRequest([], "virtual:x"))[1]] == ["maxon_epos4"]
+
+    def test_drives_of_protocols_without_a_host_are_told(self) -> None:
+        with pytest.raises(UsageError, match="drives on nobody's cannot be hosted"):
+            host_on(BusName("x", Nobodys("x", "y")))
+
+
+class Nobodys(BusSection):
+    """A bus of a protocol that has no host."""
+
+    protocol: ClassVar[str] = "nobody's"

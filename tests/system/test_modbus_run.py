@@ -13,6 +13,7 @@ from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.signals import Workspace
+from tests.sim.modbus.test_shipped_drives import usable
 
 TCP, RTU = "sim-modbus-tcp", "sim-modbus-rtu@115200"
 HALF = {"wall.stiffness": "max/2"}
@@ -31,6 +32,15 @@ def test_half_the_limit_is_rendered_as_a_wall(bus: str, hand: str) -> None:
     assert result.verdict is not None
     assert result.verdict.startswith("Feels like the ideal wall")
     assert math.fsum(result.torque_error.by_source.values()) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.thorough("every shipped Modbus drive")
+@pytest.mark.parametrize("drive", usable())
+def test_every_shipped_drive_renders_a_wall(drive: str) -> None:
+    """Those without a watchdog give at most a twentieth of their torque, so nobody pushes them here."""
+    result = run("wall", drive=drive, bus=RTU, settings=HALF, hand="none", duration=1.0)
+    assert (result.trips, result.missed_cycles) == ((), 0)
+    assert result.warnings == ()
 
 
 def test_the_walls_stiffness_of_the_library_is_refused_where_it_is_unstable() -> None:

@@ -18,7 +18,6 @@ from pymodbus.pdu import DecodePDU
 from pymodbus.pdu.register_message import (
     ReadWriteMultipleRegistersRequest,
     WriteMultipleRegistersRequest,
-    WriteSingleRegisterRequest,
 )
 
 from haptic_fieldbus.buses.modbus.framing import REFUSED
@@ -75,19 +74,21 @@ def _commanded(unit: UnitClient, what: str, done: str) -> ForeignMasterError:
     )
 
 
-def foreign_write(octets: bytes | bytearray, units: Collection[int]) -> int | None:
+def foreign_write(octets: bytes, units: Collection[int]) -> int | None:
     """Return the address to which a request among these octets writes in one of our units; None without one."""
-    framer, decoder = FramerRTU(DecodePDU(True)), DecodePDU(True)
-    try:
-        _, unit, _, body = framer.decode(bytes(octets))
-        pdu = decoder.decode(body) if body else None
-    except REFUSED:
-        return None
-    if unit != EVERYBODY and unit not in units:
-        return None
-    if isinstance(pdu, ReadWriteMultipleRegistersRequest):
-        return pdu.write_address
-    # FC6 comes back as it was sent, so a late answer of a drive would look like a request.
-    if isinstance(pdu, WriteMultipleRegistersRequest) and not isinstance(pdu, WriteSingleRegisterRequest):
-        return pdu.address
+    decoder = DecodePDU(True)
+    framer = FramerRTU(decoder)
+    # Noise before a request may look like the begin of another one, so each octet is tried as the first.
+    for at in range(len(octets) - framer.MIN_SIZE + 1):
+        try:
+            _, unit, _, body = framer.decode(octets[at:])
+            pdu = decoder.decode(body) if body else None
+        except REFUSED:
+            continue
+        if unit == EVERYBODY or unit in units:
+            if isinstance(pdu, ReadWriteMultipleRegistersRequest):
+                return pdu.write_address
+            # FC6 comes back as it was sent, so a late answer of a drive would look like a request.
+            if isinstance(pdu, WriteMultipleRegistersRequest):
+                return pdu.address
     return None

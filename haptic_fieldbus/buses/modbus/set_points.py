@@ -32,7 +32,6 @@ class StoredSetPoint:
         """Octets of the command that the drive has answered last."""
         self._sent = b""
         """Octets of the command that is under way; none while it is not."""
-
         self._place, self._low_first = _target_in(traffic.set_point)
         self._size = 0
         """Amount of the target torque that was sent last."""

@@ -82,6 +82,11 @@ class CanTraffic:
         return False
 
     @property
+    def doubted_periods(self) -> int:
+        """A frame is whole, and so is every value in it."""
+        return 0
+
+    @property
     def disturbance(self) -> float:
         """Time by which frames beside the exchange delay it: one of eight octets, and all signs of life [s]."""
         own = worst_case_bits(1) if self.beats else 0

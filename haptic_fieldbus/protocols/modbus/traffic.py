@@ -113,6 +113,11 @@ class ModbusTraffic:
         return self.wire.frame_octets == TCP_OCTETS
 
     @property
+    def doubted_periods(self) -> int:
+        """A drive may tear a value of two registers: a jump by about 65536 counts is believed when it is seen twice."""
+        return 1
+
+    @property
     def disturbance(self) -> float:
         """Whatever is sent beside the exchange is sent in the place of a set-point."""
         return 0.0

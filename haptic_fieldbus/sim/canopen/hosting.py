@@ -21,6 +21,7 @@ from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.sim.canopen.link.wire import Port
 from haptic_fieldbus.sim.canopen.outlet import STAMPED, Outlet, Tell
+from haptic_fieldbus.sim.canopen.rack import KINDS as KINDS
 from haptic_fieldbus.sim.canopen.rack import Rack
 from haptic_fieldbus.sim.faults import Disturbance, HostFault
 from haptic_fieldbus.sim.realtime import LONGEST_REMEMBERED, NAP_NS, frozen

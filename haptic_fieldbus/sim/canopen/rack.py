@@ -17,9 +17,21 @@ from haptic_fieldbus.sim.canopen.link.wire import Port
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive.broken import faulty_hand
 from haptic_fieldbus.sim.drive.settings import drawn_settings
-from haptic_fieldbus.sim.faults import AnswerFault, HandFault, HostFault, LastingFault, LineFault, faults_of
+from haptic_fieldbus.sim.faults import (
+    AnswerFault,
+    Fault,
+    HandFault,
+    HostFault,
+    LastingFault,
+    LineFault,
+    faults_of,
+    kinds_of,
+)
 from haptic_fieldbus.sim.schedule import FaultSchedule, TimedFault
 from haptic_fieldbus.sim.slot import Slot
+
+KINDS = kinds_of(Fault) - kinds_of(AnswerFault)
+"""Kinds of faults that a bus and its drives may have."""
 
 
 class Rack:

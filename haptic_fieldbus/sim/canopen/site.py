@@ -8,8 +8,9 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.protocols.canopen.bus import can_section
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
+from haptic_fieldbus.sim.canopen.rack import KINDS
 from haptic_fieldbus.sim.canopen.world import World
-from haptic_fieldbus.sim.faults import AnswerFault, ClockStep, Fault, kinds_of
+from haptic_fieldbus.sim.faults import ClockStep
 from haptic_fieldbus.sim.host import HostClock, truth_of
 from haptic_fieldbus.sim.simulation import Simulation
 from haptic_fieldbus.sim.slot import Slot
@@ -18,7 +19,7 @@ from haptic_fieldbus.sim.slot import Slot
 class CanSimulation(Simulation):
     """The simulation of CAN buses."""
 
-    kinds = kinds_of(Fault) - kinds_of(AnswerFault)
+    kinds = KINDS
 
     def simulate(
         self,

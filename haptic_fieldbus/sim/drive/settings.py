@@ -170,7 +170,7 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     current, peak, constant = _known_currents(axis, settings)
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia
-    steps = position_steps(profile.position.actual.unit if profile.position is not None else COUNTS, axis)
+    steps = steps_of_position(profile.position.actual.unit if profile.position is not None else COUNTS, axis)
     return Defaults(
         max_torque_permille=settings.max_torque_permille,
         rated_current_ma=round(current * 1e3),
@@ -184,7 +184,7 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     )
 
 
-def position_steps(unit: str, axis: RigAxis) -> float:
+def steps_of_position(unit: str, axis: RigAxis) -> float:
     """Return the number of position units in one revolution of the motor."""
     straight = axis.mechanism.metres_per_revolution if isinstance(axis.mechanism, LinearMechanism) else 0.0
     return steps_per_revolution(unit, axis.encoder_counts_per_revolution, straight)

@@ -12,25 +12,25 @@ GARBAGE = (1, 40)
 
 
 @dataclass
-class _Waiting:
+class _Pending:
     fault: faults.AnswerDisturbance
     unit: int
     left: int
 
 
-class Disturbances:
+class AnswerDisturbances:
     """Faults that wait for the next answers of the drives; random octets are drawn from the seed."""
 
     def __init__(self, seed: int | str, *, serial: bool) -> None:
         self._random = Random(f"{seed}/answers")
         self._serial = serial
-        self._waiting: list[_Waiting] = []
+        self._waiting: list[_Pending] = []
         self._held: list[bytes] = []
         """Answers that come with the next request."""
 
     def add(self, fault: faults.AnswerDisturbance, unit: int) -> None:
         """Disturb the next answers of a drive."""
-        self._waiting.append(_Waiting(fault, unit, fault.count))
+        self._waiting.append(_Pending(fault, unit, fault.count))
 
     def take(self, unit: int) -> faults.AnswerDisturbance | None:
         """Return the fault of this answer, and count it; None when it has none."""

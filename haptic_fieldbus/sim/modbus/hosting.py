@@ -18,8 +18,10 @@ from haptic_fieldbus.buses.modbus.errors import translate
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, modbus_section
+from haptic_fieldbus.protocols.modbus.layout import line_of
 from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.protocols.registry import protocol_named
+from haptic_fieldbus.sim.modbus.rack import KINDS as KINDS
 from haptic_fieldbus.sim.modbus.server import Server
 from haptic_fieldbus.sim.realtime import LONGEST_REMEMBERED, NAP_NS, frozen
 from haptic_fieldbus.sim.slot import Slot
@@ -43,8 +45,9 @@ def host(
 
     `opened` is called with the bus once it is open, which then has the port or the device that masters join, and
     `ready` for each drive. Raises BusError when the bus cannot be opened, and ValueError when two drives have the same
-    unit id.
+    unit id. Raises PlanError for drives that are not made for such a line.
     """
+    line_of(modbus_section(bus.section), [modbus_profile(slot.profile) for slot in slots])
     asyncio.run(_host(bus, slots, seed, ready, stopped, opened))
     return 0
 

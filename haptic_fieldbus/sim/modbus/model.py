@@ -56,7 +56,7 @@ def inner_profile(profile: ModbusProfile) -> InnerProfile:
     )
 
 
-def written(profile: ModbusProfile) -> tuple[WrittenRegister, ...]:
+def written_registers(profile: ModbusProfile) -> tuple[WrittenRegister, ...]:
     """Return the registers with a value of the profile: of its set-up, and of the choice of its reaction."""
     return (*profile.setup, *(profile.watchdog.writes if profile.watchdog is not None else ()))
 
@@ -66,5 +66,5 @@ def _object(index: int, register: Register) -> MappedObject:
 
 
 def _option(profile: ModbusProfile, index: int) -> OptionCode | None:
-    found = (register for register in written(profile) if register.object == index)
+    found = (register for register in written_registers(profile) if register.object == index)
     return next((OptionCode(index, register.value) for register in found), None)

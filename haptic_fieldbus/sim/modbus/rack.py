@@ -17,8 +17,21 @@ from haptic_fieldbus.sim.modbus.unit import Unit
 from haptic_fieldbus.sim.schedule import FaultSchedule, TimedFault
 from haptic_fieldbus.sim.slot import Slot
 
+_OF_CANOPEN = (
+    faults.Emergency
+    | faults.MissingTpdos
+    | faults.MissingRpdos
+    | faults.SyncIgnored
+    | faults.HeartbeatLost
+    | faults.DuplicateNode
+    | faults.SdoRefusal
+    | faults.LineFault
+)
+KINDS = faults.kinds_of(faults.Fault) - faults.kinds_of(_OF_CANOPEN)
+"""Kinds of faults that a line and its drives may have."""
 
-class Line(Protocol):
+
+class FaultyLine(Protocol):
     """The line and the master's side of it, where faults take effect that are none of a drive."""
 
     def disturb(self, fault: faults.AnswerFault, number: int, t_ns: int) -> None: ...
@@ -26,13 +39,13 @@ class Line(Protocol):
     def host_fault(self, fault: faults.HostFault) -> None: ...
 
 
-class Rack:
+class UnitRack:
     """The drives by unit id; all times are those of one clock [ns].
 
     At least the `longest` latest segments of the true motion are kept, None: all.
     """
 
-    def __init__(self, line: Line, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
+    def __init__(self, line: FaultyLine, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         self.units: dict[int, Unit] = {}
         self.agenda = Agenda()
         self.now_ns = 0
@@ -97,7 +110,7 @@ class Rack:
             return partial(self._line.disturb, fault, unit.number)
         if not isinstance(fault, faults.DriveFaultKind):
             raise ValueError(f"{fault.kind} is no fault of a drive on Modbus")
-        return partial(inject, fault, unit, self.agenda.plan)
+        return partial(inject_unit, fault, unit, self.agenda.plan)
 
 
 def _enabled(unit: Unit, begin: Action, t_ns: int) -> None:
@@ -121,7 +134,7 @@ def _install(fault: faults.LastingFault, unit: Unit) -> None:
             raise ValueError(f"{fault.kind} is no fault of a drive on Modbus")
 
 
-def inject(fault: faults.DriveFaultKind, unit: Unit, plan: Plan, t_ns: int) -> None:
+def inject_unit(fault: faults.DriveFaultKind, unit: Unit, plan: Plan, t_ns: int) -> None:
     """Apply a fault of a drive that happens at `t_ns`."""
     match fault:
         case faults.DriveFault(code=code, duration=duration):

@@ -24,7 +24,7 @@ class Refusal(IntEnum):
 
 
 @dataclass(frozen=True)
-class Cell:
+class RegisterCell:
     """A value in one register or two; `writes` None: it can only be read."""
 
     register: Register
@@ -50,7 +50,7 @@ class Registers:
 
     def __init__(self, line: LineSection) -> None:
         self._order, self._can_be_read = line.word_order, line.has_all
-        self._cells: dict[int, Cell] = {}
+        self._cells: dict[int, RegisterCell] = {}
         self._owner: dict[int, int] = {}
         """Address of each register → first address of its value."""
 
@@ -59,7 +59,7 @@ class Registers:
         before = self._cells.get(register.address)
         if before is not None:
             reads, writes = before.reads, writes or before.writes
-        self._cells[register.address] = Cell(register, reads, writes)
+        self._cells[register.address] = RegisterCell(register, reads, writes)
         for address in range(register.address, register.address + register.count):
             self._owner[address] = register.address
 
@@ -98,7 +98,7 @@ class Registers:
         _call_once(taken)
         return list(taken)
 
-    def _whole(self, address: int, count: int) -> dict[int, Cell] | None:
+    def _whole(self, address: int, count: int) -> dict[int, RegisterCell] | None:
         """Return the values within these registers, by address; None when one is cut, or a register does not exist."""
         asked = range(address, address + count)
         if not all(each in self._owner or self._can_be_read(each, each + 1) for each in asked):

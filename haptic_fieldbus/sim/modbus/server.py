@@ -103,7 +103,7 @@ class Server:
         if self._listener is not None:
             await self._listener.shutdown()  # type: ignore[no-untyped-call]
 
-    # Faults (see `rack.Line`).
+    # Faults (see `rack.FaultyLine`).
 
     def disturb(self, fault: faults.AnswerFault, number: int, t_ns: int) -> None:
         """Disturb the next answers of a drive, or end all connections."""

@@ -10,27 +10,16 @@ from haptic_fieldbus.protocols.modbus.bus import modbus_section
 from haptic_fieldbus.protocols.modbus.layout import line_of
 from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.faults import kinds_of
 from haptic_fieldbus.sim.modbus.line import SimulatedLine
+from haptic_fieldbus.sim.modbus.rack import KINDS
 from haptic_fieldbus.sim.simulation import Simulation
 from haptic_fieldbus.sim.slot import Slot
-
-_OF_CANOPEN = (
-    faults.Emergency
-    | faults.MissingTpdos
-    | faults.MissingRpdos
-    | faults.SyncIgnored
-    | faults.HeartbeatLost
-    | faults.DuplicateNode
-    | faults.SdoRefusal
-    | faults.LineFault
-)
 
 
 class ModbusSimulation(Simulation):
     """The simulation of Modbus lines."""
 
-    kinds = kinds_of(faults.Fault) - kinds_of(_OF_CANOPEN)
+    kinds = KINDS
 
     def simulate(
         self, section: BusSection, channel: str, slots: Sequence[Slot], clock: Clock, seed: int | str, log: Any

@@ -71,7 +71,7 @@ class Station:
         if addressed is None or not addressed.hears(t_ns):
             return None
         outcome = _carry_out(asked, addressed, t_ns)
-        return refused(asked, outcome) if isinstance(outcome, Refusal) else outcome
+        return exception_for(asked, outcome) if isinstance(outcome, Refusal) else outcome
 
     def frame(self, asked: Asked, answer: ModbusPDU) -> bytes:
         """Return the octets of an answer."""
@@ -86,7 +86,7 @@ def starts_no_frame(octets: bytes) -> bool:
     return octets[2:4] != b"\0\0" or not 2 <= int.from_bytes(octets[4:6], "big") <= LONGEST_TCP
 
 
-def refused(asked: Asked, code: int) -> ModbusPDU:
+def exception_for(asked: Asked, code: int) -> ModbusPDU:
     """Return the exception by which a request is refused."""
     return ExceptionResponse(asked.function, code)
 

@@ -23,10 +23,10 @@ from haptic_fieldbus.protocols.modbus.profile import (
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry
-from haptic_fieldbus.sim.drive.settings import DriveSettings, position_steps
+from haptic_fieldbus.sim.drive.settings import DriveSettings, steps_of_position
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.modbus.front import Front
-from haptic_fieldbus.sim.modbus.model import CYCLIC_TORQUE, inner_profile, written
+from haptic_fieldbus.sim.modbus.model import CYCLIC_TORQUE, inner_profile, written_registers
 from haptic_fieldbus.sim.modbus.registers import Refusal, Registers
 from haptic_fieldbus.sim.modbus.watchdog import Watchdog
 
@@ -97,6 +97,11 @@ class Unit:
         if self.watchdog is not None:
             self.watchdog.restart(t_ns)
 
+    def enabled(self, t_ns: int) -> None:
+        """Count the time of the watch from *operation enabled* too."""
+        if self.watchdog is not None:
+            self.watchdog.restart(t_ns)
+
     # Called by the station.
 
     def hears(self, t_ns: int) -> bool:
@@ -158,17 +163,12 @@ class Unit:
         if any(entry is target or entry is self.watchdog.time for entry in entries):
             self.watchdog.restart(t_ns)
 
-    def enabled(self, t_ns: int) -> None:
-        """Count the time of the watch from *operation enabled* too."""
-        if self.watchdog is not None:
-            self.watchdog.restart(t_ns)
-
     def _scale_position(self, axis: RigAxis) -> None:
         """Let a revolution of the motor have the steps of the profile's unit."""
         position, table = self.profile.position, self.drive.objects.table
         if position is None or position.actual.unit in ("", COUNTS):
             return
-        steps = Fraction(position_steps(position.actual.unit, axis)).limit_denominator(1_000_000)
+        steps = Fraction(steps_of_position(position.actual.unit, axis)).limit_denominator(1_000_000)
         for subindex, value in ((1, steps.numerator), (2, steps.denominator)):
             entry = table[0x6092, subindex]
             entry.value = entry.default = value
@@ -245,7 +245,7 @@ class Unit:
         if profile.serial is not None:
             number = self.drive.settings.serial % (profile.serial.type.limits[1] + 1)
             self.registers.both(profile.serial, Entry(0, 0, profile.serial.type, number, Access.CONST))
-        others: list[Register] = list(written(profile))
+        others: list[Register] = list(written_registers(profile))
         if mode is not None and profile.power.table != "cia402":
             others.append(mode.write)
         for register in others:

@@ -112,6 +112,7 @@ class ToyTraffic:
     speed: str = f"{BAUD} baud"
     silence: float = math.inf
     waits_for_answers: bool = False
+    doubted_periods: int = 0
     disturbance: float = 0.0
     exchange: str = ""
 

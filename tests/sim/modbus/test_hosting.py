@@ -6,12 +6,13 @@ import select
 import socket
 import struct
 import time
+import tty
 from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
 
-from haptic_fieldbus.errors import BusError
+from haptic_fieldbus.errors import BusError, PlanError
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.sim import faults
 from tests.sim.modbus.hosted import address_of, device_of, hosted
@@ -156,6 +157,24 @@ class TestRtu:
             os.write(terminal._file, rtu(3, READ)[:4])
             assert not select.select([terminal._file], [], [], 0.05)[0]
             assert len(terminal.asked(rtu(3, READ), 13)) == 13
+
+    def test_a_device_is_joined_by_the_baud_rate_of_its_name(self) -> None:
+        own, theirs = os.openpty()
+        tty.setraw(theirs)
+        device = os.ttyname(theirs)
+        with hosted(f"modbus-rtu:{device}@57600", "generic_cia402_modbus@3") as bus:
+            assert bus.text == f"modbus-rtu:{device}@57600"
+            os.write(own, rtu(3, READ))
+            heard = b""
+            while len(heard) < 13 and select.select([own], [], [], ANSWERED)[0]:
+                heard += os.read(own, 100)
+            assert heard[:3] == bytes((3, 3, 8))
+        os.close(own)
+        os.close(theirs)
+
+    def test_a_drive_without_such_a_line_is_refused(self) -> None:
+        with pytest.raises(PlanError, match="ORCA speaks Modbus RTU, but modbus-tcp is TCP"), hosted(TCP, "iris_orca"):
+            pass
 
     def test_a_device_that_is_not_there_is_told(self) -> None:
         with (

@@ -14,7 +14,7 @@ from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.modbus.line import SimulatedLine
-from haptic_fieldbus.sim.modbus.rack import Rack
+from haptic_fieldbus.sim.modbus.rack import UnitRack
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.slot import Slot
 
@@ -51,7 +51,7 @@ class Driven:
 
     def __init__(self, profile: ModbusProfile = GENERIC, *these: faults.Fault, hand: str = "none") -> None:
         self.line = NoLine()
-        self.rack = Rack(self.line, seed=1)
+        self.rack = UnitRack(self.line, seed=1)
         self.unit = self.rack.add(slot(profile, *these, hand=hand), 0)
         self.t_ns = 0
 
