@@ -79,6 +79,7 @@ DOES_WITHOUT = {
         "documents.document": "documents.positions",
         "margins.closed_loop": "margins.bodies",
         "margins.group": "margins.coupled",
+        "margins.increments": "numerics.estimators",
         "numerics.coupled": "numerics.estimators",
         "numerics.sampled": "numerics.estimators numerics.integrators",
         "planning.compile": "numerics.estimators",

@@ -13,7 +13,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, limit_of
-from haptic_fieldbus.margins.passivity import passive_limit_of
+from haptic_fieldbus.margins.passivity import LOSSLESS, passive_limit_of, searched
+from haptic_fieldbus.margins.places import Place, Places
 from haptic_fieldbus.margins.plant import Plant, check_times, quantisation_limit, sample
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
@@ -71,6 +72,13 @@ class ClosedLoop(ABC):
     def growth(self, environment: StateSpace) -> float:
         """Return the largest modulus of the eigenvalues, without free shifts of the handles; below 1 is stable."""
 
+    def judged_at(self, environment: StateSpace) -> tuple[Place | None, Place | None]:
+        """Return the resting place with the largest growth, and the place where the ideal itself grows the most.
+
+        None for a place that is not known, or does not exist.
+        """
+        return None, None
+
     @abstractmethod
     def damping_share(self, environment: StateSpace) -> float:
         """Return the share of the devices' dampings that passive hands need: passive up to 1, ∞ if none is enough."""
@@ -121,10 +129,22 @@ class OneAxis(ClosedLoop):
     """A single axis, with the closed forms of `numerics.sampled` and `numerics.passivity`."""
 
     def matrix(self, environment: StateSpace) -> Matrix:
-        return sampled.loop_matrix(self.devices[0], environment)
+        """Return the matrix of one period, at the worst place of an environment that has several."""
+        at = environment.worst(self.devices[0])[1] if isinstance(environment, Places) else environment
+        return sampled.loop_matrix(self.devices[0], at)
 
     def growth(self, environment: StateSpace) -> float:
+        if isinstance(environment, Places):
+            return environment.worst(self.devices[0])[0].growth
         return sampled.growth(self.devices[0], environment)
+
+    def judged_at(self, environment: StateSpace) -> tuple[Place | None, Place | None]:
+        (axis,) = self.axes
+        if not isinstance(environment, Places):
+            return None, None
+        mass = axis.plant.mass + sum(body.mass for body in axis.bodies)
+        crest = environment.crest(self.devices[0], mass, axis.plant.damping, self.period)
+        return environment.worst(self.devices[0])[0], crest
 
     def damping_share(self, environment: StateSpace) -> float:
         """Return the needed damping over the device's own; ∞ for a device without damping that needs any.
@@ -137,13 +157,31 @@ class OneAxis(ClosedLoop):
         (axis,) = self.axes
         if axis.plant.tachometer:
             return math.inf if environment.c.any() or environment.d.any() else 0.0
-        needed = damping_needed(environment, self.period, axis.delay, axis.plant.torque_lag)
+        times = (self.period, axis.delay, axis.plant.torque_lag)
+        if isinstance(environment, Places):
+            needed = environment.increments.damping_needed(*times)
+            if environment.swept is not None:
+                # At the resonance of an undamped mode no damping is enough.
+                is_lossless = sampled.spectral_radius(environment.swept.a) > 1.0 - LOSSLESS
+                needed += math.inf if is_lossless else damping_needed(environment.swept, *times)
+        else:
+            needed = damping_needed(environment, *times)
         if not axis.plant.damping:
             return math.inf if needed else 0.0
         return needed / axis.plant.damping
 
     def passive_limit(self, environment_of: EnvironmentOf, stable: float) -> float:
         (axis,) = self.axes
+        if not stable:
+            return 0.0
+        if isinstance(environment_of(1.0), Places) and not axis.plant.tachometer:
+            return searched(
+                lambda stiffness: self.damping_share(environment_of(stiffness)) <= 1.0,
+                self.scale(environment_of),
+                stable,
+                smallest=1e-6,
+                precision=1e-9,
+            )
         return passive_limit_of(axis.plant, self.period, axis.delay, environment_of, stable)
 
     def felt(self, environment_of: EnvironmentOf) -> list[float]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.sampled import discretised, estimated, scaled
@@ -32,6 +32,16 @@ def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
         return scaled(linearised(element, known), factor)
     varied: AnyElement = replace(element, **known) if known else element  # type: ignore[type-var]  # a dataclass
     return varied.linearised()
+
+
+def changed(element: Kind, changes: Mapping[str, float]) -> Kind:
+    """Return the element after those `changes` for which it has a parameter."""
+    known = {name: value for name, value in changes.items() if hasattr(element, name)}
+    varied: Any = element
+    if isinstance(varied, Graded) and "stiffness" in known:
+        varied = varied.with_stiffness(known.pop("stiffness"))
+    kept: Kind = replace(varied, **known) if known else varied
+    return kept
 
 
 def damping_of(elements: Iterable[AnyElement]) -> float:

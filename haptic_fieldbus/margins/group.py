@@ -17,10 +17,13 @@ from haptic_fieldbus.margins.contact import Kind
 from haptic_fieldbus.margins.linear import EnvironmentOf
 from haptic_fieldbus.margins.plant import Plant, weakened
 from haptic_fieldbus.margins.ranges import Ranges, exactly_timed
+from haptic_fieldbus.margins.resting import Axle
 from haptic_fieldbus.margins.suggestion import Suggestion, suggest
+from haptic_fieldbus.margins.terrain import EVERYWHERE
 from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element
+from haptic_fieldbus.scenes.local import Interval
 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
@@ -40,6 +43,10 @@ class Member:
     """Masses behind a compliant transmission; the plant is then the motor alone."""
     ranges: Ranges | None = None
     """Ranges of its values; None: torque lag and delay are exact."""
+    effort: float = math.inf
+    """Largest force of its motor [N or N·m]."""
+    travel: Interval = EVERYWHERE
+    """Positions that its handle can have [m or rad]."""
 
     @property
     def known_ranges(self) -> Ranges:
@@ -108,7 +115,8 @@ class Group:
         stiffness = None if self.stiffest is None else contact.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, contact.damping_of(self.varied))
         named = zip((member.name for member in self.members), verdicts, strict=True)
-        return {name: replace(verdict, find_cautious=self.cautious_limit) for name, verdict in named}
+        effort = min(member.effort for member in self.members)
+        return {name: replace(verdict, effort=effort, find_cautious=self.cautious_limit) for name, verdict in named}
 
     @property
     def stability(self) -> Stability:
@@ -217,10 +225,16 @@ class Group:
 
         return CoupledAxes(axes, self.period)
 
+    @cached_property
+    def _axle(self) -> Axle:
+        """The elements of the single axis."""
+        (alone,) = self.members
+        return Axle(alone.elements, self.period, alone.method, alone.estimator, alone.effort, alone.travel)
+
     def environment(self, **changes: float) -> StateSpace:
         """Return the environment of the loop after `changes`: the elements of one axis, or the couplings of several."""
         if not self.couplings:
-            return self._own(self.members[0], **changes)
+            return self._axle.environment(**changes)
         from haptic_fieldbus.margins.coupled import between
 
         estimators = {member.name: member.estimator for member in self.members}

@@ -12,7 +12,8 @@ from typing import Any
 
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import scaled
-from haptic_fieldbus.scenes.element import AnyElement, DynamicElement
+from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Varying
+from haptic_fieldbus.scenes.local import Local
 from haptic_fieldbus.signals import Signal
 
 SHARES = tuple(eighth / 8 for eighth in range(1, 8))
@@ -32,6 +33,16 @@ class Faded:
         return needs
 
     @property
+    def name(self) -> str:
+        name: str = self.element.name
+        return name
+
+    @property
+    def axis(self) -> str:
+        axis: str = self.element.axis
+        return axis
+
+    @property
     def axes(self) -> tuple[str, ...]:
         axes: tuple[str, ...] = self.element.axes
         return axes
@@ -49,6 +60,28 @@ class FadedDynamic(Faded):
         return self.linearised()
 
 
+@dataclass(frozen=True)
+class FadedVarying(Faded):
+    """A faded element that is judged at all places."""
+
+    def local(self, lower: float, upper: float) -> Local:
+        """Return the bounds of the element with its share of force, stiffness and damping."""
+        whole: Local = self.element.local(lower, upper)
+        force, stiffness = ((self.share * low, self.share * high) for low, high in (whole.force, whole.stiffness))
+        return Local(force, stiffness, self.share * whole.damping, whole.loss)
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return the places of the element."""
+        found: tuple[float, ...] = self.element.places(lower, upper, effort)
+        return found
+
+
+def _kind_of(element: AnyElement) -> type[Faded]:
+    if isinstance(element, DynamicElement):
+        return FadedDynamic
+    return FadedVarying if isinstance(element, Varying) else Faded
+
+
 def mixed(before: Sequence[AnyElement], after: Sequence[AnyElement], share: float) -> tuple[Any, ...]:
     """Return the mixed elements: unchanged elements once, changed elements twice, the new one with this share.
 
@@ -59,6 +92,6 @@ def mixed(before: Sequence[AnyElement], after: Sequence[AnyElement], share: floa
         if new == old:
             mix.append(new)
         else:
-            kind = FadedDynamic if isinstance(new, DynamicElement) else Faded
+            kind = _kind_of(new)
             mix += [kind(old, 1.0 - share), kind(new, share)]
     return tuple(mix)

@@ -34,9 +34,13 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins.cautious import Cautious
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
-from haptic_fieldbus.margins.plant import Plant
+from haptic_fieldbus.margins.places import Place, Places
+from haptic_fieldbus.margins.plant import Plant, quantisation_limit
 from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics import sampled
+
+AT_LIMIT = 1e-9
+"""Excess of a growth over 1 that the precision of a limit leaves."""
 
 
 class Verdict(Enum):
@@ -79,6 +83,12 @@ class Stability:
     margin: float | None
     """Limit of stability divided by the stiffness."""
     verdict: Verdict
+    place: Place | None = None
+    """Resting place at which a motion grows the most, or dies the slowest; None for coupled axes."""
+    crest: Place | None = None
+    """Place at which the ideal itself pushes the handle on the most; None when there is none."""
+    effort: float = math.inf
+    """Largest force of the motor [N or N·m], up to which places were judged."""
     find_cautious: Callable[[], Cautious | None] = field(default=_unknown, repr=False, compare=False)
     """Function that computes `cautious`, which takes longer than all the rest."""
 
@@ -91,13 +101,15 @@ class Stability:
     def recommended(self) -> float | None:
         """Stiffness up to which the loop is stable over all ranges, and friction holds the handle between counts.
 
-        None without a limit. A limit of 0 is left out. When any stiffness is stable, the limit of passivity takes the
-        place of the limit of stability.
+        None without a limit, and when none is stable over all ranges. When any stiffness is stable, the limit of
+        passivity takes the place of the limit of stability.
         """
         limit, least = self.stiffness_limit, self.cautious
         if least is None:
             return None
         stable = limit.passive if math.isinf(least.stable) else least.stable
+        if not least.stable:
+            return None
         found = min((value for value in (stable, least.quantisation) if value), default=math.inf)
         return found if math.isfinite(found) else None
 
@@ -112,11 +124,20 @@ class Stability:
             "stiffness": self.stiffness,
             "damping": self.damping,
             "stiffness_limit": {name: _finite(value) for name, value in limits.items()},
-            "judged_at": [] if least is None else [each.to_json() for each in least.judged_at],
+            "judged_at": [{**each, **self._places_json()} for each in self._values_json()],
             "spectral_radius": self.spectral_radius,
             "margin": _finite(self.margin),
             "verdict": self.verdict.value,
         }
+
+    def _values_json(self) -> list[dict[str, float]]:
+        """Return the values of the cautious limit, one object for each axis; an empty one without such a limit."""
+        return [{}] if self.cautious is None else [each.to_json() for each in self.cautious.judged_at]
+
+    def _places_json(self) -> dict[str, object]:
+        """Return the worst place and the crest, at the values of rig and profile."""
+        places = {"place": self.place, "crest": self.crest}
+        return {name: None if place is None else place.to_json() for name, place in places.items()}
 
 
 def _finite(value: float | None) -> float | None:
@@ -147,11 +168,19 @@ def judge(
         # Above its first limit a loop may be stable again, so the growth at this stiffness counts too.
         is_stable = stiffness <= stable or growth < 1.0 - ROUNDING
         is_passive, is_bridged = stiffness <= passive, quantisation is None or stiffness <= quantisation
+    if isinstance(asked, Places):  # stiffness and slope differ, and the bounds are exact at the values asked
+        is_stable = growth <= 1.0 + AT_LIMIT
+        (axis,) = loop.axes
+        held = quantisation_limit(axis.plant)
+        is_bridged = held is None or stiffness is None or float(asked.stiffness.max()) <= held
+        is_passive = loop.damping_share(asked) <= 1.0 + ROUNDING
+        is_passive = is_passive and asked.increments.rounding_is_bridged(axis.plant, loop.period)
     radius = sampled.spectral_radius(loop.matrix(asked))
+    place, crest = loop.judged_at(asked)
     margin = stable / stiffness if stiffness and stable is not None else None
     verdict = verdict_of(is_stable, is_bridged, is_passive)
     return tuple(
-        Stability(loop.period, axis.delay, axis.plant, stiffness, damping, limit, radius, margin, verdict)
+        Stability(loop.period, axis.delay, axis.plant, stiffness, damping, limit, radius, margin, verdict, place, crest)
         for axis in loop.axes
     )
 

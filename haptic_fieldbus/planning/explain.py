@@ -6,6 +6,7 @@ Golden files keep this text for each scene, and for each profile.
 import math
 from collections.abc import Iterator
 
+from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.cautious import Cautious
 from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -105,14 +106,35 @@ def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
     limit = stability.stiffness_limit
     if stability.stiffness is None or limit.stable is None or limit.passive is None:
         yield "stability", stability.verdict.value
+        yield from (("", text) for text in place_texts(stability, axis.workspace))
         return
     per = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     limits = f"stable {_up_to(limit.stable)}, passive {_up_to(limit.passive)}"
     yield "stability", f"{stability.verdict.value}: {rounded_limit(stability.stiffness)} {per} asked, {limits}"
+    yield from (("", text) for text in place_texts(stability, axis.workspace))
     if stability.cautious is not None:
         yield "", f"cautious {_up_to(stability.cautious.stable)}: {cautious_text(stability.cautious, axis.workspace)}"
     if stability.recommended is not None:
         yield "", f"recommended up to {rounded_limit(stability.recommended)} {per}"
+
+
+def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
+    """Yield the worst of several resting places, and the place where the ideal itself pushes the handle on the most."""
+    length, per = workspace.length_unit, f"{workspace.effort_unit}/{workspace.length_unit}"
+    place, crest = stability.place, stability.crest
+    if place is not None and place.among > 1 and place.position is not None:
+        damping = f" and {rounded(place.damping)} {workspace.effort_unit}·s/{length}" if place.damping else ""
+        held = in_unit(stability.effort, workspace.effort_unit) if math.isfinite(stability.effort) else "the elements"
+        yield (
+            f"worst of the places that {held} can hold: "
+            f"{in_unit(place.position, length)}, {rounded_limit(place.stiffness)} {per}{damping}, "
+            f"a motion is multiplied by {rounded(place.growth, 6)} in a period"
+        )
+    if crest is not None and crest.position is not None and crest.ideal is not None:
+        yield (
+            f"at {in_unit(crest.position, length)} nothing can rest: the ideal itself is multiplied by "
+            f"{rounded(crest.ideal, 6)} in a period, this loop by {rounded(crest.growth, 6)}"
+        )
 
 
 def cautious_text(least: Cautious, workspace: Workspace) -> str:

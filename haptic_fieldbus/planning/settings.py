@@ -9,11 +9,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.contact import stiffest_of
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
+from haptic_fieldbus.scenes.element import Graded
 from haptic_fieldbus.scenes.scene import Scene
 
 PART_OF_LIMIT = re.compile(r"max(?:/(\d+(?:\.\d*)?))?")
@@ -46,7 +48,16 @@ class Settled:
         divisor = float(str(self.values[self.part]).partition("/")[2] or 1.0)
         if divisor == 0.0:
             raise UsageError(f"{text}: the limit cannot be divided by zero")
-        return with_settings(self.origin, {**self.values, self.part: limit / divisor})
+        return with_settings(self.origin, {**self.values, self.part: self._value_at(limit / divisor)})
+
+    def _value_at(self, stiffness: float) -> Setting:
+        """Return the value of the setting that gives this stiffness [N/m or N·m/rad]."""
+        name, _, parameter = str(self.part).rpartition(".")
+        element: Any = next((each for each in self.scene.elements if each.name == name), None)
+        if parameter == "stiffness" or not isinstance(element, Graded):
+            return stiffness
+        value: Setting = getattr(element.with_stiffness(stiffness), parameter)
+        return value
 
 
 def settled(scene: str | Path | Scene, settings: Mapping[str, Setting] | None) -> Settled:
@@ -54,6 +65,8 @@ def settled(scene: str | Path | Scene, settings: Mapping[str, Setting] | None) -
     values = parsed(settings)
     part = _part_of_limit(values)
     found = with_settings(scene, {key: value for key, value in values.items() if key != part})
+    if part is not None:
+        _check_scales(part, values[part], found)
     limited = stiffest_of(found.couplings)  # coupled axes are judged by this stiffness alone
     if part is not None and limited is not None and part != f"{limited.name}.stiffness":
         raise UsageError(f"{part}={values[part]}: the limit of coupled axes is told for {limited.name}.stiffness alone")
@@ -92,10 +105,21 @@ def _parsed(text: str) -> Setting:
 def _part_of_limit(values: Mapping[str, Setting]) -> str | None:
     """Return the name of the setting that is a part of the limit, or None.
 
-    Raises UsageError for several of them, and for a setting that is no stiffness.
+    Raises UsageError for several of them.
     """
     parts = [key for key, value in values.items() if isinstance(value, str) and PART_OF_LIMIT.fullmatch(value)]
-    faults = [f"{key}={values[key]}: only a stiffness has a limit" for key in parts if ".stiffness" not in key]
-    if len(parts) > 1 or faults:
-        raise UsageError("; ".join(faults) or f"only one setting may be a part of the limit, not {', '.join(parts)}")
+    if len(parts) > 1:
+        raise UsageError(f"only one setting may be a part of the limit, not {', '.join(parts)}")
     return parts[0] if parts else None
+
+
+def _check_scales(part: str, value: Setting, scene: Scene) -> None:
+    """Raise UsageError unless the setting is a stiffness, or one from which the stiffness of its element follows."""
+    name, _, parameter = part.rpartition(".")
+    element: Any = next((each for each in scene.elements if each.name == name), None)
+    if parameter == "stiffness" or element is None:
+        return
+    own = getattr(element, parameter, None)
+    doubled = element.with_stiffness(2.0 * element.stiffness) if isinstance(element, Graded) else element
+    if not isinstance(own, float) or getattr(doubled, parameter) == own:
+        raise UsageError(f"{part}={value}: only a stiffness has a limit, or what it follows from")

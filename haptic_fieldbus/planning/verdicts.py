@@ -6,6 +6,7 @@ from dataclasses import replace
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.group import Group, Member, groups_of
+from haptic_fieldbus.margins.terrain import EVERYWHERE
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import AGE_SHARE, echo_time
@@ -61,6 +62,8 @@ def _member(axis: AxisPlan, plant: Plant) -> Member:
         _estimator(axis),
         () if load is None else (load,),
         ranges_of(axis.profile, axis.delay, compliant=load is not None),
+        axis.limits.effort,
+        axis.limits.position or EVERYWHERE,
     )
 
 

@@ -7,14 +7,14 @@ from haptic_fieldbus.api.judging import UNCERTAIN, Judgement
 from haptic_fieldbus.margins import Plant, Stability, Verdict
 from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
-from haptic_fieldbus.planning.explain import cautious_text
+from haptic_fieldbus.planning.explain import cautious_text, place_texts
 from haptic_fieldbus.report.words import Line, parameter_units
 from haptic_fieldbus.signals import Workspace
 
 # A passive hand is one that gives off no more energy than it took up.
 MEANING = {
     Verdict.PASSIVE: "no hand that is passive itself can make it unstable",
-    Verdict.STABLE: "the handle comes to rest; some hand could make it unstable",
+    Verdict.STABLE: "a small motion dies wherever {held} can hold the handle; some hand could make it grow",
     Verdict.LIMIT_CYCLE: "it moves to and fro over the edge of an encoder count for ever",
     Verdict.UNSTABLE: "it grows until something saturates",
 }
@@ -28,10 +28,16 @@ def stability_lines(judgement: Judgement) -> list[Line]:
         *_devices(judgement),
         *(("" if number else "ways", way.text()) for number, way in enumerate(judgement.ways)),
         *(("assumed", text) for text in judgement.assumed),
-        *(("limits" if number == 0 else "", text) for number, text in enumerate(_limits(judgement, unit))),
+        *_keyed("limits", _limits(judgement, unit)),
         ("radius", f"{rounded(stability.spectral_radius, 9)}: what a motion is multiplied by in a period"),
-        ("verdict", f"{stability.verdict.value}: {MEANING[stability.verdict]}{_margin(stability)}"),
+        *_keyed("place", place_texts(stability, judgement.workspace)),
+        ("verdict", f"{stability.verdict.value}: {_meaning(stability, judgement.workspace)}{_margin(stability)}"),
     ]
+
+
+def _keyed(key: str, texts: Iterator[str]) -> Iterator[Line]:
+    """Yield a line for each text, with the key on the first one only."""
+    return ((key if number == 0 else "", text) for number, text in enumerate(texts))
 
 
 def _devices(judgement: Judgement) -> Iterator[Line]:
@@ -122,6 +128,13 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
     less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
     yield f"with {exactly(UNCERTAIN)} of the friction: {limits}"
+
+
+def _meaning(stability: Stability, workspace: Workspace) -> str:
+    """Return what the verdict says, with the force up to which places were judged."""
+    known = stability.place is not None and math.isfinite(stability.effort)
+    held = f"up to {in_unit(stability.effort, workspace.effort_unit)}" if known else "a hand"
+    return MEANING[stability.verdict].format(held=held)
 
 
 def _up_to(value: float | None, unit: str) -> str:

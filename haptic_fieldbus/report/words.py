@@ -10,7 +10,7 @@ from haptic_fieldbus.assessing.passivity import cost_text
 from haptic_fieldbus.assessing.result import Percentiles, Result, TorqueError
 from haptic_fieldbus.assessing.rights import rights_texts
 from haptic_fieldbus.drive.rig import LinearMechanism
-from haptic_fieldbus.margins import Stability
+from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit, two_digits_down
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.enabling import enabling_lines
@@ -169,6 +169,8 @@ def stability_text(plan: Plan) -> str:
     if axis is None or stability is None:
         return "unknown: the rig does not give inertia and viscous_damping"
     stable, verdict = stability.stiffness_limit.stable, stability.verdict.value
+    if stability.verdict is Verdict.STABLE and stability.place is not None and math.isfinite(stability.effort):
+        verdict = f"stable at every resting place up to {in_unit(stability.effort, axis.workspace.effort_unit)}"
     if stable is None or stability.stiffness is None:
         return verdict
     asked = f"you ask {rounded_limit(stability.stiffness)}: {verdict}"

@@ -46,6 +46,11 @@ class Dahl:
         """Largest energy that the bristle can hold [J]."""
         return 0.5 * self.coulomb**2 / self.stiffness
 
+    @property
+    def increments(self) -> tuple[float, float]:
+        """Return the slope just after a reversal, and no damping."""
+        return 2.0 * self.stiffness, 0.0
+
     def linearised(self) -> StateSpace:
         """Return the spring of the bristle before it slides."""
         return gain([[-self.stiffness, 0.0]])

@@ -55,6 +55,11 @@ class Damper:
         """Return 0 J: what a damper takes is gone."""
         return 0.0
 
+    @property
+    def increments(self) -> tuple[float, float]:
+        """Return no stiffness, and the damping."""
+        return 0.0, self.damping
+
     def linearised(self) -> StateSpace:
         """Return the damping of the stronger direction, beyond the dead band and below saturation."""
         return gain([[0.0, -self.damping]])

@@ -20,6 +20,7 @@ from annotated_types import Ge, Le
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Length, Place, PositiveEffort
+from haptic_fieldbus.scenes.local import Local, either, periods, turning
 from haptic_fieldbus.signals import Signal
 
 
@@ -64,6 +65,27 @@ class Detents:
         if self.count and (way <= -0.5 * self.pitch or way >= (self.count - 0.5) * self.pitch):
             return crest
         return crest * math.sin(math.pi * math.remainder(way, self.pitch) / self.pitch) ** 2
+
+    def local(self, lower: float, upper: float) -> Local:
+        """Return the bounds between two positions."""
+        begin, end = lower - self.position, upper - self.position
+        nothing = Local((0.0, 0.0), (0.0, 0.0))
+        if self.count:
+            first, last = -0.5 * self.pitch, (self.count - 0.5) * self.pitch
+            if end < first or begin > last:
+                return nothing
+            inside = turning(max(begin, first), min(end, last), self.amplitude, 2.0 * math.pi / self.pitch)
+            return inside if begin > first and end < last else either(inside, nothing)
+        return turning(begin, end, self.amplitude, 2.0 * math.pi / self.pitch)
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return places in the valleys and on the ridges between them; of many only those next to the first."""
+        last = self.position + (self.count - 1) * self.pitch if self.count else upper
+        valleys = periods(self.pitch, self.position, self.position if self.count else lower, min(upper, last))
+        grid = [
+            valley + self.pitch * number / 12.0 for valley in valleys or (self.position,) for number in range(-6, 7)
+        ]
+        return (*grid, last + 0.5 * self.pitch) if self.count else tuple(grid)
 
     def linearised(self) -> StateSpace:
         """Return the spring of a valley."""

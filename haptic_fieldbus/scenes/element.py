@@ -27,6 +27,7 @@ from annotated_types import Ge, Le, Len
 
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
 from haptic_fieldbus.numerics.linear import StateSpace
+from haptic_fieldbus.scenes.local import Local
 from haptic_fieldbus.signals import Signal
 
 # Pydantic's configuration of every element: an unknown key, an infinity or not-a-number is a fault of the file.
@@ -148,6 +149,29 @@ class Active(Protocol):
     @property
     def strongest(self) -> float:
         """Largest force that it gives by itself [N or N·m]; 0 when its values make it passive."""
+
+
+@runtime_checkable
+class Varying(Element, Protocol):
+    """An element without memory whose stiffness or damping depends on the position; it is judged at all places."""
+
+    def local(self, lower: float, upper: float) -> Local:
+        """Return bounds of force, stiffness and damping that hold at every place from `lower` to `upper`."""
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return positions from edge to edge between which it changes little, as far as `effort` [N or N·m] pushes.
+
+        `lower` and `upper` are the ends of the travel and may be infinite. Equal parts may be left out.
+        """
+
+
+@runtime_checkable
+class Incremental(Protocol):
+    """An element whose force never jumps, and that gives at most ½·L·Δx² more than it took in a move without delay."""
+
+    @property
+    def increments(self) -> tuple[float, float] | None:
+        """Largest change of the force per move [N/m or N·m/rad], and per speed [N·s/m or N·m·s/rad]; None: it jumps."""
 
 
 @runtime_checkable

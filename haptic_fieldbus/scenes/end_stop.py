@@ -14,6 +14,7 @@ from typing import ClassVar
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Place, Stiffness
+from haptic_fieldbus.scenes.local import Local, depths, either, hinge
 from haptic_fieldbus.signals import Signal
 
 
@@ -62,6 +63,18 @@ class EndStop:
     def stored(self, position: float) -> float:
         """Return the energy of the stops when the handle is at `position` [J]."""
         return 0.5 * self.stiffness * max(self.lower - position, position - self.upper, 0.0) ** 2
+
+    def local(self, lower: float, upper: float) -> Local:
+        """Return the bounds between two positions: nothing between the stops, a spring-damper in either of them."""
+        return either(
+            hinge(depths(lower, upper, self.lower, -1.0), self.stiffness, self.damping, -1.0),
+            hinge(depths(lower, upper, self.upper, 1.0), self.stiffness, self.damping, 1.0),
+        )
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return both stops, and the places beyond them where they push with `effort`."""
+        way = effort / self.stiffness
+        return self.lower - way, self.lower, self.upper, self.upper + way
 
     def linearised(self) -> StateSpace:
         """Return the spring-damper of either stop."""

@@ -149,6 +149,11 @@ class Friction:
         """Largest energy that the spring of the stick point can hold [J]."""
         return 0.5 * max(self.breakaway, self.coulomb) ** 2 / self.stiffness
 
+    @property
+    def increments(self) -> tuple[float, float] | None:
+        """Return stiffness and damping; None where the force falls at the edge of the window."""
+        return None if self.breakaway > self.coulomb else (self.stiffness, self.damping)
+
     def linearised(self) -> StateSpace:
         """Return the spring that sticks, beyond the dead band, with damping."""
         return gain([[-self.stiffness, -self.damping]])

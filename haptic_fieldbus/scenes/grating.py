@@ -65,6 +65,11 @@ class Grating:
         """Largest energy that the spring of the stick point can hold [J]."""
         return 0.5 * (self.coulomb * (1.0 + self.depth)) ** 2 / self.stiffness
 
+    @property
+    def increments(self) -> tuple[float, float]:
+        """Return the larger slope of sticking and of the ridges while sliding, and no damping."""
+        return max(self.stiffness, 2.0 * math.pi * self.depth * self.coulomb / self.pitch), 0.0
+
     def linearised(self) -> StateSpace:
         """Return the spring that sticks."""
         return gain([[-self.stiffness, 0.0]])

@@ -24,10 +24,13 @@ from annotated_types import Ge, Le
 from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, InverseSpeed, Length, Place, PositiveEffort
+from haptic_fieldbus.scenes.local import Local, depths, outwards
 from haptic_fieldbus.signals import Signal
 
 DEEPEST = 1e60
 """Largest ratio to `depth` at which the push still grows, so that no power overflows."""
+STEPS = 8
+"""Places at which it is judged while the push grows tenfold."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,31 @@ class HuntCrossley:
         inside = position - self.position if self.side == "positive" else self.position - position
         share = min(max(inside / self.depth, 0.0), DEEPEST)
         return self.effort * self.depth * math.pow(share, self.exponent + 1.0) / (self.exponent + 1.0)
+
+    def local(self, lower: float, upper: float) -> Local:
+        """Return the bounds between two positions; force, stiffness and damping all grow with the depth."""
+        inwards = 1.0 if self.side == "positive" else -1.0
+        least, most = (min(each / self.depth, DEEPEST) for each in depths(lower, upper, self.position, inwards))
+        force = outwards((self._push(least), self._push(most)), inwards)
+        return Local(force, (self._slope(least, inside=False), self._slope(most, inside=True)), loss=self.loss)
+
+    def _push(self, share: float) -> float:
+        """Return the push at rest at a share of `depth` [N or N·m]."""
+        return self.effort * math.pow(max(share, 0.0), self.exponent)
+
+    def _slope(self, share: float, *, inside: bool) -> float:
+        """Return the stiffness at a share of `depth`; at the surface that on the inside or that on the outside."""
+        if share < 0.0 or (share == 0.0 and not inside):
+            return 0.0
+        return self.stiffness * math.pow(share, self.exponent - 1.0)
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return depths at which the push falls in steps from `effort`, or from that at `depth` if it is infinite."""
+        most = self.effort if math.isinf(effort) else effort
+        pushes = [most * 10.0 ** (-number / STEPS) for number in range(6 * STEPS + 1)]
+        inwards = 1.0 if self.side == "positive" else -1.0
+        ways = [self.depth * math.pow(push / self.effort, 1.0 / self.exponent) for push in pushes]
+        return self.position, *(self.position + inwards * way for way in ways)
 
     def linearised(self) -> StateSpace:
         """Return the spring-damper that is felt at `depth`."""

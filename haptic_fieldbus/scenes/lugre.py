@@ -99,6 +99,11 @@ class LuGre:
         """Largest energy that the bristle can hold [J]."""
         return 0.5 * max(self.breakaway, self.coulomb) ** 2 / self.stiffness
 
+    @property
+    def increments(self) -> tuple[float, float] | None:
+        """Return the slope just after a reversal; None with Stribeck's fall or dampers, which no such bound holds."""
+        return None if Signal.VELOCITY in self.needs else (2.0 * self.stiffness, 0.0)
+
     def linearised(self) -> StateSpace:
         """Return the bristle before it slides, with all dampers."""
         return gain([[-self.stiffness, -(self.damping + self.viscous)]])

@@ -18,6 +18,7 @@ from typing import ClassVar, Self
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Length, Place, PositiveEffort
+from haptic_fieldbus.scenes.local import Local
 from haptic_fieldbus.signals import Signal
 
 LARGEST_PULL = 16.0 * math.sqrt(5.0) / 125.0
@@ -59,6 +60,31 @@ class Magnet:
         u = (position - self.position) / self.radius
         return self.stiffness * self.radius**2 / 6.0 * (1.0 - max(1.0 - u * u, 0.0) ** 3)
 
+    def local(self, lower: float, upper: float) -> Local:
+        """Return the bounds between two positions, from the ends and the extremes between them."""
+        ends = sorted(max(min((each - self.position) / self.radius, 1.0), -1.0) for each in (lower, upper))
+        # The force has its extremes at ±1/√5, the slope at 0 and ±√(3/5); both are 0 from ±1 on.
+        pulls = [_pull(each) for each in (*ends, *(u for u in (-(0.2**0.5), 0.2**0.5) if ends[0] < u < ends[1]))]
+        slopes = [_slope(each) for each in (*ends, *(u for u in (-(0.6**0.5), 0.0, 0.6**0.5) if ends[0] < u < ends[1]))]
+        most = self.pull / LARGEST_PULL
+        return Local(
+            (-most * max(pulls), -most * min(pulls)), (self.stiffness * min(slopes), self.stiffness * max(slopes))
+        )
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return places all over the magnet."""
+        return tuple(self.position + self.radius * number / 16.0 for number in range(-16, 17))
+
     def linearised(self) -> StateSpace:
         """Return the spring in the middle."""
         return gain([[-self.stiffness, 0.0]])
+
+
+def _pull(u: float) -> float:
+    """Return the pull at the share u of the radius, in parts of K·R."""
+    return u * (1.0 - u * u) ** 2
+
+
+def _slope(u: float) -> float:
+    """Return the stiffness at the share u of the radius, in parts of K."""
+    return (1.0 - u * u) * (1.0 - 5.0 * u * u)

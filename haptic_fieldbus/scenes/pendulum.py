@@ -10,11 +10,12 @@ pushes away from the upright position as hard as it pulls to the lower one. Samp
 """
 
 from dataclasses import dataclass, replace
-from math import cos, nan, sin
+from math import cos, nan, pi, sin
 from typing import ClassVar, Self
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Place, PositiveEffort
+from haptic_fieldbus.scenes.local import Local, turning
 from haptic_fieldbus.signals import Signal, Workspace
 
 
@@ -51,6 +52,14 @@ class Pendulum:
     def stored(self, position: float) -> float:
         """Return the energy above the lowest place when the handle is at `position` [J]."""
         return self.torque * (1.0 - cos(position - self.position))
+
+    def local(self, lower: float, upper: float) -> Local:
+        """Return the bounds between two angles."""
+        return turning(lower - self.position, upper - self.position, self.torque, 1.0)
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return angles all around one turn."""
+        return tuple(self.position + pi * number / 12.0 for number in range(-12, 13))
 
     def linearised(self) -> StateSpace:
         """Return the spring about the angle at which it hangs."""

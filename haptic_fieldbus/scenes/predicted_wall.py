@@ -83,6 +83,12 @@ class PredictedWall:
         inside = position - self.position if self.side == "positive" else self.position - position
         return 0.5 * self.stiffness * max(inside, 0.0) ** 2
 
+    @property
+    def increments(self) -> tuple[float, float]:
+        """Return the stiffness, and what the prediction adds per speed; a deadbeat release takes off twice as much."""
+        share = 2.0 if self.release == "deadbeat" else 1.0
+        return self.stiffness, self.damping + share * self.stiffness * self._ahead
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper that is felt inside."""
         return gain([[-self.stiffness, -self.damping - self.stiffness * self._ahead]])

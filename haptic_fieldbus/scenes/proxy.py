@@ -59,6 +59,11 @@ class Proxy:
         """Return the energy of the spring when the handle is behind the surface at `position` [J]."""
         return 0.5 * self.stiffness * (position - self.position) ** 2
 
+    @property
+    def increments(self) -> tuple[float, float]:
+        """Return stiffness and damping behind the surface."""
+        return self.stiffness, self.damping
+
     def linearised(self) -> StateSpace:
         """Return the spring-damper that is felt behind the surface."""
         return gain([[-self.stiffness, -self.damping]])

@@ -11,6 +11,7 @@ it is passive while b > K·T/2 + B (Colgate & Schenkel, J. Robotic Systems 14(1)
 backward difference. With damping and a dead band the force steps by B·v at the edges of the band.
 """
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,6 +27,7 @@ from haptic_fieldbus.scenes.element import (
     Share,
     Stiffness,
 )
+from haptic_fieldbus.scenes.local import Local, depths, either, hinge
 from haptic_fieldbus.signals import Signal
 
 
@@ -79,6 +81,30 @@ class Spring:
         if saturation is not None and stiffness * beyond > saturation:
             return saturation * (beyond - 0.5 * saturation / stiffness)
         return 0.5 * stiffness * beyond * beyond
+
+    def local(self, lower: float, upper: float) -> Local:
+        """Return the bounds between two positions: nothing in the dead band, either side beyond it."""
+        return either(
+            self._hinge(lower, upper, -1.0, self.negative_coefficient, self.negative_saturation),
+            self._hinge(lower, upper, 1.0, self.positive_coefficient, self.positive_saturation),
+        )
+
+    def _hinge(self, lower: float, upper: float, side: float, share: float, saturation: float | None) -> Local:
+        depth = depths(lower, upper, self.position + side * self.dead_band, side)
+        most = math.inf if saturation is None else saturation
+        return hinge(depth, share * self.stiffness, share * self.damping, side, most)
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return the edges of the dead band, and where either side pushes with its largest force."""
+        found = [self.position - self.dead_band, self.position + self.dead_band]
+        for side, share, most in (
+            (-1.0, self.negative_coefficient, self.negative_saturation),
+            (1.0, self.positive_coefficient, self.positive_saturation),
+        ):
+            if share:
+                way = min(effort, math.inf if most is None else most) / (share * self.stiffness)
+                found.append(self.position + side * (self.dead_band + way))
+        return tuple(found)
 
     def linearised(self) -> StateSpace:
         """Return the spring-damper of the stiffer side, beyond the dead band and below saturation."""

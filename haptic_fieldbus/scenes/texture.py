@@ -26,6 +26,7 @@ from annotated_types import Ge, Gt, Le
 from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Length, PositiveEffort
+from haptic_fieldbus.scenes.local import Local, periods, turning
 from haptic_fieldbus.signals import Signal
 
 
@@ -81,6 +82,42 @@ class Texture:
             return 0.5 * self.amplitude * way * way / bend
         straight = self.amplitude * (way - 0.5 * bend)
         return straight if to_crest >= bend else straight - 0.5 * self.amplitude * (bend - to_crest) ** 2 / bend
+
+    def local(self, lower: float, upper: float) -> Local:
+        """Return the bounds between two positions."""
+        if self.profile == "sine":
+            return turning(lower, upper, self.amplitude, 2.0 * math.pi / self.pitch)
+        if not upper - lower < self.pitch:
+            return Local((-self.amplitude, self.amplitude), (-self.stiffness, self.stiffness))
+        first = lower - self.pitch * math.floor(lower / self.pitch)
+        pieces = [piece for piece in self._pieces() if piece[0] <= first + upper - lower and piece[1] >= first]
+        bends = [begin - first + lower for begin, _, _ in pieces if begin > first]
+        pushes = [self.force(each) for each in (lower, upper, *bends)]
+        slopes = [slope for _, _, slope in pieces]
+        return Local((min(pushes), max(pushes)), (min(slopes), max(slopes)))
+
+    def _pieces(self) -> list[tuple[float, float, float]]:
+        """Return (begin, end, stiffness) of the straight pieces of two triangular ridges, from a valley on."""
+        bend, half, stiffness = 0.25 * self.rounding * self.pitch, 0.5 * self.pitch, self.stiffness
+        found = []
+        for start in (0.0, self.pitch):
+            edges = (0.0, bend, half - bend, half + bend, self.pitch - bend, self.pitch)
+            slopes = (stiffness, 0.0, -stiffness, 0.0, stiffness)
+            found += [
+                (start + edges[place], start + edges[place + 1], slope)
+                for place, slope in enumerate(slopes)
+                if edges[place + 1] > edges[place]
+            ]
+        return found
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return places all over the ridges; of many only those next to the middle."""
+        if self.profile == "sine":
+            grid = [self.pitch * number / 12.0 for number in range(-6, 7)]
+        else:
+            bend = 0.25 * self.rounding * self.pitch
+            grid = [-0.5 * self.pitch, bend - 0.5 * self.pitch, -bend, 0.0, bend, 0.5 * self.pitch - bend]
+        return tuple(valley + each for valley in periods(self.pitch, 0.0, lower, upper) or (0.0,) for each in grid)
 
     def linearised(self) -> StateSpace:
         """Return the spring of a valley."""

@@ -15,6 +15,7 @@ from typing import ClassVar, Literal
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Damping, Place, Stiffness
+from haptic_fieldbus.scenes.local import Local, depths, hinge
 from haptic_fieldbus.signals import Signal
 
 
@@ -56,6 +57,18 @@ class Wall:
         inside = position - self.position if self.side == "positive" else self.position - position
         depth = abs(inside) if self.sides == "bilateral" else max(inside, 0.0)
         return 0.5 * self.stiffness * depth * depth
+
+    def local(self, lower: float, upper: float) -> Local:
+        """Return the bounds between two positions: nothing outside, a spring-damper inside."""
+        if self.sides == "bilateral":
+            ends = (-self.stiffness * (upper - self.position), -self.stiffness * (lower - self.position))
+            return Local(ends, (self.stiffness, self.stiffness), self.damping)
+        inwards = 1.0 if self.side == "positive" else -1.0
+        return hinge(depths(lower, upper, self.position, inwards), self.stiffness, self.damping, inwards)
+
+    def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
+        """Return the surface, and the place in the material where the wall pushes with `effort`."""
+        return self.position, self.position + (1.0 if self.side == "positive" else -1.0) * effort / self.stiffness
 
     def linearised(self) -> StateSpace:
         """Return the spring-damper that is felt inside."""

@@ -2,6 +2,7 @@
 
 import pytest
 
+import haptic_fieldbus
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.settings import parsed, settled
@@ -48,13 +49,25 @@ def test_a_part_of_the_limit_waits_for_a_verdict(text: str, divisor: float, made
     assert found.at(stability) == load_scene("damped_wall", {"wall.stiffness": limit / divisor, "wall.damping": 3.0})
 
 
+def test_a_part_of_the_limit_may_be_what_the_stiffness_follows_from() -> None:
+    wanted = settled("hunt_crossley", {"hunt_crossley.effort": "max/2"})
+    stability = haptic_fieldbus.stability("hunt_crossley")
+    limit = stability.stiffness_limit.stable
+    assert limit is not None
+    # K = n·effort/depth, with n = 1.5 and a depth of 15 mm.
+    assert wanted.at(stability).elements[0].effort == pytest.approx(limit / 2.0 * 0.015 / 1.5)  # type: ignore[attr-defined]
+    with pytest.raises(UsageError, match="only a stiffness has a limit, or what it follows from"):
+        settled("hunt_crossley", {"hunt_crossley.depth": "max/2"})
+    with pytest.raises(UsageError, match="only a stiffness has a limit, or what it follows from"):
+        settled("damped_wall", {"wall.damping": "max"})
+
+
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"wall.damping": "max"}, "wall.damping=max: only a stiffness has a limit"),
         (
             {"wall.damping": "max/2", "wall.position": "max"},
-            "wall.damping=max/2: only a stiffness has a limit; wall.position=max: only a stiffness has a limit",
+            "only one setting may be a part of the limit, not wall.damping, wall.position",
         ),
         (
             {"wall.stiffness": "max", "other.stiffness": "max/2"},

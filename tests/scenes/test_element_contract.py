@@ -31,7 +31,7 @@ from tests.lanes import examples
 from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand
 
 NOT_ELEMENTS = {
-    "__init__", "catalogue", "changed", "checked", "element", "files", "own", "parameters", "parts", "renamed",
+    "__init__", "catalogue", "changed", "checked", "element", "files", "local", "own", "parameters", "parts", "renamed",
     "registry", "scene",
 }  # fmt: skip
 SHEETS: dict[str, Sheet] = {}

@@ -1,0 +1,198 @@
+"""An environment at all places where the handle may rest, for the eigenvalues of one period.
+
+At each place the elements without memory are a spring K and a damper B; those with memory or virtual states act beside
+them in every combination of holding and sliding, touching and not. The loop's matrix depends linearly on K and B, so
+that three matrices give those of all places.
+
+K < 0 is a place where the force pushes the handle on: the crest between two detents, the edge of a magnet. There the
+ideal itself grows, m·s² + (b + B)·s + K = 0 by e^(s·T) a period, and no loop can hold the handle. Such a place is told
+with both growths. It counts as unstable only by its other eigenvalues.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.margins.increments import Increments
+from haptic_fieldbus.numerics import sampled
+from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
+from haptic_fieldbus.numerics.sampled import SampledPlant, estimated
+
+Array = NDArray[np.float64]
+MOST_ALIKE = 12
+"""Stiffnesses that are tried of many places with the same damping: the least, the most, and some between."""
+
+
+KEPT = 1e-300
+"""A damping that stands for none [N·s/m or N·m·s/rad]."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place at which a loop was judged: position [m or rad], stiffness, damping, growth a period.
+
+    `ideal` is the growth of the ideal environment in continuous time, which is above 1 only for a negative stiffness.
+    """
+
+    position: float | None
+    """None where the position does not matter."""
+    stiffness: float
+    damping: float
+    growth: float
+    ideal: float | None = None
+    among: int = 1
+    """Number of different places that were tried."""
+
+    def to_json(self) -> dict[str, float | None]:
+        return {
+            "position": self.position,
+            "stiffness": self.stiffness,
+            "virtual_damping": self.damping,
+            "growth": self.growth,
+            "ideal_growth": self.ideal,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Discrete elements with states that act at the same time, as x_k → F_k beside a spring K and a damper B."""
+
+    spaces: tuple[StateSpace, ...]
+    """Systems (position, velocity)_k → F_k."""
+    period: float
+    estimator: str | None
+    """None when neither they nor any damper need the velocity."""
+
+    @cached_property
+    def free(self) -> StateSpace:
+        """The elements with neither spring nor damper."""
+        return self._beside(0.0, 0.0)
+
+    @cached_property
+    def spring(self) -> StateSpace:
+        """With K = 1."""
+        return self._beside(1.0, 0.0)
+
+    @cached_property
+    def damper(self) -> StateSpace:
+        """With B = 1; as `free` when nothing needs the velocity."""
+        return self.free if self.estimator is None else self._beside(0.0, 1.0)
+
+    def _beside(self, stiffness: float, damping: float) -> StateSpace:
+        # A damper, however small, keeps the states of the estimator, which all three systems must have.
+        kept = 0.0 if self.estimator is None else damping or KEPT
+        return estimated(parallel([*self.spaces, gain([[-stiffness, -kept]])]), self.period, self.estimator)
+
+    def at(self, stiffness: float, damping: float) -> StateSpace:
+        """Return the environment with this spring and damper."""
+        if not (stiffness or damping):
+            return self.free
+        return StateSpace(
+            self.free.a,
+            self.free.b,
+            self.free.c + stiffness * (self.spring.c - self.free.c) + damping * (self.damper.c - self.free.c),
+            self.free.d + stiffness * (self.spring.d - self.free.d) + damping * (self.damper.d - self.free.d),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Places(StateSpace):
+    """An environment x_k → F_k with all of its places; as a system it is that of the stiffest contact."""
+
+    position: Array
+    """[m or rad], (n,); not-a-number where it does not matter."""
+    stiffness: Array
+    """(n,)"""
+    damping: Array
+    """(n,)"""
+    together: tuple[Together, ...]
+    """Combinations of the elements with states; each is tried at each place."""
+    find_increments: Callable[[], Increments]
+    """Function that computes `increments`, which the eigenvalues do without."""
+    swept: StateSpace | None
+    """Linear elements with virtual states x_k → F_k, whose damping needed is found by frequency; None without any."""
+
+    @cached_property
+    def increments(self) -> Increments:
+        """Bounds of the law, ∞ where there is none."""
+        return self.find_increments()
+
+    def worst(self, device: SampledPlant) -> tuple[Place, StateSpace]:
+        """Return the resting place with the largest growth, and its environment; growth below 1 is stable.
+
+        A place at which the ideal is unstable counts by its other eigenvalues.
+        """
+        found = [self._worst(device, each) for each in self.together]
+        return max(found, key=lambda pair: pair[0].growth)
+
+    def crest(self, device: SampledPlant, mass: float, damping: float, period: float) -> Place | None:
+        """Return the place at which the ideal grows the most, with both growths; None when it grows nowhere."""
+        if not (self.stiffness < 0.0).any():
+            return None
+        at = int(self.stiffness.argmin())
+        stiffness, virtual = float(self.stiffness[at]), float(self.damping[at])
+        whole = damping + virtual
+        fall = -2.0 * stiffness / (whole + math.sqrt(whole**2 - 4.0 * mass * stiffness))
+        loops = [sampled.loop_matrix(device, each.at(stiffness, virtual)) for each in self.together]
+        grown = max(map(sampled.spectral_radius, loops))
+        return Place(_known(self.position[at]), stiffness, virtual, grown, math.exp(fall * period))
+
+    def _worst(self, device: SampledPlant, together: Together) -> tuple[Place, StateSpace]:
+        growths = self._growths(device, together)
+        at, growth = int(self._tried[growths.argmax()]), float(growths.max())
+        stiffness, damping = float(self.stiffness[at]), float(self.damping[at])
+        return Place(_known(self.position[at]), stiffness, damping, growth, among=len(growths)), together.at(
+            stiffness, damping
+        )
+
+    @cached_property
+    def _tried(self) -> NDArray[np.intp]:
+        """Rows of the places that are tried, without those that are like others and those where nothing acts."""
+        if len(self.stiffness) == 1:
+            return np.zeros(1, dtype=np.intp)
+        pairs = np.round(np.column_stack([self.damping, self.stiffness]), 12)
+        _, rows = np.unique(pairs, axis=0, return_index=True)
+        if not any(each.free.c.any() or each.free.d.any() for each in self.together):
+            acting = rows[pairs[rows].any(axis=1)]
+            rows = acting if len(acting) else rows[:1]
+        found: list[int] = []
+        for damping in np.unique(pairs[rows, 0]):
+            alike = rows[pairs[rows, 0] == damping]  # np.unique sorts them by their stiffness
+            if len(alike) > MOST_ALIKE:
+                alike = alike[np.linspace(0, len(alike) - 1, MOST_ALIKE).round().astype(int)]
+            found += alike.tolist()
+        return np.array(found, dtype=np.intp)
+
+    def _growths(self, device: SampledPlant, together: Together) -> Array:
+        """Return the growth at each place that is tried."""
+        stiffness, damping = self.stiffness[self._tried], self.damping[self._tried]
+        if len(stiffness) == 1 and stiffness[0] >= 0.0:
+            return np.array([sampled.growth(device, together.at(float(stiffness[0]), float(damping[0])))])
+        free, springs, dampers = _matrices(device, together)
+        modes = np.linalg.eigvals(free + stiffness[:, None, None] * springs + damping[:, None, None] * dampers)
+        moduli = np.abs(modes)
+        # On a crest the ideal grows too: the largest real eigenvalue above 1 does not count.
+        falls = np.where((np.abs(modes.imag) < 1e-9) & (modes.real > 1.0 - 1e-9), modes.real, 0.0)
+        for row in np.flatnonzero((stiffness < 0.0) & falls.any(axis=1)):
+            moduli[row, falls[row].argmax()] = 0.0
+        growths = moduli.max(axis=1)
+        # Without a spring the handle may rest anywhere, which is an eigenvalue of 1 that does not count.
+        for row in np.flatnonzero(stiffness == 0.0):
+            growths[row] = sampled.growth(device, together.at(0.0, float(damping[row])))
+        return np.asarray(growths)
+
+
+@lru_cache(maxsize=64)
+def _matrices(device: SampledPlant, together: Together) -> tuple[Array, Array, Array]:
+    """Return the loop's matrix without spring and damper, and what a unit of either adds, (m, m) each."""
+    free = sampled.loop_matrix(device, together.free)
+    springs, dampers = (sampled.loop_matrix(device, each) - free for each in (together.spring, together.damper))
+    return free, springs, dampers
+
+
+def _known(position: float) -> float | None:
+    return None if math.isnan(position) else float(position)

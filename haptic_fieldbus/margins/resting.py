@@ -1,0 +1,241 @@
+"""The environment of one axis from its elements: a spring and damper at every place, and the states beside them."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from haptic_fieldbus.margins import contact
+from haptic_fieldbus.margins.increments import Increments, added, weight
+from haptic_fieldbus.margins.places import Places, Together
+from haptic_fieldbus.margins.terrain import EVERYWHERE, Array, Terrain, survey, terrain
+from haptic_fieldbus.numerics.linear import StateSpace, parallel
+from haptic_fieldbus.numerics.sampled import discretised, estimated
+from haptic_fieldbus.scenes.element import DynamicElement, Element, Incremental, Reserving, Varying
+from haptic_fieldbus.scenes.local import Interval
+from haptic_fieldbus.signals import Signal
+
+MOST_COMBINED = 4
+"""Elements with a memory of which all combinations are tried; of more, all together and none."""
+MOST_PIECES = 3
+"""Different stiffnesses of an element that is made of straight pieces: two sides and none."""
+
+
+Resting = tuple[Array, Array, Array]
+"""Position [m or rad], stiffness and damping of places, (n,) each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Axle:
+    """The elements of one axis as the loop runs them, the stiffest of which varies."""
+
+    elements: tuple[Element, ...]
+    period: float
+    method: str | None
+    estimator: str | None
+    effort: float = math.inf
+    """Largest force of the motor [N or N·m]."""
+    travel: Interval = EVERYWHERE
+    """Positions that the handle can have [m or rad]."""
+
+    @cached_property
+    def stiffest(self) -> Element | None:
+        return contact.stiffest_of(self.elements)
+
+    def environment(self, **changes: float) -> Places:
+        """Return the environment at all places after `changes` to the stiffest element.
+
+        Raises UsageError as `numerics.sampled.environment`.
+        """
+        ground, beside = self._ground(changes), self._beside(changes)
+        position, stiffness, damping = self._scaled(changes) or self._resting(ground)
+        springs, dampers = np.array(beside.options).T
+        stiffness, damping = np.add.outer(stiffness, springs).ravel(), np.add.outer(damping, dampers).ravel()
+        stiffest = int(stiffness.argmax())
+        nominal = beside.together[0].at(float(stiffness[stiffest]), float(damping[stiffest]))
+        return Places(
+            nominal.a,
+            nominal.b,
+            nominal.c,
+            nominal.d,
+            position=np.repeat(position, len(springs)),
+            stiffness=stiffness,
+            damping=damping,
+            together=beside.together,
+            find_increments=lambda: self._increments(ground, beside),
+            swept=beside.swept,
+        )
+
+    def _changed(self, changes: Mapping[str, float]) -> list[Element]:
+        return [contact.changed(each, changes) if each is self.stiffest else each for each in self.elements]
+
+    @cached_property
+    def _varies(self) -> bool:
+        """Whether the stiffest element has no memory, so that what acts beside the places stays as it is."""
+        return isinstance(self.stiffest, Varying)
+
+    def _ground(self, changes: Mapping[str, float]) -> Terrain | None:
+        """Return the terrain of the elements without memory; None without any."""
+        if not changes or not self._varies or self._nominal is None:
+            return self._nominal
+        if set(changes) == {"stiffness"} and self._scales is not None:
+            row, stiffness = self._scales
+            return self._nominal.scaled(row, changes["stiffness"] / stiffness)
+        return self._terrain(self._changed(changes))
+
+    def _terrain(self, elements: Sequence[Element]) -> Terrain | None:
+        varying = [each for each in elements if isinstance(each, Varying)]
+        return terrain(varying, self.travel, self.effort) if varying else None
+
+    @cached_property
+    def _nominal(self) -> Terrain | None:
+        return self._terrain(self.elements)
+
+    @cached_property
+    def _scales(self) -> tuple[int, float] | None:
+        """Return (row, stiffness) of a stiffest element whose force scales at the same places; None where it does not.
+
+        The places of a contact that stiffens with depth move with its stiffness.
+        """
+        element: Any = self.stiffest
+        nominal = self._nominal
+        if not isinstance(element, Varying) or nominal is None:
+            return None
+        doubled = contact.changed(element, {"stiffness": 2.0 * contact.stiffness_of(element)})
+        varying = [each for each in self.elements if isinstance(each, Varying)]
+        row = next(place for place, each in enumerate(varying) if each is element)
+        other = terrain([doubled if each is element else each for each in varying], self.travel, self.effort)
+        slopes = np.unique(nominal.places.most_stiffness[row])
+        if len(slopes) > MOST_PIECES and not np.array_equal(nominal.position, other.position):
+            return None
+        again = survey([doubled], [(place, place) for place in nominal.position.tolist()])
+        if not np.allclose(again.largest_forces[0], 2.0 * nominal.places.largest_forces[row]):
+            return None
+        return row, contact.stiffness_of(element)
+
+    def _beside(self, changes: Mapping[str, float]) -> "Beside":
+        """Return what acts beside the places."""
+        if not changes or (self._varies and set(changes) == {"stiffness"}):
+            return self._nominal_beside
+        return self._beside_of(self._changed(changes))
+
+    @cached_property
+    def _nominal_beside(self) -> "Beside":
+        return self._beside_of(self.elements)
+
+    def _beside_of(self, elements: Sequence[Element]) -> "Beside":
+        others = [each for each in elements if not isinstance(each, Varying)]
+        rest = [self._discrete(each) for each in others]
+        options = product(*(_options(each, space) for each, space in zip(others, rest, strict=True) if not space.order))
+        sums = list(dict.fromkeys((sum(k for k, _ in each), sum(b for _, b in each)) for each in options))
+        with_states = any(space.order for space in rest)
+        uses_velocity = any(Signal.VELOCITY in each.needs for each in elements)
+        together = self._together(elements) if with_states else self._without_states[uses_velocity]
+        bounds = [_bounds(each) for each in others if not self._is_linear(each)]
+        return Beside(tuple(sums), together, tuple(bounds), self._swept(others))
+
+    @cached_property
+    def _without_states(self) -> tuple[tuple[Together, ...], tuple[Together, ...]]:
+        """What acts beside the places when no element has states, without a velocity and with it."""
+        return (Together((), self.period, None),), (Together((), self.period, self.estimator),)
+
+    def _scaled(self, changes: Mapping[str, float]) -> "Resting | None":
+        """Return the places of a single element that scales with its stiffness; None for any other."""
+        if len(self.elements) > 1 or set(changes) != {"stiffness"} or self._scales is None:
+            return None
+        position, stiffness, damping = self._unscaled
+        return position, changes["stiffness"] / self._scales[1] * stiffness, damping
+
+    @cached_property
+    def _unscaled(self) -> "Resting":
+        """Places of a single element, each stiffness once; those without any stiffness are left out."""
+        position, stiffness, damping = self._resting(self._nominal)
+        _, rows = np.unique(np.round(stiffness, 12), return_index=True)
+        rows = rows[stiffness[rows] != 0.0]
+        return position[rows], stiffness[rows], damping[rows]
+
+    def _resting(self, ground: Terrain | None) -> "Resting":
+        """Return position, stiffness and damping of the places where the motor can hold the handle, (n,) each."""
+        if ground is None or not len(ground.position):
+            return np.array([math.nan]), np.zeros(1), np.zeros(1)
+        within = ground.places.smallest_force <= self.effort * (1.0 + 1e-9)
+        if not within.any():
+            return np.array([math.nan]), np.zeros(1), np.zeros(1)
+        either = [
+            (each.sum(axis=0)[within], ground.places.damping_at(each, self.effort)[within])
+            for each in (ground.places.least_stiffness, ground.places.most_stiffness)
+        ]
+        stiffness, damping = (np.concatenate(each) for each in zip(*either, strict=True))
+        return np.tile(ground.position[within], 2), stiffness, damping
+
+    def _discrete(self, element: Element) -> StateSpace:
+        method = self.method if isinstance(element, DynamicElement) else None
+        return discretised(contact.linearised(element, {}), self.period, method)
+
+    def _together(self, elements: Sequence[Element]) -> tuple[Together, ...]:
+        """Return the combinations of the elements with states, those with virtual states always among them."""
+        pairs = [(each, self._discrete(each)) for each in elements if not isinstance(each, Varying)]
+        always = [space for each, space in pairs if isinstance(each, DynamicElement)]
+        leaving = [space for each, space in pairs if space.order and not isinstance(each, DynamicElement)]
+        chosen = list(product((True, False), repeat=len(leaving)))
+        if len(leaving) > MOST_COMBINED:
+            chosen = [chosen[0], chosen[-1]]
+        estimator = self.estimator if any(Signal.VELOCITY in each.needs for each in elements) else None
+        return tuple(
+            Together(
+                (*always, *(space for space, is_on in zip(leaving, each, strict=True) if is_on)), self.period, estimator
+            )
+            for each in chosen
+        )
+
+    def _increments(self, ground: Terrain | None, beside: "Beside") -> Increments:
+        slope, damping = added(beside.bounds)
+        if ground is not None:
+            # What else pushes may hold the handle where these alone would be cut.
+            effort = math.inf if any(each is None or any(each) for each in beside.bounds) else self.effort
+            slope += float(ground.between.slope(effort).max(initial=0.0))
+            damping += float(ground.between.lossy_damping(effort).max(initial=0.0))
+        return Increments(slope, damping * weight(self.estimator, self.period) if damping else 0.0)
+
+    def _is_linear(self, element: Element) -> bool:
+        """Return whether the element is linear for any motion: with virtual states, and never cut by a limit."""
+        return isinstance(element, DynamicElement) and math.isinf(self.effort)
+
+    def _swept(self, others: Sequence[Element]) -> StateSpace | None:
+        spaces = [self._discrete(each) for each in others if self._is_linear(each)]
+        return estimated(parallel(spaces), self.period, self.estimator) if spaces else None
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """What acts beside the places: elements with a memory or virtual states."""
+
+    options: tuple[tuple[float, float], ...]
+    """(K, B) of elements whose memory holds or slides, which touch or do not; all combinations."""
+    together: tuple[Together, ...]
+    bounds: tuple[tuple[float, float] | None, ...]
+    """Increments of each element; None for one that states none."""
+    swept: StateSpace | None
+    """Linear elements x_k → F_k; None without any."""
+
+
+def _options(element: Element, space: StateSpace) -> list[tuple[float, float]]:
+    """Return (stiffness, damping) of an element as it holds, as it slides, and as it does not act."""
+    stiffness, damping = (-float(value) for value in space.d[0])
+    if isinstance(element, Reserving):  # its spring slides, with the same damping
+        return list(dict.fromkeys([(stiffness, damping), (0.0, damping)]))
+    # A damper acts everywhere, but for slow motions in a dead band; a contact may be left.
+    leaves = stiffness or getattr(element, "dead_band", 0.0)
+    return [(stiffness, damping), (0.0, 0.0)] if leaves else [(stiffness, damping)]
+
+
+def _bounds(element: Element) -> tuple[float, float] | None:
+    """Return the bounds of the increments of an element without places; None when it states none."""
+    if isinstance(element, Incremental):
+        return element.increments
+    space = element.linearised()
+    return None if space.order or space.d.any() else (0.0, 0.0)

@@ -1,0 +1,66 @@
+"""Chatter over the edge of a count: the bound on its speed and the largest found, against another simulation."""
+
+import math
+
+import numpy as np
+import pytest
+
+from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.margins.chatter import STARTS, chatter_speed, largest_chatter
+from haptic_fieldbus.margins.cycles import edge_chatter
+from tests.loops import LAG, PERIOD, wall
+from tests.margins.events import Array, Bench, Law
+
+STEP = 1e-5
+
+
+def weighted_speed(plant: Plant, delay: float, stiffness: float, speeds: Array) -> Array:
+    """∫v²/∫|v| over the last 1000 of 6000 periods of a handle pressed to the edge and knocked with these speeds.
+
+    Coulomb friction ends slips within a period, so v is read 16 times in each.
+    """
+    one = np.ones(len(speeds))
+    law = Law(len(speeds), springs=[(0.0 * one, stiffness * one, 0.0 * one, 0.0 * one, np.inf * one)])
+    bench = Bench(
+        plant.mass * one, plant.damping * one, PERIOD, delay * one, 0.0 * one, np.inf * one, plant.coulomb * one,
+        plant.resolution * one, 0.0 * one, 0.0 * one, 1.5 * stiffness * plant.resolution * one,
+    )  # fmt: skip
+    squares, ways = bench.speeds(law, 1.5 * plant.resolution * one, speeds, 6000, 1000)
+    return np.asarray(squares / np.maximum(ways, 1e-30))
+
+
+def test_the_bound_is_that_of_the_theory() -> None:
+    plant = Plant(2.0, 10.0, 0.001, STEP)
+    assert chatter_speed(plant, PERIOD, 0.0, 600.0) == pytest.approx((600.0 * STEP / 2 - 0.001) / (10.0 - 0.3))
+    assert chatter_speed(plant, PERIOD, 2e-3, 600.0) == pytest.approx((600.0 * STEP / 2 - 0.001) / (10.0 - 1.5))
+
+
+def test_friction_that_bridges_half_a_count_leaves_none_and_light_damping_no_bound() -> None:
+    assert chatter_speed(Plant(2.0, 10.0, 600.0 * STEP / 2, STEP), PERIOD, 0.0, 600.0) == 0.0
+    assert chatter_speed(Plant(2.0, 0.2, 0.001, STEP), PERIOD, 0.0, 600.0) == math.inf
+    assert chatter_speed(Plant(2.0, 0.45, 0.001, STEP, LAG), PERIOD, 0.0, 600.0) < math.inf
+    assert chatter_speed(Plant(2.0, 0.35, 0.001, STEP, LAG), PERIOD, 0.0, 600.0) == math.inf
+
+
+@pytest.mark.thorough("simulates 10 drawn loops from 9 starts", quick=1)
+@pytest.mark.parametrize("seed", range(10))
+def test_no_motion_that_lasts_is_faster_than_the_bound(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    damping, delay = 10.0 ** random.uniform(0.0, 1.2), float(random.choice([0.0, 0.4e-3, 2e-3]))
+    stiffness = damping / (0.5 * PERIOD + np.ceil(delay / PERIOD) * PERIOD) * random.uniform(0.2, 0.9)
+    coulomb = 0.5 * stiffness * STEP * float(random.choice([0.0, 0.2, 0.5, 1.05]))
+    plant = Plant(10.0 ** random.uniform(-1.0, 0.3), damping, coulomb, STEP)
+    bound = chatter_speed(plant, PERIOD, delay, float(stiffness))
+    found = weighted_speed(plant, delay, float(stiffness), np.array(STARTS) * STEP / PERIOD)
+    assert (found <= 1.02 * bound + 1e-9).all()
+
+
+@pytest.mark.thorough("searches two loops from 9 starts", quick=0)
+@pytest.mark.parametrize(("mass", "damping", "delay"), [(0.63, 1.58, 0.0), (0.1, 5.0, 0.3e-3)])
+def test_the_largest_found_is_no_smaller_than_the_estimate_and_may_be_larger(
+    mass: float, damping: float, delay: float
+) -> None:
+    plant = Plant(mass, damping, 0.0, STEP)
+    found, estimate = largest_chatter(plant, PERIOD, delay, 600.0), edge_chatter(plant, PERIOD, delay, wall(600.0))
+    assert estimate is not None
+    assert 0.8 * estimate.amplitude < found < 4.0 * estimate.amplitude
