@@ -151,4 +151,6 @@ def cautious_text(least: Cautious, workspace: Workspace) -> str:
 
 
 def _up_to(limit: float) -> str:
+    if limit <= 0.0:
+        return "at no stiffness"
     return f"to {rounded_limit(limit)}" if math.isfinite(limit) else "with no limit"

@@ -117,7 +117,8 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
         yield "none: no element has a stiffness to vary"
         return
     yield f"stable {_up_to(limit.stable, unit)}"
-    yield f"passive {_up_to(limit.passive, unit)}, whatever hand holds it"
+    hand = "whatever hand holds it" if limit.passive else "some hand can make it grow"
+    yield f"passive {_up_to(limit.passive, unit)}, {hand}"
     if limit.quantisation is not None:
         between = "steps" if judgement.stability.plant.tachometer else "counts"
         yield f"at rest between two {between} {_up_to(limit.quantisation, unit)} (2·fc/D)"
@@ -140,6 +141,8 @@ def _meaning(stability: Stability, workspace: Workspace) -> str:
 def _up_to(value: float | None, unit: str) -> str:
     if value is None:
         return "to an unknown stiffness"
+    if value <= 0.0:
+        return "at no stiffness"
     return "with no limit" if math.isinf(value) else f"to {rounded_limit(value)} {unit}"
 
 

@@ -22,13 +22,13 @@ def test_the_limits_of_a_scene_say_so() -> None:
         if key in ("limits", "")
     ]
     assert lines[0] == "stable with no limit"
-    assert lines[1].startswith("passive to 0")
-    assert "friction: stable with no limit, passive to 0" in lines[4]
+    assert lines[1].startswith("passive at no stiffness")
+    assert "friction: stable with no limit, passive at no stiffness" in lines[4]
 
 
 def test_a_plan_says_so() -> None:
     plan = haptic_fieldbus.plan("sprung_mass", method=METHOD)
-    assert "200 N/m asked, stable with no limit, passive to 0" in explain(plan)
+    assert "200 N/m asked, stable with no limit, passive at no stiffness" in explain(plan)
     assert stability_text(plan).startswith("stable with no limit on this bench; you ask 200: ")
 
 
