@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf, limit_of
 from haptic_fieldbus.margins.passivity import LOSSLESS, passive_limit_of, searched
-from haptic_fieldbus.margins.places import Place, Places
+from haptic_fieldbus.margins.places import Places, RestingPlace
 from haptic_fieldbus.margins.plant import Plant, check_times, quantisation_limit, sample
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
@@ -72,7 +72,7 @@ class ClosedLoop(ABC):
     def growth(self, environment: StateSpace) -> float:
         """Return the largest modulus of the eigenvalues, without free shifts of the handles; below 1 is stable."""
 
-    def judged_at(self, environment: StateSpace) -> tuple[Place | None, Place | None]:
+    def judged_at(self, environment: StateSpace) -> tuple[RestingPlace | None, RestingPlace | None]:
         """Return the resting place with the largest growth, and the place where the ideal itself grows the most.
 
         None for a place that is not known, or does not exist.
@@ -138,7 +138,7 @@ class OneAxis(ClosedLoop):
             return environment.worst(self.devices[0])[0].growth
         return sampled.growth(self.devices[0], environment)
 
-    def judged_at(self, environment: StateSpace) -> tuple[Place | None, Place | None]:
+    def judged_at(self, environment: StateSpace) -> tuple[RestingPlace | None, RestingPlace | None]:
         (axis,) = self.axes
         if not isinstance(environment, Places):
             return None, None

@@ -34,7 +34,7 @@ def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
     return varied.linearised()
 
 
-def changed(element: Kind, changes: Mapping[str, float]) -> Kind:
+def with_parameters(element: Kind, changes: Mapping[str, float]) -> Kind:
     """Return the element after those `changes` for which it has a parameter."""
     known = {name: value for name, value in changes.items() if hasattr(element, name)}
     varied: Any = element

@@ -90,7 +90,7 @@ MOST_WEIGHTS = 400
 """Periods after which the weights of an estimator are taken as over."""
 
 
-def added(found: Iterable[tuple[float, float] | None]) -> tuple[float, float]:
+def sum_of_bounds(found: Iterable[tuple[float, float] | None]) -> tuple[float, float]:
     """Return the sums of slopes and dampings; ∞ when one of them has no bound."""
     slopes = [(math.inf, math.inf) if each is None else each for each in found]
     return sum(each[0] for each in slopes), sum(each[1] for each in slopes)

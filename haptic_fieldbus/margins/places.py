@@ -32,7 +32,7 @@ KEPT = 1e-300
 
 
 @dataclass(frozen=True)
-class Place:
+class RestingPlace:
     """A place at which a loop was judged: position [m or rad], stiffness, damping, growth a period.
 
     `ideal` is the growth of the ideal environment in continuous time, which is above 1 only for a negative stiffness.
@@ -121,7 +121,7 @@ class Places(StateSpace):
         """Bounds of the law, ∞ where there is none."""
         return self.find_increments()
 
-    def worst(self, device: SampledPlant) -> tuple[Place, StateSpace]:
+    def worst(self, device: SampledPlant) -> tuple[RestingPlace, StateSpace]:
         """Return the resting place with the largest growth, and its environment; growth below 1 is stable.
 
         A place at which the ideal is unstable counts by its other eigenvalues.
@@ -129,7 +129,7 @@ class Places(StateSpace):
         found = [self._worst(device, each) for each in self.together]
         return max(found, key=lambda pair: pair[0].growth)
 
-    def crest(self, device: SampledPlant, mass: float, damping: float, period: float) -> Place | None:
+    def crest(self, device: SampledPlant, mass: float, damping: float, period: float) -> RestingPlace | None:
         """Return the place at which the ideal grows the most, with both growths; None when it grows nowhere."""
         if not (self.stiffness < 0.0).any():
             return None
@@ -139,13 +139,13 @@ class Places(StateSpace):
         fall = -2.0 * stiffness / (whole + math.sqrt(whole**2 - 4.0 * mass * stiffness))
         loops = [sampled.loop_matrix(device, each.at(stiffness, virtual)) for each in self.together]
         grown = max(map(sampled.spectral_radius, loops))
-        return Place(_known(self.position[at]), stiffness, virtual, grown, math.exp(fall * period))
+        return RestingPlace(_known(self.position[at]), stiffness, virtual, grown, math.exp(fall * period))
 
-    def _worst(self, device: SampledPlant, together: Together) -> tuple[Place, StateSpace]:
+    def _worst(self, device: SampledPlant, together: Together) -> tuple[RestingPlace, StateSpace]:
         growths = self._growths(device, together)
         at, growth = int(self._tried[growths.argmax()]), float(growths.max())
         stiffness, damping = float(self.stiffness[at]), float(self.damping[at])
-        return Place(_known(self.position[at]), stiffness, damping, growth, among=len(growths)), together.at(
+        return RestingPlace(_known(self.position[at]), stiffness, damping, growth, among=len(growths)), together.at(
             stiffness, damping
         )
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from haptic_fieldbus.margins import contact
-from haptic_fieldbus.margins.increments import Increments, added, weight
+from haptic_fieldbus.margins.increments import Increments, sum_of_bounds, weight
 from haptic_fieldbus.margins.places import Places, Together
 from haptic_fieldbus.margins.terrain import EVERYWHERE, Array, Terrain, survey, terrain
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
@@ -71,7 +71,7 @@ class Axle:
         )
 
     def _changed(self, changes: Mapping[str, float]) -> list[Element]:
-        return [contact.changed(each, changes) if each is self.stiffest else each for each in self.elements]
+        return [contact.with_parameters(each, changes) if each is self.stiffest else each for each in self.elements]
 
     @cached_property
     def _varies(self) -> bool:
@@ -105,7 +105,7 @@ class Axle:
         nominal = self._nominal
         if not isinstance(element, Varying) or nominal is None:
             return None
-        doubled = contact.changed(element, {"stiffness": 2.0 * contact.stiffness_of(element)})
+        doubled = contact.with_parameters(element, {"stiffness": 2.0 * contact.stiffness_of(element)})
         varying = [each for each in self.elements if isinstance(each, Varying)]
         row = next(place for place, each in enumerate(varying) if each is element)
         other = terrain([doubled if each is element else each for each in varying], self.travel, self.effort)
@@ -193,7 +193,7 @@ class Axle:
         )
 
     def _increments(self, ground: Terrain | None, beside: "Beside") -> Increments:
-        slope, damping = added(beside.bounds)
+        slope, damping = sum_of_bounds(beside.bounds)
         if ground is not None:
             # What else pushes may hold the handle where these alone would be cut.
             effort = math.inf if any(each is None or any(each) for each in beside.bounds) else self.effort

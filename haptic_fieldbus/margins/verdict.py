@@ -34,7 +34,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins.cautious import Cautious
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
-from haptic_fieldbus.margins.places import Place, Places
+from haptic_fieldbus.margins.places import Places, RestingPlace
 from haptic_fieldbus.margins.plant import Plant, quantisation_limit
 from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics import sampled
@@ -83,9 +83,9 @@ class Stability:
     margin: float | None
     """Limit of stability divided by the stiffness."""
     verdict: Verdict
-    place: Place | None = None
+    place: RestingPlace | None = None
     """Resting place at which a motion grows the most, or dies the slowest; None for coupled axes."""
-    crest: Place | None = None
+    crest: RestingPlace | None = None
     """Place at which the ideal itself pushes the handle on the most; None when there is none."""
     effort: float = math.inf
     """Largest force of the motor [N or N·m], up to which places were judged."""

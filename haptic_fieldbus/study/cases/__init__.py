@@ -15,6 +15,7 @@ from haptic_fieldbus.study.cases import (
     extremes,
     friction,
     integrators,
+    modbus,
     sensing,
     sharing,
     sharing_contact,
@@ -87,4 +88,5 @@ CASES: dict[str, Case] = {
     "clock-backwards": drive.clock_backwards,
     "long-clock": drive.long_clock,
     "rotary-equals-linear": drive.rotary_equals_linear,
+    "modbus-one-period": modbus.modbus_one_period,
 }
