@@ -27,6 +27,8 @@ MOST_ALIKE = 12
 """Stiffnesses that are tried of many places with the same damping: the least, the most, and some between."""
 
 
+LARGEST_EXPONENT = 700.0
+"""Of a growth that a double still holds."""
 KEPT = 1e-300
 """A damping that stands for none [N·s/m or N·m·s/rad]."""
 
@@ -139,7 +141,8 @@ class Places(StateSpace):
         fall = -2.0 * stiffness / (whole + math.sqrt(whole**2 - 4.0 * mass * stiffness))
         loops = [sampled.loop_matrix(device, each.at(stiffness, virtual)) for each in self.together]
         grown = max(map(sampled.spectral_radius, loops))
-        return RestingPlace(_known(self.position[at]), stiffness, virtual, grown, math.exp(fall * period))
+        ideal = math.exp(fall * period) if fall * period < LARGEST_EXPONENT else math.inf
+        return RestingPlace(_known(self.position[at]), stiffness, virtual, grown, ideal)
 
     def _worst(self, device: SampledPlant, together: Together) -> tuple[RestingPlace, StateSpace]:
         growths = self._growths(device, together)

@@ -53,6 +53,8 @@ class Axle:
         """
         ground, beside = self._ground(changes), self._beside(changes)
         position, stiffness, damping = self._scaled(changes) or self._resting(ground)
+        if not len(stiffness):  # no place within the travel can be held: what is left is a handle that nothing touches
+            position, stiffness, damping = np.array([math.nan]), np.zeros(1), np.zeros(1)
         springs, dampers = np.array(beside.options).T
         stiffness, damping = np.add.outer(stiffness, springs).ravel(), np.add.outer(damping, dampers).ravel()
         stiffest = int(stiffness.argmax())
@@ -199,7 +201,9 @@ class Axle:
             effort = math.inf if any(each is None or any(each) for each in beside.bounds) else self.effort
             slope += float(ground.between.slope(effort).max(initial=0.0))
             damping += float(ground.between.lossy_damping(effort).max(initial=0.0))
-        return Increments(slope, damping * weight(self.estimator, self.period) if damping else 0.0)
+        if 0.0 < damping < math.inf:
+            damping *= weight(self.estimator, self.period)
+        return Increments(slope, damping)
 
     def _is_linear(self, element: Element) -> bool:
         """Return whether the element is linear for any motion: with virtual states, and never cut by a limit."""

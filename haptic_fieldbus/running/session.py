@@ -128,7 +128,8 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
 def _record_of(plan: Plan, cycles: int) -> Record:
     """Return the record of a run, with room for the periods until the drives are enabled."""
     kept = ROWS_NEEDED if plan.simulated else LONGEST_RECORD
-    return Record(columns(plan), min(cycles, kept) + math.ceil(enabling_time(plan) * plan.rate) + 1)
+    enabling = min(LONGEST_RECORD, math.ceil(enabling_time(plan) * plan.rate))
+    return Record(columns(plan), min(cycles, kept) + enabling + 1)
 
 
 def _rows_of(request: Request, record: Record) -> Rows:

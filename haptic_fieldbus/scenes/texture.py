@@ -91,6 +91,8 @@ class Texture:
             return Local((-self.amplitude, self.amplitude), (-self.stiffness, self.stiffness))
         first = lower - self.pitch * math.floor(lower / self.pitch)
         pieces = [piece for piece in self._pieces() if piece[0] <= first + upper - lower and piece[1] >= first]
+        if not pieces:  # by rounding, where a position is far larger than the pitch
+            return Local((-self.amplitude, self.amplitude), (-self.stiffness, self.stiffness))
         bends = [begin - first + lower for begin, _, _ in pieces if begin > first]
         pushes = [self.force(each) for each in (lower, upper, *bends)]
         slopes = [slope for _, _, slope in pieces]

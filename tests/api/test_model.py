@@ -119,7 +119,7 @@ def test_a_wall_is_its_stiffness_and_damping() -> None:
 
 
 @pytest.mark.thorough("plans every scene", quick=("sprung_mass", "damped_wall"))
-@pytest.mark.parametrize("scene", scene_names())
+@pytest.mark.parametrize("scene", [name for name in scene_names() if name != "friction"])  # judged holding and sliding
 def test_the_poles_are_those_of_the_environment_that_stability_is_judged_with(scene: str) -> None:
     """Of an axis without couplings; those of others are felt here with the other axis held."""
     found, judged = model(scene), plan(scene)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.golden.plans import (
     FOLDER,
@@ -15,6 +16,9 @@ from tests.golden.plans import (
     planned,
     text_of,
 )
+
+LEAST = 20
+"""Scenes that every drive can have."""
 
 
 @pytest.mark.parametrize("path", cases(), ids=lambda path: str(path.relative_to(FOLDER)))
@@ -32,10 +36,15 @@ def test_no_golden_text_is_left_over() -> None:
 @pytest.mark.parametrize("profile", further_profiles())
 def test_every_scene_renders_the_same_elements_on_each_drive(profile: str) -> None:
     """A drive decides how position and velocity are known and how force is sent, not what a hand is to feel."""
-    for scene in scene_names():
+    same = [scene for scene in scene_names() if elements(scene, profile) is not None]
+    assert len(same) >= LEAST, "scenes that this drive cannot have: of turning knobs, of axes that are coupled"
+    for scene in same:
         assert elements(scene, profile) == elements(scene, REFERENCE_PROFILE), scene
 
 
-def elements(scene: str, profile: str) -> list[str]:
-    """The steps of a plan that render an element."""
-    return [step for step in planned(scene, profile).steps if "element: " in step]
+def elements(scene: str, profile: str) -> list[str] | None:
+    """The steps of a plan that render an element; None where there is no plan."""
+    try:
+        return [step for step in planned(scene, profile).steps if "element: " in step]
+    except PlanError:
+        return None

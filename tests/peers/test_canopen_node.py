@@ -21,6 +21,10 @@ STATES = {"STOPPED": 4, "OPERATIONAL": 5, "PRE-OPERATIONAL": 127}
 """CiA 301, 7.2.8.3.2: the octet of a heartbeat."""
 
 
+GENERIC = 6
+"""Node-ID of the generic drive."""
+
+
 @pytest.fixture
 def node(reach: Reach, connect: Connect) -> canopen.RemoteNode:
     return connect(canopen.RemoteNode(reach.node, dictionary()))
@@ -219,9 +223,11 @@ class TestNmt:
 
     @pytest.mark.thorough("waits for a life time of a second")
     def test_life_guarding_begins_with_the_first_request_and_ends_after_the_life_time(
-        self, node: canopen.RemoteNode
+        self, node: canopen.RemoteNode, reach: Reach
     ) -> None:
         """100Ch × 100Dh = 1 s, in CiA 301 7.5.2.11 and 7.5.2.12; the error is 8130h."""
+        if reach.node != GENERIC:
+            pytest.skip("an EPOS4 has neither 100Ch nor 100Dh; the generic drive beside it has")
         said: list[tuple[float, EmcyError]] = []
         node.emcy.add_callback(lambda error: said.append((time.monotonic(), error)))
         node.sdo[0x100C].raw, node.sdo[0x100D].raw = 200, 5

@@ -174,7 +174,7 @@ LONG = """
 import json, sys
 from pathlib import Path
 from haptic_fieldbus import run
-result = run("wall", duration=float(sys.argv[1]), rate=1000.0)
+result = run("wall", hand="release", duration=float(sys.argv[1]), rate=1000.0)
 # The peak since the program was loaded; that of `getrusage` includes the parent, as it was when it forked.
 status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
 memory = int(status["VmHWM"].split()[0])

@@ -512,8 +512,9 @@ SOFT = {"wall.stiffness": "400"}
 
 
 def rig_with(name: str, **changes: object) -> Rig:
-    """The shipped bench with a vendor's drive."""
+    """The shipped bench with a vendor's drive, and an endless way for one that gives little force."""
     axis = default_axis(Workspace.LINEAR, bus="bus", node=NODE, profile=str(FOLDER / name))
+    axis = replace(axis, limits=replace(axis.limits, position=None))
     return Rig({"bus": CanSection("haptic_sim", "sim")}, {"handle": replace(axis, **changes)})  # type: ignore[arg-type]
 
 
