@@ -40,7 +40,7 @@ def test_the_wall_made_in_python_bears_the_hand(capsys: pytest.CaptureFixture[st
 def test_the_spring_of_ones_own_bears_the_hand(capsys: pytest.CaptureFixture[str]) -> None:
     text, (rest,) = shown_by("own_element", capsys)
     assert abs(100.0 * rest + 2.0e5 * rest**3 - PUSH) <= FRICTION
-    assert text.startswith("passive; stable up to 952 N/m")
+    assert text.startswith("stable; stable up to 952 N/m")
 
 
 def test_the_spring_is_judged_with_its_hardening() -> None:

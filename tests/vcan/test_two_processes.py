@@ -155,7 +155,7 @@ def test_an_interface_that_goes_down_is_named_and_the_drive_is_free(vcan: Link, 
         if not soon:
             run.master.wait(60.0)
         vcan.up()
-        told, _ = run.ended()
+        told, _ = run.ended("bus failed")
         assert vcan.name in told
         assert "the interface is down or gone" in told
         assert soon or "switch the power off" in told
