@@ -87,7 +87,10 @@ class Pdo:
         self.exists = not self._cob_id.value & INVALID
         self.can_id = self._cob_id.value & ID
         self.synchronous = self._sync_honoured and self._type.value <= _LAST_SYNCHRONOUS
-        self.mapped = [self._resolve(entry.value) for entry in self._entries[: self._count.value]]
+        try:
+            self.mapped = [self._resolve(entry.value) for entry in self._entries[: self._count.value]]
+        except Refused:  # a described power-on value that maps what cannot be mapped; what is written was judged before
+            self.mapped = []
         self.packing = struct.Struct("<" + "".join(entry.type.code for entry in self.mapped if entry.type is not None))
         self.valid = self.exists and bool(self.mapped)
 
