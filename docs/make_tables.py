@@ -1,4 +1,4 @@
-"""Write the tables of methods.md and estimators.md in docs/reference from the code: `python docs/make_tables.py`.
+"""Write the tables of methods, estimators and drives from the code and the profiles: `python docs/make_tables.py`.
 
 A table stands between two marks in a page that people write.
 """
@@ -14,8 +14,11 @@ from haptic_fieldbus.numerics.estimators import ESTIMATORS, bind, chosen
 from haptic_fieldbus.numerics.estimators.estimator import Parameter
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.integrators.method import Integrator
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 
-FOLDER = Path(__file__).resolve().parent / "reference"
+CHECKOUT = Path(__file__).resolve().parent.parent
+FOLDER = CHECKOUT / "docs" / "reference"
 MARKED = re.compile(r"(<!-- written by make docs -->\n).*?(<!-- end -->\n)", re.DOTALL)
 PERIOD = 1e-3
 SETTLED = 4000
@@ -24,18 +27,19 @@ SETTLED = 4000
 
 def pages() -> dict[Path, str]:
     """The text of each page by its file, its table as the code says."""
-    return {
-        FOLDER / "methods.md": _page("methods.md", _methods()),
-        FOLDER / "estimators.md": _page("estimators.md", _estimators()),
+    tables = {
+        FOLDER / "methods.md": _methods(),
+        FOLDER / "estimators.md": _estimators(),
+        CHECKOUT / "profiles" / "README.md": _drives(),
     }
+    return {file: _page(file, table) for file, table in tables.items()}
 
 
-def _page(name: str, table: Iterable[Sequence[str]]) -> str:
+def _page(file: Path, table: Iterable[Sequence[str]]) -> str:
     rows = "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |\n" for row in table)
-    text = (FOLDER / name).read_text(encoding="utf-8")
-    written, count = MARKED.subn(lambda marks: f"{marks[1]}{rows}{marks[2]}", text)
+    written, count = MARKED.subn(lambda marks: f"{marks[1]}{rows}{marks[2]}", file.read_text(encoding="utf-8"))
     if count != 1:
-        raise ValueError(f"{name}: expected one table between <!-- written by make docs --> and <!-- end -->")
+        raise ValueError(f"{file.name}: expected one table between <!-- written by make docs --> and <!-- end -->")
     return written
 
 
@@ -89,6 +93,36 @@ def _delay(name: str) -> str:
     choice = chosen(name)
     delay = choice.estimator.delay
     return "see below" if delay is None else rounded(delay(choice.setup(PERIOD)) / PERIOD)
+
+
+def _drives() -> Iterable[Sequence[str]]:
+    """Of CANopen; the example stands for no drive."""
+    yield ("profile", "drive", "mode of operation", "set-point", "guard on a lost master", "echo", "evidence")
+    yield ("---",) * 7
+    for name in profile_names():
+        profile = load_profile(name)
+        if isinstance(profile, CanopenProfile) and profile.drive.vendor != "example":
+            yield _drive(profile)
+
+
+def _drive(profile: CanopenProfile) -> Sequence[str]:
+    loss, target = profile.link_loss, profile.torque.target
+    options = [f"{each.object:04X}h" for each in (loss.abort_connection_option, loss.fault_reaction_option) if each]
+    guard = ["life guarding" if loss.life_guarding else "1016h", " and ".join(options) or "no option object"]
+    return (
+        f"`{profile.name}`",
+        profile.title,
+        _mode(profile.torque.mode_of_operation) if profile.drive.usable else "not usable for force",
+        f"{target.object:04X}h, `{target.unit}`" if profile.drive.usable else "none",
+        ", ".join(guard),
+        "none" if profile.echo is None else f"{profile.entries()[profile.echo].object:04X}h",
+        profile.drive.evidence,
+    )
+
+
+def _mode(mode: int) -> str:
+    names = {4: "profile torque", 10: "cyclic synchronous torque"}
+    return f"{names[mode]} ({mode})" if mode in names else f"the manufacturer's ({mode})"
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ Edit = Callable[[str], str]
 
 PAGES = (
     "tests/test_project.py::test_a_page_that_is_written_by_a_script_is_what_it_writes_now",
-    "tests/test_project.py::test_the_tables_of_methods_and_estimators_are_those_of_the_code",
+    "tests/test_project.py::test_the_tables_of_methods_estimators_and_drives_are_those_of_the_code",
     "tests/test_schemas.py::test_the_schema_files_are_those_of_the_dataclasses",
 )
 MAKE_DOCS, GOLDEN = "make docs", "python -m tests.golden"
@@ -222,8 +222,8 @@ THINGS: Mapping[str, NewThing] = {
             ),
         ),
         (MAKE_DOCS, GOLDEN),
-        ("tests/golden/profiles/acme_mover.txt",),
-        ("tests/golden/test_plan_texts.py",),
+        ("profiles/README.md", "tests/golden/profiles/acme_mover.txt"),
+        ("tests/golden/test_plan_texts.py", PAGES[1]),
         (
             "tests/cli/test_profiles.py",
             "tests/drive/test_profile_files.py",

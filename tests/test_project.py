@@ -103,7 +103,7 @@ def test_a_page_that_is_written_by_a_script_is_what_it_writes_now(name: str) -> 
     assert script.FILE.read_text(encoding="utf-8") == script.page(), "run: make docs"
 
 
-def test_the_tables_of_methods_and_estimators_are_those_of_the_code() -> None:
+def test_the_tables_of_methods_estimators_and_drives_are_those_of_the_code() -> None:
     for path, text in maker("make_tables").pages().items():
         assert path.read_text(encoding="utf-8") == text, "run: make docs"
 

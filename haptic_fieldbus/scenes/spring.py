@@ -101,8 +101,8 @@ class Spring:
             (-1.0, self.negative_coefficient, self.negative_saturation),
             (1.0, self.positive_coefficient, self.positive_saturation),
         ):
-            if share:
-                way = min(effort, math.inf if most is None else most) / (share * self.stiffness)
+            if stiffness := share * self.stiffness:  # a share may be so small that nothing is left of it
+                way = min(effort, math.inf if most is None else most) / stiffness
                 found.append(self.position + side * (self.dead_band + way))
         return tuple(found)
 

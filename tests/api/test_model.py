@@ -119,14 +119,19 @@ def test_a_wall_is_its_stiffness_and_damping() -> None:
 
 
 @pytest.mark.thorough("plans every scene", quick=("sprung_mass", "damped_wall"))
-@pytest.mark.parametrize("scene", [name for name in scene_names() if name != "friction"])  # judged holding and sliding
+@pytest.mark.parametrize("scene", scene_names())
 def test_the_poles_are_those_of_the_environment_that_stability_is_judged_with(scene: str) -> None:
     """Of an axis without couplings; those of others are felt here with the other axis held."""
     found, judged = model(scene), plan(scene)
     group = judged.axes[0].group
     assert set(found.to_json()) == {"axis", "period_s", "method", "estimator", "continuous", "discrete", "growth"}
     if group is not None and not group.couplings:
-        np.testing.assert_allclose(found.discrete.poles, poles_of(group.environment().a), atol=1e-12)
+        poles = poles_of(group.environment().a)
+        if scene == "friction":  # shown as it holds; it is judged as it slides too, with the estimator's pole at 0
+            poles = poles[np.argsort(np.abs(poles))]
+            assert poles[0] == 0.0
+            poles = poles[1:]
+        np.testing.assert_allclose(found.discrete.poles, poles, atol=1e-12)
 
 
 def test_an_implicit_equation_without_a_solution_has_no_growth_and_no_poles() -> None:

@@ -390,19 +390,6 @@ def test_every_key_of_the_schema_is_documented() -> None:
             assert f"`{section}.{key}`" in readme, f"{section}.{key}"
 
 
-@pytest.mark.parametrize("name", shipped())
-def test_a_shipped_profile_has_its_row_in_the_table_of_drives(name: str) -> None:
-    readme = (CHECKOUT / "profiles" / "README.md").read_text(encoding="utf-8")
-    (row,) = [line for line in readme.splitlines() if line.startswith(f"| `{name}` |")]
-    profile = canopen(name)
-    target, guard = profile.torque.target, profile.link_loss
-    for told in (profile.title, f"{target.object:04X}h, `{target.unit}`", profile.drive.evidence):
-        assert f"| {told} |" in row
-    assert ("life guarding" if guard.life_guarding else "1016h") in row
-    for option in (guard.abort_connection_option, guard.fault_reaction_option):
-        assert option is None or f"{option.object:04X}h" in row
-
-
 @pytest.mark.parametrize("name", profile_names())
 def test_a_shipped_profile_is_plain_toml(name: str) -> None:
     data = tomllib.loads((profile_folder() / f"{name}.toml").read_text(encoding="utf-8"))

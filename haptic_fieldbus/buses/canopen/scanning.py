@@ -159,7 +159,8 @@ def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, Sureness]]) -
 
 def _lacking(node: Node, profile: CanopenProfile) -> list[ObjectEntry]:
     """Return the entries of a profile that the node does not let us read."""
-    entries = [entry for signal, entry in profile.entries().items() if signal is not Signal.CONTROLWORD]
+    unread = {Signal.CONTROLWORD} if profile.drive.usable else {Signal.CONTROLWORD, Signal.TARGET_TORQUE}
+    entries = [entry for signal, entry in profile.entries().items() if signal not in unread]
     return [entry for entry in entries if _unless_refused(partial(node.read, entry)) is None]
 
 

@@ -260,7 +260,10 @@ def candidates(
 
 
 def best(traffics: list[ModbusTraffic]) -> ModbusTraffic:
-    """Return the traffic with the highest stiffness limit: that whose torque is the youngest."""
+    """Return the traffic whose torque is the youngest.
+
+    Its stiffness limit is the highest, too, unless the damping of the device stops it within a period.
+    """
     return min(traffics, key=lambda each: each.age)
 
 

@@ -128,7 +128,8 @@ class TestChoice:
     def test_is_the_way_with_the_highest_stiffness_limit(self, bus: str, answer_time: float) -> None:
         """The limits come from the sampled loop (`margins`), the choice from half a period and the delay alone.
 
-        They agree but for a light handle on a slow line, whose other way may be up to a tenth stiffer.
+        They agree where the mass of the device carries it through a period. Where damping stops it within one, the
+        other way may be up to a ninth stiffer.
         """
         benches = product((4e-6, 4e-5, 1e-3), (1e-5, 1e-3))
         for (inertia, damping), rate in product(benches, (None, 20.0)):
@@ -136,7 +137,8 @@ class TestChoice:
             found = way_limits(planned(bus, rate, profile, inertia=inertia, viscous_damping=damping))
             limits = {way.exchange: way.limit or 0.0 for way in found if rate is None or way.rate == rate}
             assert found[0].chosen
-            assert limits[found[0].exchange] >= 0.9 * max(limits.values()), (inertia, damping, rate)
+            least = 0.999 if inertia / damping >= 2.0 / found[0].rate else 0.89
+            assert limits[found[0].exchange] >= least * max(limits.values()), (inertia, damping, rate)
 
     def test_of_one_way_alone(self) -> None:
         for functions, way in (

@@ -326,10 +326,27 @@ class TestRpdo:
         assert bench.status() & 0x6F == 0x21
 
 
-def test_text_cannot_be_mapped() -> None:
-    dictionary = Dictionary([Entry(0x1008, 0, None, text=b"name", mappable=Mappable.TPDO, access=Access.CONST)])
+def test_a_described_pdo_that_maps_text_is_none_until_it_maps_numbers() -> None:
+    """As some vendors' files have it: the drive starts all the same, and sends nothing."""
+    text = Entry(0x1008, 0, None, text=b"name", mappable=Mappable.TPDO, access=Access.CONST)
+    dictionary = Dictionary([text, Entry(0x6041, 0, DataType.UINT16, 0, Access.RO, mappable=Mappable.TPDO)])
+    pdo = Tpdo(dictionary, PdoDefaults(1, 0x181, (0x1008_0020,)), lambda: None)
+    assert pdo.exists
+    assert not pdo.valid
+    assert pdo.mapped == []
     with pytest.raises(Refused, match="06040041h"):
-        Tpdo(dictionary, PdoDefaults(1, 0x181, (0x1008_0020,)), lambda: None)
+        written(dictionary, 0x1008_0020)
+    written(dictionary, STATUS)
+    assert pdo.valid
+
+
+def written(dictionary: Dictionary, mapping: int) -> None:
+    """TPDO 1 mapped to one object, in the order of CiA 301, 7.5.2.36."""
+    for index, subindex, value in (
+        (0x1800, 1, 0x181 | INVALID), (0x1A00, 0, 0), (0x1A00, 1, mapping), (0x1A00, 0, 1), (0x1800, 1, 0x181)
+    ):  # fmt: skip
+        entry = dictionary.find(index, subindex)
+        entry.write(value.to_bytes(entry.bits // 8, "little"))
 
 
 def test_a_compiled_rpdo_writes_signed_values() -> None:
