@@ -150,10 +150,12 @@ def possible(scene: str, drive: str, bus: str, rate: float | None) -> tuple[str 
 
 def run_case(case: Case) -> Verdict:
     """Run a case and judge it; every tenth is run twice, or recorded."""
+    # On either protocol: its seeds are every so many, and each has all remainders of what is left.
+    number = case.seed // EVERY if case.bus != CAN else case.seed
     with TemporaryDirectory() as folder:
-        record = Path(folder) / ("run.csv" if case.seed % 20 < REPEATED else "run.log")
-        verdict = _once(case, record if case.seed % REPEATED == 1 else None)
-    if case.seed % REPEATED == 0 and _once(case, None).digest != verdict.digest:
+        record = Path(folder) / ("run.csv" if case.bus != CAN or case.seed % 20 < REPEATED else "run.log")
+        verdict = _once(case, record if number % REPEATED == 1 else None)
+    if number % REPEATED == 0 and _once(case, None).digest != verdict.digest:
         verdict = replace(verdict, broken=(*verdict.broken, ("same seed, same octets", "another run wrote others")))
     return verdict
 
