@@ -1,4 +1,4 @@
-"""Somebody else who writes to a drive while force is rendered on it is noticed by what no longer acts, in a stated time.
+"""Somebody else who writes to a drive while force is rendered is noticed by what no longer acts, in a stated time.
 
 On a serial line the requests of somebody else are heard, too: `tests/buses/modbus`.
 """
