@@ -90,9 +90,9 @@ rows = [
 ## The command stream of Iris ORCA
 
 Its vendor's library sends force by function 100, and gets position, force and temperature back with one answer. The
-profile uses plain registers instead: what is missing is the handshake by which function 65 opens the stream, and what the
-motor does when the stream ends. The same library says that force mode needs a stream; whether writing FORCE_CMD each
-period counts as one is assumed. Where it does not, no set-point acts, and the run ends by that.
+profile uses plain registers instead: what is missing is the handshake by which function 65 opens the stream, and what
+the motor does when the stream ends. The same library says that force mode needs a stream; whether writing FORCE_CMD
+each period counts as one is assumed. Where it does not, no set-point acts, and the run ends by that.
 
 ## Faults
 
