@@ -15,6 +15,7 @@ from haptic_fieldbus.study.cases import (
     extremes,
     friction,
     integrators,
+    lags,
     modbus,
     sensing,
     sharing,
@@ -88,5 +89,6 @@ CASES: dict[str, Case] = {
     "clock-backwards": drive.clock_backwards,
     "long-clock": drive.long_clock,
     "rotary-equals-linear": drive.rotary_equals_linear,
+    "torque-lag": lags.torque_lag,
     "modbus-one-period": modbus.modbus_one_period,
 }
