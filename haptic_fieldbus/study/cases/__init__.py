@@ -18,6 +18,7 @@ from haptic_fieldbus.study.cases import (
     lags,
     modbus,
     sensing,
+    several_bodies,
     sharing,
     sharing_contact,
     sharing_width,
@@ -90,5 +91,7 @@ CASES: dict[str, Case] = {
     "long-clock": drive.long_clock,
     "rotary-equals-linear": drive.rotary_equals_linear,
     "torque-lag": lags.torque_lag,
+    "coupled-axes": several_bodies.coupled_axes,
+    "compliant-transmission": several_bodies.compliant_transmission,
     "modbus-one-period": modbus.modbus_one_period,
 }

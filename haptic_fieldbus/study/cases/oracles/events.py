@@ -61,6 +61,19 @@ def motor(mass: float, damping: float, lag: float = 0.0) -> Body:
     return Body(np.array(rows), np.array([0.0, 0.0, 1.0 / lag]))
 
 
+def motor_with_load(motor: Body, mass: float, load: float, stiffness: float, damping: float) -> Body:
+    """Return a motor of a mass with a load on a spring and damper; the states of the load follow those of the motor."""
+    order = len(motor.a)
+    a = np.zeros((order + 2, order + 2))
+    a[:order, :order] = motor.a
+    # The pull on the motor for its position and speed, and the load's.
+    pull = np.zeros(order + 2)
+    pull[[0, 1, order, order + 1]] = -stiffness, -damping, stiffness, damping
+    a[1] += pull / mass
+    a[order, order + 1], a[order + 1] = 1.0, -pull / load
+    return Body(a, np.append(motor.b, [0.0, 0.0]))
+
+
 @dataclass(frozen=True)
 class Shot:
     """One sample of a turn: when it is measured and from when its forces act [s]; both may lie in other turns."""
