@@ -14,6 +14,8 @@ from haptic_fieldbus.study.cases import (
     elements,
     extremes,
     friction,
+    gap,
+    instants,
     integrators,
     lags,
     modbus,
@@ -22,6 +24,7 @@ from haptic_fieldbus.study.cases import (
     sharing,
     sharing_contact,
     sharing_width,
+    slopes,
 )
 
 CASES: dict[str, Case] = {
@@ -93,5 +96,9 @@ CASES: dict[str, Case] = {
     "torque-lag": lags.torque_lag,
     "coupled-axes": several_bodies.coupled_axes,
     "compliant-transmission": several_bodies.compliant_transmission,
+    "varying-slope": slopes.varying_slope,
+    "missed-frames-pattern": instants.missed_frames_pattern,
+    "tick-phase": instants.tick_phase,
+    "fade-return": gap.fade_return,
     "modbus-one-period": modbus.modbus_one_period,
 }
