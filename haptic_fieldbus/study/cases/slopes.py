@@ -93,7 +93,8 @@ def varying_slope(quick: bool) -> CaseResult:
         f"×{rounded(growth, 5)} a period; hilltops ×{rounded(hilltop[0], 5)}, the ideal ×{rounded(hilltop[1], 5)}",
         f"stable to {rounded(stable, 6)}, passive to {rounded(passive, 4)} N/m, needed share off by "
         f"{rounded(abs(share - 1.0), 1)}; {lossy.verdict.value}, ×{rounded(place.growth, 5)} at "
-        f"{rounded(1e3 * deep, 2)} mm; hilltops ×{rounded(crest.growth, 5)}, the ideal ×{rounded(crest.ideal, 5)}; off by {rounded(off, 1)}",
+        f"{rounded(1e3 * deep, 2)} mm; hilltops ×{rounded(crest.growth, 5)}, the ideal ×{rounded(crest.ideal, 5)}; off "
+        f"by {rounded(off, 1)}",
         off <= AGREEMENT and abs(share - 1.0) <= CUT and missed <= 0.005 and lossy.verdict is Verdict.UNSTABLE,
         "slope and damping of k·dⁿ·(1 + p·ḋ) by hand at 80 depths, each from event to event; the worst of all motions "
         "in cells of constant speed; m·s² + b·s - K = 0",
