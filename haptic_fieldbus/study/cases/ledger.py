@@ -1,0 +1,127 @@
+"""Cases of the energy ledger: what it sees of the leak of a held force, by timing, delay and saturation.
+
+A handle is moved into a spring and out again at w a period. The spring states what it stores but no stiffness, so the
+ledger grants it no leak, and the whole leak shows as energy that the loop gave. The force of each sample acts for a
+period; paired with the way in it, the ledger sees K·w²·M in a contact M ways deep, and more the later the force acts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from haptic_fieldbus.drive.rig import Limits
+from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.cases.drive_bench import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
+from haptic_fieldbus.study.cases.oracles.leaks import held_work, triangle
+
+WAY, DEEP = 4, 400
+"""Counts that the handle moves in a period, and periods of the way in."""
+STIFFNESS = UNIT / (WAY * COUNT)
+"""One step of torque in each period [N/m], so that no torque is rounded."""
+UNITS = UNIT * WAY * COUNT
+"""Energy of one way under one step of torque [J]."""
+FASTEST = 1e-9
+"""Lag of the torque loop [s], which is never 0."""
+CLOSE = 5e-3
+"""Permitted relative difference: the account of a contact opens a sample or two after its first force."""
+
+
+@dataclass(frozen=True)
+class Unstated:
+    """A spring that states what it stores, and no stiffness."""
+
+    axis: str
+    stiffness: float
+    name: str = "unstated"
+    needs: ClassVar = (Signal.POSITION,)
+
+    def force(self, position: float) -> float:
+        return -self.stiffness * max(position, 0.0)
+
+    def stored(self, position: float) -> float:
+        return 0.5 * self.stiffness * max(position, 0.0) ** 2
+
+    def linearised(self) -> StateSpace:
+        return gain([[0.0, 0.0]])
+
+
+def _seen(delay: float, contacts: int, most: float | None = None) -> float:
+    """Return what the ledger of a running cycle says was given in the worst contact [J].
+
+    `delay` is in periods, `most` is the effort limit [N].
+    """
+    plan = plan_of(Unstated("handle", STIFFNESS), limits=Limits(effort=most))
+    (axis,) = plan.axes
+    transport = max(delay * PERIOD_NS * 1e-9 - FASTEST, 0.0)
+    late = replace(axis.delay, bus=transport, compute=0.0, drive=0.0, torque_loop=FASTEST)
+    cycle = Feeder(replace(plan, axes=(replace(axis, delay=late),)))
+    places = [0] * FADED_IN + (triangle(DEEP) + [0] * 10) * contacts
+    for number, place in enumerate(places):
+        feed(cycle, WAY * place, t_ns=number * PERIOD_NS)
+    if cycle.trip is not None:
+        raise ValueError(f"the run tripped: {cycle.trip.kind.value}")
+    (ledger,) = cycle.ledgers
+    return ledger.tally.largest
+
+
+def _apart(found: Sequence[float], expected: Sequence[float]) -> float:
+    return max(abs(one / other - 1.0) for one, other in zip(found, expected, strict=True))
+
+
+def passivity_observer_timing(quick: bool) -> CaseResult:
+    """Check that the ledger shows the leak of a force that acts at once, which it pairs with the way that follows.
+
+    Paired with the way before it, the same force would show the leak with the opposite sign, and by the mean of both
+    ways none.
+    """
+    found = _seen(0.0, 1 if quick else 10)
+    pairings = [held_work(DEEP, delay) * UNITS for delay in (0.0, -1.0, -0.5)]
+    off = _apart([found], [DEEP * UNITS])
+    return CaseResult(
+        f"K·w²·M = {rounded(1e3 * DEEP * UNITS, 6)} mJ (with the way after, before, and their mean "
+        f"{values_text([1e3 * each for each in pairings], 4)} mJ)",
+        f"{rounded(1e3 * found, 6)} mJ, off by {rounded(off, 1)}",
+        off <= CLOSE and _apart(pairings[:2], [DEEP * UNITS, -DEEP * UNITS]) <= 1e-12 and abs(pairings[2]) <= 1e-12,
+        "closed form of a spring that is held from sample to sample, and sums over the samples by hand",
+        tolerance=f"{exactly(CLOSE)} of the leak",
+    )
+
+
+def passivity_observer_delay(quick: bool) -> CaseResult:
+    """Check that the ledger sees the whole leak of a force that acts later, by parts of a period and by several."""
+    delays = (0.0, 0.3, 1.0, 1.7)
+    found = [_seen(delay, 1 if quick else 10) for delay in delays]
+    expected = [held_work(DEEP, delay) * UNITS for delay in delays]
+    off = _apart(found, expected)
+    told = [(1.0 + 2.0 * delay) * DEEP * UNITS for delay in delays]
+    near = _apart(expected, told)
+    return CaseResult(
+        f"at td = 0, 0.3, 1, 1.7 T {values_text([1e3 * each for each in expected], 5)} mJ, about 1 + 2·td/T times the "
+        f"first (to {rounded(near, 1)})",
+        f"{values_text([1e3 * each for each in found], 5)} mJ, off by {rounded(off, 1)}",
+        off <= CLOSE and near <= 2.0 * CLOSE,
+        "sums over the samples by hand, and K·(T/2 + td)·v² for each time",
+        tolerance=f"{exactly(CLOSE)} of each leak",
+    )
+
+
+def saturation_ledger(quick: bool) -> CaseResult:
+    """Check that the ledger counts the force that was sent, cut at the effort limit, and not the one that was asked.
+
+    Where the force is constant nothing leaks, so half of the way leaks half.
+    """
+    share = 2
+    found = _seen(0.0, 1 if quick else 10, most=UNIT * DEEP / share)
+    expected, asked = held_work(DEEP, 0.0, DEEP // share) * UNITS, held_work(DEEP, 0.0) * UNITS
+    off = _apart([found], [expected])
+    return CaseResult(
+        f"cut at {rounded(UNIT * DEEP / share, 4)} of {rounded(UNIT * DEEP, 4)} N: {rounded(1e3 * expected, 6)} mJ; as "
+        f"asked it would be {rounded(1e3 * asked, 6)} mJ",
+        f"{rounded(1e3 * found, 6)} mJ, off by {rounded(off, 1)}",
+        off <= 1.5 * CLOSE and abs(expected * share / asked - 1.0) <= 1e-12,
+        "sums over the samples by hand, the force cut at half of the way",
+        tolerance=f"{exactly(1.5 * CLOSE)} of the leak",
+    )
