@@ -12,6 +12,7 @@ from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.case import CaseResult, values_text
 from haptic_fieldbus.study.cases.oracles import energies, events
+from haptic_fieldbus.study.cases.oracles.contact import limit_in_contact
 from haptic_fieldbus.study.cases.oracles.polynomials import largest
 
 PERIOD = 1e-3
@@ -116,13 +117,7 @@ def _judged(*bodies: HungBody, plant: Plant = MOTOR) -> float:
 def _loaded_by_hand(loss: float) -> float:
     motor = events.motor(MOTOR.mass, MOTOR.damping, MOTOR.torque_lag)
     body = events.motor_with_load(motor, MOTOR.mass, LOAD, STIFF, loss)
-    turn, shots = events.every(PERIOD, DELAY)
-
-    def is_stable(stiffness: float) -> bool:
-        law = events.spring_damper(stiffness, 0.0, PERIOD)
-        return events.growth(events.map_of_turn([body], turn, shots, law, memory=1)) <= 1.0
-
-    return largest(is_stable, 1e-3, 1.2, 1e-9)
+    return limit_in_contact(body, PERIOD, DELAY)
 
 
 def compliant_transmission(quick: bool) -> CaseResult:
