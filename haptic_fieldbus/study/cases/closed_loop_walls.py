@@ -10,9 +10,9 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.oracles.held import growth_of, sampled_positions
-from haptic_fieldbus.study.cases.oracles.polynomials import jury_limit, plain_terms, schur_cohn_limit
 from haptic_fieldbus.study.measure.problems import spring
+from haptic_fieldbus.study.oracles.held import growth_of, sampled_positions
+from haptic_fieldbus.study.oracles.polynomials import jury_limit, plain_terms, schur_cohn_limit
 
 PERIOD = 1e-3
 BENCH = Plant(0.1, 50.0)

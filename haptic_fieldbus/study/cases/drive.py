@@ -24,8 +24,8 @@ from haptic_fieldbus.study.cases.drive_bench import (
     running_feeder,
     torque,
 )
-from haptic_fieldbus.study.cases.oracles import events
-from haptic_fieldbus.study.cases.oracles.contact import limit_in_contact
+from haptic_fieldbus.study.oracles import events
+from haptic_fieldbus.study.oracles.contact import limit_in_contact
 
 
 def lost_bus(quick: bool) -> CaseResult:

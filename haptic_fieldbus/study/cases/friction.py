@@ -16,9 +16,9 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.batch import Running
 from haptic_fieldbus.numerics.loops import Array, Loops, loops
 from haptic_fieldbus.study.case import CaseResult, values_text
-from haptic_fieldbus.study.cases.oracles.counts import Pressed, relay_speed
-from haptic_fieldbus.study.cases.oracles.polynomials import jury_limit, largest
 from haptic_fieldbus.study.measure.problems import spring
+from haptic_fieldbus.study.oracles.counts import Pressed, relay_speed
+from haptic_fieldbus.study.oracles.polynomials import jury_limit, largest
 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)

@@ -9,10 +9,10 @@ from haptic_fieldbus.margins.schedules import Ticks, free_ticks, schedule_limit
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.study.case import CaseResult, values_text
-from haptic_fieldbus.study.cases.oracles import events
-from haptic_fieldbus.study.cases.oracles.contact import growth_of_turn
-from haptic_fieldbus.study.cases.oracles.polynomials import largest
 from haptic_fieldbus.study.measure import region
+from haptic_fieldbus.study.oracles import events
+from haptic_fieldbus.study.oracles.contact import growth_of_turn
+from haptic_fieldbus.study.oracles.polynomials import largest
 
 PERIOD = 1e-3
 DEVICE, VIRTUAL = Plant(0.1, 2.0, torque_lag=0.16e-3), 0.5

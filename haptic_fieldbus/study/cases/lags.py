@@ -10,9 +10,9 @@ from haptic_fieldbus.margins import Plant, alone, passive_limit, passive_limit_o
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.study.case import CaseResult, values_text
-from haptic_fieldbus.study.cases.oracles import energies, events
-from haptic_fieldbus.study.cases.oracles.contact import limit_in_contact
 from haptic_fieldbus.study.measure import region
+from haptic_fieldbus.study.oracles import energies, events
+from haptic_fieldbus.study.oracles.contact import limit_in_contact
 
 PERIOD = 1e-3
 BENCHES = ((0.4e-3, 0.3e-3), (0.16e-3, 1.2e-3), (2e-3, 0.5e-3))

@@ -11,9 +11,9 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.case import CaseResult, values_text
-from haptic_fieldbus.study.cases.oracles import energies, events
-from haptic_fieldbus.study.cases.oracles.contact import limit_in_contact
-from haptic_fieldbus.study.cases.oracles.polynomials import largest
+from haptic_fieldbus.study.oracles import energies, events
+from haptic_fieldbus.study.oracles.contact import limit_in_contact
+from haptic_fieldbus.study.oracles.polynomials import largest
 
 PERIOD = 1e-3
 ESTIMATOR = "backward-difference"

@@ -10,7 +10,7 @@ from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
 from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.oracles.held import moved_by_force
+from haptic_fieldbus.study.oracles.held import moved_by_force
 
 PERIOD = 1e-3
 STIFFNESS = 600.0

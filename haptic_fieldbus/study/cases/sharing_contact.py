@@ -10,10 +10,10 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.loops import Array, loops
 from haptic_fieldbus.study.case import CaseResult, signed
-from haptic_fieldbus.study.cases.oracles import events
-from haptic_fieldbus.study.cases.oracles.contact import growth_in_contact, limit_in_contact
-from haptic_fieldbus.study.cases.oracles.held import sampled_positions
 from haptic_fieldbus.study.measure.problems import spring
+from haptic_fieldbus.study.oracles import events
+from haptic_fieldbus.study.oracles.contact import growth_in_contact, limit_in_contact
+from haptic_fieldbus.study.oracles.held import sampled_positions
 
 PERIOD = 1e-3
 SPEED = 0.2

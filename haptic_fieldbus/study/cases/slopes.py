@@ -9,8 +9,8 @@ from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.oracles import energies, events
-from haptic_fieldbus.study.cases.oracles.contact import growth_in_contact, limit_in_contact
+from haptic_fieldbus.study.oracles import energies, events
+from haptic_fieldbus.study.oracles.contact import growth_in_contact, limit_in_contact
 
 PERIOD, DELAY, LAG = 1e-3, 0.3e-3, 0.16e-3
 MASS, DAMPING, EFFORT = 0.1, 2.0, 20.0

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from haptic_fieldbus.study.cases.oracles.events import Body, Shot, growth, map_of_turn, spring_damper
-from haptic_fieldbus.study.cases.oracles.polynomials import largest
+from haptic_fieldbus.study.oracles.events import Body, Shot, growth, map_of_turn, spring_damper
+from haptic_fieldbus.study.oracles.polynomials import largest
 
 
 def growth_of_turn(

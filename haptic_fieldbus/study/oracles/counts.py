@@ -7,7 +7,7 @@ until it stops, and then rests or slides back: both instants are known in closed
 import math
 from dataclasses import dataclass
 
-from haptic_fieldbus.study.cases.oracles.held import moved_by_force
+from haptic_fieldbus.study.oracles.held import moved_by_force
 
 
 @dataclass(frozen=True)
