@@ -84,7 +84,7 @@ def coupled_axes(quick: bool) -> CaseResult:
     apart = max(abs(one / other - 1.0) for one, other in zip(stable, by_hand, strict=True))
     worst = max(abs(share - 1.0) for share in shares)
     friction = max(abs((limit.quantisation or 0.0) / one - 1.0) for limit, one in zip(judged, held, strict=True))
-    torn = max(_torn(*shaft) for shaft in SHAFTS)
+    torn = max(_torn(part * damping, ratio) for damping, ratio in SHAFTS for part in (0.0, 1.0))
     return CaseResult(
         f"ratios of -2.5 and 0.4: stable to {values_text(by_hand, 6)} N/m; where passivity ends, the worst motion of "
         f"both handles needs all of both dampings; friction bridges counts to {values_text(held, 4)} N/m",
