@@ -159,4 +159,27 @@ PLANTED = {
             f"{TESTS}/test_false_verdicts.py::test_a_body_that_is_stable_deep_inside_is_refused_where_it_grows_near_the_surface",
         ),
     ),
+    "friction 1 % too large": Planted(
+        f"{NUMERICS}/batch.py",
+        "friction.SampledMass(loops.mass, loops.damping, loops.coulomb)",
+        "friction.SampledMass(loops.mass, loops.damping, 1.01 * loops.coulomb)",
+        ("coarse-encoder", "coulomb-rescue", "local-stability"),
+        ("tests/numerics/test_batch.py::test_friction_stops_a_free_mass_after_m_v2_over_2_fc",),
+    ),
+    "links of bodies 1 % too stiff": Planted(
+        f"{MARGINS}/bodies.py",
+        "link = np.array([body.stiffness, body.damping]) / mass",
+        "link = 1.01 * np.array([body.stiffness, body.damping]) / mass",
+        ("hand-lets-go", "compliant-transmission"),
+        (
+            f"{TESTS}/test_bodies.py::test_the_limit_with_a_compliant_transmission_is_where_the_loop_by_hand_begins_to_grow",
+        ),
+    ),
+    "work of a force 1 % too large": Planted(
+        "haptic_fieldbus/cycle/energy.py",
+        "energy += way * (early * older",
+        "energy += 1.01 * way * (early * older",
+        ("passivity-observer-timing", "passivity-observer-delay", "saturation-ledger"),
+        ("tests/cycle/test_energy.py::test_without_a_grant_the_ledger_shows_the_leak_of_its_closed_form",),
+    ),
 }

@@ -25,8 +25,11 @@ UNITS = UNIT * WAY * COUNT
 """Energy of one way under one step of torque [J]."""
 FASTEST = 1e-9
 """Lag of the torque loop [s], which is never 0."""
-CLOSE = 5e-3
-"""Permitted relative difference: the account of a contact opens a sample or two after its first force."""
+UNSEEN = 1
+"""Units of energy that the ledger does not see of a force that acts at once: its account opens after the first way
+under force, at a depth of two ways. The 2 units stored there are not given by the loop, and 1 was taken until then."""
+EXACT, CLOSE = 1e-5, 5e-3
+"""Permitted relative difference of the leak without a delay, and with one: then accounts open some samples later."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,6 @@ def _seen(delay: float, contacts: int, most: float | None = None) -> float:
     places = [0] * FADED_IN + (triangle(DEEP) + [0] * 10) * contacts
     for number, place in enumerate(places):
         feed(cycle, WAY * place, t_ns=number * PERIOD_NS)
-    if cycle.trip is not None:
-        raise ValueError(f"the run tripped: {cycle.trip.kind.value}")
     (ledger,) = cycle.ledgers
     return ledger.tally.largest
 
@@ -79,14 +80,14 @@ def passivity_observer_timing(quick: bool) -> CaseResult:
     """
     found = _seen(0.0, 1 if quick else 10)
     pairings = [held_work(DEEP, delay) * UNITS for delay in (0.0, -1.0, -0.5)]
-    off = _apart([found], [DEEP * UNITS])
+    off = _apart([found], [(DEEP - UNSEEN) * UNITS])
     return CaseResult(
-        f"K·w²·M = {rounded(1e3 * DEEP * UNITS, 6)} mJ (with the way after, before, and their mean "
-        f"{values_text([1e3 * each for each in pairings], 4)} mJ)",
+        f"K·w²·(M - {UNSEEN}) = {rounded(1e3 * (DEEP - UNSEEN) * UNITS, 6)} mJ (the whole contact, with the way after, "
+        f"before, and their mean: {values_text([1e3 * each for each in pairings], 4)} mJ)",
         f"{rounded(1e3 * found, 6)} mJ, off by {rounded(off, 1)}",
-        off <= CLOSE and _apart(pairings[:2], [DEEP * UNITS, -DEEP * UNITS]) <= 1e-12 and abs(pairings[2]) <= 1e-12,
+        off <= EXACT and _apart(pairings[:2], [DEEP * UNITS, -DEEP * UNITS]) <= 1e-12 and abs(pairings[2]) <= 1e-12,
         "closed form of a spring that is held from sample to sample, and sums over the samples by hand",
-        tolerance=f"{exactly(CLOSE)} of the leak",
+        tolerance=f"{exactly(EXACT)} of the leak",
     )
 
 
@@ -115,13 +116,13 @@ def saturation_ledger(quick: bool) -> CaseResult:
     """
     share = 2
     found = _seen(0.0, 1 if quick else 10, most=UNIT * DEEP / share)
-    expected, asked = held_work(DEEP, 0.0, DEEP // share) * UNITS, held_work(DEEP, 0.0) * UNITS
+    expected, asked = ((held_work(DEEP, 0.0, most) - UNSEEN) * UNITS for most in (DEEP // share, DEEP))
     off = _apart([found], [expected])
     return CaseResult(
         f"cut at {rounded(UNIT * DEEP / share, 4)} of {rounded(UNIT * DEEP, 4)} N: {rounded(1e3 * expected, 6)} mJ; as "
         f"asked it would be {rounded(1e3 * asked, 6)} mJ",
         f"{rounded(1e3 * found, 6)} mJ, off by {rounded(off, 1)}",
-        off <= 1.5 * CLOSE and abs(expected * share / asked - 1.0) <= 1e-12,
+        off <= EXACT and abs(asked / expected - share) <= 0.01,
         "sums over the samples by hand, the force cut at half of the way",
-        tolerance=f"{exactly(1.5 * CLOSE)} of the leak",
+        tolerance=f"{exactly(EXACT)} of the leak",
     )
