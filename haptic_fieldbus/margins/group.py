@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.margins import cautious, contact
-from haptic_fieldbus.margins.cautious import Cautious, Values
+from haptic_fieldbus.margins.cautious import Cautious, Obstacle, Values
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
 from haptic_fieldbus.margins.contact import Kind
 from haptic_fieldbus.margins.linear import EnvironmentOf
@@ -137,7 +137,23 @@ class Group:
         ranges = [(member.plant, member.known_ranges) for member in self.members]
         limit, at = cautious.least((values, self._at(values)) for values in cautious.corners(ranges))
         rough = self._at(cautious.least_friction(ranges))
-        return Cautious(limit, rough.loop.quantisation_limit(rough._varied()), at)
+        obstacle = None if limit else self._obstacle(self.stiffest)
+        return Cautious(limit, rough.loop.quantisation_limit(rough._varied()), at, obstacle)
+
+    def _obstacle(self, varied: AnyElement) -> Obstacle | None:
+        """Return the stiffest of the others when it is too stiff without `varied`; None with couplings."""
+        if self.couplings:
+            return None
+        (alone,) = self.members
+        others = tuple(each for each in alone.elements if each is not varied)
+        rest = replace(self, members=(replace(alone, elements=others),))
+        least = rest.cautious_limit()
+        if least is None or rest.stiffest is None:
+            return None
+        if least.obstacle is not None:
+            return replace(least.obstacle, beside=varied.name)
+        is_too_stiff = 0.0 < least.stable < contact.stiffness_of(rest.stiffest)
+        return Obstacle(rest.stiffest, least.stable, varied.name) if is_too_stiff else None
 
     def _at(self, values: Sequence[Values]) -> "Group":
         """Return the same axes with these values."""
@@ -195,6 +211,15 @@ class Group:
         own = getattr(self.stiffest, "damping", None)
         least = (self if own is None or damping == own else self._damped(damping)).cautious_limit()
         return math.inf if least is None else least.stable
+
+    def with_stiffness(self, element: AnyElement, stiffness: float) -> "Group":
+        """Return the same single axis with this stiffness [N/m or N·m/rad] of one of its elements."""
+        (alone,) = self.members
+        changed = tuple(
+            contact.with_parameters(each, {"stiffness": stiffness}) if each is element else each
+            for each in alone.elements
+        )
+        return replace(self, members=(replace(alone, elements=changed),))
 
     def _damped(self, damping: float) -> "Group":
         """Return the same axes with this damping of the stiffest."""

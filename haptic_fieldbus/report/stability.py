@@ -7,7 +7,7 @@ from haptic_fieldbus.api.judging import UNCERTAIN, Judgement
 from haptic_fieldbus.margins import Plant, Stability, Verdict
 from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
-from haptic_fieldbus.planning.explain import cautious_text, place_texts
+from haptic_fieldbus.planning.explain import cautious_text, obstacle_text, place_texts
 from haptic_fieldbus.report.words import Line, parameter_units
 from haptic_fieldbus.signals import Workspace
 
@@ -125,6 +125,8 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
     least = judgement.stability.cautious
     if least is not None:
         yield f"cautious {_up_to(least.stable, unit)}: {cautious_text(least, judgement.workspace)}"
+        if least.obstacle is not None:
+            yield obstacle_text(least.obstacle, judgement.workspace)
     # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
     less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
