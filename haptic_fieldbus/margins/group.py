@@ -246,15 +246,25 @@ class Group:
         ]
         if len(axes) == 1:
             return OneAxis(axes, self.period)
-        from haptic_fieldbus.margins.coupled import CoupledAxes  # a scene without couplings does without it
+        from haptic_fieldbus.margins import coupled  # a scene without couplings does without it
 
-        return CoupledAxes(axes, self.period)
+        efforts = {member.name: member.effort for member in self.members}
+        return coupled.CoupledAxes(
+            axes,
+            self.period,
+            coupled.may_slacken(self.couplings),
+            coupled.are_linear(self.couplings, efforts),
+            coupled.has_potential(self.couplings, efforts, not any(member.elements for member in self.members)),
+        )
 
     @cached_property
     def _axle(self) -> Axle:
         """The elements of the single axis."""
         (alone,) = self.members
-        return Axle(alone.elements, self.period, alone.method, alone.estimator, alone.effort, alone.travel)
+        return self._axle_of(alone)
+
+    def _axle_of(self, member: Member) -> Axle:
+        return Axle(member.elements, self.period, member.method, member.estimator, member.effort, member.travel)
 
     def environment(self, **changes: float) -> StateSpace:
         """Return the environment of the loop after `changes`: the elements of one axis, or the couplings of several."""
@@ -265,8 +275,8 @@ class Group:
         estimators = {member.name: member.estimator for member in self.members}
         return between(self.couplings, self.stiffest, changes, estimators, self.period)
 
-    def _own(self, member: Member, **changes: float) -> StateSpace:
-        return contact.environment_of(member.elements, self.period, member.method, member.estimator, **changes)
+    def _own(self, member: Member) -> StateSpace:
+        return self._axle_of(member).environment()
 
     def _varied(self, **changes: float) -> EnvironmentOf:
         return lambda stiffness: self.environment(stiffness=stiffness, **changes)

@@ -117,7 +117,7 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
         yield "none: no element has a stiffness to vary"
         return
     yield f"stable {_up_to(limit.stable, unit)}"
-    hand = "whatever hand holds it" if limit.passive else "some hand can make it grow"
+    hand = "whatever hand holds it" if limit.passive else "as nothing proves it for every hand"
     yield f"passive {_up_to(limit.passive, unit)}, {hand}"
     if limit.quantisation is not None:
         between = "steps" if judgement.stability.plant.tachometer else "counts"
@@ -135,8 +135,8 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
 
 def _meaning(stability: Stability, workspace: Workspace) -> str:
     """Return what the verdict says, with the force up to which places were judged."""
-    known = stability.place is not None and math.isfinite(stability.effort)
-    held = f"up to {in_unit(stability.effort, workspace.effort_unit)}" if known else "a hand"
+    is_limited = math.isfinite(stability.effort)
+    held = f"up to {in_unit(stability.effort, workspace.effort_unit)}" if is_limited else "a hand"
     return MEANING[stability.verdict].format(held=held)
 
 

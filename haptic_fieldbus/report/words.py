@@ -169,7 +169,7 @@ def stability_text(plan: Plan) -> str:
     if axis is None or stability is None:
         return "unknown: the rig does not give inertia and viscous_damping"
     stable, verdict = stability.stiffness_limit.stable, stability.verdict.value
-    if stability.verdict is Verdict.STABLE and stability.place is not None and math.isfinite(stability.effort):
+    if stability.verdict is Verdict.STABLE and math.isfinite(stability.effort):
         verdict = f"stable at every resting place up to {in_unit(stability.effort, axis.workspace.effort_unit)}"
     if stable is None or stability.stiffness is None:
         return verdict
