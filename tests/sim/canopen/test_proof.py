@@ -306,7 +306,7 @@ def test_of_one_step_mutations_nearly_all_are_noticed_before_torque(name: str, t
     count, missed = unnoticed(name, canopen(name), [vendor_eds(file) for file in ITS_FILES[name]], tmp_path)
     assert count > 60
     assert set(missed) <= UNNOTICED
-    assert len(missed) <= 0.05 * count, missed
+    assert len(missed) <= 0.02 * count, missed
 
 
 @pytest.mark.thorough("a hundred mutants of the generic profile")
