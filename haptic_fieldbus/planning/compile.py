@@ -19,6 +19,7 @@ from haptic_fieldbus.planning.image import lay_out_image
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
 from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
 from haptic_fieldbus.planning.verdicts import on_bus, with_verdicts
+from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
