@@ -67,7 +67,7 @@ DOES_WITHOUT = {
         "cli.vcan": "vcan.runner",
         "cli.watch": "api.bench clock running.ending running.watching",
     },
-    "import haptic_fieldbus.pytest_plugin": {"pytest_plugin": "testing"},
+    "import haptic_fieldbus.pytest_plugin": {"pytest_plugin": "sim.modbus.rack testing testing.modbus"},
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
         "api": "api.sites running.changes running.session",
         "api.judging": "numerics.estimators",
