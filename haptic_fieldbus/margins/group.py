@@ -185,6 +185,10 @@ class Group:
         """Return the limit of stability [N/m or N·m/rad] with the precision of a cautious limit."""
         return self.loop.limit(self._varied(), factor=cautious.FACTOR, precision=cautious.PRECISION)
 
+    def rough_margin(self) -> float:
+        """Return that limit over the stiffness, or over 1 for a stiffness of 0; ∞ when there is none to vary."""
+        return math.inf if self.stiffest is None else self.rough_limit() / (contact.stiffness_of(self.stiffest) or 1.0)
+
     def passive_limit(self, damping: float, stable: float) -> float:
         """Return the limit of passivity [N/m or N·m/rad] with this damping; `stable` bounds it."""
         return self.loop.passive_limit(self._varied(damping=damping), stable)
