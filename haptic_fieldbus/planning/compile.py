@@ -8,7 +8,7 @@ neither mapped nor decoded nor estimated.
 import math
 from collections.abc import Iterator, Mapping
 
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
@@ -62,7 +62,7 @@ def compile_plan(
         buses=buses,
         axes=axes,
         image=lay_out_image([axis.traffic for axis in axes]),
-        left_out=tuple(_left_out(axes)),
+        left_out=tuple(_left_out(axes, rig)),
         steps=tuple(
             step
             for axis in axes
@@ -170,7 +170,7 @@ def _linear_note(estimator: str) -> str:
     return "" if other is None else f" (not linear: stability is judged with {other})"
 
 
-def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
+def _left_out(axes: tuple[AxisPlan, ...], rig: Rig) -> Iterator[LeftOut]:
     """Yield the parts that the plan does without, each with the reason."""
     for axis in axes:
         offered = axis.profile.offers()
@@ -186,6 +186,9 @@ def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
     if not any(mapped.signal is Signal.TORQUE_ACTUAL for axis in axes for mapped in axis.incoming):
         yield LeftOut("torque actual", "no element asks for it")
     for axis in axes:
+        if _asks(axis, rig):
+            why = "is a profile of no particular drive: a run asks the drive, and then plans with what it has"
+            yield LeftOut("objects that the drive lacks", f"{axis.profile.title} {why}")
         if axis.profile.echo is None:
             why = "does not show what it was sent (torque.echo of its profile)"
             yield LeftOut("echo of the set-points", f"{axis.profile.title} {why}; {CAPPED}")
@@ -200,6 +203,12 @@ def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
         yield LeftOut("integrator", why)
         if not remembers:
             yield LeftOut("virtual states", "no element has any")
+
+
+def _asks(axis: AxisPlan, rig: Rig) -> bool:
+    """Return True when a run asks the drive which objects of its profile it has."""
+    bus, drive = rig.bus[axis.rig.bus], axis.profile.drive
+    return drive.evidence == STANDARD and not bus.simulated and protocol_named(bus.protocol).fits_profiles
 
 
 def _estimates(axis: AxisPlan) -> bool:

@@ -1,9 +1,11 @@
 """The way from a task (scene, bench, settings) to a compiled plan: load, check, compile."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_RATE
+from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import COUNTS_PER_REVOLUTION, BusSection, Rig, RigAxis, default_axis, shipped_mechanism
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.planning.compile import compile_plan
@@ -30,6 +32,8 @@ class Loaded:
     settled: Settled
     rig: Rig
     bus: BusName
+    profiles: Mapping[str, DriveProfile] = field(default_factory=dict)
+    """Profiles that are known already, by their names in the rig; others are loaded."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,8 @@ def compiled(loaded: Loaded) -> Selection:
 def _compiled(loaded: Loaded, scene: Scene) -> Plan:
     """Return the plan of `scene` on the loaded bench."""
     task, rig = loaded.task, loaded.rig
-    profiles = {axis.profile: load_profile(axis.profile) for axis in rig.axis.values()}
+    names = [axis.profile for axis in rig.axis.values()]
+    profiles = {name: loaded.profiles.get(name) or load_profile(name) for name in names}
     return compile_plan(_renamed(scene, task), rig, profiles, task.rate, method=task.method, estimator=task.estimator)
 
 

@@ -41,6 +41,11 @@ class FieldbusProtocol(Protocol):
         """Forms of its bus names with examples, as a part of a sentence."""
 
     @property
+    def fits_profiles(self) -> bool:
+        """True when a run fits profiles of no particular drive to the drives that it meets (`BusAccess.fitted`)."""
+        return False
+
+    @property
     def default_drive(self) -> str:
         """Profile of a drive on its buses when none is named."""
         return DEFAULT_DRIVE

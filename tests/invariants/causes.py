@@ -131,11 +131,11 @@ def host_delay(faults: Sequence[Any]) -> float:
     return late + slow + paused
 
 
-LATER: Mapping[str, float] = {"duplicate_node": 2.0, "host_late": 1.0, "host_paused": 1.0}
+LATER: Mapping[str, float] = {"duplicate_node": 1.0, "host_late": 1.0, "host_paused": 1.0}
 """Periods by which a fault comes, or is seen, later than its cause says.
 
-A second node answers after the first, and is heard in the next period where the exchange has ended by then. A computer
-stands still when the loop waits the next time, before which it still gives a proof of life.
+A second node answers after the first, when the exchange has ended, and is heard in the next period. A computer stands
+still when the loop waits the next time, before which it still gives a proof of life.
 """
 
 
