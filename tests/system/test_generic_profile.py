@@ -4,7 +4,9 @@ No drive has all of the standard and nothing else. A run therefore asks the driv
 generic_cia402 --eds FILE` says is all that a person needs to turn the generic profile into one of this drive.
 """
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +32,9 @@ from haptic_fieldbus.sim.canopen.proof import proof_of
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import HANDS
 from tests.builders import WALL, can_traffic, canopen, endless_rig, rig_of
+from tests.cli.test_beside_guide import TOO_SLOW
 from tests.eds.vendor_files import FILES, FOLDER, needs_files, vendor_eds
+from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, line_of, require_multicast, start
 
 GENERIC = "generic_cia402"
 WITHOUT_GUARD = {"ingenia_everest_xcr.eds"}
@@ -162,3 +166,29 @@ def test_a_drive_without_torque_is_refused_before_torque(file: str) -> None:
         force_on(canopen(GENERIC), vendor_eds(file), SECONDS)
     with pytest.raises(PlanError, match=r"not usable for force: "):
         compile_plan(WALL, rig_of(WALL, profile=GENERIC), {GENERIC: asked(vendor_eds(file))}, 1000.0)
+
+
+@needs_files
+@pytest.mark.xdist_group("peers")
+@pytest.mark.thorough("real time beside a drive in another process")
+@pytest.mark.parametrize("file", ["zeroerr_erob_v1_5.eds", *WITHOUT_GUARD])
+def test_beside_the_drive_of_a_file_a_run_says_what_the_drive_lacks(file: str, tmp_path: Path) -> None:
+    port, rig = free_port(), tmp_path / "rig.toml"
+    require_multicast(port)
+    bus = f"udp_multicast:{GROUP}@1000000"
+    words = ("--drive", f"{FOLDER / file}@5", "--hand", "tap", "--bus", bus, "--write-rig", str(rig))
+    hosting = start("simulate", *words, port=port)
+    try:
+        line_of(hosting)
+        text = re.sub('profile = ".*"', f'profile = "{GENERIC}"\nemergency_stop = "power"', rig.read_text())
+        rig.write_text(text)
+        run = start("run", "wall", "--rig", str(rig), "--yes", "--rate", "200", "--duration", "1",
+                    "--set", "wall.stiffness=100", port=port)  # fmt: skip
+        _, err = run.communicate(timeout=2 * STARTS_WITHIN)
+    finally:
+        hosting.kill()
+        hosting.communicate()
+    assert run.returncode == 0 or TOO_SLOW.search(err), err
+    assert "of no particular drive, and this one has no" in err
+    assert "6007h:00 abort connection option code" in err
+    assert ("at most 5 % of rated torque" in err) is (file in WITHOUT_GUARD)

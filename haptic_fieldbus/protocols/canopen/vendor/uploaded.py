@@ -63,28 +63,33 @@ def _named(profile: CanopenProfile) -> Iterator[ObjectEntry]:
     yield from profile.entries().values()
     yield from (each.entry for each in (profile.torque.rated, profile.torque.rated_current) if each is not None)
     section = profile.link_loss
-    for option in (section.abort_connection_option, section.fault_reaction_option):
-        if option is not None:
-            yield ObjectEntry(option.object, DataType.INT16)
+    options = section.abort_connection_option, section.fault_reaction_option
+    yield from (ObjectEntry(option.object, DataType.INT16) for option in options if option is not None)
     if section.heartbeat_consumer is not None:
         yield ObjectEntry(section.heartbeat_consumer, DataType.UINT32, 1)
 
 
 def _pdos(direction: Direction, upload: Upload, entries: int) -> Iterator[EdsEntry]:
     """Yield the communication and the mapping parameters of the PDOs of a direction; each has room for `entries`."""
-    missing = 0
-    for index in COMMUNICATION[direction]:
-        has_both = upload(index, 1) is not None and upload(index + MAPPING, 0) is not None
-        missing = 0 if has_both else missing + 1
-        if missing == _GAP:
-            return
-        if has_both:
-            yield _entry(index, 1, EdsType.UNSIGNED32, "rw")
-            inhibit = upload(index, 3) if direction is Direction.TPDO else None
-            if inhibit:
-                yield _as_it_is(_entry(index, 3, EdsType.UNSIGNED16, "rw"), inhibit)
-            yield _entry(index + MAPPING, 0, EdsType.UNSIGNED8, "rw")
-            yield from (_entry(index + MAPPING, each, EdsType.UNSIGNED32, "rw") for each in range(1, entries + 1))
+    for index in _present(direction, upload):
+        yield _entry(index, 1, EdsType.UNSIGNED32, "rw")
+        inhibit = upload(index, 3) if direction is Direction.TPDO else None
+        if inhibit:
+            yield _as_it_is(_entry(index, 3, EdsType.UNSIGNED16, "rw"), inhibit)
+        yield _entry(index + MAPPING, 0, EdsType.UNSIGNED8, "rw")
+        yield from (_entry(index + MAPPING, each, EdsType.UNSIGNED32, "rw") for each in range(1, entries + 1))
+
+
+def _present(direction: Direction, upload: Upload) -> list[int]:
+    """Return the communication parameters of the PDOs that have a mapping parameter too."""
+    records, found = COMMUNICATION[direction], list[int]()
+    index = after = records.start
+    while index < min(after + _GAP, records.stop):
+        if upload(index, 1) is not None and upload(index + MAPPING, 0) is not None:
+            found.append(index)
+            after = index + 1
+        index += 1
+    return found
 
 
 def _entry(index: int, subindex: int, type: EdsType, access: str, *, mappable: bool = False) -> EdsEntry:
