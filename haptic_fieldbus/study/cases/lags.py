@@ -92,7 +92,7 @@ def torque_lag(quick: bool) -> CaseResult:
     The ways are the closed form of a spring, the largest gain of a wall with a damper, the bisection that a Maxwell
     body needs, and the damping that a wall asks for.
     """
-    found = [_found(lag, delay, 24 if quick else 96) for lag, delay in BENCHES]
+    found = [_found(lag, delay, 24 if quick else 48) for lag, delay in BENCHES]
     apart = max(abs(each.stable / each.by_hand - 1.0) for each in found)
     worst = max(abs(share - 1.0) for each in found for share in each.needed)
     return CaseResult(
