@@ -51,8 +51,8 @@ class Axle:
 
         Raises UsageError as `numerics.sampled.environment`.
         """
-        ground, beside = self._ground(changes), self._beside(changes)
-        position, stiffness, damping = self._scaled(changes) or self._resting(ground)
+        beside = self._beside(changes)
+        position, stiffness, damping = self._scaled(changes) or self._resting(self._ground(changes))
         if not len(stiffness):  # no place within the travel can be held: what is left is a handle that nothing touches
             position, stiffness, damping = np.array([math.nan]), np.zeros(1), np.zeros(1)
         springs, dampers = np.array(beside.options).T
@@ -68,7 +68,7 @@ class Axle:
             stiffness=stiffness,
             damping=damping,
             together=beside.together,
-            find_increments=lambda: self._increments(ground, beside),
+            find_increments=lambda: self._increments(self._ground(changes), beside),
             swept=beside.swept,
         )
 
