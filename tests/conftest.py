@@ -55,7 +55,7 @@ def few_first(items: list[pytest.Item]) -> list[pytest.Item]:
 
 
 def pytest_collection_finish() -> None:
-    """Leave ten thousand collected tests out of later collections of garbage: with them one takes a third of a second."""
+    """Leave ten thousand collected tests out of collections of garbage: with them one takes a third of a second."""
     gc.collect()
     gc.freeze()
 

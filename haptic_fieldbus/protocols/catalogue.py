@@ -54,11 +54,6 @@ def load_profile(name_or_path: str | Path, profiles: str | Path | None = None) -
     return _shipped(path) if path.parent == profile_folder() else _profile_of(path)
 
 
-@cache  # files of this package: they do not change, and a profile cannot
-def _shipped(path: Path) -> DriveProfile:
-    return _profile_of(path)
-
-
 def _profile_of(path: Path) -> DriveProfile:
     document = read_document(path, ProfileError)
     check_kind(document, "drive")
@@ -68,6 +63,10 @@ def _profile_of(path: Path) -> DriveProfile:
     protocol.check_profile(document)
     _check_sources(document, protocol.profile)
     return replace(document.checked(profile), name=Path(document.source).stem, source=document.source)
+
+
+_shipped = cache(_profile_of)
+"""Function that reads a file of this package once: the file does not change, and a profile cannot."""
 
 
 def _protocol_of(document: Document) -> FieldbusProtocol:
