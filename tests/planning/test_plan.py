@@ -255,10 +255,11 @@ class TestVerdictsOfEarlierPlans:
         assert first.group is second.group
         assert first.stability is second.stability
 
-    @pytest.mark.parametrize("other", [(612.0, 0.02), (611.0, 0.03), (611.0, 0.02, 1.0)])
-    def test_another_one_is_judged_anew(self, other: tuple[float, ...]) -> None:
-        walls = (Wall("handle", 611.0, 0.02), Wall("handle", *other))
-        first, second = (plan_of(scene_of(each)).axes[0].group for each in walls)
+    @pytest.mark.parametrize(
+        "other", [Wall("handle", 612.0, 0.02), Wall("handle", 611.0, 0.03), Wall("handle", 611.0, 0.02, 1.0)]
+    )
+    def test_another_one_is_judged_anew(self, other: Wall) -> None:
+        first, second = (plan_of(scene_of(each)).axes[0].group for each in (Wall("handle", 611.0, 0.02), other))
         assert first != second
 
     def test_an_element_of_ones_own_need_not_have_a_hash(self) -> None:
