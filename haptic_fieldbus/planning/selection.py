@@ -9,7 +9,7 @@ from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import COUNTS_PER_REVOLUTION, BusSection, Rig, RigAxis, default_axis, shipped_mechanism
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.planning.settings import Settled, settled
 from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.bus_name import BusName
@@ -126,16 +126,18 @@ def compiled(loaded: Loaded) -> Selection:
     """
     plan = _compiled(loaded, loaded.settled.scene)
     if loaded.settled.part is not None:
-        plan = _compiled(loaded, loaded.settled.at(plan.stability))
+        plan = _compiled(loaded, loaded.settled.at(plan.stability), plan.buses)
     return Selection(plan, loaded.bus)
 
 
-def _compiled(loaded: Loaded, scene: Scene) -> Plan:
-    """Return the plan of `scene` on the loaded bench."""
+def _compiled(loaded: Loaded, scene: Scene, buses: tuple[BusPlan, ...] = ()) -> Plan:
+    """Return the plan of `scene` on the loaded bench, with the exchange of these buses if there are any."""
     task, rig = loaded.task, loaded.rig
     names = [axis.profile for axis in rig.axis.values()]
     profiles = {name: loaded.profiles.get(name) or load_profile(name) for name in names}
-    return compile_plan(_renamed(scene, task), rig, profiles, task.rate, method=task.method, estimator=task.estimator)
+    return compile_plan(
+        _renamed(scene, task), rig, profiles, task.rate, method=task.method, estimator=task.estimator, buses=buses
+    )
 
 
 def _renamed(scene: Scene, task: Task) -> Scene:

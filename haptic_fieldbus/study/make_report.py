@@ -19,6 +19,7 @@ from haptic_fieldbus.study.measure.bench import Tools, bench_of
 from haptic_fieldbus.study.measure.contact_loop import contacts
 from haptic_fieldbus.study.measure.host import host_facts
 from haptic_fieldbus.study.measure.problems import problems
+from haptic_fieldbus.study.page.buses import buses_section
 from haptic_fieldbus.study.page.context import Context, Progress
 from haptic_fieldbus.study.page.cost import cost_section
 from haptic_fieldbus.study.page.growth import growth_section
@@ -36,6 +37,7 @@ SECTIONS: dict[str, Callable[[Context], Section]] = {
     "work-precision": work_precision_section,
     "growth": growth_section,
     "sources": sources_section,
+    "buses": buses_section,
     "integrator": integrator_section,
     "impedance": impedance_section,
     "region": region_section,
