@@ -207,7 +207,7 @@ def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
         told = f"gaps in the feedback broke the proof off, {broken_off} times: see how late periods and feedback were"
     return (
         f"axis {axis.name}: the sign from torque to motion was not seen, so that the scene was given at most "
-        f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)}; {told}"
+        f"{in_unit(min(axis.limits.holding, axis.limits.effort), axis.workspace.effort_unit)}; {told}"
     )
 
 
