@@ -40,8 +40,8 @@ from haptic_fieldbus.numerics.sampled import spectral_radius
 
 LOSSLESS = 1e-9
 """Loss per period below which a mode counts as undamped; no damping makes an undamped mode passive."""
-ROUNDING = 1e-9
-"""Share of the largest force at rest that may be rounding."""
+ROUNDING, CANCELLED = 1e-9, 1e-13
+"""Shares of the largest force at rest, and of the terms that cancel in it, that may be rounding."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,9 @@ def stores(environment: StateSpace) -> bool:
     """Return True when the forces at rest are those of a spring whose energy is never below 0."""
     states = equilibrium(environment.a - np.eye(environment.order), environment.b)
     stiffness = -(environment.c @ states + environment.d)
-    least = -ROUNDING * float(np.abs(stiffness).max(initial=0.0))
+    # A soft spring is what is left of the large terms of a damper, which cancel at rest.
+    terms = np.abs(environment.c) @ np.abs(states) + np.abs(environment.d)
+    least = -max(ROUNDING * float(np.abs(stiffness).max(initial=0.0)), CANCELLED * float(terms.max(initial=0.0)))
     bent = float(np.abs(stiffness - stiffness.T).max(initial=0.0))
     return bent <= -least and float(np.linalg.eigvalsh(stiffness + stiffness.T).min(initial=0.0)) >= 2.0 * least
 

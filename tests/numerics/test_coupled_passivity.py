@@ -180,5 +180,12 @@ class TestWhatNoDampingIsEnoughFor:
         assert not stores(gain([[-1.0, -2.0], [-2.0, -1.0]]))
         assert stores(gain([[-2.0, 1.0], [1.0, -2.0]]))
 
+    @pytest.mark.parametrize("ratio", [-2.5, 0.4, 3.3, 30.0])
+    def test_but_not_a_soft_spring_beside_a_damper_whose_terms_cancel_at_rest(self, ratio: float) -> None:
+        damping = 0.1 / (1.0 + ratio**2)
+        assert self.share(shaft(damping, ratio)(1e-9 * damping)) == pytest.approx(
+            self.share(shaft(damping, ratio)(0.0)), rel=1e-6
+        )
+
     def test_an_undamped_virtual_mass(self) -> None:
         assert self.share(embedded(sprung_mass(0.5, "exact-foh")(100.0), 0, 2)) == math.inf

@@ -17,7 +17,8 @@ velocity-quantisation zero-transition-window differentiator-tau-below-half-t lec
 tachometer-alias jittered-sampling dropped-frames lost-bus stale-position non-finite-input denormal-input encoder-wrap
 encoder-jump clock-backwards saturation-ledger hunt-crossley-fast-impact contact-shorter-than-a-sample
 multi-scale-tissue lugre-fast-slip coulomb-stop detent-too-sharp hand-lets-go rotary-equals-linear long-clock
-start-inside-the-wall modbus-one-period
+start-inside-the-wall modbus-one-period torque-lag coupled-axes
+compliant-transmission varying-slope missed-frames-pattern tick-phase fade-return
 """
 
 

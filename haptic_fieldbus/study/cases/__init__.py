@@ -14,12 +14,17 @@ from haptic_fieldbus.study.cases import (
     elements,
     extremes,
     friction,
+    gap,
+    instants,
     integrators,
+    lags,
     modbus,
     sensing,
+    several_bodies,
     sharing,
     sharing_contact,
     sharing_width,
+    slopes,
 )
 
 CASES: dict[str, Case] = {
@@ -88,5 +93,12 @@ CASES: dict[str, Case] = {
     "clock-backwards": drive.clock_backwards,
     "long-clock": drive.long_clock,
     "rotary-equals-linear": drive.rotary_equals_linear,
+    "torque-lag": lags.torque_lag,
+    "coupled-axes": several_bodies.coupled_axes,
+    "compliant-transmission": several_bodies.compliant_transmission,
+    "varying-slope": slopes.varying_slope,
+    "missed-frames-pattern": instants.missed_frames_pattern,
+    "tick-phase": instants.tick_phase,
+    "fade-return": gap.fade_return,
     "modbus-one-period": modbus.modbus_one_period,
 }

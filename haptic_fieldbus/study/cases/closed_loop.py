@@ -14,8 +14,9 @@ from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.study.case import CaseResult
 from haptic_fieldbus.study.cases.drive_bench import PERIOD_NS, Feeder, feed
-from haptic_fieldbus.study.cases.oracles import jury_limit, moved_by_force
-from haptic_fieldbus.study.cases.textbook import RULES
+from haptic_fieldbus.study.cases.oracles.held import moved_by_force
+from haptic_fieldbus.study.cases.oracles.polynomials import jury_limit
+from haptic_fieldbus.study.cases.oracles.textbook import RULES
 from haptic_fieldbus.study.measure.in_the_loop import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
 

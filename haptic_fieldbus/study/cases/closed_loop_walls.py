@@ -10,7 +10,8 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.study.case import CaseResult
-from haptic_fieldbus.study.cases.oracles import growth_of, jury_limit, plain_terms, sampled_positions, schur_cohn_limit
+from haptic_fieldbus.study.cases.oracles.held import growth_of, sampled_positions
+from haptic_fieldbus.study.cases.oracles.polynomials import jury_limit, plain_terms, schur_cohn_limit
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3

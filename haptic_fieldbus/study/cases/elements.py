@@ -17,7 +17,8 @@ from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.sim.mechanics import plant as sim_plant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.study.case import CaseResult, values_text
-from haptic_fieldbus.study.cases.oracles import jury_limit, sampled_positions
+from haptic_fieldbus.study.cases.oracles.held import sampled_positions
+from haptic_fieldbus.study.cases.oracles.polynomials import jury_limit
 
 LOSS, IMPACT_MASS = 0.6, 0.2
 """Loss factor p of the impact [s/m], and the mass that hits [kg]."""

@@ -14,7 +14,7 @@ from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.batch import Running
 from haptic_fieldbus.numerics.loops import Array, Loops, loops
 from haptic_fieldbus.study.case import CaseResult, values_text
-from haptic_fieldbus.study.cases.oracles import moved_by_force
+from haptic_fieldbus.study.cases.oracles.held import moved_by_force
 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)

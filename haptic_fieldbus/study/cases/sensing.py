@@ -14,7 +14,7 @@ from haptic_fieldbus.numerics.estimators import tachometer
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import loop_matrix, spectral_radius
 from haptic_fieldbus.study.case import CaseResult, refused
-from haptic_fieldbus.study.cases.oracles import moved_by_force
+from haptic_fieldbus.study.cases.oracles.held import moved_by_force
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD, STEP = 1e-3, 1e-5

@@ -18,7 +18,7 @@ from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
 from haptic_fieldbus.study.case import CaseResult, signed, values_text
 from haptic_fieldbus.study.cases.friction import recorded
-from haptic_fieldbus.study.cases.oracles import moved_by_force
+from haptic_fieldbus.study.cases.oracles.held import moved_by_force
 
 PERIOD = 1e-3
 STIFFNESS, AMPLITUDE, TURN = 600.0, 0.01, 40

@@ -10,7 +10,7 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.loops import Array, loops
 from haptic_fieldbus.study.case import CaseResult, signed
-from haptic_fieldbus.study.cases.oracles import sampled_positions
+from haptic_fieldbus.study.cases.oracles.held import sampled_positions
 from haptic_fieldbus.study.measure.problems import spring
 
 PERIOD = 1e-3

@@ -20,7 +20,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.study.case import CaseResult, values_text
-from haptic_fieldbus.study.cases.oracles import largest, plain_terms, polynomials
+from haptic_fieldbus.study.cases.oracles.polynomials import largest, plain_terms, polynomials
 from haptic_fieldbus.study.measure import region
 
 Point = tuple[float, float, float]

@@ -1,81 +1,33 @@
-"""Oracles of closed loops, written independently of `numerics` and `margins`: closed forms in plain numbers.
+"""Largest stable stiffness of a spring on a device under a held force, by characteristic polynomials.
 
-A plant m·ẍ = −b·ẋ + F is driven by a held force F_k = −K·x_k, which acts from td after its sample. With τ = m/b and
-ε(t) = 1 − exp(−t/τ), a force f moves the plant from rest within t by f·(t − τ·ε)/b, to the speed f·ε/b.
+The device, its force and the letters are those of `held`.
 """
 
 import math
 from collections.abc import Callable
 from decimal import Decimal, localcontext
 
-from haptic_fieldbus.margins import Plant
-from haptic_fieldbus.study.cases.textbook import Number
+from haptic_fieldbus.study.cases.oracles.held import Device
+from haptic_fieldbus.study.cases.oracles.textbook import Number
 
 DIGITS = 60
 """Digits of Decimal; a polynomial of degree 13 with roots close to 1 loses many of them."""
 
 
-def moved_by_force(device: Plant, x: float, v: float, force: float, span: float) -> tuple[float, float]:
-    """Return position [m] and velocity [m/s] after a span [s] of constant force [N]."""
-    if not device.damping:
-        a = force / device.mass
-        return x + span * (v + 0.5 * a * span), v + a * span
-    tau = device.mass / device.damping
-    part = -math.expm1(-span / tau)  # keeps its digits when the span is short
-    return x + tau * part * v + force * (span - tau * part) / device.damping, v + part * (force / device.damping - v)
-
-
-def sampled_positions(
-    device: Plant,
-    period: float,
-    law: Callable[[float], float],
-    steps: int,
-    *,
-    delay: float = 0.0,
-    push: float = 0.0,
-    start: tuple[float, float] = (1e-3, 0.0),
-) -> list[float]:
-    """Return the positions at the samples [m]; fewer than `steps` when the loop diverged.
-
-    `law` maps a position to a force, `delay` is in periods, `push` is a constant force of the hand [N], and `start` is
-    position and velocity at the first sample.
-    """
-    whole = math.floor(delay)
-    rest = (delay - whole) * period
-    x, v = start
-    forces = [0.0] * (whole + 2)
-    positions = []
-    for _ in range(steps):
-        positions.append(x)
-        forces = [law(x), *forces[:-1]]
-        if rest:  # until the delay is over, the force of the sample before still acts
-            x, v = moved_by_force(device, x, v, forces[whole + 1] + push, rest)
-        x, v = moved_by_force(device, x, v, forces[whole] + push, period - rest)
-        if not abs(x) < 1e100:
-            break
-    return positions
-
-
-def growth_of(positions: list[float]) -> float:
-    """Return ln of the greatest |position| in the last tenth over that in the first tenth."""
-    tenth = max(1, len(positions) // 10)
-    return math.log(max(map(abs, positions[-tenth:])) / max(map(abs, positions[:tenth])))
-
-
-def plain_terms(device: Plant, period: float) -> tuple[float, float, float]:
+def plain_terms(device: Device, period: float) -> tuple[float, float, float]:
     """Return (e, c1, c0) of the loop without delay, z² − (1 + e)·z + e + K·(c1·z + c0)."""
     tau, e = device.mass / device.damping, math.exp(-period * device.damping / device.mass)
     part = -math.expm1(-period / tau)
     return e, (period - tau * part) / device.damping, (tau * part - e * period) / device.damping
 
 
-def jury_limit(device: Plant, period: float) -> float:
+def jury_limit(device: Device, period: float) -> float:
     """Return the stiffness limit without delay [N/m] by Jury's conditions K < 2·(1 + e)/(c1 − c0), K < (1 − e)/c0."""
     e, c1, c0 = plain_terms(device, period)
     return min(2.0 * (1.0 + e) / (c1 - c0), -math.expm1(-period * device.damping / device.mass) / c0)
 
 
-def schur_cohn_limit(device: Plant, period: float, delay: float) -> float:
+def schur_cohn_limit(device: Device, period: float, delay: float) -> float:
     """Return the stiffness at which a root first leaves the unit circle [N/m], in 60 digits; `delay` in periods."""
     with localcontext(prec=DIGITS):
         free, by_force = polynomials(device, period, delay)
@@ -101,7 +53,7 @@ def largest(stable: Callable[[Number], bool], first: Number, factor: Number, sha
     return low
 
 
-def polynomials(device: Plant, period: float, delay: float) -> tuple[list[Decimal], list[Decimal]]:
+def polynomials(device: Device, period: float, delay: float) -> tuple[list[Decimal], list[Decimal]]:
     """Return two polynomials P and Q of the characteristic equation P + K·Q = 0, highest power first.
 
     P = (z − 1)(z − e)·z^(n+1) and Q = (z − e)(b_x + a_x·z) + l·(b_v + a_v·z). A force moves the device by (a_x, a_v)

@@ -1,0 +1,91 @@
+"""Case of a gap in the feedback while a hand presses on: how the force fades, and how much of it comes back."""
+
+from collections.abc import Sequence
+
+from haptic_fieldbus.drive.rig import Limits
+from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import LinkFlag
+from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.cases.drive_bench import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
+
+STIFFNESS, EFFORT = 2000.0, 20.0
+"""Wall [N/m], and effort limit [N]: from 0 to it in 5 ms, so 4 N in a period."""
+WAY, SLEW, FADE = 20, 4.0, 10
+"""Counts that the hand moves in a period, the largest change of the force in one [N], and periods of a whole fade."""
+PRESSED, DEEPER = 30, 10
+"""Periods of pressing before the gap, and after it."""
+LITTLE = 2e-3
+"""Permitted difference of works, relative to the energy of the wall before the gap: forces are rounded to steps."""
+
+
+def _forces(gap: int) -> tuple[list[float], list[float]]:
+    """Return what the loop commands and what is expected [N], with a gap of so many periods in the feedback.
+
+    The hand presses on during the gap, and after it for a while. Then it goes out of the wall, and in again.
+    """
+    cycle = Feeder(plan_of(Wall("handle", STIFFNESS), limits=Limits(effort=EFFORT)))
+    turn = PRESSED + gap + DEEPER
+    places = [WAY * number for number in range(1, turn + 1)]
+    places += [*places[-2::-1], 0, -WAY, *(WAY * number for number in range(PRESSED))]
+    lost = range(PRESSED, PRESSED + gap)
+    found, seen = [], (0, 0)
+    for number in range(FADED_IN + len(places)):
+        at = number - FADED_IN
+        is_lost = at in lost
+        if not is_lost:
+            seen = places[at] if at >= 0 else 0, number * PERIOD_NS
+        feed(cycle, seen[0], LinkFlag.STALE if is_lost else 0, seen[1])
+        if at >= 0:
+            found.append(cycle.value("command"))
+    if cycle.trip is not None:
+        raise ValueError(f"the run tripped: {cycle.trip.kind.value}")
+    return found, _expected(places, gap)
+
+
+def _expected(places: Sequence[int], gap: int) -> list[float]:
+    """Return the force by hand [N], segment after segment."""
+    asked = [-STIFFNESS * COUNT * max(place, 0) for place in places]
+    kept = asked[PRESSED - 1]
+    faded = [kept * max(0.0, 1.0 - max(0, missing - 1) / FADE) for missing in range(1, gap + 1)]
+    left = next(number for number in range(PRESSED + gap, len(places)) if not asked[number])
+    # Back in contact it rises as fast as it may, and stays at the force before the gap until less is asked for. A gap
+    # of one period is none: every force is held for a period.
+    cap = kept if gap > 1 else -EFFORT
+    risen = [faded[-1] - SLEW * number for number in range(1, left - PRESSED - gap + 1)]
+    back = [max(cap, rising, wanted) for rising, wanted in zip(risen, asked[PRESSED + gap : left], strict=True)]
+    return [*asked[:PRESSED], *faded, *back, *asked[left:]]
+
+
+def _given(forces: Sequence[float], gap: int) -> float:
+    """Return the work of the force on the hand from the first contact until contact is left [J]."""
+    inwards = PRESSED + gap + DEEPER - 1
+    ways = [WAY * COUNT] * inwards + [-WAY * COUNT] * (inwards + 1)
+    return sum(force * way for force, way in zip(forces, ways, strict=False))
+
+
+def fade_return(quick: bool) -> CaseResult:
+    """Check that a force fades in a gap, and comes back at its slew, up to that before the gap, until contact is left.
+
+    The hand presses on in the gap, after it for a while, and goes out. What it gets back beyond what it gave is the
+    leak of held forces and what faded; a force that returned in full would give it more.
+    """
+    gaps = (1, 4, 7, 15) if quick else range(1, 21)
+    off, works, by_hand = 0.0, [], []
+    for gap in gaps:
+        found, wanted = _forces(gap)
+        off = max(off, *(abs(one - other) for one, other in zip(found, wanted, strict=True)))
+        works.append(_given(found, gap))
+        by_hand.append(_given(wanted, gap))
+    apart = max(abs(one - other) for one, other in zip(works, by_hand, strict=True))
+    stored = 0.5 * STIFFNESS * (WAY * COUNT * PRESSED) ** 2
+    return CaseResult(
+        f"pressing to {rounded(STIFFNESS * WAY * COUNT * PRESSED, 4)} N, gaps of {', '.join(map(str, gaps))} periods: "
+        f"held, fading over {FADE}, back by at most {exactly(SLEW)} N a period to that force; the hand gets "
+        f"{values_text([1e3 * each for each in by_hand], 3)} mJ",
+        f"off by at most {rounded(off, 2)} N (0.51 of a step of torque, {rounded(UNIT, 2)} N, allowed); the hand gets "
+        f"{values_text([1e3 * each for each in works], 3)} mJ, off by {rounded(1e3 * apart, 1)} mJ",
+        off <= 0.51 * UNIT and apart <= LITTLE * stored,
+        "the force by hand, segment after segment, and its work",
+        tolerance=f"0.51 of a step of torque; {exactly(LITTLE)} of the {rounded(1e3 * stored, 3)} mJ of the wall",
+    )

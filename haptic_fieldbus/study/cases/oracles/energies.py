@@ -1,0 +1,96 @@
+"""Energy that sampled forces give to hands, by brute force over the motions that hands may make.
+
+A motion of the angle θ a period, v(t + T) = e^{jθ}·v(t), is cut into cells of constant speed. Its positions at the
+samples are sums of these speeds, the commands follow from the positions, each motor's force from its commands, cell by
+cell. The work of all forces is then a quadratic form of the speeds. Its largest eigenvalue, against the energy b·∫v²
+that the devices take, is the share of their damping that the worst motion of this angle needs; the largest over all
+angles decides. Cells are equal but for a border at the instants at which commands change.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+CELLS = 24
+"""Cells of a period."""
+ANGLES = np.concatenate([[1e-3, 0.02, 0.05], np.linspace(0.1, math.pi, 32)])
+FINER = 9
+"""Angles around the worst one, in each of two refinements."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Device of a damping [N·s/m], whose commands act after a delay [s] through a motor with a lag [s]."""
+
+    damping: float
+    delay: float
+    lag: float = 0.0
+
+
+def damping_share(
+    forces: Callable[[complex], Complex | complex], drives: Sequence[Drive], period: float, cells: int = CELLS
+) -> float:
+    """Return the share of the drives' dampings that the worst motion needs.
+
+    `forces` is H(z) of the commands F = H·x, a number or (n, n).
+    """
+
+    def needed(angles: Array) -> Array:
+        return np.array([_largest(forces(complex(z)), z, drives, period, cells) for z in np.exp(1j * angles)])
+
+    angles = ANGLES
+    for _ in range(3):
+        found = needed(angles)
+        at = int(found.argmax())
+        angles = np.linspace(angles[max(at - 1, 0)], angles[min(at + 1, len(angles) - 1)], FINER)
+    return float(found.max())
+
+
+def _largest(force: Complex | complex, z: complex, drives: Sequence[Drive], period: float, cells: int) -> float:
+    """Return the largest eigenvalue of work against dissipation over the motions of one angle."""
+    matrix = np.atleast_2d(np.asarray(force, dtype=np.complex128))
+    grids = [_borders(drive, period, cells) for drive in drives]
+    widths = [np.diff(grid) for grid in grids]
+    given = [_given(drive, grid, z, period) for drive, grid in zip(drives, grids, strict=True)]
+    roots = [np.sqrt(drive.damping * width) for drive, width in zip(drives, widths, strict=True)]
+    rows = []
+    for i, work in enumerate(given):
+        # A speed of 1 in a cell of drive j moves its samples by width/(z − 1), and so the command of drive i.
+        blocks = [
+            np.outer(work / roots[i], matrix[i, j] * widths[j] / (z - 1.0) / roots[j]) for j in range(len(drives))
+        ]
+        rows.append(np.hstack(blocks))
+    form = np.vstack(rows)
+    return float(np.linalg.eigvalsh(0.5 * (form + form.conj().T))[-1])
+
+
+def _borders(drive: Drive, period: float, cells: int) -> Array:
+    """Return the borders of the cells of a period [s]; a command changes at one of them."""
+    change = drive.delay % period
+    return np.unique(np.round(np.append(np.linspace(0.0, period, cells + 1), change), 15))
+
+
+def _given(drive: Drive, grid: Array, z: complex, period: float) -> Complex:
+    """Return ∫f over each cell for a command of 1 at the sample at 0, of zᵏ at sample k."""
+    change = round(drive.delay % period, 15)
+    late = z ** -math.floor((drive.delay + 1e-12) / period)
+    widths = np.diff(grid)
+    commands: Complex = np.where(grid[:-1] < change - 1e-15, late / z, late).astype(np.complex128)
+    if not drive.lag:
+        return np.asarray(commands * widths, dtype=np.complex128)
+    fades = np.exp(-widths / drive.lag)
+    # After a period the force must be z times what it was: found from a period that starts with 0.
+    end = 0.0 + 0.0j
+    for command, fade in zip(commands, fades, strict=True):
+        end = command + (end - command) * fade
+    start = end / (z - math.exp(-period / drive.lag))
+    found = np.empty(len(widths), dtype=np.complex128)
+    for cell, (command, fade, width) in enumerate(zip(commands, fades, widths, strict=True)):
+        found[cell] = command * width + (start - command) * drive.lag * (1.0 - fade)
+        start = command + (start - command) * fade
+    return found

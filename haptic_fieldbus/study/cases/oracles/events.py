@@ -1,0 +1,180 @@
+"""Linear loops from event to event: at each instant a position is measured or a force begins to act.
+
+Between two events a device moves under a constant command, by the exponential of its matrix. The state is carried as
+rows, each a linear function of the state at the beginning, so that one run of a turn, which is one period or a pattern
+of several, gives its matrix. Eigenvalues tell whether motions grow (Floquet).
+
+Instants are whole picoseconds, so that two that are meant to be the same are the same.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Law = Callable[[Sequence[Array], Sequence[Array]], tuple[Sequence[Array], Sequence[Array]]]
+"""Function from positions and memory to forces and memory; a force and a position for each device."""
+PICOSECOND = 1e-12
+TURNS = range(-25, 26)
+"""Turns around the one that is run, whose measurements or forces may fall into it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Device ξ̇ = A ξ + B u with a command u, whose first state is the position that is measured."""
+
+    a: Array
+    b: Array
+
+    @lru_cache(maxsize=256)  # noqa: B019  # a handful of bodies, each as long as its case
+    def over(self, span: int) -> tuple[Array, Array]:
+        """Return what the states, and what the command, become after a span [ps]."""
+        order = len(self.a)
+        system = np.zeros((order + 1, order + 1))
+        system[:order, :order], system[:order, order] = self.a, self.b
+        moved = exponential(system * (span * PICOSECOND))
+        return moved[:order, :order], moved[:order, order]
+
+
+def exponential(matrix: Array) -> Array:
+    """Return e^M of a square matrix, by the series of a small part of it, squared again and again."""
+    halvings = max(0, math.ceil(math.log2(max(float(np.abs(matrix).sum(axis=1).max()), 1e-9))) + 4)
+    part = matrix / 2.0**halvings
+    total = term = np.eye(len(matrix))
+    for power in range(1, 16):
+        term = term @ part / power
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return total
+
+
+def motor(mass: float, damping: float, lag: float = 0.0) -> Body:
+    """Return a mass with damping, moved by a motor whose force follows its command with a lag [s]."""
+    if not lag:
+        return Body(np.array([[0.0, 1.0], [0.0, -damping / mass]]), np.array([0.0, 1.0 / mass]))
+    rows = [[0.0, 1.0, 0.0], [0.0, -damping / mass, 1.0 / mass], [0.0, 0.0, -1.0 / lag]]
+    return Body(np.array(rows), np.array([0.0, 0.0, 1.0 / lag]))
+
+
+def motor_with_load(motor: Body, mass: float, load: float, stiffness: float, damping: float) -> Body:
+    """Return a motor of a mass with a load on a spring and damper; the states of the load follow those of the motor."""
+    order = len(motor.a)
+    a = np.zeros((order + 2, order + 2))
+    a[:order, :order] = motor.a
+    # The pull on the motor for its position and speed, and the load's.
+    pull = np.zeros(order + 2)
+    pull[[0, 1, order, order + 1]] = -stiffness, -damping, stiffness, damping
+    a[1] += pull / mass
+    a[order, order + 1], a[order + 1] = 1.0, -pull / load
+    return Body(a, np.append(motor.b, [0.0, 0.0]))
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One sample of a turn: when it is measured and from when its forces act [s]; both may lie in other turns."""
+
+    measured: float
+    acts: tuple[float, ...]
+    """One instant for each device."""
+    received: bool = True
+    """False: the sample is lost, and the forces of the one before are given again."""
+
+
+@dataclass(frozen=True)
+class _Event:
+    at: int
+    order: int
+    device: int
+    """-1 for a measurement."""
+    received: bool = True
+
+
+def map_of_turn(bodies: Sequence[Body], turn: float, shots: Sequence[Shot], law: Law, memory: int = 0) -> Array:
+    """Return the matrix of a turn [s] on (states of all devices, memory, last forces, acting and waiting commands)."""
+    whole = _whole(turn)
+    waiting = [_waiting(whole, shots, device) for device in range(len(bodies))]
+    sizes = [*(len(body.a) for body in bodies), memory, len(bodies), *(1 + count for count in waiting)]
+    rows = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
+    states, kept, last, queues = rows[: len(bodies)], [*rows[-2 - len(bodies)]], [*rows[-1 - len(bodies)]], [
+        [*part] for part in rows[-len(bodies) :]
+    ]  # fmt: skip
+    now = 0
+    for event in [*_events(whole, shots), _Event(whole, 0, -1, received=False)]:
+        for place, body in enumerate(bodies):
+            if event.at > now:
+                moved, by_force = body.over(event.at - now)
+                states[place] = moved @ states[place] + np.outer(by_force, queues[place][0])
+        now = event.at
+        if event.at == whole:
+            break
+        if event.device >= 0:
+            queues[event.device].pop(0)
+            continue
+        if event.received:
+            forces, memories = law([state[0] for state in states], kept)
+            last, kept = [*forces], [*memories]
+        for queue, force in zip(queues, last, strict=True):
+            queue.append(force)
+    return np.vstack([*states, *kept, *last, *(row for queue in queues for row in queue)])
+
+
+def growth(matrix: Array, freely: int = 0) -> float:
+    """Return the largest modulus of the eigenvalues, without `freely` that are closest to 1: handles left anywhere."""
+    modes = np.linalg.eigvals(matrix)
+    modes = modes[np.argsort(np.abs(modes - 1.0))][freely:]
+    return float(np.abs(modes).max())
+
+
+def _whole(time: float) -> int:
+    return round(time / PICOSECOND)
+
+
+def _events(whole: int, shots: Sequence[Shot]) -> list[_Event]:
+    """Return all events from 0 until before the end of the turn, in their order; a sample before what it computes."""
+    found = []
+    for turn in TURNS:
+        for shot in shots:
+            found.append(_Event(_whole(shot.measured) + turn * whole, 0, -1, shot.received))
+            found += [_Event(_whole(at) + turn * whole, 1, device) for device, at in enumerate(shot.acts)]
+    return sorted((each for each in found if 0 <= each.at < whole), key=lambda each: (each.at, each.order))
+
+
+def _waiting(whole: int, shots: Sequence[Shot], device: int) -> int:
+    """Return how many forces are measured before 0 and act from 0 on or later."""
+    pairs = [
+        (_whole(shot.measured) + turn * whole, _whole(shot.acts[device]) + turn * whole)
+        for turn in TURNS
+        for shot in shots
+    ]
+    return sum(measured < 0 <= acts for measured, acts in pairs)
+
+
+def every(period: float, *delays: float) -> tuple[float, list[Shot]]:
+    """Return a turn of one period [s], with these delays [s] from the sample to the force of each device."""
+    return period, [Shot(0.0, delays)]
+
+
+def spring_damper(stiffness: float, damping: float, period: float) -> Law:
+    """Return the law −K·x − B·(x − x before)/T of one device; its memory is the last position."""
+
+    def law(positions: Sequence[Array], memory: Sequence[Array]) -> tuple[Sequence[Array], Sequence[Array]]:
+        (x,), (before,) = positions, memory
+        return [-stiffness * x - damping / period * (x - before)], [x]
+
+    return law
+
+
+def shaft(stiffness: float, damping: float, ratio: float, period: float) -> Law:
+    """Return the forces of a spring and damper between x₁ and n·x₂; their work is that of one force on x₁ − n·x₂."""
+
+    def law(positions: Sequence[Array], memory: Sequence[Array]) -> tuple[Sequence[Array], Sequence[Array]]:
+        twist = positions[0] - ratio * positions[1]
+        force = -stiffness * twist - damping / period * (twist - memory[0])
+        return [force, -ratio * force], [twist]
+
+    return law
