@@ -32,7 +32,7 @@ def share_used(*deviations: tuple[float, float]) -> float:
 
     A deviation is a pair of what was found and what is permitted, in the same unit.
     """
-    shares = (abs(found) / permitted for found, permitted in deviations)
+    shares = (float(abs(found) / permitted) for found, permitted in deviations)
     return max(share if share == share else math.inf for share in shares)  # NaN differs from itself
 
 

@@ -48,9 +48,8 @@ SECTIONS: dict[str, Callable[[Context], Section]] = {
 KEYS = ("work_precision", "stability_cases", "optional_parts")
 """Keys of rows in `report.json`; `host`, `findings` and `warnings` are there too."""
 TITLE = "Error against run time"
-INTRODUCTION = """How exact the virtual forces of haptic-fieldbus are, what they cost to compute, how their error grows
-along a run, where the sampled loop is stable, and what a scene does without. SI units, unless a column says
-otherwise."""
+INTRODUCTION = """How exact the virtual forces of haptic-fieldbus are, what they cost, how their error grows along a
+run, where the sampled loop is stable, and what a scene leaves out."""
 
 HOW = """Times are those of this machine; errors, limits and stability are the same on any. Every number on this page
 is also in <code>report.json</code> and <code>details.json</code> beside it, every figure in <code>figures/</code>."""
@@ -121,15 +120,16 @@ def make_report(
         part = _part_of(tell, place, len(chosen.sections))
         part(name, 0.0)
         sections.append(SECTIONS[name](replace(context, progress=part)))
-    quiet = Quiet.of(load, context.costs)
-    machine = {**host_facts(), "quiet": quiet.words()} if context.costs else host_facts()
+    machine, warnings = host_facts(), tuple[str, ...]()
+    if context.costs:
+        quiet = Quiet.of(load, context.costs)
+        machine, warnings = {**machine, "quiet": quiet.words()}, tuple(filter(None, [quiet.warning()]))
     findings = tuple(plain_text(finding) for section in sections for finding in section.findings)
-    warnings = tuple(filter(None, [quiet.warning()]))
     content: dict[str, object] = {key: context.rows.get(key, []) for key in KEYS}
     content |= {"host": machine, "findings": findings, "warnings": warnings}
     tell("done", 1.0)
     sections.append(_made_on(machine, command, perf_counter() - begun))
-    text = page(TITLE, INTRODUCTION, sections, assumed(wall, context.bench, machine), escape(quiet.warning()))
+    text = page(TITLE, INTRODUCTION, sections, assumed(wall, context.bench, machine), escape(" ".join(warnings)))
     _write(out, sections, content, text)
     return Report(content, findings, warnings)
 

@@ -13,7 +13,7 @@ from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.numerics.batch import Running
 from haptic_fieldbus.numerics.loops import Array, Loops, loops
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.oracles.held import moved_by_force
 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
@@ -91,6 +91,7 @@ def coarse_encoder(quick: bool) -> CaseResult:
         agree and all(abs(step / border - 1.0) <= 0.02 for step in found),
         "balance of forces at the edge of a count (Abbott & Okamura); the loop in plain floats on both sides",
         tolerance="2 % of the border",
+        used=share_used(*((step / border - 1.0, 0.02) for step in found)),
     )
 
 
@@ -108,6 +109,7 @@ def coulomb_rescue(quick: bool) -> CaseResult:
         moves[0] and by_hand == [True, False] and moves == sorted(moves, reverse=True) and abs(found - 1.0) <= 0.025,
         "balance of forces at the edge of a count; the loop in plain floats at 0.95 and 1.05 of it",
         tolerance="2.5 % of the friction",
+        used=share_used((found - 1.0, 0.025)),
     )
 
 
@@ -131,6 +133,7 @@ def one_count_wall(quick: bool) -> CaseResult:
         0.0 < half <= longest and abs(highest / expected - 1.0) <= 1e-6 and least > -0.5 and deepest < 1.5,
         "closed form of the symmetric cycle of a damped mass under a sampled relay",
         tolerance="1e-6 of the speed",
+        used=share_used((highest / expected - 1.0, 1e-6)),
     )
 
 
@@ -158,4 +161,5 @@ def local_stability(quick: bool) -> CaseResult:
         sticks == sorted(sticks, reverse=True) and bool(same) and abs(found / expected - 1.0) <= 0.1,
         "describing function of Coulomb friction against the sampled spring's energy gain, by hand",
         tolerance="10 % of the amplitude",
+        used=share_used((found / expected - 1.0, 0.1)),
     )

@@ -6,7 +6,7 @@ from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.drive_bench import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 
 STIFFNESS, EFFORT = 2000.0, 20.0
@@ -88,4 +88,5 @@ def fade_return(quick: bool) -> CaseResult:
         off <= 0.51 * UNIT and apart <= LITTLE * stored,
         "the force by hand, segment after segment, and its work",
         tolerance=f"0.51 of a step of torque; {exactly(LITTLE)} of the {rounded(1e3 * stored, 3)} mJ of the wall",
+        used=share_used((off, 0.51 * UNIT), (apart, LITTLE * stored)),
     )

@@ -16,7 +16,7 @@ from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.loops import Array, loops
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
-from haptic_fieldbus.study.case import CaseResult, signed, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, signed, values_text
 from haptic_fieldbus.study.cases.friction import recorded
 from haptic_fieldbus.study.cases.oracles.held import moved_by_force
 
@@ -52,6 +52,7 @@ def passivity_observer_timing(quick: bool) -> CaseResult:
         apart <= 1e-6,
         "closed form N·K·A²·sin²(π/N) a cycle, and ∫f·v over 50 parts of each period (to 1e-6)",
         tolerance="1e-6 of the leak",
+        used=share_used((apart, 1e-6)),
     )
 
 
@@ -95,6 +96,7 @@ def passivity_observer_delay(quick: bool) -> CaseResult:
         "closed form N/2·K·A²·(cos ψ − cos(θ + ψ)) a cycle, θ = ωT, ψ = ω·td, itself checked by fine integration (to "
         f"1e-6); shares and the shifted ledger to θ² = {rounded(angle**2, 2)}",
         tolerance=f"{rounded(angle**2, 1)} of the leak",
+        used=share_used((near, angle**2), (worst, angle**2)),
     )
 
 
@@ -130,6 +132,7 @@ def saturation_ledger(quick: bool) -> CaseResult:
         off <= EXACT and wrong > 0.1 and saturated > steps // 10,
         "kinetic energy of a mass without friction (to 1e-9); the ledger before saturation is wrong by above 10 %",
         tolerance=f"{exactly(EXACT)} of the energy",
+        used=share_used((off, EXACT)),
     )
 
 
@@ -166,6 +169,13 @@ def half_sample_wall(quick: bool) -> CaseResult:
         "determinants by hand, the lag θ³/4 that the difference leaves (growth to 1 %, with the true velocity below "
         "1 % in the whole run); b > K·T/2 + |B| with B = K·T/2 (to 1e-6)",
         tolerance="1 % of the growths, 1e-6 of the dampings",
+        used=share_used(
+            (plain / expected - 1.0, 0.01),
+            (true * steps, 0.01),
+            (left / (h**4 / 8.0) - 1.0, 0.01),
+            (shaken / (2.0 * bound) - 1.0, 1e-6),
+            (without / bound - 1.0, 1e-6),
+        ),
     )
 
 

@@ -9,6 +9,7 @@ hold is late by T/2.
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from haptic_fieldbus.study.measure.bench import Bench, device_in_hand
 from haptic_fieldbus.study.measure.motions import KnownMotion, sine
 from haptic_fieldbus.study.measure.problems import Problem, peak, sprung_mass
 from haptic_fieldbus.study.measure.timing import Cost, Timed, in_turn
-from haptic_fieldbus.study.measure.work_precision import Point, Set, errors, with_order
+from haptic_fieldbus.study.measure.work_precision import Point, Set, errors, reference, with_order
 
 PositionLaw = Callable[[float], float]
 HORIZON, STIFFNESS, DAMPING = 1.0, 600.0, 2.0
@@ -72,6 +73,7 @@ def contacts() -> dict[str, Contact]:
     return {contact.name: contact for contact in every}
 
 
+@lru_cache(maxsize=8)
 def closed(contact: Contact, bench: Bench) -> Problem:
     """Return device, hand and environment in continuous time as one problem, with the hand's force as input."""
     (a, motor, hand), space = device_in_hand(bench.plant), contact.space
@@ -126,10 +128,10 @@ def costs(contact: Contact, methods: Iterable[str], bench: Bench) -> dict[str, C
 def _point(contact: Contact, method: str, bench: Bench, steps: int, cost: Cost) -> Point:
     period = HORIZON / steps
     law = contact.law(method, period, bench.plant.resolution)
-    reference = closed(contact, bench).exact(period, steps)
+    exact = reference(closed(contact, bench), steps)
     found = loop_force(law, bench, period, steps)
-    figures = errors(found, reference)
-    largest = float(np.abs(reference).max())
+    figures = errors(found, exact)
+    largest = float(np.abs(exact).max())
     # The eigenvalues of a loop with an encoder and an estimator are not at hand: instability is read off the run.
     grew = figures[2] is None or not math.isfinite(figures[2]) or figures[2] > 10.0 * largest
     return Point(contact.name, method, period, *figures, cost.ns, cost.quartiles, order=None, stable=not grew)

@@ -72,6 +72,10 @@ class Playback:
         """Return the next `count` images; the first of all follows the last that a running cycle has had."""
         return [self._next(1.0, math.sin(2.0 * math.pi * (self._number - 1) / IMAGES)) for _ in range(count)]
 
+    def swing(self) -> tuple[list[bytes]]:
+        """Return the images of the next swing, as the arguments of a timed pass."""
+        return (self.images(IMAGES),)
+
     def _next(self, travel: float, swing: float) -> bytes:
         """Return the next image: `travel` is the share of the way to the place, `swing` the share of a swing."""
         plan = self._plan
@@ -109,8 +113,7 @@ def _periods(plans: Mapping[str, Plan]) -> Iterator[OptionalPart]:
     """Yield whole periods, with the distribution of single ones, and what velocity and damping add to them."""
     playbacks = {scene: Playback(plan) for scene, plan in plans.items()}
     cycles = {scene: playback.running_cycle() for scene, playback in playbacks.items()}
-    timed = {scene: Timed(cycles[scene], lambda of=of: (of.images(IMAGES),)) for scene, of in playbacks.items()}
-    costs = in_turn(timed)
+    costs = in_turn({scene: Timed(cycles[scene], playback.swing) for scene, playback in playbacks.items()})
     for scene, cost in costs.items():
         alone = spread(cycles[scene], [(image,) for image in playbacks[scene].images(SINGLE)])
         yield OptionalPart(f"whole period: {scene}", cost.ns, cost.quartiles, cost, alone)

@@ -31,9 +31,7 @@ class Quiet:
 
     @classmethod
     def of(cls, load: float | None, costs: Sequence[Cost]) -> "Quiet":
-        """Return how quiet it was at this load while these costs were taken."""
-        if not costs:
-            return cls(load, os.cpu_count() or 1, 1.0, 0.0)
+        """Return how quiet it was at this load while these costs, one or more, were taken."""
         running = sum(cost.ran_ns for cost in costs) / sum(cost.lasted_ns for cost in costs)
         return cls(load, os.cpu_count() or 1, min(running, 1.0), median(cost.spread for cost in costs))
 
@@ -53,6 +51,6 @@ class Quiet:
         if not self.busy:
             return ""
         return (
-            f"This machine was busy while times were taken ({self.words()}): costs are too high. Errors and stability "
-            "do not depend on it. Make the report again when nothing else runs."
+            f"This machine was busy ({self.words()}): costs are too high, errors and stability as they are. Make the "
+            "report again when nothing else runs."
         )

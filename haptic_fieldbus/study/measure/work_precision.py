@@ -8,6 +8,7 @@ methods of a problem are timed in turn, once. A run that overflows has no error,
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from haptic_fieldbus.numerics import integrators
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.integrators.trajectory import follow
+from haptic_fieldbus.numerics.loops import Array
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.study.measure.problems import Problem, peak
 from haptic_fieldbus.study.measure.timing import Cost, Quartiles, Timed, in_turn
@@ -126,6 +128,12 @@ def measure(problem: Problem, method: str, steps: Sequence[int], cost: Cost | No
     return Set(problem.name, method, with_order(points, largest), problem.claimed_order(METHODS[method]), largest, cost)
 
 
+@lru_cache(maxsize=32)
+def reference(problem: Problem, steps: int) -> Array:
+    """Return the exact force at the samples [N], `(steps + 1,)`; computed once for all methods of a problem."""
+    return problem.exact(problem.horizon / steps, steps)
+
+
 def costs(problem: Problem, methods: Iterable[str]) -> dict[str, Cost]:
     """Return the costs of the steps that the loop would run, in plain floats; the methods take turns."""
     period = problem.horizon / TIMED_STEPS
@@ -141,6 +149,6 @@ def _point(problem: Problem, method: str, steps: int, cost: Cost) -> Point:
     # Accuracy from the matrices of the step, for speed; the cost is that of the step in plain floats (`costs`).
     one = integrators.discretise(problem.space, period, method)
     run = follow(one, inputs, [0.0] * problem.space.order)
-    figures = errors(run.outputs[:, 0], problem.exact(period, steps))
+    figures = errors(run.outputs[:, 0], reference(problem, steps))
     stable = figures[0] is not None and spectral_radius(one.system.a) <= 1.0 + GROWS
     return Point(problem.name, method, period, *figures, cost.ns, cost.quartiles, None, stable)

@@ -12,7 +12,7 @@ from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.report.drawing import BLUE, FELT, GREY, INK, ORANGE
 from haptic_fieldbus.study.measure.problems import problems
 from haptic_fieldbus.study.measure.work_precision import FAILED, Set, at_fixed_period, computing, has_failed
-from haptic_fieldbus.study.page.style import WIDE_CARD, dress, figure, line, look_of
+from haptic_fieldbus.study.page.style import WIDE_CARD, card_panel, figure, line, look_of, note
 
 LOWEST, TOP = 1e-7, 300.0
 """Ends of the frame: errors as a share of the largest force."""
@@ -24,8 +24,8 @@ LOOPS = {
 }
 """Colour and label of each loop in a hand."""
 
-TOLD = """Error of every method over its cost: on the left the median over the problems, thick, and each problem, faint; on
-the right the loops in a hand. Shortest of 25 repeats in turn; × marks a median that failed."""
+TOLD = """Error of every method over its cost: on the left the median over the problems, thick, and each problem, faint;
+on the right the loops in a hand. Shortest of 25 repeats in turn; × marks a median that failed."""
 
 Curve = list[tuple[float, float]]
 """Computing time for a second [µs] and error as a share of the largest force; ∞ for a run that failed."""
@@ -56,8 +56,8 @@ def draw(sets_of_problems: Sequence[Sequence[Set]]) -> Figure:
             _line(loops, curve(runs), color=colour, linewidth=0.9, marker="o", markersize=2.0)
     for panel in (alone, loops):
         _frame(panel)
-    dress(alone, f"the step alone: median of {len(known)} problems", "", "rms error / largest force")
-    dress(loops, "in the loop, held by a hand", "", "")
+    card_panel(alone, f"step alone: {len(known)} problems and their median", "", "rms error / largest force")
+    card_panel(loops, "in the loop, held by a hand", "", "")
     drawn.supxlabel("computing time for one second of simulated time [µs]", size=8)
     _legend(drawn, [each.method for each in known[0]] if known else [])
     return drawn
@@ -86,10 +86,8 @@ def _frame(panel: Axes) -> None:
     panel.set_ylim(LOWEST, TOP)
     panel.axhspan(FAILED, TOP, color="#fbeee6", linewidth=0, zorder=0)
     panel.axhline(FELT, color=INK, linewidth=0.9, linestyle=(0, (5, 4)), zorder=1)
-    panel.text(0.99, FAILED * 1.6, "failed", transform=panel.get_yaxis_transform(), ha="right", size=7, color=GREY)
-    panel.text(0.99, FELT * 1.25, "a hand feels it from here up", transform=panel.get_yaxis_transform(), ha="right",
-               size=7, color="#555555")  # fmt: skip
-    panel.tick_params(labelsize=7.5)
+    note(panel, FAILED, "failed")
+    note(panel, FELT, "a hand feels it from here up")
 
 
 def _legend(drawn: Figure, methods: Sequence[str]) -> None:
@@ -102,28 +100,22 @@ def _legend(drawn: Figure, methods: Sequence[str]) -> None:
 
 
 def finding(sets_of_problems: Sequence[Sequence[Set]]) -> str:
-    """Return what the best and the simplest method cost and err at 1 kHz, over all problems; empty without them."""
+    """Return how the best and the simplest method err and compare in cost near 1 kHz; empty without all problems."""
     known = [{runs.method: runs for runs in sets} for sets in sets_of_problems if sets[0].problem in problems()]
     loops = [runs for sets in sets_of_problems if sets[0].problem == "sprung-mass-in-hand" for runs in sets]
     if not known or not loops:
         return ""
     best, simple = (float(np.median([_share(of[name]) for of in known])) for name in (BEST, SIMPLE))
-    cheapest, dearest = (side(_cost(runs) for of in known for runs in of.values()) for side in (min, max))
+    times = float(np.median([of[BEST].cost.ratio(of[SIMPLE].cost)[1] for of in known]))
     worst = max(_share(runs) for runs in loops)
     period = at_fixed_period(loops[0]).period_s
     return (
-        f"At {rounded(1e3 * period, 2)} ms the default step <code>{BEST}</code> is off by {percent(best)} of the "
-        f"largest force, <code>{SIMPLE}</code> by {percent(simple)} (median of {len(known)} problems), for "
-        f"{rounded(cheapest, 2)} to {rounded(dearest, 2)} ms of computing a second; in the loop the held force makes "
-        f"every method first order, off by up to {percent(worst)}."
+        f"At {rounded(1e3 * period, 2)} ms <code>{BEST}</code> is off by {percent(best)} of the largest force, "
+        f"<code>{SIMPLE}</code> by {percent(simple)}, for {times:.2f} times the computing (medians of {len(known)} "
+        f"problems); in the loop all are of first order, off by up to {percent(worst)}."
     )
 
 
 def _share(runs: Set) -> float:
     point = at_fixed_period(runs)
     return math.inf if has_failed(point, runs.peak) else (point.error_rms or 0.0) / runs.peak
-
-
-def _cost(runs: Set) -> float:
-    """Return the computing time for a second [ms]."""
-    return 1e-3 * computing(at_fixed_period(runs))

@@ -8,14 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.numerals import rounded
+from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.drawing import FELT, GREY, INK
 from haptic_fieldbus.study.measure import growth
 from haptic_fieldbus.study.measure.growth import Growth
 from haptic_fieldbus.study.page.context import Context
 from haptic_fieldbus.study.page.html import Card, Cell, Section, paragraph, picture, table
-from haptic_fieldbus.study.page.style import CARD, dress, figure, legend, line, look_of, svg
+from haptic_fieldbus.study.page.style import CARD, card_panel, dress, figure, legend, line, look_of, note, svg
 
 QUICK, FULL = 10**5, 10**7
 """Steps of each run."""
@@ -80,12 +80,10 @@ def draw_card(swings: Sequence[Growth]) -> Figure:
     for swing in swings:
         panel.loglog(swing.steps, np.clip(swing.error, LOWEST, HIGHEST), **line(swing.method, marked=False))
     panel.axhline(FELT, color=INK, linewidth=0.9, linestyle=(0, (5, 4)))
-    panel.text(0.01, FELT * 1.4, "a hand feels it from here up", transform=panel.get_yaxis_transform(), size=7,
-               color="#555555")  # fmt: skip
+    note(panel, FELT, "a hand feels it from here up", right=False)
     panel.set_ylim(LOWEST, HIGHEST)
     panel.set_xlim(swings[0].steps[0], swings[0].steps[-1])
-    dress(panel, "", "steps of the loop", "largest error / amplitude")
-    panel.tick_params(labelsize=7.5)
+    card_panel(panel, "", "steps of the loop", "largest error / amplitude")
     _name_ends(panel, {swing.method: min(max(swing.error[-1], LOWEST), HIGHEST) for swing in swings})
     return drawn
 
@@ -127,9 +125,10 @@ def growth_table(swings: Sequence[Growth]) -> str:
 
 def _finding(swings: Sequence[Growth], total: int) -> str:
     by_name = {swing.method: swing for swing in swings}
-    best, leapfrog = by_name["exact-foh"], by_name["semi-implicit"]
+    best, leapfrog, euler = by_name["exact-foh"], by_name["semi-implicit"], by_name["forward-euler"]
+    lost = "overflowed" if euler.diverged_at is not None else f"by {rounded(euler.error[-1], 2)} times"
     return (
-        f"After {rounded(total)} steps of a swinging mass the exact step is off by {rounded(best.error[-1])} of the "
-        f"amplitude and its energy by {rounded(abs(best.energy[-1]))}; the symplectic one keeps its energy within "
-        f"{rounded(max(map(abs, leapfrog.energy)))} and is off by {rounded(leapfrog.error[-1])}, all of it phase."
+        f"After {rounded(total)} steps the force of a swinging mass is off by {rounded(best.error[-1], 2)} of its "
+        f"amplitude with <code>exact-foh</code>, {percent(leapfrog.error[-1])} with <code>semi-implicit</code> (phase: "
+        f"its energy stays within {percent(max(map(abs, leapfrog.energy)))}), <code>forward-euler</code> {lost}."
     )

@@ -12,24 +12,26 @@ STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: #222; margin: 0;
   background: #fff; }
-main { max-width: 1216px; margin: 0 auto; padding: 12px 32px 64px; }
-h1 { font-size: 25px; line-height: 1.2; margin: 0 0 2px; }
+main { max-width: 1216px; margin: 0 auto; padding: 8px 32px 64px; }
+h1 { font-size: 23px; line-height: 1.2; margin: 0; }
 h2 { font-size: 23px; margin: 56px 0 8px; padding-top: 14px; border-top: 2px solid #0072B2; }
 h3 { font-size: 17.5px; margin: 30px 0 4px; }
 p, ul { max-width: 860px; }
 li { margin: 4px 0; }
 .lead, .assumed { color: #555; margin: 0; font-size: 13.5px; line-height: 1.45; max-width: none; }
-.assumed { margin-top: 8px; border-top: 1px solid #e4e4e4; padding-top: 6px; }
-.busy { background: #fbeee6; border-left: 5px solid #D55E00; margin: 6px 0 0; padding: 4px 12px; font-size: 13.5px;
-  line-height: 1.4; max-width: none; }
-.first { display: grid; grid-template-columns: 1.25fr 1fr; gap: 6px 28px; margin-top: 10px; }
+.assumed { font-size: 12.5px; line-height: 1.35; margin-top: 4px; border-top: 1px solid #e4e4e4; padding-top: 4px; }
+.busy { background: #fbeee6; border-left: 5px solid #D55E00; margin: 4px 0 0; padding: 3px 12px; font-size: 12.5px;
+  line-height: 1.35; max-width: none; }
+.first { display: grid; grid-template-columns: 1.2fr 1fr; gap: 2px 28px; margin-top: 6px; }
 .card { min-width: 0; }
 .card:only-child { grid-column: 1 / -1; max-width: 760px; }
-.card h2 { font-size: 16.5px; line-height: 1.3; margin: 0; padding: 5px 0 0; }
+.card h2 { font-size: 16px; line-height: 1.3; margin: 0; padding: 3px 0 0; }
 .card h2 a { text-decoration: none; color: #222; }
-.card p { font-size: 13.5px; line-height: 1.35; margin: 1px 0 2px; min-height: 2.7em; }
+.card p { font-size: 13px; line-height: 1.35; margin: 0 0 2px; min-height: 2.7em; max-width: none; }
+.card code { padding: 0 2px; }
 .card figure, .card table { margin: 0; } .card figcaption { display: none; }
-.card table { width: 100%; font-size: 12.5px; line-height: 1.3; } .card th, .card td { padding: 2.5px 8px; }
+.card table { width: 100%; font-size: 12px; line-height: 1.3; }
+.card th, .card td, .card td.text + td.text { padding: 3px 5px; white-space: nowrap; }
 @media (max-width: 1000px) { .first { grid-template-columns: 1fr; } .card p { min-height: 0; } }
 nav { display: flex; flex-wrap: wrap; gap: 6px 18px; margin: 18px 0; }
 a { color: #0060a0; }
@@ -170,7 +172,7 @@ def page(title: str, lead: str, sections: Sequence[Section], assumed: str = "", 
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>{STYLE}</style></head>\n'
         f'<body><main><header id="first"><h1>{escape(title)}</h1>\n<p class="lead">{lead}</p>\n'
-        f"{_block('busy', warning)}<div class=\"first\">\n{cards}</div>\n{_block('assumed', assumed)}</header>\n"
+        f'{_block("busy", warning)}<div class="first">\n{cards}</div>\n{_block("assumed", assumed)}</header>\n'
         f"{found}\n<nav>{links}</nav>\n{bodies}</main></body></html>\n"
     )
 

@@ -10,22 +10,33 @@ from matplotlib.figure import Figure
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.report.drawing import BLUE, GREEN, GREY, VERMILION
 from haptic_fieldbus.study.case import Case, CaseResult
-from haptic_fieldbus.study.page.style import WIDE_CARD, dress, figure
+from haptic_fieldbus.study.page.style import WIDE_CARD, card_panel, figure
 
 FAMILIES = {
-    "integrators": "integrators", "extremes": "extreme masses, overflow", "closed_loop": "mass in the loop",
-    "closed_loop_walls": "walls at the limit, delay", "sharing_width": "Z-width, filters", "sharing": "energy, passivity",
-    "sharing_contact": "contact, letting go", "friction": "friction, encoder counts", "sensing": "sensing, lost samples",
-    "elements": "stiff elements", "drive": "faults, clock, wrap", "modbus": "Modbus, a period late",
-}  # fmt: skip
+    "integrators": "integrators",
+    "extremes": "extreme masses, overflow",
+    "closed_loop": "mass in the loop",
+    "several_bodies": "several bodies",
+    "closed_loop_walls": "walls at the limit, delay",
+    "lags": "torque lag",
+    "sharing_width": "Z-width, filters",
+    "sharing": "energy, passivity",
+    "sharing_contact": "contact, letting go",
+    "friction": "friction, encoder counts",
+    "sensing": "sensing",
+    "instants": "lost samples, ticks",
+    "elements": "stiff elements",
+    "slopes": "stiff elements",
+    "drive": "faults, gaps, clock",
+    "gap": "faults, gaps, clock",
+    "modbus": "Modbus, a period late",
+}
 """Rows of the figure by the module of a case; a module that is not here has a row by its own name."""
 WORST, FURTHEST, EXACT = 0.1, 1e10, 1e12
 """Margins at both ends of the frame, and the place of what is exact, or judged by yes or no."""
-NAMED = 5
-"""Number of the closest cases that are named."""
-
-TOLD = """Each mark is a case; its margin is the deviation that is permitted over the one that was found. Left of 1 a case
-fails. Cases without a number, such as a refusal in exact words, and those without any deviation stand at the right."""
+TOLD = """Each mark is a case; its margin is the deviation that is permitted over the one that was found. Left of 1 a
+case fails. Cases without a number, such as a refusal in exact words, and those without any deviation stand at the
+right. Beside each row stands its closest case."""
 
 
 def family_of(case: Case) -> str:
@@ -46,16 +57,18 @@ def draw(cases: Mapping[str, Case], found: Mapping[str, CaseResult]) -> Figure:
     """Return a figure with a row for each family and a mark for each case."""
     drawn = figure(*WIDE_CARD)
     panel = drawn.subplots()
-    rows = list(dict.fromkeys(family_of(cases[name]) for name in found))
+    seen = {family_of(cases[name]) for name in found}
+    rows = [*(row for row in dict.fromkeys(FAMILIES.values()) if row in seen), *sorted(seen - set(FAMILIES.values()))]
     for name, result in found.items():
         colour, marker = (BLUE, "o") if result.passed else (VERMILION, "X")
         colour = GREEN if result.passed and math.isinf(margin_of(result)) else colour
         panel.plot(_place(result), rows.index(family_of(cases[name])), marker, color=colour, markersize=5, alpha=0.75,
                    markeredgewidth=0)  # fmt: skip
-    for name in _named(found):
-        panel.annotate(name, (_place(found[name]), rows.index(family_of(cases[name]))), xytext=(5, 0), size=6.8,
-                       textcoords="offset points", va="center", color="#444444")  # fmt: skip
+    for place, row in enumerate(rows):
+        exact = sum(family_of(cases[name]) == row and math.isinf(margin_of(found[name])) for name in found)
+        panel.text(2.0 * EXACT, place, f"{exact}" if exact > 1 else "", va="center", size=6.5, color=GREEN)
     _frame(panel, rows)
+    _name_closest(panel, rows, cases, found)
     return drawn
 
 
@@ -64,10 +77,16 @@ def _place(result: CaseResult) -> float:
     return EXACT if math.isinf(margin) else min(max(margin, 2.0 * WORST), FURTHEST)
 
 
-def _named(found: Mapping[str, CaseResult]) -> Sequence[str]:
-    """Return the closest cases, and all that failed."""
-    failed = [name for name, result in found.items() if not result.passed]
-    return list(dict.fromkeys([*failed, *closest(found)[:NAMED]]))
+def _name_closest(panel: Axes, rows: Sequence[str], cases: Mapping[str, Case], found: Mapping[str, CaseResult]) -> None:
+    """Name the closest case of each row beside it, with its margin; or all that failed in it."""
+    ordered = closest(found)
+    for place, row in enumerate(rows):
+        names = [name for name in ordered if family_of(cases[name]) == row]
+        failed = [name for name in names if not found[name].passed]
+        margin = f" {rounded(margin_of(found[names[0]]))}" if names and not failed else ""
+        panel.annotate(", ".join(failed or names[:1]) + margin, (1.0, place), xycoords=panel.get_yaxis_transform(),
+                       xytext=(5, 0), textcoords="offset points", va="center", size=7.2,
+                       color=VERMILION if failed else "#444444")  # fmt: skip
 
 
 def closest(found: Mapping[str, CaseResult]) -> list[str]:
@@ -85,9 +104,8 @@ def _frame(panel: Axes, rows: Sequence[str]) -> None:
     panel.axvspan(3.0 * FURTHEST, 10.0 * EXACT, color="#eef6f2", linewidth=0, zorder=0)
     panel.set_yticks(range(len(rows)), rows)
     panel.set_ylim(len(rows) - 0.4, -0.6)
-    dress(panel, "", "margin: deviation permitted over deviation found", "")
+    card_panel(panel, "", "margin: deviation permitted over deviation found", "")
     ticks = [10.0**power for power in range(0, 11, 2)]
     panel.set_xticks([*ticks, EXACT], [*(rounded(tick) for tick in ticks), "exact"])
     panel.minorticks_off()
     panel.text(0.32, len(rows) - 0.75, "fails", ha="center", size=7, color=GREY)
-    panel.tick_params(labelsize=7.5)

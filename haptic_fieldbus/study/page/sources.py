@@ -31,10 +31,10 @@ COLOURS = {
 }
 
 EXPLAINED = """Scenes of the library (a quick report: one of each sort) run on the simulated bench (drive, bus, motor,
-encoder) at 1 kHz for 3 s, each with the hand that it names; the error is scored in moving contact. The ideal is the scene in continuous time on the true motion of the
-handle. Things are made real one after another: sampling and delay, encoder, velocity estimator, integrator, limits,
-the drive's torque step, its torque loop. Each adds its part to the error, and the shares sum to one; a negative share
-takes away from what the others did."""
+encoder) at 1 kHz for 3 s, each with the hand that it names. The ideal is the scene in continuous time on the true
+motion of the handle; the error in contact is that of moving contact alone. Things are made real one after another:
+sampling and delay, encoder, velocity estimator, integrator, limits, the drive's torque step, its torque loop. Each adds
+its part to the error, and the shares sum to one; a negative share takes away from what the others did."""
 
 
 def sources_section(context: Context) -> Section:
@@ -111,7 +111,8 @@ def sources_table(misfits: Sequence[Misfit]) -> str:
 def _finding(led: Misfit) -> str:
     largest = max(led.by_source, key=lambda source: led.by_source[source])
     return (
-        f"The wall of the library, led 60 mm to and fro once a second for {exactly(SECONDS)} s, is off by "
-        f"{percent(led.contact or 0.0)} of its force, rms over the {rounded(led.contact_s, 2)} s of moving contact (a "
-        f"hand feels from about 8 %); {percent(led.by_source[largest])} of it is {largest}."
+        f"The wall of the library, its handle led to and fro once a second for {exactly(SECONDS)} s (hand "
+        f"<code>{LED_HAND}</code>), is off by {percent(led.contact or 0.0)} of its force, rms over the "
+        f"{rounded(led.contact_s, 2)} s of moving contact (a hand feels from about 8 %); "
+        f"{percent(led.by_source[largest])} of it is {largest}."
     )

@@ -69,4 +69,6 @@ def _table(results: Mapping[str, tuple[CaseResult, float]]) -> str:
         ]
         for name, (result, seconds) in results.items()
     ]
-    return table(("case", "verdict", "expected", "measured", "judged by", "used of it", "time [s]"), rows, text_columns=5)
+    return table(
+        ("case", "verdict", "expected", "measured", "judged by", "used of it", "time [s]"), rows, text_columns=5
+    )

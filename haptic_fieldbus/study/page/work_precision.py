@@ -17,7 +17,6 @@ from haptic_fieldbus.study.measure.problems import Problem, problems, step_count
 from haptic_fieldbus.study.measure.step_limits import step_limit
 from haptic_fieldbus.study.measure.work_precision import (
     FAILED,
-    Point,
     Set,
     at_fixed_period,
     computing,
