@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -162,11 +163,16 @@ def test_the_walls_error_is_the_same_in_a_quick_report_and_is_that_of_its_delay(
     assert led.contact == pytest.approx(expected, rel=0.1)
 
 
+LONGEST = 60.0
+"""Processor time that a quick report may take [s]."""
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A whole quick report."""
-    out = tmp_path_factory.mktemp("whole")
+    """A whole quick report, made in less processor time than it may take."""
+    out, begun = tmp_path_factory.mktemp("whole"), process_time()
     run_report.make_report(out, TOOLS, quick=True)
+    assert process_time() - begun < LONGEST
     return out
 
 

@@ -43,7 +43,7 @@ class Quiet:
 
     def words(self) -> str:
         """Return the three figures as words."""
-        loaded = "" if self.load is None else f"load {rounded(self.load, 2)} on {self.cores} cores at the start, "
+        loaded = "" if self.load is None else f"load {rounded(self.load, 2)} on {self.cores} cores, "
         return f"{loaded}{percent(self.running)} of a processor, half of the repeats within {percent(self.spread)}"
 
     def warning(self) -> str:
@@ -51,6 +51,6 @@ class Quiet:
         if not self.busy:
             return ""
         return (
-            f"This machine was busy ({self.words()}): costs are too high, errors and stability as they are. Make the "
-            "report again when nothing else runs."
+            f"This machine was busy ({self.words()}): costs are too high, errors and stability as they are. Report "
+            "again when nothing else runs."
         )

@@ -56,7 +56,7 @@ def draw(sets_of_problems: Sequence[Sequence[Set]]) -> Figure:
             _line(loops, curve(runs), color=colour, linewidth=0.9, marker="o", markersize=2.0)
     for panel in (alone, loops):
         _frame(panel)
-    card_panel(alone, f"step alone: {len(known)} problems and their median", "", "rms error / largest force")
+    card_panel(alone, f"step alone: median of {len(known)} problems", "", "rms error / largest force")
     card_panel(loops, "in the loop, held by a hand", "", "")
     drawn.supxlabel("computing time for one second of simulated time [µs]", size=8)
     _legend(drawn, [each.method for each in known[0]] if known else [])

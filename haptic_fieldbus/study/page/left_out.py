@@ -15,7 +15,7 @@ def lines(plans: Mapping[str, Plan], costs: Mapping[str, float]) -> str:
     """Return a table with a line for each scene; `costs` are those of a whole period [ns], by scene."""
     rows = [[scene, ", ".join(names(plan)) or "nothing", _octets(plan), rounded(1e-3 * costs[scene])]
             for scene, plan in plans.items()]  # fmt: skip
-    return table(("scene", "leaves out", "octets", "µs"), rows, text_columns=2)
+    return table(("scene", "leaves out", "octets in, out", "µs"), rows, text_columns=2)
 
 
 def names(plan: Plan) -> list[str]:
@@ -43,9 +43,9 @@ def finding(plans: Mapping[str, Plan], costs: Mapping[str, float]) -> str:
     """Return what is done with parts that are left out, and the times of the cheapest and the dearest scene."""
     least, most = (side(costs, key=lambda scene: costs[scene]) for side in (min, max))
     return (
-        f"What is not asked for is not imported, mapped, decoded or stepped: computing a period takes "
-        f"{rounded(1e-3 * costs[least], 2)} µs of <code>{least}</code>, {rounded(1e-3 * costs[most], 2)} µs of "
-        f"<code>{most}</code> ({len(plans[most].axes)} axes)."
+        f"What is not asked for is not imported, mapped, decoded or stepped: computing a period of "
+        f"<code>{least}</code> takes {rounded(1e-3 * costs[least], 2)} µs, of <code>{most}</code> "
+        f"({len(plans[most].axes)} axes) {rounded(1e-3 * costs[most], 2)} µs."
     )
 
 

@@ -53,7 +53,8 @@ def dress(panel: Axes, title: str, x: str, y: str) -> None:
     panel.set_axisbelow(True)
     panel.spines[["top", "right"]].set_visible(False)
     for axis in (panel.xaxis, panel.yaxis):
-        if axis.get_scale() == "log":  # as numbers stand in texts; powers as mathematics take most of the drawing time
+        # As numbers stand in texts; powers as formulas would take most of the time of drawing.
+        if axis.get_scale() in ("log", "symlog"):
             axis.set_major_formatter(lambda value, place: rounded(value))
             axis.set_minor_formatter(NullFormatter())
 
