@@ -11,15 +11,9 @@ from pathlib import Path
 from haptic_fieldbus import api
 from haptic_fieldbus.numerals import percent, rounded, rounded_limit
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.study.measure.buses import BUSES
 
 FILE = Path(__file__).resolve().parent / "how-to" / "one_scene_on_four_buses.md"
-BUSES = {
-    "CANopen, 1 Mbit/s": ("sim", "generic_cia402"),
-    "Modbus TCP": ("sim-modbus-tcp", "generic_cia402_modbus"),
-    "Modbus RTU, 1 Mbit/s": ("sim-modbus-rtu@1000000", "generic_cia402_modbus"),
-    "Modbus RTU, 115200 bit/s": ("sim-modbus-rtu@115200", "generic_cia402_modbus"),
-}
-"""Name → bus and profile."""
 STIFFNESS, HAND, DURATION = 60.0, "tap", 3.0
 """The wall that all of them can render [N/m], the hand and the time [s]."""
 

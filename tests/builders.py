@@ -73,9 +73,9 @@ def rig_of(scene: Scene, **changes: Any) -> Rig:
     return Rig({"bus": CanSection("haptic_sim", "sim")}, axes)
 
 
-def endless_rig(scene: str | Scene, drive: str = DEFAULT_DRIVE) -> Rig:
+def endless_rig(scene: str | Scene, drive: str = DEFAULT_DRIVE, bus: str | None = None) -> Rig:
     """The shipped bench with an endless way, for hands whose handle may go further than a run of that bench may."""
-    rig = load(Task(scene, drive=drive)).rig
+    rig = load(Task(scene, drive=drive, bus=bus)).rig
     axes = {name: replace(axis, limits=replace(axis.limits, position=None)) for name, axis in rig.axis.items()}
     return replace(rig, axis=axes)
 

@@ -9,6 +9,7 @@ from hypothesis import settings
 from xdist.remote import Producer
 from xdist.scheduler import LoadGroupScheduling
 
+from tests import telling
 from tests.invariants.plugin import Invariants
 from tests.lanes import Lane, Part, slow_markers
 from tests.vcan import plugin as vcan
@@ -29,6 +30,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--lane", choices=[lane.value for lane in Lane], default=Lane.ALL.value, help="which tests to run")
     vcan.pytest_addoption(parser)
     group.addoption("--part", type=Part.read, default="0/1", help="K/N: the K-th of N shares of the lane, from 0")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    telling.pytest_terminal_summary(terminalreporter)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -24,19 +24,27 @@ def unstable(plan: Plan) -> AxisPlan | None:
     return next((each for each in plan.axes if each.stability and each.stability.verdict is Verdict.UNSTABLE), None)
 
 
-def softened(name: str, drive: str, rate: float = 1000.0, settings: Mapping[str, float] | None = None) -> str | Scene:
+def softened(
+    name: str,
+    drive: str,
+    rate: float | None = 1000.0,
+    settings: Mapping[str, float] | None = None,
+    bus: str | None = None,
+) -> str | Scene:
     """Return the name when the planner calls the scene stable, else the scene with its stiffest elements softened.
 
     Each of them gets half of its limit. Raises as `api.plan`, and ValueError for a scene that stays unstable.
     """
-    plan = api.plan(name, drive=drive, rate=rate, settings=settings)
+    plan = api.plan(name, drive=drive, bus=bus, rate=rate, settings=settings)
     if unstable(plan) is None:
         return name
     for _ in range(STEPS):
         axis = unstable(plan)
         if axis is None:
             return plan.scene
-        plan = api.plan(_softer(plan.scene, axis), drive=drive, rate=rate)
+        if axis.group is None or axis.group.stiffest is None:
+            break
+        plan = api.plan(_softer(plan.scene, axis), drive=drive, bus=bus, rate=rate)
     raise ValueError(f"{name} on {drive} stays unstable")
 
 

@@ -97,6 +97,7 @@ DOES_WITHOUT = {
         "api.sites": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.ties",
         "assessing.element_forces": "assessing.virtual_states",
+        "buses.canopen.access": "buses.canopen.fitting",
         "running.session": "running.direction running.proofs running.proving running.rights",
         "sim.drive.settings": "sim.mechanics.load sim.mechanics.loaded_plant",
     },

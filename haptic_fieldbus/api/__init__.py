@@ -150,7 +150,10 @@ def faults_for(source: str | Path | Iterable[Fault], duration: float, plan: Plan
 
 
 def _selected(trial: Trial) -> Selection:
-    """Return the compiled selection; with `force` the bench may be unknown, and real drives give their rated torque."""
+    """Return the compiled selection; with `force` the bench may be unknown, and real drives give their rated torque.
+
+    A real drive with a profile of no particular drive is asked for what it has.
+    """
     loaded = load(trial)
     if trial.prove:  # then no earlier outcome counts, neither for a guard nor against it
         loaded = replace(loaded, rig=loaded.rig.unproved())
@@ -160,6 +163,11 @@ def _selected(trial: Trial) -> Selection:
         from haptic_fieldbus.api.sites import ask_rated_torques
 
         loaded = replace(loaded, rig=ask_rated_torques(loaded.rig))
+    if not loaded.bus.simulated:
+        from haptic_fieldbus.api.sites import fit_profiles
+
+        rig, profiles = fit_profiles(loaded.rig)
+        loaded = replace(loaded, rig=rig, profiles=profiles)
     selection = compiled(loaded)
     return replace(selection, plan=selection.plan.fading_in(trial.fade_in))
 

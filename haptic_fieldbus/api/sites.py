@@ -13,6 +13,7 @@ from haptic_fieldbus.buses.access import BusAccess
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from haptic_fieldbus.defaults import DEFAULT_SEED
+from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import BusPlan, Plan
@@ -96,6 +97,21 @@ def ask_rated_torques(rig: Rig) -> Rig:
             axis = replace(axis, rated_torque=access_of(section.protocol).rated_torque(section, name, axis))
         axes[name] = axis
     return replace(rig, axis=axes)
+
+
+def fit_profiles(rig: Rig) -> tuple[Rig, dict[str, DriveProfile]]:
+    """Return the rig with a name of its own for each profile that was fitted to its drive, and these profiles.
+
+    Raises BusError, or UsageError when a protocol has no real bus.
+    """
+    axes, profiles = dict(rig.axis), dict[str, DriveProfile]()
+    for name in sorted({axis.bus for axis in rig.axis.values()}):
+        on_it = {axis: each for axis, each in rig.axis.items() if each.bus == name}
+        for axis, profile in access_of(rig.bus[name].protocol).fitted(rig.bus[name], on_it).items():
+            # Two axes may have the same profile, but never the same drive.
+            own = f"{rig.axis[axis].profile} of {axis}"
+            axes[axis], profiles[own] = replace(rig.axis[axis], profile=own), profile
+    return replace(rig, axis=axes), profiles
 
 
 def _logs(plan: Plan, record: Path | None, opened: ExitStack, faults: list[str]) -> dict[str, Any]:

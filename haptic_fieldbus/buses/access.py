@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.buses.found import Check, Glimpse, Scan
 from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import UsageError
 
@@ -51,6 +52,13 @@ class BusAccess(Protocol):
         Raises UsageError or BusError, as `open_bus` does, and BusError when the drive does not answer.
         """
         return None
+
+    def fitted(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Mapping[str, DriveProfile]:
+        """Return, by axis, the profiles of no particular drive with what their drives have; others are not in it.
+
+        Nothing is written. Raises UsageError or BusError, as `rated_torque` does.
+        """
+        return {}
 
     def scan(
         self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()

@@ -102,10 +102,15 @@ def _recommended(scene: "Scene") -> Iterator[str]:
 
 def _advice(compiled: "Plan") -> str:
     """Return the recommended upper limit of stiffness of a plan in words."""
+    from haptic_fieldbus.planning.explain import obstacle_text
+
     # The advice is about the axis with the smallest margin; without any judgement, about the first.
     found, space = compiled.stability, (compiled.weakest or compiled.axes[0]).workspace
     if found is None or found.stiffness is None:
         return "no stiffness in it"
+    if found.cautious is not None and not found.cautious.stable:
+        obstacle = found.cautious.obstacle
+        return "no stiffness is inside" if obstacle is None else obstacle_text(obstacle, space)
     if found.recommended is None:
         return "any stiffness" if found.stiffness else "no stiffness in it"
     unit = f"{space.effort_unit}/{space.length_unit}"

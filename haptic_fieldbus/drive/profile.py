@@ -19,6 +19,8 @@ from haptic_fieldbus.signals import Signal
 
 ASSUMED = "ASSUMED"
 """Word in the source of a value for which none was found."""
+STANDARD = "standard"
+"""Evidence of a profile of no particular drive; a run asks the drive which of its objects there are."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from typing import Protocol
 
 from haptic_fieldbus.margins.plant import Plant
 from haptic_fieldbus.margins.ranges import Ranges
+from haptic_fieldbus.scenes.element import AnyElement
 
 LOWER = (1.0, 0.6, 0.2)
 """Shares of the smallest limit so far at which a further corner is tried before its own limit is computed."""
@@ -53,6 +54,17 @@ class Values:
 
 
 @dataclass(frozen=True)
+class Obstacle:
+    """An element that is too stiff for the ranges by itself, so that none is left for a stiffer one beside it."""
+
+    element: AnyElement
+    limit: float
+    """Its cautious limit when the stiffer elements are left out [N/m or N·m/rad]."""
+    beside: str
+    """Name of the element that varies."""
+
+
+@dataclass(frozen=True)
 class Cautious:
     """Cautious limits [N/m or N·m/rad] of a loop."""
 
@@ -62,6 +74,8 @@ class Cautious:
     """Stiffness up to which the least friction holds the handle between two counts; None without quantisation."""
     judged_at: tuple[Values, ...]
     """Values of each axis at which the loop has the limit `stable`."""
+    obstacle: Obstacle | None = None
+    """Element that leaves no stiffness to the one that varies; None where some is left, or nothing else has any."""
 
 
 class Varied(Protocol):

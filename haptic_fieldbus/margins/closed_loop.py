@@ -33,9 +33,27 @@ class Axis:
     delay: float
     """Time from sampling to acting [s]."""
     environment: StateSpace | None = None
-    """Environment x_k → F_k of the axis' own elements, kept while a coupling varies; None when it has none."""
+    """Environment x_k → F_k of the axis' own elements, kept while a coupling varies; None when it has none.
+
+    `Places` are tried one by one. Any other system acts everywhere.
+    """
     bodies: "tuple[HungBody, ...]" = ()
     """Masses behind a compliant transmission; the plant is then the motor alone."""
+
+    @property
+    def own_stiffness(self) -> float:
+        """Largest stiffness of its own elements, as far as it is known of places [N/m or N·m/rad]."""
+        return max(float(self.environment.stiffness.max()), 0.0) if isinstance(self.environment, Places) else 0.0
+
+    def damping_needed(self, places: Places, period: float) -> float:
+        """Return the damping that any hand on a device of this delay and torque loop needs [N·s/m or N·m·s/rad]."""
+        times = (period, self.delay, self.plant.torque_lag)
+        needed = places.increments.damping_needed(*times)
+        if places.swept is not None:
+            # At the resonance of an undamped mode no damping is enough.
+            is_lossless = sampled.spectral_radius(places.swept.a) > 1.0 - LOSSLESS
+            needed += math.inf if is_lossless else damping_needed(places.swept, *times)
+        return needed
 
     def sampled(self, period: float) -> SampledPlant:
         """Return the device as the loop samples it; `period` in s."""
@@ -102,7 +120,7 @@ class ClosedLoop(ABC):
     def quantisation_limit(self, environment_of: EnvironmentOf) -> float | None:
         """Return the stiffness up to which friction holds each handle between two counts; None without quantisation."""
         limits = [
-            limit / felt
+            max(limit - axis.own_stiffness, 0.0) / felt
             for axis, felt in zip(self.axes, self.felt(environment_of), strict=True)
             if (limit := quantisation_limit(axis.plant)) is not None and felt
         ]
@@ -157,15 +175,10 @@ class OneAxis(ClosedLoop):
         (axis,) = self.axes
         if axis.plant.tachometer:
             return math.inf if environment.c.any() or environment.d.any() else 0.0
-        times = (self.period, axis.delay, axis.plant.torque_lag)
         if isinstance(environment, Places):
-            needed = environment.increments.damping_needed(*times)
-            if environment.swept is not None:
-                # At the resonance of an undamped mode no damping is enough.
-                is_lossless = sampled.spectral_radius(environment.swept.a) > 1.0 - LOSSLESS
-                needed += math.inf if is_lossless else damping_needed(environment.swept, *times)
+            needed = axis.damping_needed(environment, self.period)
         else:
-            needed = damping_needed(environment, *times)
+            needed = damping_needed(environment, self.period, axis.delay, axis.plant.torque_lag)
         if not axis.plant.damping:
             return math.inf if needed else 0.0
         return needed / axis.plant.damping

@@ -2,7 +2,23 @@
 
 The loop consists of several axes: each device is under its own delayed hold, and all are closed over one environment
 (`numerics.coupled`). Nobody holds a handle. The stiffness of the coupling varies; everything else is kept, including
-the axes' own elements. Passivity is required with any passive hands on all handles (`numerics.coupled_passivity`).
+the axes' own elements, which are tried at their places, in all combinations of the axes. A coupling that has play or a
+largest force is also tried without force, where each axis is alone.
+
+Passivity is required with any passive hands on all handles. A coupling of springs and dampers that nothing cuts has an
+exact condition (`numerics.coupled_passivity`). What own elements may give is bounded as on a single axis
+(`increments`), and the damping that this needs is taken from the device first: both bounds are sums over the axes of a
+damping times ∫v², so that they add up.
+
+A spring-damper between x1 and n·x2 with play, or cut at a largest force, is a law of the twist that keeps the bounds of
+`increments`. With κ = (1, |n|) the way of the twist is at most Σ κ_i·∫|v_i|. By the proof there, with y_i the mean of
+|v_i| and ρ_i the size of the rest of it, it gives at most the form of
+
+    [[K·κ_i·κ_j·½(g_i + g_j) + B·κ_i·κ_j, ½·K·κ_i·κ_j·√S_j], [its transpose, 0]]
+
+on (y, ρ), which the dampings must cover; without B this is the exact condition again. Motors that cut the two ends at
+different twists, or that cut a sum with own elements, leave forces without a potential: moving the handles around a
+loop may take energy without end, and nothing is called passive.
 
 Encoder and Coulomb friction are judged at each handle while the others are held. A count D_i changes the force at its
 own handle by κ_i·K·D_i, where κ_i is the force there per stiffness of the coupling and position (1 and n² for a spring
@@ -10,54 +26,145 @@ between x1 and n·x2). Friction bridges half of this force up to K = 2·fc_i/(κ
 counts.
 """
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from haptic_fieldbus.margins.closed_loop import ClosedLoop
+from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
 from haptic_fieldbus.margins.contact import linearised
+from haptic_fieldbus.margins.increments import MOST_WEIGHTS, spread_of
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
 from haptic_fieldbus.margins.passivity import searched
+from haptic_fieldbus.margins.places import Places
 from haptic_fieldbus.numerics import coupled
 from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share
-from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, parallel
+from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, gain, parallel
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
 
 SMALLEST, PRECISION = 1e-9, 1e-8
 """Search for the limit of passivity: its first stiffness as a share of m/T² + b/T, and its relative precision."""
+MOST_TOGETHER = 64
+"""Combinations of places of all axes that are tried."""
 
 
+@dataclass(frozen=True, eq=False)
 class CoupledAxes(ClosedLoop):
     """Axes whose environment is a coupling (x_1 … x_n)_k → (F_1 … F_n)_k; the axes' own elements are added to it."""
 
-    def together(self, coupling: StateSpace) -> StateSpace:
-        """Return the coupling in parallel with the own elements of all axes."""
-        own = [
-            coupled.embedded(axis.environment, place, len(self.axes))
+    may_slacken: bool = False
+    """Whether the couplings may give no force for any slope: in their play, or at their largest force."""
+    is_linear: bool = True
+    """Whether nothing cuts the forces of the couplings."""
+    has_potential: bool = True
+    """Whether the forces remain those of springs where they are cut; if not, nothing is called passive."""
+
+    @cached_property
+    def _own(self) -> list[StateSpace]:
+        """Own elements of all axes together, at each combination of their places."""
+        varying = sum(isinstance(axis.environment, Places) for axis in self.axes)
+        most = round(MOST_TOGETHER ** (1.0 / max(varying, 1)))
+        each = [
+            [coupled.embedded(own, place, len(self.axes)) for own in _environments(axis.environment, most)]
             for place, axis in enumerate(self.axes)
             if axis.environment is not None
         ]
-        return parallel([coupling, *own])
+        nothing = gain(np.zeros((len(self.axes),) * 2).tolist())
+        return [parallel(list(parts)) if parts else nothing for parts in product(*each)]
+
+    @cached_property
+    def _apart(self) -> float:
+        """Growth of the axis that grows the most when the couplings give no force."""
+        found = [(axis, axis.environment) for axis in self.axes if axis.environment is not None]
+        return max((OneAxis([axis], self.period).growth(own) for axis, own in found), default=0.0)
+
+    def _worst(self, environment: StateSpace) -> tuple[float, StateSpace]:
+        """Return the largest growth at the places of the own elements, and the environment there."""
+        found = [parallel([environment, own]) for own in self._own]
+        return max(((self._growth(each), each) for each in found), key=lambda pair: pair[0])
+
+    def together(self, coupling: StateSpace) -> StateSpace:
+        """Return the coupling in parallel with the own elements of all axes, at the worst places."""
+        return self._worst(coupling)[1]
 
     def matrix(self, environment: StateSpace) -> Matrix:
+        """Return the matrix of one period at the worst places."""
         return coupled.loop_matrix(self.devices, self.together(environment))
 
     def growth(self, environment: StateSpace) -> float:
         """Return the largest modulus of the loop's eigenvalues, free shifts left out; below 1 is stable."""
+        found = self._worst(environment)[0]
+        return max(found, self._apart) if self.may_slacken else found
+
+    def _growth(self, environment: StateSpace) -> float:
+        falls = int((_stiffnesses(environment) < 0.0).sum())
+        if falls:
+            matrix = coupled.loop_matrix(self.devices, environment)
+            modes = np.linalg.eigvals(coupled.without_shifts(matrix, self.devices, environment))
+            # On a crest the ideal grows too: as many of the largest real eigenvalues above 1 do not count.
+            real = np.flatnonzero((np.abs(modes.imag) < 1e-9) & (modes.real > 1.0 - 1e-9))
+            fallen = real[np.argsort(modes.real[real])[-falls:]]
+            return float(np.abs(np.delete(modes, fallen)).max())
         # Undamped devices can drift together at a constant speed for ever. The eigenvalue 1 of this drift must not
         # count as growth when rounding puts it above 1.
-        found = coupled.growth(self.devices, self.together(environment))
+        found = coupled.growth(self.devices, environment)
         drifts = not any(axis.plant.damping for axis in self.axes)
         return 1.0 if drifts and abs(found - 1.0) <= ROUNDING else found
 
     def damping_share(self, environment: StateSpace) -> float:
         """Return the share of the devices' dampings that any passive hands need; ∞ when no damping is enough."""
-        # The readings of a tachometer do not show the motion between them, so the damping of its device counts as 0.
-        ports = [
-            PassivityPort(0.0 if axis.plant.tachometer else axis.plant.damping, axis.delay, axis.plant.torque_lag)
-            for axis in self.axes
+        if not self.has_potential:
+            return math.inf
+        left = [self._damping_left(axis) for axis in self.axes]
+        if min(left) < 0.0:
+            return math.inf
+        linear = [
+            coupled.embedded(axis.environment, place, len(self.axes))
+            for place, axis in enumerate(self.axes)
+            if axis.environment is not None and not isinstance(axis.environment, Places)
         ]
-        return damping_share(self.together(environment), ports, self.period)
+        whole = parallel([environment, *linear])
+        if not self.is_linear:
+            return self._share_when_cut(whole, np.array(left))
+        ports = [
+            PassivityPort(damping, axis.delay, axis.plant.torque_lag)
+            for damping, axis in zip(left, self.axes, strict=True)
+        ]
+        return damping_share(whole, ports, self.period)
+
+    def _share_when_cut(self, environment: StateSpace, dampings: Matrix) -> float:
+        """Return the share of these dampings that a coupling needs which may be cut."""
+        count, slopes, steps = len(self.axes), np.abs(_at_rest(environment)), self._steps(environment)
+        ages = np.array([0.5 * self.period + axis.delay + axis.plant.torque_lag for axis in self.axes])
+        spreads = [spread_of(self.period, axis.delay, axis.plant.torque_lag) for axis in self.axes]
+        form = np.zeros((2 * count, 2 * count))
+        form[:count, :count] = 0.5 * slopes * np.add.outer(ages, ages) + steps
+        form[:count, count:] = 0.5 * slopes * np.sqrt(spreads)
+        form[count:, :count] = form[:count, count:].T
+        if not dampings.all():
+            return math.inf if form.any() else 0.0
+        root = np.sqrt(np.tile(dampings, 2))
+        return float(np.linalg.eigvalsh(form / np.outer(root, root)).max())
+
+    def _steps(self, environment: StateSpace) -> Matrix:
+        """Return the dampings B·κ_i·κ_j, as T times the sum of what the answers to steps differ from those at rest."""
+        at_rest, state = _at_rest(environment), np.zeros((environment.order, len(self.axes)))
+        total: Matrix = np.zeros_like(at_rest)
+        for _ in range(MOST_WEIGHTS if environment.order else 1):
+            total = total + np.abs(environment.c @ state + environment.d - at_rest)
+            state = environment.a @ state + environment.b
+        return self.period * total
+
+    def _damping_left(self, axis: Axis) -> float:
+        """Return the damping of a device that its own elements leave [N·s/m or N·m·s/rad]; below 0: too little."""
+        # The readings of a tachometer do not show the motion between them, so the damping of its device counts as 0.
+        own = 0.0 if axis.plant.tachometer else axis.plant.damping
+        return own - axis.damping_needed(axis.environment, self.period) if isinstance(axis.environment, Places) else own
 
     def passive_limit(self, environment_of: EnvironmentOf, stable: float) -> float:
         """Return the stiffness [N/m or N·m/rad] up to which any passive hands are safe; `stable` bounds it.
@@ -77,12 +184,58 @@ class CoupledAxes(ClosedLoop):
     def felt(self, environment_of: EnvironmentOf) -> list[float]:
         """Return the force at each handle per stiffness and position with the others held; 1 and n² for a shaft."""
 
-        def at_rest(environment: StateSpace) -> Matrix:
-            states = equilibrium(environment.a - np.eye(environment.order), environment.b)
-            return np.abs(np.diag(environment.c @ states + environment.d))
-
-        felt: list[float] = np.abs(at_rest(environment_of(1.0)) - at_rest(environment_of(0.0))).tolist()
+        one, none = (np.abs(np.diag(_at_rest(environment_of(stiffness)))) for stiffness in (1.0, 0.0))
+        felt: list[float] = np.abs(one - none).tolist()
         return felt
+
+
+def _environments(own: StateSpace | None, most: int) -> list[StateSpace]:
+    """Return the environments that own elements may be, at most so many of them."""
+    if isinstance(own, Places):
+        return own.environments(most)
+    return [] if own is None else [own]
+
+
+def _at_rest(environment: StateSpace) -> Matrix:
+    """Return the forces per position at rest."""
+    states = equilibrium(environment.a - np.eye(environment.order), environment.b)
+    found: Matrix = environment.c @ states + environment.d
+    return found
+
+
+def _stiffnesses(environment: StateSpace) -> NDArray[np.float64]:
+    """Return the principal stiffnesses at rest, without those that are 0 to rounding."""
+    at_rest = _at_rest(environment)
+    found = np.linalg.eigvalsh(-0.5 * (at_rest + at_rest.T))
+    return np.asarray(np.where(np.abs(found) > ROUNDING * np.abs(found).max(initial=0.0), found, 0.0))
+
+
+def are_linear(couplings: Sequence[Any], efforts: Mapping[str, float]) -> bool:
+    """Return whether neither couplings nor motors of these largest forces [N or N·m] cut a force."""
+    return all(map(math.isinf, efforts.values())) and not may_slacken(couplings)
+
+
+def has_potential(couplings: Sequence[Any], efforts: Mapping[str, float], are_alone: bool) -> bool:
+    """Return whether a coupling keeps a potential wherever its play, its largest force, or the motors cut it.
+
+    `efforts` are the largest forces of the motors [N or N·m]. `are_alone`: the axes have no elements of their own.
+    """
+    if are_linear(couplings, efforts):
+        return True
+    if len(couplings) != 1:
+        return False
+    (only,) = couplings
+    felt, most = abs(getattr(only, "transmission", math.nan)), getattr(only, "saturation", None) or math.inf
+    first, second = (efforts[name] for name in only.axes)
+    if math.isinf(first) and math.isinf(second):
+        return True
+    is_within = most <= first and felt * most <= second
+    return are_alone and (is_within or math.isclose(felt * first, second, rel_tol=1e-9))
+
+
+def may_slacken(couplings: Sequence[Any]) -> bool:
+    """Return whether a coupling has play or a largest force."""
+    return any(getattr(each, "dead_band", 0.0) or getattr(each, "saturation", None) for each in couplings)
 
 
 def between(

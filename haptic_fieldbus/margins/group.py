@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.margins import cautious, contact
-from haptic_fieldbus.margins.cautious import Cautious, Values
+from haptic_fieldbus.margins.cautious import Cautious, Obstacle, Values
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
 from haptic_fieldbus.margins.contact import Kind
 from haptic_fieldbus.margins.linear import EnvironmentOf
@@ -137,7 +137,23 @@ class Group:
         ranges = [(member.plant, member.known_ranges) for member in self.members]
         limit, at = cautious.least((values, self._at(values)) for values in cautious.corners(ranges))
         rough = self._at(cautious.least_friction(ranges))
-        return Cautious(limit, rough.loop.quantisation_limit(rough._varied()), at)
+        obstacle = None if limit else self._obstacle(self.stiffest)
+        return Cautious(limit, rough.loop.quantisation_limit(rough._varied()), at, obstacle)
+
+    def _obstacle(self, varied: AnyElement) -> Obstacle | None:
+        """Return the stiffest of the others when it is too stiff without `varied`; None with couplings."""
+        if self.couplings:
+            return None
+        (alone,) = self.members
+        others = tuple(each for each in alone.elements if each is not varied)
+        rest = replace(self, members=(replace(alone, elements=others),))
+        least = rest.cautious_limit()
+        if least is None or rest.stiffest is None:
+            return None
+        if least.obstacle is not None:
+            return replace(least.obstacle, beside=varied.name)
+        is_too_stiff = 0.0 < least.stable < contact.stiffness_of(rest.stiffest)
+        return Obstacle(rest.stiffest, least.stable, varied.name) if is_too_stiff else None
 
     def _at(self, values: Sequence[Values]) -> "Group":
         """Return the same axes with these values."""
@@ -169,6 +185,10 @@ class Group:
         """Return the limit of stability [N/m or N·m/rad] with the precision of a cautious limit."""
         return self.loop.limit(self._varied(), factor=cautious.FACTOR, precision=cautious.PRECISION)
 
+    def rough_margin(self) -> float:
+        """Return that limit over the stiffness, or over 1 for a stiffness of 0; ∞ when there is none to vary."""
+        return math.inf if self.stiffest is None else self.rough_limit() / (contact.stiffness_of(self.stiffest) or 1.0)
+
     def passive_limit(self, damping: float, stable: float) -> float:
         """Return the limit of passivity [N/m or N·m/rad] with this damping; `stable` bounds it."""
         return self.loop.passive_limit(self._varied(damping=damping), stable)
@@ -196,6 +216,15 @@ class Group:
         least = (self if own is None or damping == own else self._damped(damping)).cautious_limit()
         return math.inf if least is None else least.stable
 
+    def with_stiffness(self, element: AnyElement, stiffness: float) -> "Group":
+        """Return the same single axis with this stiffness [N/m or N·m/rad] of one of its elements."""
+        (alone,) = self.members
+        changed = tuple(
+            contact.with_parameters(each, {"stiffness": stiffness}) if each is element else each
+            for each in alone.elements
+        )
+        return replace(self, members=(replace(alone, elements=changed),))
+
     def _damped(self, damping: float) -> "Group":
         """Return the same axes with this damping of the stiffest."""
         if self.couplings:
@@ -221,15 +250,25 @@ class Group:
         ]
         if len(axes) == 1:
             return OneAxis(axes, self.period)
-        from haptic_fieldbus.margins.coupled import CoupledAxes  # a scene without couplings does without it
+        from haptic_fieldbus.margins import coupled  # a scene without couplings does without it
 
-        return CoupledAxes(axes, self.period)
+        efforts = {member.name: member.effort for member in self.members}
+        return coupled.CoupledAxes(
+            axes,
+            self.period,
+            coupled.may_slacken(self.couplings),
+            coupled.are_linear(self.couplings, efforts),
+            coupled.has_potential(self.couplings, efforts, not any(member.elements for member in self.members)),
+        )
 
     @cached_property
     def _axle(self) -> Axle:
         """The elements of the single axis."""
         (alone,) = self.members
-        return Axle(alone.elements, self.period, alone.method, alone.estimator, alone.effort, alone.travel)
+        return self._axle_of(alone)
+
+    def _axle_of(self, member: Member) -> Axle:
+        return Axle(member.elements, self.period, member.method, member.estimator, member.effort, member.travel)
 
     def environment(self, **changes: float) -> StateSpace:
         """Return the environment of the loop after `changes`: the elements of one axis, or the couplings of several."""
@@ -240,8 +279,8 @@ class Group:
         estimators = {member.name: member.estimator for member in self.members}
         return between(self.couplings, self.stiffest, changes, estimators, self.period)
 
-    def _own(self, member: Member, **changes: float) -> StateSpace:
-        return contact.environment_of(member.elements, self.period, member.method, member.estimator, **changes)
+    def _own(self, member: Member) -> StateSpace:
+        return self._axle_of(member).environment()
 
     def _varied(self, **changes: float) -> EnvironmentOf:
         return lambda stiffness: self.environment(stiffness=stiffness, **changes)

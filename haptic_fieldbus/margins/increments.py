@@ -58,13 +58,18 @@ class Increments:
         """Return the damping of a device that is passive with this law [N·s/m or N·m·s/rad]; times in s."""
         if not math.isfinite(self.slope + self.damping):
             return math.inf
-        spread = float(hold(np.array([SMALLEST_ANGLE]), period, delay, lag).spread[0])
+        spread = spread_of(period, delay, lag)
         along = self.slope * (0.5 * period + delay + lag) + self.damping
         return 0.5 * (along + math.sqrt(along**2 + self.slope**2 * spread))
 
     def rounding_is_bridged(self, plant: Plant, period: float) -> bool:
         """Return whether Coulomb friction takes all that the rounding of the encoder may give."""
         return plant.coulomb >= (0.5 * self.slope + self.damping / period) * plant.resolution
+
+
+def spread_of(period: float, delay: float, lag: float) -> float:
+    """Return S of the theory [s²]; times in s."""
+    return float(hold(np.array([SMALLEST_ANGLE]), period, delay, lag).spread[0])
 
 
 @lru_cache(maxsize=64)

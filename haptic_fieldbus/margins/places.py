@@ -144,6 +144,14 @@ class Places(StateSpace):
         ideal = math.exp(fall * period) if fall * period < LARGEST_EXPONENT else math.inf
         return RestingPlace(_known(self.position[at]), stiffness, virtual, grown, ideal)
 
+    def environments(self, most: int) -> list[StateSpace]:
+        """Return the environment at each different place, at most so many of them: of more, some of all stiffnesses."""
+        pairs = np.unique(np.round(np.column_stack([self.stiffness, self.damping]), 12), axis=0)
+        kept = max(most // len(self.together), 2)
+        if len(pairs) > kept:
+            pairs = pairs[np.linspace(0, len(pairs) - 1, kept).round().astype(int)]
+        return [each.at(float(stiffness), float(damping)) for each in self.together for stiffness, damping in pairs]
+
     def _worst(self, device: SampledPlant, together: Together) -> tuple[RestingPlace, StateSpace]:
         growths = self._growths(device, together)
         at, growth = int(self._tried[growths.argmax()]), float(growths.max())

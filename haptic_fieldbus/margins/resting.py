@@ -15,7 +15,7 @@ from haptic_fieldbus.margins.places import Places, Together
 from haptic_fieldbus.margins.terrain import EVERYWHERE, Array, Terrain, survey, terrain
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import discretised, estimated
-from haptic_fieldbus.scenes.element import DynamicElement, Element, Incremental, Reserving, Varying
+from haptic_fieldbus.scenes.element import DynamicElement, Element, Incremental, Phased, Reserving, Varying
 from haptic_fieldbus.scenes.local import Interval
 from haptic_fieldbus.signals import Signal
 
@@ -229,6 +229,8 @@ class Beside:
 
 def _options(element: Element, space: StateSpace) -> list[tuple[float, float]]:
     """Return (stiffness, damping) of an element as it holds, as it slides, and as it does not act."""
+    if isinstance(element, Phased):
+        return list(dict.fromkeys(element.phases))
     stiffness, damping = (-float(value) for value in space.d[0])
     if isinstance(element, Reserving):  # its spring slides, with the same damping
         return list(dict.fromkeys([(stiffness, damping), (0.0, damping)]))

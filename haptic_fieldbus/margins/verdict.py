@@ -168,20 +168,27 @@ def judge(
         # Above its first limit a loop may be stable again, so the growth at this stiffness counts too.
         is_stable = stiffness <= stable or growth < 1.0 - ROUNDING
         is_passive, is_bridged = stiffness <= passive, quantisation is None or stiffness <= quantisation
-    if isinstance(asked, Places):  # stiffness and slope differ, and the bounds are exact at the values asked
-        is_stable = growth <= 1.0 + AT_LIMIT
-        (axis,) = loop.axes
-        held = quantisation_limit(axis.plant)
-        is_bridged = held is None or stiffness is None or float(asked.stiffness.max()) <= held
-        is_passive = loop.damping_share(asked) <= 1.0 + ROUNDING
-        is_passive = is_passive and asked.increments.rounding_is_bridged(axis.plant, loop.period)
     radius = sampled.spectral_radius(loop.matrix(asked))
     place, crest = loop.judged_at(asked)
     margin = stable / stiffness if stiffness and stable is not None else None
     verdict = verdict_of(is_stable, is_bridged, is_passive)
+    if isinstance(asked, Places):  # stiffness and slope differ, and the bounds are exact at the values asked
+        verdict = verdict_at_places(loop, asked)
     return tuple(
         Stability(loop.period, axis.delay, axis.plant, stiffness, damping, limit, radius, margin, verdict, place, crest)
         for axis in loop.axes
+    )
+
+
+def verdict_at_places(loop: ClosedLoop, environment: Places) -> Verdict:
+    """Return the verdict of a single axis at the values that it has."""
+    (axis,) = loop.axes
+    held = quantisation_limit(axis.plant)
+    return verdict_of(
+        loop.growth(environment) <= 1.0 + AT_LIMIT,
+        held is None or float(environment.stiffness.max()) <= held,
+        loop.damping_share(environment) <= 1.0 + ROUNDING
+        and environment.increments.rounding_is_bridged(axis.plant, loop.period),
     )
 
 

@@ -8,25 +8,21 @@ neither mapped nor decoded nor estimated.
 import math
 from collections.abc import Iterator, Mapping
 
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
 from haptic_fieldbus.planning.energy import unbounded, with_energy_limits
+from haptic_fieldbus.planning.exchange import plan_buses
 from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
 from haptic_fieldbus.planning.sign_probe import sign_probe, sign_text
 from haptic_fieldbus.planning.verdicts import on_bus, with_verdicts
-from haptic_fieldbus.protocols.protocol import Members
 from haptic_fieldbus.protocols.registry import protocol_named
-from haptic_fieldbus.protocols.traffic import BusTraffic
 from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal
-
-_ROUNDS = 2
-"""Times that the waits of several buses are found."""
 
 
 def compile_plan(
@@ -37,86 +33,45 @@ def compile_plan(
     *,
     method: str | None = None,
     estimator: str | None = None,
+    buses: tuple[BusPlan, ...] = (),
 ) -> Plan:
     """Return the plan of `scene` on `rig` at `rate` [Hz]; `profiles` maps the names in the rig to their profiles.
 
-    Without a rate it is the lowest of those that the buses have by themselves.
+    Without a rate it is the lowest of those that the buses have by themselves. `buses` are those of another plan of the
+    same needs, whose rate and exchange are kept.
 
     Raises PlanError (SignalUnavailableError, ImageTooLargeError, BusOverloadError) when the scene cannot be rendered,
     SceneError when its workspace is not that of the rig, RigError for a zero that the drive cannot have, UsageError for
     an unknown protocol, method or estimator and for a negative stiffness. A loop that is unstable is returned all the
     same: `refusal.check_stable` refuses it.
     """
-    buses = _buses([draft_axis(scene, axis, rig, profiles, method, estimator) for axis in scene.axes], rig, rate)
+
+    def drafts_at(period: float | None) -> list[AxisPlan]:
+        timed = scene if period is None else scene.at_period(period)
+        return [draft_axis(timed, axis, rig, profiles, method, estimator) for axis in timed.axes]
+
+    buses = buses or plan_buses(drafts_at, rig, rate)
     rate = buses[0].traffic.rate
     period = round(1e9 / rate) * 1e-9  # whole nanoseconds, as the loop keeps it
-    scene = scene.at_period(period)
-    drafts = [draft_axis(scene, axis, rig, profiles, method, estimator) for axis in scene.axes]
+    timed, drafts = scene.at_period(period), drafts_at(period)
     traffic = {axis: bus.traffic for bus in buses for axis in bus.axes}
     seen = [on_bus(draft, traffic[draft.name], period) for draft in drafts]
-    axes = with_energy_limits(with_verdicts(seen, period), scene.couplings)
+    axes = with_energy_limits(with_verdicts(seen, period), timed.couplings)
     return Plan(
-        scene=scene,
+        scene=timed,
         rig=rig,
         rate=rate,
         buses=buses,
         axes=axes,
         image=lay_out_image([axis.traffic for axis in axes]),
-        left_out=tuple(_left_out(axes)),
+        left_out=tuple(_left_out(axes, rig)),
         steps=tuple(
             step
             for axis in axes
-            for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", period, controlled=scene.controlled)
+            for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", period, controlled=timed.controlled)
         ),
         modules=_modules(axes),
     )
-
-
-def _buses(drafts: list[AxisPlan], rig: Rig, rate: float | None) -> tuple[BusPlan, ...]:
-    """Return the buses with their traffic, in the order in which the axes name them; raises BusOverloadError.
-
-    All buses begin together, and computing begins when the slowest has its feedback; the others wait for it.
-    """
-    # First without any wait, because the waits follow from the feedback times; where a bus has several ways of
-    # exchange, these can change with a wait.
-    together = _traffics({draft.rig.bus: 0.0 for draft in drafts}, drafts, rig, rate)
-    for _ in range(_ROUNDS):
-        last = max(traffic.feedback_time for traffic in together.values())
-        waits = {name: last - traffic.feedback_time for name, traffic in together.items()}
-        together = _traffics(waits, drafts, rig, rate) if any(waits.values()) else together
-    # A rate that the fullest bus can carry fits all, so the rate that its error proposes is right for all.
-    fullest = min(together, key=lambda name: together[name].highest_rate)
-    together[fullest].check(fullest if len(together) > 1 else "")
-    return tuple(
-        BusPlan(name, rig.bus[name].protocol, traffic, tuple(draft.name for draft in drafts if draft.rig.bus == name))
-        for name, traffic in together.items()
-    )
-
-
-def _traffics(
-    waits: Mapping[str, float], drafts: list[AxisPlan], rig: Rig, rate: float | None
-) -> dict[str, BusTraffic]:
-    """Return the traffic of each bus at `rate` [Hz]; its feedback waits so long for that of other buses [s]."""
-    on = {name: (protocol_named(rig.bus[name].protocol), rig.bus[name], _members(name, drafts)) for name in waits}
-    if rate is None:
-        rate = _default_rate(
-            [protocol.default_rate(bus, members, waits[name]) for name, (protocol, bus, members) in on.items()]
-        )
-    return {
-        name: protocol.bus_traffic(bus, members, rate, waits[name]) for name, (protocol, bus, members) in on.items()
-    }
-
-
-def _default_rate(rates: list[float]) -> float:
-    """Return the rate [Hz] of a loop that is not told one, from those of its buses.
-
-    With several buses its period is in whole milliseconds, which every drive that is told of it can take.
-    """
-    return min(rates) if len(rates) == 1 else 1e3 / math.ceil(1e3 / min(rates))
-
-
-def _members(name: str, drafts: list[AxisPlan]) -> Members:
-    return {draft.name: (draft.profile, draft.traffic) for draft in drafts if draft.rig.bus == name}
 
 
 def _steps(axis: AxisPlan, prefix: str, period: float, *, controlled: bool) -> Iterator[str]:
@@ -170,7 +125,7 @@ def _linear_note(estimator: str) -> str:
     return "" if other is None else f" (not linear: stability is judged with {other})"
 
 
-def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
+def _left_out(axes: tuple[AxisPlan, ...], rig: Rig) -> Iterator[LeftOut]:
     """Yield the parts that the plan does without, each with the reason."""
     for axis in axes:
         offered = axis.profile.offers()
@@ -186,6 +141,9 @@ def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
     if not any(mapped.signal is Signal.TORQUE_ACTUAL for axis in axes for mapped in axis.incoming):
         yield LeftOut("torque actual", "no element asks for it")
     for axis in axes:
+        if _asks(axis, rig):
+            why = "is a profile of no particular drive: a run asks the drive, and then plans with what it has"
+            yield LeftOut("objects that the drive lacks", f"{axis.profile.title} {why}")
         if axis.profile.echo is None:
             why = "does not show what it was sent (torque.echo of its profile)"
             yield LeftOut("echo of the set-points", f"{axis.profile.title} {why}; {CAPPED}")
@@ -200,6 +158,12 @@ def _left_out(axes: tuple[AxisPlan, ...]) -> Iterator[LeftOut]:
         yield LeftOut("integrator", why)
         if not remembers:
             yield LeftOut("virtual states", "no element has any")
+
+
+def _asks(axis: AxisPlan, rig: Rig) -> bool:
+    """Return True when a run asks the drive which objects of its profile it has."""
+    bus, drive = rig.bus[axis.rig.bus], axis.profile.drive
+    return drive.evidence == STANDARD and not bus.simulated and protocol_named(bus.protocol).fits_profiles
 
 
 def _estimates(axis: AxisPlan) -> bool:

@@ -7,14 +7,16 @@ import math
 from collections.abc import Iterator
 
 from haptic_fieldbus.margins import Stability
-from haptic_fieldbus.margins.cautious import Cautious
-from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit
+from haptic_fieldbus.margins.cautious import Cautious, Obstacle
+from haptic_fieldbus.margins.contact import stiffness_of
+from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit, two_digits_down
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER
 from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.guards import guard_lines
 from haptic_fieldbus.planning.limit_table import limit_lines, recommended_limits
 from haptic_fieldbus.planning.plan import BusPlan, Plan
+from haptic_fieldbus.planning.refusal import softer
 from haptic_fieldbus.planning.ways import way_limits
 from haptic_fieldbus.signals import Workspace
 
@@ -114,6 +116,8 @@ def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from (("", text) for text in place_texts(stability, axis.workspace))
     if stability.cautious is not None:
         yield "", f"cautious {_up_to(stability.cautious.stable)}: {cautious_text(stability.cautious, axis.workspace)}"
+        if stability.cautious.obstacle is not None:
+            yield "", obstacle_text(stability.cautious.obstacle, axis.workspace)
     if stability.recommended is not None:
         yield "", f"recommended up to {rounded_limit(stability.recommended)} {per}"
 
@@ -148,6 +152,16 @@ def cautious_text(least: Cautious, workspace: Workspace) -> str:
         for each in least.judged_at
     ]
     return f"the worst of the ranges, {'; '.join(at)}"
+
+
+def obstacle_text(obstacle: Obstacle, workspace: Workspace) -> str:
+    """Return which other element leaves no stiffness to the one that varies, and what to set."""
+    per, element = f"{workspace.effort_unit}/{workspace.length_unit}", obstacle.element
+    return (
+        f"none is left for {obstacle.beside}: without it, too, {element.name} is above its cautious limit, "
+        f"{rounded_limit(stiffness_of(element))} of {rounded_limit(obstacle.limit)} {per}; inside would be "
+        f"{softer(element, two_digits_down(obstacle.limit))}"
+    )
 
 
 def _up_to(limit: float) -> str:

@@ -85,12 +85,14 @@ def plan_change(
 
 
 def _compiled(running: Plan, scene: Scene) -> Plan:
-    """Return the plan of `scene` on the bench of the running loop, with its integrator and estimator."""
+    """Return the plan of `scene` on the bench of the running loop, with its exchange, integrator and estimator."""
     profiles = {axis.rig.profile: axis.profile for axis in running.axes}
     method = next((axis.method for axis in running.axes if axis.method), None)
     # Method and estimator are the same on all axes that have one; a tachometer cannot be chosen, so it is left out.
     estimator = next((axis.estimator for axis in running.axes if axis.estimator and not axis.integrates), None)
-    return compile_plan(scene, running.rig, profiles, running.rate, method=method, estimator=estimator)
+    return compile_plan(
+        scene, running.rig, profiles, running.rate, method=method, estimator=estimator, buses=running.buses
+    )
 
 
 def _beyond(running: Plan, plan: Plan) -> Iterator[str]:

@@ -1,9 +1,11 @@
 """Refusal of an unstable loop before anything moves, with its limit and with settings that would be stable."""
 
+from collections.abc import Iterator
+
 from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.margins.group import Group
-from haptic_fieldbus.numerals import exactly, rounded, rounded_limit
+from haptic_fieldbus.numerals import exactly, rounded, rounded_limit, two_digits_down
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import AnyElement, Graded
 from haptic_fieldbus.scenes.parameters import parameters
@@ -51,7 +53,7 @@ def _uncoupled(plan: Plan, group: Group) -> str:
     return "".join(parts)
 
 
-def _softer(element: AnyElement, stiffness: float) -> str:
+def softer(element: AnyElement, stiffness: float) -> str:
     """Return the `--set` options that give an element this stiffness, by way of the parameters that it follows from."""
     if not isinstance(element, Graded):
         return f"--set {element.name}.stiffness={exactly(stiffness)}"
@@ -70,8 +72,19 @@ def _hints(group: Group) -> list[str]:
     element, found = group.stiffest, group.suggested()
     if element is None:
         return []
-    hints = [] if found.stiffness is None else [_softer(element, found.stiffness)]
+    hints = list(_eased(group)) if found.stiffness is None else [softer(element, found.stiffness)]
     if found.damping is not None and found.damping_limit is not None:
         limit = rounded_limit(found.damping_limit)
         hints.append(f"--set {element.name}.damping={exactly(found.damping)} (cautious limit {limit})")
     return hints
+
+
+def _eased(group: Group) -> Iterator[str]:
+    """Yield settings that make an element softer which leaves no stiffness to another one, and that one if it must."""
+    least = group.cautious_limit()
+    if least is None or least.obstacle is None:
+        return
+    element, stiffness = least.obstacle.element, two_digits_down(least.obstacle.limit)
+    eased = group.with_stiffness(element, stiffness)
+    rest = _hints(eased)[:1] if eased.stability.verdict is Verdict.UNSTABLE else []
+    yield " ".join([softer(element, stiffness), *rest])

@@ -27,7 +27,11 @@ def torque_unit(signal: Signal, profile: DriveProfile, axis: RigAxis) -> float:
     Raises PlanError when the rig lacks its scale.
     """
     offered = profile.offers()
-    unit = offered.get(signal, offered[Signal.TARGET_TORQUE]).unit
+    return effort_step(offered.get(signal, offered[Signal.TARGET_TORQUE]).unit, profile, axis)
+
+
+def effort_step(unit: str, profile: DriveProfile, axis: RigAxis) -> float:
+    """Return one step of a torque in this unit, in the workspace [N or N·m]; raises PlanError as `torque_unit`."""
     if unit not in TORQUE_UNITS + ABSOLUTE_TORQUE_UNITS:
         raise PlanError(f"{profile.title}: torque unit {unit!r} is not supported")
     step = torque_step(unit, axis, profile.full_scale)

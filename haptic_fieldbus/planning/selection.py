@@ -1,13 +1,15 @@
 """The way from a task (scene, bench, settings) to a compiled plan: load, check, compile."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_RATE
+from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import COUNTS_PER_REVOLUTION, BusSection, Rig, RigAxis, default_axis, shipped_mechanism
 from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.planning.settings import Settled, settled
 from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.bus_name import BusName
@@ -30,6 +32,8 @@ class Loaded:
     settled: Settled
     rig: Rig
     bus: BusName
+    profiles: Mapping[str, DriveProfile] = field(default_factory=dict)
+    """Profiles that are known already, by their names in the rig; others are loaded."""
 
 
 @dataclass(frozen=True)
@@ -122,15 +126,18 @@ def compiled(loaded: Loaded) -> Selection:
     """
     plan = _compiled(loaded, loaded.settled.scene)
     if loaded.settled.part is not None:
-        plan = _compiled(loaded, loaded.settled.at(plan.stability))
+        plan = _compiled(loaded, loaded.settled.at(plan.stability), plan.buses)
     return Selection(plan, loaded.bus)
 
 
-def _compiled(loaded: Loaded, scene: Scene) -> Plan:
-    """Return the plan of `scene` on the loaded bench."""
+def _compiled(loaded: Loaded, scene: Scene, buses: tuple[BusPlan, ...] = ()) -> Plan:
+    """Return the plan of `scene` on the loaded bench, with the exchange of these buses if there are any."""
     task, rig = loaded.task, loaded.rig
-    profiles = {axis.profile: load_profile(axis.profile) for axis in rig.axis.values()}
-    return compile_plan(_renamed(scene, task), rig, profiles, task.rate, method=task.method, estimator=task.estimator)
+    names = [axis.profile for axis in rig.axis.values()]
+    profiles = {name: loaded.profiles.get(name) or load_profile(name) for name in names}
+    return compile_plan(
+        _renamed(scene, task), rig, profiles, task.rate, method=task.method, estimator=task.estimator, buses=buses
+    )
 
 
 def _renamed(scene: Scene, task: Task) -> Scene:

@@ -41,6 +41,11 @@ class FieldbusProtocol(Protocol):
         """Forms of its bus names with examples, as a part of a sentence."""
 
     @property
+    def fits_profiles(self) -> bool:
+        """True when a run fits profiles of no particular drive to the drives that it meets (`BusAccess.fitted`)."""
+        return False
+
+    @property
     def default_drive(self) -> str:
         """Profile of a drive on its buses when none is named."""
         return DEFAULT_DRIVE
@@ -86,9 +91,12 @@ class FieldbusProtocol(Protocol):
         Raises PlanError (ImageTooLargeError) when the drive cannot carry them.
         """
 
-    def default_rate(self, section: BusSection, members: Members, waiting: float) -> float:
-        """Return the rate of a loop that is not told one [Hz]; the arguments are those of `bus_traffic`."""
-        return DEFAULT_RATE
-
     def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> BusTraffic:
         """Return the traffic of a bus at `rate` [Hz], whose feedback waits for that of other buses, `waiting` in s."""
+
+    def ways(self, section: BusSection, members: Members, rate: float | None, waiting: float) -> Sequence[BusTraffic]:
+        """Return the ways of the exchange that fit into a period; never none, and the youngest torque first.
+
+        Without a rate each is at the one that it has by itself. By default there is the way of `bus_traffic` alone.
+        """
+        return (self.bus_traffic(section, members, DEFAULT_RATE if rate is None else rate, waiting),)

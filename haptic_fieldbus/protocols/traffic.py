@@ -101,8 +101,8 @@ class BusTraffic(Protocol):
         """Return the traffic of an axis as it is exchanged on this bus."""
 
     def others(self) -> "tuple[BusTraffic, ...]":
-        """Return other ways of the same exchange that were not chosen, each at the rate of this one or, if that is too
-        fast for it, at its own highest; empty where there is one way."""
+        """Return other ways of the same exchange that were not chosen, each at the rate of this one or at its own
+        highest; empty where there is one way."""
 
     @property
     def exchange(self) -> str:

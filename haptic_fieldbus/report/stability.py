@@ -7,7 +7,7 @@ from haptic_fieldbus.api.judging import UNCERTAIN, Judgement
 from haptic_fieldbus.margins import Plant, Stability, Verdict
 from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
-from haptic_fieldbus.planning.explain import cautious_text, place_texts
+from haptic_fieldbus.planning.explain import cautious_text, obstacle_text, place_texts
 from haptic_fieldbus.report.words import Line, parameter_units
 from haptic_fieldbus.signals import Workspace
 
@@ -117,7 +117,7 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
         yield "none: no element has a stiffness to vary"
         return
     yield f"stable {_up_to(limit.stable, unit)}"
-    hand = "whatever hand holds it" if limit.passive else "some hand can make it grow"
+    hand = "whatever hand holds it" if limit.passive else "as nothing proves it for every hand"
     yield f"passive {_up_to(limit.passive, unit)}, {hand}"
     if limit.quantisation is not None:
         between = "steps" if judgement.stability.plant.tachometer else "counts"
@@ -125,6 +125,8 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
     least = judgement.stability.cautious
     if least is not None:
         yield f"cautious {_up_to(least.stable, unit)}: {cautious_text(least, judgement.workspace)}"
+        if least.obstacle is not None:
+            yield obstacle_text(least.obstacle, judgement.workspace)
     # Friction raises the limits, and is the least certain figure of a device: the line shows how much depends on it.
     less = judgement.group.weakened(UNCERTAIN).stability.stiffness_limit
     limits = f"stable {_up_to(less.stable, unit)}, passive {_up_to(less.passive, unit)}"
@@ -133,8 +135,8 @@ def _limits(judgement: Judgement, unit: str) -> Iterator[str]:
 
 def _meaning(stability: Stability, workspace: Workspace) -> str:
     """Return what the verdict says, with the force up to which places were judged."""
-    known = stability.place is not None and math.isfinite(stability.effort)
-    held = f"up to {in_unit(stability.effort, workspace.effort_unit)}" if known else "a hand"
+    is_limited = math.isfinite(stability.effort)
+    held = f"up to {in_unit(stability.effort, workspace.effort_unit)}" if is_limited else "a hand"
     return MEANING[stability.verdict].format(held=held)
 
 

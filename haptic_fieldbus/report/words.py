@@ -14,7 +14,7 @@ from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit, two_digits_down
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.enabling import enabling_lines
-from haptic_fieldbus.planning.explain import delay_text, milliseconds
+from haptic_fieldbus.planning.explain import delay_text, milliseconds, obstacle_text
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.ways import way_limits
 from haptic_fieldbus.scenes.element import AnyElement
@@ -169,7 +169,7 @@ def stability_text(plan: Plan) -> str:
     if axis is None or stability is None:
         return "unknown: the rig does not give inertia and viscous_damping"
     stable, verdict = stability.stiffness_limit.stable, stability.verdict.value
-    if stability.verdict is Verdict.STABLE and stability.place is not None and math.isfinite(stability.effort):
+    if stability.verdict is Verdict.STABLE and math.isfinite(stability.effort):
         verdict = f"stable at every resting place up to {in_unit(stability.effort, axis.workspace.effort_unit)}"
     if stable is None or stability.stiffness is None:
         return verdict
@@ -178,19 +178,21 @@ def stability_text(plan: Plan) -> str:
         return f"stable with no limit on this bench; {asked}"
     unit = f"{axis.workspace.effort_unit}/{axis.workspace.length_unit}"
     limits = f"stable to {rounded_limit(stable)} {unit} on this bench{_passive_text(stability)}"
-    return f"{limits}; {asked}{_margin_text(stability)}{_cautious_text(stability)}"
+    return f"{limits}; {asked}{_margin_text(stability)}{_cautious_text(stability, axis.workspace)}"
 
 
-def _cautious_text(stability: Stability) -> str:
+def _cautious_text(stability: Stability, workspace: Workspace) -> str:
     """Return the cautious limit, and whether more is asked; empty when there is none."""
     least = stability.cautious
     if least is None or math.isinf(least.stable) or stability.stiffness is None:
         return ""
+    if not least.stable:
+        found = "no stiffness would be inside" if least.obstacle is None else obstacle_text(least.obstacle, workspace)
+        return f"; above the cautious limit: {found}"
     limit = f"cautious limit {rounded_limit(least.stable)}"
     if stability.stiffness <= least.stable:
         return f"; {limit}"
-    inside = exactly(two_digits_down(least.stable)) if least.stable else "no stiffness"
-    return f"; above the {limit}, {inside} would be inside"
+    return f"; above the {limit}, {exactly(two_digits_down(least.stable))} would be inside"
 
 
 def _passive_text(stability: Stability) -> str:

@@ -67,6 +67,11 @@ class BrakingPulse:
         """Return 0 J: what a damper takes is gone."""
         return 0.0
 
+    @property
+    def phases(self) -> tuple[tuple[float, float], ...]:
+        """Return the damping of a pulse, and nothing before and after it."""
+        return (0.0, self.damping), (0.0, 0.0)
+
     def linearised(self) -> StateSpace:
         """Return the damping of a pulse as if it lasted."""
         return gain([[0.0, -self.damping]])

@@ -175,6 +175,15 @@ class Incremental(Protocol):
 
 
 @runtime_checkable
+class Phased(Protocol):
+    """An element with a memory that feels like one of several springs and dampers, each for a while."""
+
+    @property
+    def phases(self) -> tuple[tuple[float, float], ...]:
+        """Stiffness [N/m or N·m/rad] and damping [N·s/m or N·m·s/rad] of each; (0, 0) where it may be left."""
+
+
+@runtime_checkable
 class Paced(Protocol):
     """An element with a parameter that follows from the period of the loop when it is left out."""
 

@@ -110,8 +110,7 @@ class Needle:
     @property
     def stiffness(self) -> float:
         """The larger stiffness of the capsule as it gives way and of the grip after it [N/m or N·m/rad]."""
-        gripping = self.grip * ((self.friction > 0.0 or self.breakaway > 0.0) + (self.cutting > 0.0))
-        return max(self.puncture / self.depth * (1.0 + self.curvature), gripping)
+        return max(stiffness for stiffness, _ in self.phases)
 
     def with_stiffness(self, stiffness: float) -> Self:
         scaled = ("puncture", "grip", "friction", "breakaway", "cutting", "drag")
@@ -124,6 +123,14 @@ class Needle:
         capsule = self.puncture * self.depth * (0.5 * (1.0 - self.curvature) + self.curvature / 3.0)
         gripping = max(self.friction, self.breakaway) ** 2 + self.cutting**2
         return max(capsule, 0.5 * gripping / self.grip)
+
+    @property
+    def phases(self) -> tuple[tuple[float, float], ...]:
+        """Return the ends of the closed capsule, without drag; then what holds in the open tissue, with it."""
+        slope = self.puncture / self.depth
+        held = self.grip * ((self.friction > 0.0 or self.breakaway > 0.0) + (self.cutting > 0.0))
+        capsule = ((slope * (1.0 - self.curvature), 0.0), (slope * (1.0 + self.curvature), 0.0))
+        return (*capsule, (held, self.drag), (0.0, self.drag), (0.0, 0.0))
 
     def linearised(self) -> StateSpace:
         """Return the largest stiffness, with the drag."""

@@ -21,6 +21,7 @@ from haptic_fieldbus.study.measure.host import host_facts
 from haptic_fieldbus.study.measure.problems import problems
 from haptic_fieldbus.study.measure.quiet import Quiet, load_average
 from haptic_fieldbus.study.page.assumed import assumed
+from haptic_fieldbus.study.page.buses import buses_section
 from haptic_fieldbus.study.page.context import Context, Progress
 from haptic_fieldbus.study.page.cost import cost_section
 from haptic_fieldbus.study.page.growth import growth_section
@@ -38,6 +39,7 @@ SECTIONS: dict[str, Callable[[Context], Section]] = {
     "work-precision": work_precision_section,
     "growth": growth_section,
     "sources": sources_section,
+    "buses": buses_section,
     "integrator": integrator_section,
     "impedance": impedance_section,
     "region": region_section,

@@ -31,7 +31,7 @@ def _lasts(fault: Any, stated: Stated) -> bool:
 
 
 def _stands_still(seconds: float, stated: Stated) -> bool:
-    return seconds > stated.deadlines[STOPPED] + 2.0 * stated.period
+    return seconds > stated.deadline(STOPPED) + 2.0 * stated.period
 
 
 def _jumps(fault: Any, stated: Stated) -> bool:
@@ -131,21 +131,21 @@ def host_delay(faults: Sequence[Any]) -> float:
     return late + slow + paused
 
 
-LATER: Mapping[str, float] = {"duplicate_node": 2.0, "host_late": 1.0, "host_paused": 1.0}
+LATER: Mapping[str, float] = {"duplicate_node": 1.0, "host_late": 1.0, "host_paused": 1.0}
 """Periods by which a fault comes, or is seen, later than its cause says.
 
-A second node answers after the first, and is heard in the next period where the exchange has ended by then. A computer
-stands still when the loop waits the next time, before which it still gives a proof of life.
+A second node answers after the first, when the exchange has ended, and is heard in the next period. A computer stands
+still when the loop waits the next time, before which it still gives a proof of life.
 """
 
 
 def allowed(cause: str, faults: Sequence[Any], stated: Stated) -> float:
     """How long the way to zero may take [s]; other faults at the same time may bar the way that was stated."""
     later = max((LATER.get(fault.kind, 0.0) for fault in faults if fault is not None), default=0.0)
-    seconds = stated.deadlines[cause] + later * stated.period
+    seconds = stated.deadline(cause) + later * stated.period
     if len(faults) < 2:
         return seconds
     faults = [fault for fault in faults if fault is not None]
     others = [cause_of(fault, stated, faults) for fault in faults]
-    slowest = max((stated.deadlines[other] for other in others if other is not None), default=0.0)
-    return seconds + max(slowest, stated.deadlines[STOPPED], stated.deadlines.get(NO_EFFECT, 0.0)) + host_delay(faults)
+    slowest = max((stated.deadline(other) for other in others if other is not None), default=0.0)
+    return seconds + max(slowest, stated.deadline(STOPPED), stated.deadlines.get(NO_EFFECT, 0.0)) + host_delay(faults)

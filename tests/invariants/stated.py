@@ -3,6 +3,7 @@
 Everything comes from the JSON of `plan --json`, from the numbers of the rig, and from the profile's own figures.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -88,6 +89,10 @@ class Stated:
     axes: tuple[StatedAxis, ...]
     deadlines: Mapping[str, float]
     """[s] from an event to zero torque, by the cause; a cause that nothing notices is not there."""
+
+    def deadline(self, cause: str) -> float:
+        """[s]; ∞ for a cause that only a person ends, as with a drive that does not watch its master."""
+        return self.deadlines.get(cause, math.inf)
 
 
 def stated(

@@ -9,7 +9,8 @@ from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.chatter import STARTS, chatter_speed, largest_chatter
 from haptic_fieldbus.margins.cycles import edge_chatter
 from tests.loops import LAG, PERIOD, wall
-from tests.margins.events import Array, Bench, Law
+from tests.margins.events import Bench
+from tests.margins.laws import Array, Condition, Law
 
 STEP = 1e-5
 
@@ -20,12 +21,12 @@ def weighted_speed(plant: Plant, delay: float, stiffness: float, speeds: Array) 
     Coulomb friction ends slips within a period, so v is read 16 times in each.
     """
     one = np.ones(len(speeds))
-    law = Law(len(speeds), springs=[(0.0 * one, stiffness * one, 0.0 * one, 0.0 * one, np.inf * one)])
+    spring = Condition(np.arange(len(speeds)), 0.0 * one, stiffness * one, 0.0 * one, 0.0 * one, np.inf * one)
     bench = Bench(
         plant.mass * one, plant.damping * one, PERIOD, delay * one, 0.0 * one, np.inf * one, plant.coulomb * one,
         plant.resolution * one, 0.0 * one, 0.0 * one, 1.5 * stiffness * plant.resolution * one,
     )  # fmt: skip
-    squares, ways = bench.speeds(law, 1.5 * plant.resolution * one, speeds, 6000, 1000)
+    squares, ways = bench.speeds(Law(len(speeds), [spring]), 1.5 * plant.resolution * one, speeds, 6000, 1000)
     return np.asarray(squares / np.maximum(ways, 1e-30))
 
 

@@ -7,9 +7,14 @@ import pytest
 
 from haptic_fieldbus.margins import Plant, Verdict
 from haptic_fieldbus.margins.group import Group, Member
+from haptic_fieldbus.scenes.braking_pulse import BrakingPulse
+from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
+from haptic_fieldbus.scenes.needle import Needle
+from haptic_fieldbus.scenes.wall import Wall
 from tests.loops import BENCH, LAG, PERIOD
-from tests.margins.events import Array, Bench, Law
+from tests.margins.events import Bench
+from tests.margins.laws import Array, Crossley, Law
 
 DELAY = 0.4e-3
 EFFORT = 94.0
@@ -20,7 +25,7 @@ def growth(effort: float, depth: float, loss: float, forces: list[float], period
     """Growth a period of a knock of 0.1 µm/s on a handle that leans with each of these forces, as n = 3/2."""
     many, one = len(forces), np.ones(len(forces))
     push, k = np.array(forces), effort / depth**1.5
-    law = Law(many, crossleys=[(0.0 * one, one, k * one, 1.5 * one, loss * one)])
+    law = Law(many, [Crossley(np.arange(many), 0.0 * one, k * one, 1.5 * one, loss * one)])
     bench = Bench(
         PLANT.mass * one, PLANT.damping * one, PERIOD, DELAY * one, LAG * one, EFFORT * one, 0.0 * one, 0.0 * one,
         0.0 * one, 0.0 * one, push,
@@ -72,3 +77,13 @@ def test_less_force_or_less_way_leaves_out_the_places_beyond() -> None:
         group = Group((Member(**{**vars(member), **limited}),), (), PERIOD)
         assert group.stability.verdict is Verdict.PASSIVE
     assert math.isfinite(whole.stability.spectral_radius)
+
+
+NEEDLE = Needle("a", 15.0, 0.012, 210.0, 2.6, cutting=4.5, drag=1.06, position=-0.007)
+
+
+@pytest.mark.parametrize("elements", [(NEEDLE,), (BrakingPulse("a", 1.06, 0.05, 0.01), Wall("a", 1650.0))])
+def test_a_damping_that_acts_only_at_times_does_not_count_for_ever(elements: tuple[Element, ...]) -> None:
+    """The drag of an open hole once counted for the closed capsule, and a pulse for the time before it."""
+    member = Member("a", Plant(0.37, 0.9, torque_lag=LAG), 0.0, elements, None, "backward-difference", effort=15.5)
+    assert Group((member,), (), PERIOD).stability.verdict is Verdict.UNSTABLE

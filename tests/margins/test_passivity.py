@@ -93,6 +93,33 @@ class TestPassiveLimit:
         needed = damping_needed(wall(lagging), PERIOD, delay * PERIOD, lag)
         assert needed == pytest.approx(BENCH.damping, rel=1e-6)
 
+    @pytest.mark.parametrize("delay", [0.0, 0.33, 1.7])
+    @pytest.mark.parametrize("lag", [LAG, 3 * PERIOD])
+    def test_the_lag_counts_in_the_damping_that_is_asked(self, delay: float, lag: float) -> None:
+        """By the damping needed, and by the limit of a spring, which asks for all there is."""
+        plant = replace(BENCH, torque_lag=lag)
+        loop = alone(plant, PERIOD, delay * PERIOD)
+        assert loop.damping_share(wall(passive_limit(plant, PERIOD, delay * PERIOD))) == pytest.approx(1.0, rel=1e-6)
+        needed = damping_needed(wall(300.0, 0.2), PERIOD, delay * PERIOD, lag)
+        assert loop.damping_share(wall(300.0, 0.2)) == pytest.approx(needed / plant.damping, rel=1e-12)
+
+    @pytest.mark.parametrize("delay", [0.0, 0.33, 1.7])
+    @pytest.mark.parametrize("lag", [LAG, 3 * PERIOD])
+    def test_the_lag_counts_where_the_limit_is_searched(self, delay: float, lag: float) -> None:
+        """A spring in series with a dashpot by backward Euler, whose pole moves with its stiffness."""
+
+        def maxwell(stiffness: float) -> StateSpace:
+            dashpot = 20.0
+            whole = stiffness * PERIOD + dashpot
+            pole, step = dashpot / whole, -stiffness * dashpot / whole
+            return StateSpace(*(np.array([[each]]) for each in (pole, 1.0, step * (pole - 1.0), step)))
+
+        plant = replace(BENCH, torque_lag=lag)
+        found = passive_limit_of(plant, PERIOD, delay * PERIOD, maxwell, math.inf)
+        needed = [damping_needed(maxwell(part * found), PERIOD, delay * PERIOD, lag) for part in (0.99, 1.0, 1.01)]
+        assert needed[1] == pytest.approx(BENCH.damping, rel=1e-5)
+        assert needed[0] < BENCH.damping < needed[2]
+
     @pytest.mark.parametrize("name", ["first-order low-pass", "moving average"])
     def test_a_filtered_damper_is_passive_as_colgate_and_schenkel_say(self, name: str) -> None:
         """b > T/2/(1 − cos ωT)·Re{(1 − e^{−jωT})·H}, H by its formula; brute force over frequency."""

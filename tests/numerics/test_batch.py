@@ -147,6 +147,12 @@ def test_friction_stops_what_would_ring_for_long() -> None:
     assert (np.abs(found.position) <= 0.5 / 300.0).all()
 
 
+def test_friction_stops_a_free_mass_after_m_v2_over_2_fc() -> None:
+    found = run(loops(mass=0.5, damping=0.0, period=PERIOD, coulomb=[0.2, 0.202], velocity=0.1), 300)
+    np.testing.assert_allclose(found.position, [0.0125, 0.0125 / 1.01], rtol=1e-9)
+    np.testing.assert_array_equal(found.velocity, 0.0)
+
+
 def test_what_overflows_is_flagged_as_diverged() -> None:
     found = run(loops(mass=1e-3, damping=1.0, period=PERIOD, stiffness=[100.0, 1e9], position=1.0), 200)
     assert found.diverged.tolist() == [False, True]

@@ -10,6 +10,7 @@ from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.margins.contact import stiffest_of
 from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.refusal import check_stable
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.element import AnyElement, Graded
@@ -106,3 +107,33 @@ def test_what_has_no_stiffness_is_refused_without_a_proposal() -> None:
         check_stable(plan_of(scene_of(Pushing())))
     assert "this scene is unstable" in str(refused.value)
     assert "Would be stable" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "held"),
+    [("detents", {"end_stop.stiffness": 5000.0, "detents.amplitude": 12.0}, "end_stop"),
+     ("gear_shifter", {"end_stop.stiffness": 5000.0, "friction.stiffness": 4000.0}, "friction")],
+)  # fmt: skip
+def test_where_another_element_leaves_no_stiffness_it_is_named_and_made_softer(
+    name: str, settings: dict[str, float], held: str
+) -> None:
+    with pytest.raises(UnstableSceneError) as refused:
+        check_stable(plan_of(load_scene(name, settings)))
+    given = {key: float(value) for key, value in re.findall(r"--set (\w+\.\w+)=([.0-9]*[0-9])", str(refused.value))}
+    assert f"{held}.stiffness" in given
+    mended = plan_of(load_scene(name, settings | given)).stability
+    assert mended is not None
+    assert mended.cautious is not None
+    assert mended.stiffness is not None
+    assert mended.stiffness <= mended.cautious.stable
+
+
+def test_a_stop_that_alone_is_above_the_cautious_limit_of_a_wall_is_told_to_leave_nothing_to_detents() -> None:
+    wall = plan_of(load_scene("wall")).stability
+    assert wall is not None
+    assert wall.cautious is not None
+    text = explain(plan_of(load_scene("detents", {"end_stop.stiffness": 460.0})))
+    limits = f"460 of {wall.cautious.stable:.4g} N/m"
+    assert f"none is left for detents: without it, too, end_stop is above its cautious limit, {limits}" in text
+    assert "--set end_stop.stiffness=430" in text
+    assert "none is left" not in explain(plan_of(load_scene("detents", {"end_stop.stiffness": 430.0})))

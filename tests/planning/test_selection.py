@@ -9,12 +9,12 @@ from can.interfaces.virtual import channels
 from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.drive.rig import LinearMechanism, Rig
 from haptic_fieldbus.errors import BusError, BusOverloadError, PlanError, SafetyTripError, SceneError, UsageError
-from haptic_fieldbus.planning.selection import check_rendering, load, select
+from haptic_fieldbus.planning.selection import check_rendering, compiled, load, select
 from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
-from tests.builders import bit_rates, scene_of
+from tests.builders import bit_rates, canopen, scene_of
 from tests.several_buses import rig_on
 
 SCENE = scene_of(Wall("left", stiffness=300.0, name="a"), Wall("right", stiffness=300.0, name="b"))
@@ -146,3 +146,24 @@ def test_names_are_checked_also_where_the_scene_needs_neither(wrong: dict[str, s
     with pytest.raises(UsageError, match=sentence):
         check_rendering(Rendering(SCENE, method=wrong.get("method"), estimator=wrong.get("estimator")))
     check_rendering(Rendering(SCENE, method="rk4", estimator="kalman-velocity"))
+
+
+def test_a_profile_of_no_particular_drive_is_asked_for_by_a_run_and_the_plan_says_so() -> None:
+    def left_out(drive: str, simulated: str, bus: str) -> list[str]:
+        rig = load(Task("wall", drive=drive, bus=simulated)).rig
+        axes = {name: replace(axis, emergency_stop="power") for name, axis in rig.axis.items()}
+        return [each.what for each in plan("wall", replace(rig, axis=axes), bus=bus).left_out]
+
+    asked, wire = "objects that the drive lacks", "udp_multicast:239.74.163.2@1000000"
+    assert asked in left_out("generic_cia402", "sim", wire)
+    assert asked not in left_out("generic_cia402", "sim", "sim"), "the simulated drive is that of the profile"
+    assert asked not in left_out("maxon_epos4", "sim", wire)
+    assert asked not in left_out("generic_cia402_modbus", "sim-modbus-tcp", "modbus-tcp:127.0.0.1"), "nobody asks there"
+
+
+def test_a_profile_that_is_known_already_is_not_loaded() -> None:
+    loaded = load(Task("wall"))
+    axes = {name: replace(axis, profile="no file has this name") for name, axis in loaded.rig.axis.items()}
+    known = {"no file has this name": canopen("generic_cia402")}
+    (axis,) = compiled(replace(loaded, rig=replace(loaded.rig, axis=axes), profiles=known)).plan.axes
+    assert axis.profile is known["no file has this name"]

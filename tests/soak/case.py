@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -10,8 +10,10 @@ from random import Random
 from tempfile import TemporaryDirectory
 
 from haptic_fieldbus import api
+from haptic_fieldbus.api.sites import kinds_on
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError
 from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.modbus.profile import ModbusProfile
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.sim.faults import Fault
@@ -24,10 +26,24 @@ from tests.softened import softened, unstable
 
 DURATION = 1.0
 FADE_IN = 0.1
-RATES = (1000.0, 1000.0, 500.0, 250.0)
+CAN, TCP, RTU = "sim", "sim-modbus-tcp", "sim-modbus-rtu@115200"
+EVERY = 5
+"""Of so many seeds one is on Modbus: on RTU, or on TCP where the drive has it."""
+ON_MODBUS = 2
+"""The remainder of these seeds; the planted bugs were found with others, and keep them."""
+RATES: Mapping[str, tuple[float | None, ...]] = {
+    CAN: (1000.0, 1000.0, 500.0, 250.0),
+    TCP: (None, 1000.0, 500.0, 250.0),
+    RTU: (None, None, 30.0),
+}
+"""Rates that are drawn [Hz]; None: that of the bus itself."""
+FALLBACK: Mapping[str, float | None] = {CAN: 1000.0, TCP: None, RTU: None}
+"""Rates at which a scene is softened that is not stable at the one that was drawn [Hz]."""
 HANDS = ("push", "tap", "sine", "guide", "release", "none")
 CONTACT = {"wall.position": 0.001}
 """Settings of scenes whose wall is a few centimetres away: a short run is to be in contact."""
+STAND_IN = "wall"
+"""Scene in the place of one that a drive cannot render on its bus: a slow line bears no detents."""
 REPEATED = 10
 """Of so many runs one is run twice, octet for octet; another one is recorded."""
 
@@ -39,7 +55,8 @@ class Case:
     seed: int
     scene: str
     drive: str
-    rate: float
+    bus: str
+    rate: float | None
     hand: str
     duration: float
     faults: tuple[Fault, ...]
@@ -68,25 +85,42 @@ def scenes() -> tuple[str, ...]:
 
 
 @cache
-def profiles() -> tuple[str, ...]:
-    return tuple(name for name in shipped() if load_profile(name).drive.usable)
+def profiles(protocol: str = "canopen") -> tuple[str, ...]:
+    return tuple(name for name in shipped(protocol) if load_profile(name).drive.usable)
+
+
+@cache
+def buses_of(drive: str) -> tuple[str, ...]:
+    """The simulated buses that a drive can be on."""
+    profile = load_profile(drive)
+    if not isinstance(profile, ModbusProfile):
+        return (CAN,)
+    return tuple(bus for bus, transport in ((TCP, "tcp"), (RTU, "rtu")) if transport in profile.line.transports)
 
 
 def case_of(seed: int, duration: float = DURATION) -> Case:
     """Draw the run of a seed; its faults happen while there is torque."""
-    random = Random(f"case/{seed}")
-    scene, drive = random.choice(scenes()), random.choice(profiles())
-    rate, hand = random.choice(RATES), random.choice(HANDS)
-    return Case(seed, scene, drive, rate, hand, duration, drawn(seed, duration))
+    random, modbus = Random(f"case/{seed}"), seed % EVERY == ON_MODBUS
+    scene, drive = random.choice(scenes()), random.choice(profiles("modbus" if modbus else "canopen"))
+    bus = random.choice(buses_of(drive)) if modbus else CAN
+    rate, hand = random.choice(RATES[bus]), random.choice(HANDS)
+    faults = drawn(seed, duration, kinds()) if modbus else drawn(seed, duration)
+    return Case(seed, scene, drive, bus, rate, hand, duration, faults)
 
 
 @cache
-def settings_of(scene: str, drive: str) -> tuple[tuple[str, float], ...]:
+def kinds() -> tuple[str, ...]:
+    """Kinds of faults that can be drawn on Modbus."""
+    return kinds_on(api.plan("wall", bus=TCP))
+
+
+@cache
+def settings_of(scene: str, drive: str, bus: str) -> tuple[tuple[str, float], ...]:
     """The settings with which a scene is in contact early."""
     chosen = {}
     for key, value in CONTACT.items():
         try:
-            api.plan(scene, drive=drive, settings={key: value})
+            api.plan(scene, drive=drive, bus=bus, settings={key: value})
             chosen[key] = value
         except HapticFieldbusError:
             continue
@@ -94,46 +128,54 @@ def settings_of(scene: str, drive: str) -> tuple[tuple[str, float], ...]:
 
 
 @cache
-def possible(scene: str, drive: str, rate: float) -> tuple[str | Scene, float]:
-    """The scene and the rate, or the highest one where the scene would not be stable with it.
+def possible(scene: str, drive: str, bus: str, rate: float | None) -> tuple[str | Scene, float | None]:
+    """The scene and the rate, or the fallback where the scene would not be stable with it.
 
     A scene that is unstable on a drive even there is refused before there is torque; it is softened, so that it runs.
+    One that cannot be, or that this drive cannot render, is replaced by a wall.
     """
-    settings = dict(settings_of(scene, drive))
+    settings = dict(settings_of(scene, drive, bus))
     try:
-        if unstable(api.plan(scene, drive=drive, rate=rate, settings=settings)) is None:
+        if unstable(api.plan(scene, drive=drive, bus=bus, rate=rate, settings=settings)) is None:
             return scene, rate
     except PlanError:
         pass  # a bus that is too slow for the rate
-    return softened(scene, drive, max(RATES), settings), max(RATES)
+    try:
+        return softened(scene, drive, FALLBACK[bus], settings, bus=bus), FALLBACK[bus]
+    except (HapticFieldbusError, ValueError):
+        if scene == STAND_IN:
+            raise
+        return possible(STAND_IN, drive, bus, rate)
 
 
 def run_case(case: Case) -> Verdict:
     """Run a case and judge it; every tenth is run twice, or recorded."""
+    # On either protocol: its seeds are every so many, and each has all remainders of what is left.
+    number = case.seed // EVERY if case.bus != CAN else case.seed
     with TemporaryDirectory() as folder:
-        record = Path(folder) / ("run.csv" if case.seed % 20 < REPEATED else "run.log")
-        verdict = _once(case, record if case.seed % REPEATED == 1 else None)
-    if case.seed % REPEATED == 0 and _once(case, None).digest != verdict.digest:
+        record = Path(folder) / ("run.csv" if case.bus != CAN or case.seed % 20 < REPEATED else "run.log")
+        verdict = _once(case, record if number % REPEATED == 1 else None)
+    if number % REPEATED == 0 and _once(case, None).digest != verdict.digest:
         verdict = replace(verdict, broken=(*verdict.broken, ("same seed, same octets", "another run wrote others")))
     return verdict
 
 
 def _once(case: Case, record: Path | None) -> Verdict:
     error: str | None = None
-    scene, rate = possible(case.scene, case.drive, case.rate)
+    scene, rate = possible(case.scene, case.drive, case.bus, case.rate)
     with watched(keep=True) as found:
         try:
             api.run(
                 scene,
                 # Any hand is drawn for any scene; where it leaves the bench, the fault is not what ends the run.
-                endless_rig(scene, case.drive),
+                endless_rig(scene, case.drive, case.bus),
                 rate=rate,
                 hand=case.hand,
                 duration=case.duration,
                 fade_in=FADE_IN,
                 seed=case.seed,
                 faults=case.faults,
-                settings=dict(settings_of(case.scene, case.drive)) if scene == case.scene else None,
+                settings=dict(settings_of(scene, case.drive, case.bus)) if isinstance(scene, str) else None,
                 record=record,
             )
         except HapticFieldbusError as refused:

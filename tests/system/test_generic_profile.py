@@ -1,36 +1,44 @@
-"""The generic profile on the simulated drive of every vendor's file: refused with the reason, then mended by `check`.
+"""The generic profile on the simulated drive of every vendor's file: as it stands, mended by `check`, and made anew.
 
-No drive has all of the standard and nothing else. What `profiles check generic_cia402 --eds FILE` says is all that a
-person needs to turn the generic profile into one with which the wall of the library is felt.
+No drive has all of the standard and nothing else. A run therefore asks the drive what it has. And what `profiles check
+generic_cia402 --eds FILE` says is all that a person needs to turn the generic profile into one of this drive.
 """
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from haptic_fieldbus import run
+from haptic_fieldbus.buses.canopen.fitting import fit
 from haptic_fieldbus.buses.canopen.master import CanopenBus
+from haptic_fieldbus.buses.canopen.node import Node
+from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.eds import Eds
-from haptic_fieldbus.errors import BusConfigurationError, HapticFieldbusError
+from haptic_fieldbus.errors import HapticFieldbusError, PlanError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile
 from haptic_fieldbus.running.loop import run_loop
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.proof import proof_of
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import HANDS
 from tests.builders import WALL, can_traffic, canopen, endless_rig, rig_of
+from tests.cli.test_beside_guide import TOO_SLOW
 from tests.eds.vendor_files import FILES, FOLDER, needs_files, vendor_eds
+from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, line_of, require_multicast, start
 
 GENERIC = "generic_cia402"
-WITHOUT_CHANGE = {"elmo_gold_drive.dcf"}
-"""Files of drives that have all that the generic profile names."""
+WITHOUT_GUARD = {"ingenia_everest_xcr.eds"}
+"""Files of drives that have neither 6007h nor 605Eh, so nothing says that they let go of the shaft."""
 TOGETHER = {"torque.demand": ("torque.echo",), "torque.mode_of_operation": ("torque.slope", "torque.echo")}
 """Keys that a person changes with another one: what comes back, and the slope of profile torque mode."""
 ROUNDS = 3
@@ -76,20 +84,52 @@ def force_on(profile: CanopenProfile, eds: Eds, seconds: float) -> tuple[Plan, n
 @needs_files
 def test_there_are_files_of_fourteen_drives_that_take_torque() -> None:
     assert len(usable()) == 14
-    assert set(usable()) >= WITHOUT_CHANGE
+    assert set(usable()) >= WITHOUT_GUARD
+
+
+def asked(eds: Eds) -> CanopenProfile:
+    """The generic profile as it stands, after the drive of a file was asked what it has; nothing was written."""
+    rig, clock = rig_of(WALL, profile=GENERIC), VirtualClock()
+    world = World(clock, 1_000_000)
+    world.add_drive(1, profile_from_eds(eds), rig.axis["handle"], None)
+    frames: list[tuple[int, bytes]] = []
+    with SimulatedBus(world=world) as bus:
+        wire = Wire(bus, clock, "sim", lambda t_ns, can_id, data: frames.append((can_id, bytes(data))))
+        profile = fit(canopen(GENERIC), Node(wire, 1, "node 1"))
+    # All that it sent are SDO uploads (CiA 301 7.2.4.3).
+    sent = [(can_id, data[0] >> 5) for can_id, data in frames if can_id != 0x581]
+    assert set(sent) == {(0x601, 2)}
+    return profile
 
 
 @needs_files
 @pytest.mark.thorough("a run on every drive", quick=1)
 @pytest.mark.parametrize("file", usable())
-def test_the_generic_profile_as_it_is_runs_or_is_refused_before_torque_with_an_object(file: str) -> None:
+def test_the_generic_profile_as_it_stands_runs_the_wall(file: str) -> None:
     eds = vendor_eds(file)
-    if file in WITHOUT_CHANGE:
-        _, force = force_on(canopen(GENERIC), eds, SECONDS)
-        assert np.abs(force).max() > 1.0
-        return
-    with pytest.raises(BusConfigurationError, match=r"(reading|writing) .*[0-9A-F]{4}h:[0-9A-F]{2}"):
-        force_on(canopen(GENERIC), eds, SECONDS)
+    profile = asked(eds)
+    plan, force = force_on(profile, eds, SECONDS)
+    limits = plan.axes[0].limits
+    assert (limits.effort < 6.0) is (file in WITHOUT_GUARD), "without a guard it is capped, else it is not"
+    assert 0.9 * min(6.0, limits.effort) < np.abs(force).max() < 2.5 * min(6.0, limits.effort)
+    # What is missing is told, with the object; what the drive has is used.
+    lacking = {source for source in profile.sources.values() if source.startswith(NO_SUCH)}
+    assert lacking == {
+        f"{NO_SUCH}{ObjectEntry(index, DataType.UINT8, subindex)}"
+        for index, subindex in ((0x6074, 0), (0x6076, 0), (0x6077, 0), (0x1016, 1), (0x6007, 0), (0x605E, 0))
+        if eds.find(index, subindex) is None
+    }
+
+
+@needs_files
+def test_a_drive_without_a_guard_is_refused_unless_its_power_can_be_cut() -> None:
+    (file,) = WITHOUT_GUARD
+    profile = asked(vendor_eds(file))
+    with pytest.raises(PlanError, match=r"offers no watch on its master.*emergency_stop"):
+        compile_plan(WALL, rig_of(WALL, profile=GENERIC), {GENERIC: profile}, 1000.0)
+    rig = rig_of(WALL, profile=GENERIC, emergency_stop="power")
+    plan = compile_plan(WALL, rig, {GENERIC: profile}, 1000.0)
+    assert "within 5 % of rated" in next(left.why for left in plan.left_out if left.what == "guard")
 
 
 @needs_files
@@ -124,3 +164,31 @@ def test_the_profile_that_is_made_from_a_file_runs_the_wall_too(file: str) -> No
 def test_a_drive_without_torque_is_refused_before_torque(file: str) -> None:
     with pytest.raises(HapticFieldbusError):
         force_on(canopen(GENERIC), vendor_eds(file), SECONDS)
+    with pytest.raises(PlanError, match=r"not usable for force: "):
+        compile_plan(WALL, rig_of(WALL, profile=GENERIC), {GENERIC: asked(vendor_eds(file))}, 1000.0)
+
+
+@needs_files
+@pytest.mark.xdist_group("peers")
+@pytest.mark.thorough("real time beside a drive in another process")
+@pytest.mark.parametrize("file", ["zeroerr_erob_v1_5.eds", *WITHOUT_GUARD])
+def test_beside_the_drive_of_a_file_a_run_says_what_the_drive_lacks(file: str, tmp_path: Path) -> None:
+    port, rig = free_port(), tmp_path / "rig.toml"
+    require_multicast(port)
+    bus = f"udp_multicast:{GROUP}@1000000"
+    words = ("--drive", f"{FOLDER / file}@5", "--hand", "tap", "--bus", bus, "--write-rig", str(rig))
+    hosting = start("simulate", *words, port=port)
+    try:
+        line_of(hosting)
+        text = re.sub('profile = ".*"', f'profile = "{GENERIC}"\nemergency_stop = "power"', rig.read_text())
+        rig.write_text(text)
+        run = start("run", "wall", "--rig", str(rig), "--yes", "--rate", "200", "--duration", "1",
+                    "--set", "wall.stiffness=100", port=port)  # fmt: skip
+        _, err = run.communicate(timeout=2 * STARTS_WITHIN)
+    finally:
+        hosting.kill()
+        hosting.communicate()
+    assert run.returncode == 0 or TOO_SLOW.search(err), err
+    assert "of no particular drive, and this one has no" in err
+    assert "6007h:00 abort connection option code" in err
+    assert ("at most 5 % of rated torque" in err) is (file in WITHOUT_GUARD)

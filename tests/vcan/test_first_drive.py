@@ -1,4 +1,4 @@
-"""`scan`, `watch` and `doctor` as docs/how-to/your_first_real_drive.md has them, on a real SocketCAN interface."""
+"""`scan`, `watch`, `doctor`, `run`: the walk of docs/how-to/your_first_real_drive.md on a real SocketCAN interface."""
 
 import json
 import signal
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.test_beside_guide import TOO_SLOW
 from tests.vcan.links import Link
 
 pytestmark = [pytest.mark.vcan, pytest.mark.thorough("processes in a guest kernel")]
@@ -22,10 +23,11 @@ def done(*words: str) -> tuple[int, str, str]:
     return ended.returncode, ended.stdout, ended.stderr
 
 
-def test_a_drive_on_vcan_is_found_watched_and_the_interface_examined(vcan: Link) -> None:
-    bus = f"{vcan.bus}@1000000"
+def test_a_drive_on_vcan_is_found_watched_examined_and_felt(vcan: Link, tmp_path: Path) -> None:
+    bus, rig = f"{vcan.bus}@1000000", str(tmp_path / "rig.toml")
+    words = ("--drive", "maxon_epos4@5", "--hand", "guide", "--bus", bus, "--write-rig", rig)
     hosting = subprocess.Popen(
-        [sys.executable, "-m", "haptic_fieldbus", "simulate", "--drive", "maxon_epos4@5", "--bus", bus],
+        [sys.executable, "-m", "haptic_fieldbus", "simulate", *words],
         cwd=PROJECT,
         stdout=subprocess.PIPE,
         text=True,
@@ -38,10 +40,10 @@ def test_a_drive_on_vcan_is_found_watched_and_the_interface_examined(vcan: Link)
         assert status == 0, err
         (node,) = json.loads(out)["nodes"]
         assert (node["node"], node["vendor_id"], node["profile"]) == (5, 0xFB, "maxon_epos4")
-        status, out, err = done("watch", "--bus", bus, "--node", "5", "--duration", "1.5", "--json")
+        status, out, err = done("watch", "--rig", rig, "--duration", "1.5", "--json")
         assert status == 0, err
         assert json.loads(out.splitlines()[-1])["axes"]["handle"]["state"] == "switch on disabled"
-        status, out, err = done("doctor", "--bus", bus, "--node", "5", "--json")
+        status, out, err = done("doctor", "--rig", rig, "--json")
         assert status == 0, err
         checks = {check["name"]: check for check in json.loads(out)["checks"]}
         assert checks["adapter"]["ok"] is checks["driver"]["ok"] is checks["other_masters"]["ok"] is True
@@ -49,6 +51,11 @@ def test_a_drive_on_vcan_is_found_watched_and_the_interface_examined(vcan: Link)
         assert checks["queue"]["measured"].endswith("frames")
         assert checks["bit_rate"]["ok"] is None
         assert (checks["state"]["ok"], checks["state"]["measured"]) == (True, "up, virtual")
+        # System calls of a guest kernel are slow, so the loop is.
+        run = ("run", "wall", "--rig", rig, "--set", "wall.stiffness=50", "--duration", "2", "--rate", "100", "--yes")
+        status, out, err = done(*run)
+        assert status == 0 or (TOO_SLOW.search(err) and "the limit is" not in err), err
+        assert "about to enable torque on maxon EPOS4, node 5" in err
     finally:
         hosting.kill()
         hosting.communicate()

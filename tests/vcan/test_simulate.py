@@ -58,3 +58,21 @@ def test_drives_go_on_when_the_interface_goes_down_and_comes_back(vcan: Link) ->
         process.communicate()
     assert (process.returncode, out) == (0, "")
     assert err.count("the interface is down or gone") == err.count("frames pass again") == 2
+
+
+def test_the_kernel_wakes_it_only_for_frames_that_concern_its_drives(vcan: Link) -> None:
+    words = ("simulate", "--drive", f"generic_cia402@{NODE}", "--bus", f"{vcan.bus}@1000000")
+    process = subprocess.Popen([sys.executable, "-m", "haptic_fieldbus", *words], cwd=PROJECT,
+                               stdout=subprocess.PIPE, text=True)  # fmt: skip
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("ready")
+        everything = Path("/proc/net/can/rcvlist_all").read_text()
+        single = Path("/proc/net/can/rcvlist_sff").read_text()
+    finally:
+        process.kill()
+        process.communicate()
+    assert vcan.name not in everything.replace(f"({vcan.name}: no entry)", "")
+    wanted = {int(line.split()[1], 16) & 0x7FF for line in single.splitlines() if line.split()[:1] == [vcan.name]}
+    assert {0x000, 0x080, 0x600 + NODE, 0x200 + NODE, 0x7E5} <= wanted
+    assert 0x2A7 not in wanted

@@ -20,6 +20,7 @@ from haptic_fieldbus.buses.canopen.setup import NO_ANSWER_ADVICE
 from haptic_fieldbus.buses.canopen.wire import ECHOING, Wire
 from haptic_fieldbus.buses.found import Check, Scan
 from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.drive.units import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DocumentError, UsageError
@@ -46,19 +47,20 @@ class CanopenAccess(BusAccess):
         if not isinstance(profile, CanopenProfile) or profile.torque.rated is None:
             return None
         mapped = profile.torque.rated
-        own = can_section(section)
-        can_bus = open_can(own)
-        try:
-            wire = Wire(can_bus, MonotonicClock(), can_bus.channel_info, echoes=own.interface in ECHOING)
-            guarded = [axis.node] if profile.link_loss.life_guarding else []
-            one = OneMaster([axis.node], own.master_node or MASTER_NODES[0], guarded)
-            listen(wire, own.listen, one, wire.name).refuse(one.master_node)
-            raw = Node(wire, axis.node, f"node {axis.node} (axis {name})").read(mapped.entry)
-        except BusTimeoutError as error:
-            raise BusTimeoutError(f"{error}. {NO_ANSWER_ADVICE}") from error
-        finally:
-            can_bus.shutdown()
-        return raw * RATED_TORQUE_UNITS[mapped.unit]
+        with _asked(can_section(section), {name: (axis, profile)}) as nodes:
+            raw = nodes[name].optional(mapped.entry)
+        return None if raw is None else raw * RATED_TORQUE_UNITS[mapped.unit]
+
+    def fitted(self, section: BusSection, axes: Mapping[str, RigAxis]) -> Mapping[str, DriveProfile]:
+        loaded = {name: (axis, canopen_profile(load_profile(axis.profile))) for name, axis in axes.items()}
+        general = {name: each for name, each in loaded.items() if each[1].drive.evidence == STANDARD}
+        if not general:
+            return {}
+        # Imported here, because a run with the profile of a drive needs no reader of object dictionaries.
+        from haptic_fieldbus.buses.canopen.fitting import fit
+
+        with _asked(can_section(section), general) as nodes:
+            return {name: fit(profile, nodes[name]) for name, (_, profile) in general.items()}
 
     def scan(
         self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()
@@ -96,6 +98,25 @@ def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> Iterator[Wire]:
     can_bus = open_can(section)
     try:
         yield Wire(can_bus, MonotonicClock(), name, echoes=section.interface in ECHOING)
+    finally:
+        can_bus.shutdown()
+
+
+@contextmanager
+def _asked(section: CanSection, drives: Mapping[str, tuple[RigAxis, CanopenProfile]]) -> Iterator[dict[str, Node]]:
+    """Open a bus to ask drives by SDO before a plan is made, once it is heard that nobody else commands.
+
+    Raises UsageError, BusError or ForeignMasterError.
+    """
+    can_bus = open_can(section)
+    try:
+        wire = Wire(can_bus, MonotonicClock(), can_bus.channel_info, echoes=section.interface in ECHOING)
+        guarded = [axis.node for axis, profile in drives.values() if profile.link_loss.life_guarding]
+        one = OneMaster([axis.node for axis, _ in drives.values()], section.master_node or MASTER_NODES[0], guarded)
+        listen(wire, section.listen, one, wire.name).refuse(one.master_node)
+        yield {name: Node(wire, axis.node, f"node {axis.node} (axis {name})") for name, (axis, _) in drives.items()}
+    except BusTimeoutError as error:
+        raise BusTimeoutError(f"{error}. {NO_ANSWER_ADVICE}") from error
     finally:
         can_bus.shutdown()
 

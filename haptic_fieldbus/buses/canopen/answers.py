@@ -12,7 +12,8 @@ not there, and the next one a multiple of the speed. So, while answers are pendi
 
 So an answer that was lost costs one sample, and the set-point of the period after comes later. Apart from that all
 answers are counted: one more than was ever asked for is that of a second node. What was owed at the end of each of many
-periods is lost, and excuses none any more.
+periods is lost, and excuses none any more. As it becomes operational, a node may send one that nobody asked for; that
+comes before its answers, so after the first of these it is not waited for.
 """
 
 from collections.abc import Callable
@@ -23,6 +24,9 @@ MOST_DOUBTED = 4
 """Periods after which answers at unusual times are taken as they come."""
 PROMPT = 2
 """Factor by which an answer may be slower or faster than usual, and is still taken for that of the last SYNC."""
+
+UNASKED_WITHIN = 3
+"""Periods with answers before which one that nobody asked for has come; a drive needs more until it is enabled."""
 
 
 class Exchange:
@@ -46,7 +50,7 @@ class Answers:
 
     __slots__ = (
         "_end", "_image", "_offset", "_size", "alone", "answered", "cob_id", "doubted", "exchange", "fresh", "least",
-        "malformed", "owed", "pending", "periods", "usual_ns", "wary",
+        "malformed", "owed", "pending", "periods", "unasked", "usual_ns", "wary",
     )  # fmt: skip
 
     def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
@@ -60,6 +64,8 @@ class Answers:
         """Smallest `owed` in the window, which consists of `periods` with answers."""
         self.periods = 0
         self.answered = False
+        self.unasked = False
+        """Whether one that nobody asked for may still come."""
         self.pending = 0
         """Number of SYNCs whose answers are still waited for."""
         self.alone: bool | None = None
@@ -76,7 +82,7 @@ class Answers:
     def forget(self) -> None:
         """Forget what was received; as a node becomes operational it may send a TPDO that nobody asked for."""
         self._image[self._offset : self._end] = bytes(self._size)
-        self.owed, self.least, self.periods, self.answered = 1, 1, 0, False
+        self.owed, self.least, self.periods, self.answered, self.unasked = 1, 1, 0, False, True
         self.pending = self.doubted = self.wary = self.usual_ns = 0
 
     def ask(self, window: int) -> None:
@@ -86,6 +92,8 @@ class Answers:
         if self.answered:
             self.answered = False
             self.periods += 1
+            if self.unasked and self.periods >= UNASKED_WITHIN:
+                self._expect_what_was_asked()
             if self.periods >= window:
                 self.owed -= max(0, self.least)
                 self.periods, self.least = 0, self.owed
@@ -93,6 +101,11 @@ class Answers:
         self.pending += 1
         if self.wary:
             self.wary -= 1
+
+    def _expect_what_was_asked(self) -> None:
+        """Take back what excuses one that nobody asked for, unless it has come."""
+        excused = min(1, max(0, self.least))
+        self.owed, self.least, self.unasked = self.owed - excused, self.least - excused, False
 
     def accept(self) -> bool:
         """At the end of an exchange without a sure answer: return whether one that came is taken after all."""

@@ -48,6 +48,8 @@ GUARDING_NS = 10_000_000
 """Time between two requests of node guarding, while an NMT state is waited for."""
 ABSENT = (0x0602_0000, 0x0609_0011)
 """SDO abort codes: object, or sub-index, does not exist."""
+WRITE_ONLY = 0x0601_0001
+"""SDO abort code: attempt to read an object that can only be written."""
 
 
 class Node:
@@ -114,6 +116,19 @@ class Node:
                 f"{self.label}, reading {entry}: {len(data)} octets came, {entry.type.value} was expected"
             )
         return entry.type.unpack(data[: entry.type.size])
+
+    def found(self, index: int, subindex: int) -> bytes | None:
+        """Upload an entry of any size: None when the node lacks it, empty when it can only be written.
+
+        Raises the errors of `read`.
+        """
+        try:
+            return self._upload(ObjectEntry(index, DataType.UINT8, subindex), SDO_TIMEOUT)
+        except BusConfigurationError as error:
+            code = getattr(error.__cause__, "code", None)
+            if code in (*ABSENT, WRITE_ONLY):
+                return b"" if code == WRITE_ONLY else None
+            raise
 
     def text(self, index: int) -> str:
         """Upload an object that is a text; raises the errors of `read`."""

@@ -15,7 +15,7 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.enabling import first_enabling
 from haptic_fieldbus.protocols.canopen.periods import period_objects
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, ShownObject
+from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, ShownObject
 
 MAX_MOTOR_SPEED, MOTOR_SPEED_UNIT = 0x6080, "r/min"
 """Object of CiA 402-2; some drives have it in a unit of their own."""
@@ -46,7 +46,7 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     """
     section = profile.commissioning
     shown: list[str] = []
-    told: list[str] = []
+    told = list(_left_out(profile))
     for each in section.shown:
         value = node.optional(each.entry)
         if each.needed and not value:
@@ -65,6 +65,13 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
     warning = first_enabling(profile)
     if warning:
         yield warning
+
+
+def _left_out(profile: CanopenProfile) -> Iterator[str]:
+    """Yield a sentence with what a profile of no particular drive names and this drive lacks."""
+    lacking = [source.removeprefix(NO_SUCH) for source in profile.sources.values() if source.startswith(NO_SUCH)]
+    if lacking:
+        yield f"{profile.title} is a profile of no particular drive, and this one has no {', no '.join(lacking)}"
 
 
 def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Iterator[str]:

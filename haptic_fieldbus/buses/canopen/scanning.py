@@ -31,6 +31,7 @@ from haptic_fieldbus.buses.canopen.setup import (
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.found import FoundNode, Scan
 from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.protocols.canopen.bus import NODES
 from haptic_fieldbus.protocols.canopen.cob_ids import EMCY_COB_ID, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
@@ -154,12 +155,15 @@ def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, Sureness]]) -
     equal = [profile.name for profile, other in whole[1:] if other is sureness]
     also = f"; {', '.join(equal)} would fit as well" if equal else ""
     useless = "" if best.drive.usable else "; a drive of this profile cannot render force"
-    return best.name, f"{sureness.value}; it has all objects of the profile{also}{useless}"
+    has = "what force needs" if best.drive.evidence == STANDARD else "all objects of the profile"
+    return best.name, f"{sureness.value}; it has {has}{also}{useless}"
 
 
 def _lacking(node: Node, profile: CanopenProfile) -> list[ObjectEntry]:
-    """Return the entries of a profile that the node does not let us read."""
+    """Return the entries that force needs by a profile, and that the node does not let us read."""
     unread = {Signal.CONTROLWORD} if profile.drive.usable else {Signal.CONTROLWORD, Signal.TARGET_TORQUE}
+    if profile.drive.evidence == STANDARD:
+        unread |= {Signal.TORQUE_ACTUAL, Signal.TORQUE_DEMAND}  # a run does without them
     entries = [entry for signal, entry in profile.entries().items() if signal not in unread]
     return [entry for entry in entries if _unless_refused(partial(node.read, entry)) is None]
 

@@ -42,8 +42,10 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.scales import effort_step
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.layout import characters
+from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
 from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
@@ -121,9 +123,15 @@ class ModbusBus(InSteps):
         unit = UnitClient(self._requester, axis.node, f"unit {axis.node} (axis {axis.name})", profile.line)
         section = profile.watchdog
         watchdog = None if section is None else DriveWatch(unit, section, traffic.guard(axis.name))
-        entries = () if profile.torque.limit is None else (profile.torque.limit,)
-        limits = TorqueLimits(unit, axis, self.warnings.append, real, entries, axis.effort_unit)
-        return SetUp(unit, axis, profile, watchdog, limits)
+        return SetUp(unit, axis, profile, watchdog, self._limits_of(unit, axis, profile, real=real))
+
+    def _limits_of(
+        self, unit: UnitClient, axis: AxisPlan, profile: ModbusProfile, *, real: bool
+    ) -> TorqueLimits[Register]:
+        held = profile.torque.limit
+        # The unit of the limit need not be that of the set-point.
+        step = axis.effort_unit if held is None else effort_step(held.unit, profile, axis.rig)
+        return TorqueLimits(unit, axis, self.warnings.append, real, () if held is None else (held,), step)
 
     def _link_of(self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray) -> UnitLink:
         member = traffic.member(axis.name)

@@ -17,6 +17,8 @@ from haptic_fieldbus.protocols.canopen.pdo import Direction
 
 AccessType = Literal["ro", "wo", "rw", "rwr", "rww", "const"]
 """Access types of an EDS (CiA 306-1)."""
+NO_SUCH = "left out: the drive has no "
+"""Beginning of the source of what a drive was found to lack; the object follows."""
 TransmissionType = Annotated[int, Ge(0), Le(255)]
 Entries = Annotated[int, Ge(0), Le(64)]
 

@@ -30,6 +30,7 @@ class Canopen(FieldbusProtocol):
     section: type[BusSection] = bus.CanSection
     nodes = bus.NODES
     bus_forms = bus.BUS_FORMS
+    fits_profiles = True
 
     def vendor_profile(self, path: str | Path) -> DriveProfile:
         """Return the profile described by an EDS or DCF; raises EdsError."""

@@ -16,7 +16,7 @@ from haptic_fieldbus.protocols.modbus.layout import lay_out_registers, line_of
 from haptic_fieldbus.protocols.modbus.line import LineTimes
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
-from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, best, candidates
+from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, candidates
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol, Members
 from haptic_fieldbus.protocols.traffic import AxisTraffic
 from haptic_fieldbus.signals import Signal
@@ -71,17 +71,19 @@ class Modbus(FieldbusProtocol):
         own = modbus_profile(profile)
         return lay_out_registers(axis.node, own, line_of(bus.modbus_section(section), [own]), incoming)
 
-    def default_rate(self, section: BusSection, members: Members, waiting: float) -> float:
-        """Return the highest rate of the way whose torque is the youngest at its own highest rate [Hz]."""
-        own, wire, host = _on_line(section, members)
-        return best(candidates(own, wire, waiting, host)).rate
-
     def bus_traffic(self, section: BusSection, members: Members, rate: float, waiting: float) -> ModbusTraffic:
-        """Return the traffic of the way that fits and whose torque is the youngest."""
+        return self.ways(section, members, rate, waiting)[0]
+
+    def ways(
+        self, section: BusSection, members: Members, rate: float | None, waiting: float
+    ) -> tuple[ModbusTraffic, ...]:
+        """Return the ways that fit, the one whose torque is the youngest first; when none fits, the fastest alone."""
         own, wire, host = _on_line(section, members)
-        ways = [replace(each, rate=rate) for each in candidates(own, wire, waiting, host)]
-        fitting = [each for each in ways if each.fits]
-        return best(fitting) if fitting else max(ways, key=lambda each: each.highest_rate)
+        found = candidates(own, wire, waiting, host)
+        if rate is not None:
+            at_rate = [replace(each, rate=rate) for each in found]
+            found = [each for each in at_rate if each.fits] or [max(at_rate, key=lambda each: each.highest_rate)]
+        return tuple(sorted(found, key=lambda each: each.age))
 
 
 def _on_line(section: BusSection, members: Members) -> tuple[tuple[ModbusMember, ...], LineTimes, HostTimes]:

@@ -171,9 +171,13 @@ class ModbusTraffic:
         return 0.5 / self.rate + max(self.delay(member.axis).transport for member in self.members)
 
     def others(self) -> tuple["ModbusTraffic", ...]:
-        """Return the other ways that all drives have, each at this rate, or else at the highest that it sustains."""
+        """Return the other ways that all drives have, each at this rate, or at the highest that it sustains.
+
+        The highest is taken where this rate does not fit, and where this one is the highest of this way itself.
+        """
         found = [replace(self, way=way) for way in possible_ways(self.members) if way is not self.way]
-        return tuple(each if each.fits else replace(each, rate=each.sustained_rate) for each in found)
+        own = self.rate == self.sustained_rate
+        return tuple(replace(each, rate=each.sustained_rate) if own or not each.fits else each for each in found)
 
     def check(self, bus: str) -> None:
         """Raise BusOverloadError, with the figures and a rate that fits, when a period is too short."""
@@ -257,14 +261,6 @@ def candidates(
             "function 23 does, or function 3 with 16 or 6"
         )
     return [replace(each, rate=each.sustained_rate) for each in found]
-
-
-def best(traffics: list[ModbusTraffic]) -> ModbusTraffic:
-    """Return the traffic whose torque is the youngest.
-
-    Its stiffness limit is the highest, too, unless the damping of the device stops it within a period.
-    """
-    return min(traffics, key=lambda each: each.age)
 
 
 def round_down(rate: float) -> float:

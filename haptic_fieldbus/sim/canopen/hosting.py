@@ -12,6 +12,7 @@ exponential is computed and no module imported afterwards, and what exists then 
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from operator import is_
 
 from haptic_fieldbus.buses.canopen.opening import open_can
 from haptic_fieldbus.buses.canopen.wire import ECHOING
@@ -92,10 +93,13 @@ class Host:
         self._served_ns = clock.now_ns()
         """Up to here all has been served."""
         self._rack = Rack(_Elsewhere(), seed, LONGEST_REMEMBERED)
+        self._routes: list[object] = []
+        """Handlers of the nodes when the bus was told last which frames concern them."""
 
     def add(self, slot: Slot) -> None:
         """Build a drive, with all that its steps need, and power it on; raises ValueError when its node-ID is taken."""
         slave = self._rack.add(slot, Port(in_order=False), self._clock.now_ns())
+        self._routes.append(None)
         slave.node.commission(self._bitrate)
         slave.drive.plant.prepare()
 
@@ -127,6 +131,8 @@ class Host:
 
     def _flush(self, t_ns: int) -> None:
         """Send the waiting frames, the most urgent first, and pass each one to the other drives of this host."""
+        # Before an answer is sent that lets a master use what has changed.
+        self._focus()
         for _ in range(_BURST):
             waiting = [port for port in self._ports() if port.waiting]
             if not waiting:
@@ -136,6 +142,13 @@ class Host:
             port.waiting.remove(item)
             self._outlet.send(item[1])
             self._rack.receive(item[1], port, t_ns)
+
+    def _focus(self) -> None:
+        """Tell the bus which frames concern the drives, when a parameter or a state has changed."""
+        slaves = [slave for _port, slave in self._rack.attached]
+        if not all(map(is_, (slave.node.handlers for slave in slaves), self._routes)):
+            self._routes = [slave.node.handlers for slave in slaves]
+            self._outlet.focus(frozenset().union(*(slave.concerns for slave in slaves)))
 
     def _ports(self) -> Iterator[Port]:
         return (port for port, _slave in self._rack.attached)

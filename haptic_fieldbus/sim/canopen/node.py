@@ -66,11 +66,11 @@ class Node:
         self.emergencies = Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
         self._producer = Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
         consumers = _CONSUMERS if options.consumer is not None else 0
-        self._consumers = Consumers(
+        self.consumers = Consumers(
             dictionary, options.consumer or 0, consumers, alarms, self._route, self._link_lost, self._link_back
         )
         self._guarding = Guarding(dictionary, alarms, self._link_lost, self._link_back)
-        self._time = TimeConsumer(dictionary, lambda: self.now_ns, self._route)
+        self.time = TimeConsumer(dictionary, lambda: self.now_ns, self._route)
         self._objects = NodeObjects(dictionary, number)
         self._storage = Storage(dictionary)
         self.lss = LssSlave(
@@ -130,7 +130,7 @@ class Node:
 
     def slow_guards(self, factor: float | None) -> None:
         """Let the watches on other nodes act `factor` times as late as they are set, None: never (a fault)."""
-        for watch in (*self._consumers.watches, self._guarding):
+        for watch in (*self.consumers.watches, self._guarding):
             watch.factor = factor
 
     def lose_syncs(self, count: int | None) -> None:
@@ -150,7 +150,7 @@ class Node:
         self.state = NmtState.INITIALISING
         self.process.stop()
         self._producer.stop()
-        self._consumers.stop()
+        self.consumers.stop()
         self._guarding.reset()
         self._sdo_alarm.off()
         self.sdo.reset()
@@ -161,7 +161,7 @@ class Node:
         self._storage.restore(*(_EVERYTHING if power_on else _COMMUNICATION))
         self.emergencies.restart(power_on=power_on)
         if power_on:
-            self._time.forget()
+            self.time.forget()
             self._application.restart(t_ns)
         self._boot_alarm.at(NEVER_NS if boot_ns is None else boot_ns)
         # Last, when all parameters have their power-on values.
@@ -209,14 +209,14 @@ class Node:
         if Service.LSS in works:
             handlers[lss.REQUEST_ID] = self._lss
         if Service.SDO in works:
-            if self._time.can_id is not None:
-                handlers[self._time.can_id] = self._time.received
+            if self.time.can_id is not None:
+                handlers[self.time.can_id] = self.time.received
             handlers[SDO_REQUEST_ID + self.number] = self._sdo
         if Service.PDO in works:
             handlers |= self.process.route(self.now_ns)
             requests |= self.process.requests()
         if Service.NMT in works:
-            handlers |= self._consumers.route()
+            handlers |= self.consumers.route()
             handlers[0] = self._nmt
             requests[HEARTBEAT_ID + self.number] = self._guard
         self.handlers, self.requests = (handlers, requests) if self._bit_timing.on_bus else ({}, {})
@@ -274,7 +274,7 @@ class Node:
 
     def _link_back(self) -> None:
         # Both share one error; it is over only when nobody is missing any more.
-        if not self._consumers.lost and not self._guarding.lost:
+        if not self.consumers.lost and not self._guarding.lost:
             self.emergencies.clear(HEARTBEAT_LOST)
 
     def _send_emergency(self, data: bytes) -> None:

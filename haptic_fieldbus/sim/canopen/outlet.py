@@ -28,6 +28,8 @@ REOPENED_EVERY_NS = 1_000_000_000
 RETRIED_EVERY_NS = 20_000_000
 """Pause after a failure to receive, which comes at once and would keep a processor busy."""
 
+_ROOM = 100
+"""Frames that the drives may send at once; a block of an SDO has up to 127 segments."""
 MOST_OCTETS = 8
 """Longest frame of CAN 2.0."""
 STAMPED = ("udp_multicast",)
@@ -58,6 +60,8 @@ class Outlet:
         """Number of frames that could not be sent because the transmit queue was full."""
         self._clock = clock
         self._echoes = echoes
+        self._focused: frozenset[int] | None = None
+        """CAN-IDs of the frames that concern the drives; None: not told yet."""
         self._use(can_bus)
         self._name = name
         self._tell = tell
@@ -103,6 +107,18 @@ class Outlet:
         self._passed()
         return Frame(can_id & CAN_ID_MASK, bytes(data), bool(can_id & EXTENDED_FLAG), bool(can_id & REMOTE_FLAG))
 
+    def focus(self, concerns: frozenset[tuple[int, bool]]) -> None:
+        """Let only these frames wake us, each an identifier and True for a remote one, where the kernel can do that.
+
+        A bus full of frames for others costs a process nothing then.
+        """
+        self._focused = frozenset(can_id | (REMOTE_FLAG if remote else 0) for can_id, remote in concerns)
+        try:
+            if self._port is not None:
+                self._port.focus(self._focused, _ROOM)
+        except FOREIGN as error:
+            self._failed(error)
+
     def arrived_ns(self, earliest_ns: int) -> int:
         """Return the instant at which the frame that was received last arrived, not before `earliest_ns`."""
         now_ns = self._clock.now_ns()
@@ -122,6 +138,8 @@ class Outlet:
     def _use(self, can_bus: can.BusABC | None) -> None:
         self._bus = can_bus
         self._port = None if can_bus is None else port_to(can_bus, self._clock, echoes=self._echoes)
+        if self._port is not None and self._focused is not None:
+            self._port.focus(self._focused, _ROOM)
 
     def _pause(self, longest_ns: int) -> None:
         self._clock.sleep_until(self._clock.now_ns() + min(max(0, longest_ns), RETRIED_EVERY_NS))

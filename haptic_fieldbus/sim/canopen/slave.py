@@ -11,8 +11,10 @@ from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.model.options import node_options
 from haptic_fieldbus.sim.canopen.model.quirks import install_quirks, with_quirks
-from haptic_fieldbus.sim.canopen.node import Node
+from haptic_fieldbus.sim.canopen.node import SDO_REQUEST_ID, Node
 from haptic_fieldbus.sim.canopen.services.emergency import DRIVE
+from haptic_fieldbus.sim.canopen.services.heartbeat import HEARTBEAT_ID
+from haptic_fieldbus.sim.canopen.services.lss import REQUEST_ID
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from haptic_fieldbus.sim.hand import Hand
@@ -59,6 +61,18 @@ class Slave:
     def due_ns(self) -> int:
         """Return the time of the next timer; NEVER_NS when there is none."""
         return min(self.node.due_ns, self.drive.due_ns)
+
+    @property
+    def concerns(self) -> frozenset[tuple[int, bool]]:
+        """Identifiers of the frames that concern the node in any state, each with True for a remote frame.
+
+        It follows from the parameters, and changes only when the handlers of the node are rebuilt.
+        """
+        node = self.node
+        data = {0, REQUEST_ID, SDO_REQUEST_ID + node.number, *node.process.received, *node.consumers.route()}
+        remote = {HEARTBEAT_ID + node.number, *node.process.requests()}
+        time = set[int]() if node.time.can_id is None else {node.time.can_id}
+        return frozenset([*((each, False) for each in data | time), *((each, True) for each in remote)])
 
     def power_on(self, t_ns: int, *, booted: bool = False) -> None:
         """Switch the voltage on; the boot-up message follows, or was sent long ago when `booted`."""

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 
+from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.drive.units import COUNTS
@@ -23,6 +24,7 @@ from haptic_fieldbus.protocols.modbus.profile import (
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry
+from haptic_fieldbus.sim.drive.objects import DISABLE
 from haptic_fieldbus.sim.drive.settings import DriveSettings, steps_of_position
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.modbus.front import Front
@@ -187,6 +189,9 @@ class Unit:
         self.registers.add(power.command, front.command, front.command)
         # No register tells this drive its mode of operation in the words of CiA 402.
         objects.mode.value = objects.mode.default = CYCLIC_TORQUE
+        if all(row.state is not PowerState.FAULT_REACTION_ACTIVE for row in power.rows):
+            # A drive that braked in *fault* would not be off, though it says so.
+            objects.fault_reaction_option.value = DISABLE
         return front
 
     def _obey(self, controlword: int) -> None:

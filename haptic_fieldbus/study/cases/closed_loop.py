@@ -14,11 +14,11 @@ from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.study.case import CaseResult, share_used
 from haptic_fieldbus.study.cases.drive_bench import PERIOD_NS, Feeder, feed
-from haptic_fieldbus.study.cases.oracles.held import moved_by_force
-from haptic_fieldbus.study.cases.oracles.polynomials import jury_limit
-from haptic_fieldbus.study.cases.oracles.textbook import RULES
 from haptic_fieldbus.study.measure.in_the_loop import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
+from haptic_fieldbus.study.oracles.held import moved_by_force
+from haptic_fieldbus.study.oracles.polynomials import jury_limit
+from haptic_fieldbus.study.oracles.textbook import RULES
 
 PERIOD = 1e-3
 

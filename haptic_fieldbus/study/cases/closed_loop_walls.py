@@ -10,9 +10,9 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.study.case import CaseResult, share_used
-from haptic_fieldbus.study.cases.oracles.held import growth_of, sampled_positions
-from haptic_fieldbus.study.cases.oracles.polynomials import jury_limit, plain_terms, schur_cohn_limit
 from haptic_fieldbus.study.measure.problems import spring
+from haptic_fieldbus.study.oracles.held import growth_of, sampled_positions
+from haptic_fieldbus.study.oracles.polynomials import jury_limit, plain_terms, schur_cohn_limit
 
 PERIOD = 1e-3
 BENCH = Plant(0.1, 50.0)
@@ -75,15 +75,15 @@ def wall_over(quick: bool) -> CaseResult:
     grown = float(both_sides.growth[0]) ** (1.0 / 900.0)
     return CaseResult(
         f"in contact growth {expected:.4f} a period; leaning with 5 N, overshoot {brute * 1e6:.3f} µm for ever",
-        f"growth {grown:.4f} (0.1 %); overshoot {chatter * 1e6:.3f} µm (1 %), at half the limit "
+        f"growth {grown:.4f} (0.1 %); overshoot {chatter * 1e6:.3f} µm (1e-6), at half the limit "
         f"{rounded(calm * 1e6, 1)} µm",
         abs(grown / expected - 1.0) <= 1e-3
-        and abs(chatter / brute - 1.0) <= 0.01
+        and abs(chatter / brute - 1.0) <= 1e-6
         and brute > 0.1 * push / limit
         and abs(calm) <= 1e-9 * push / limit,
         "ρ² = e + K·c0 by hand; a one-sided loop of plain floats",
-        tolerance="0.1 % of the growth, 1 % of the overshoot",
-        used=share_used((grown / expected - 1.0, 1e-3), (chatter / brute - 1.0, 0.01), (calm, 1e-9 * push / limit)),
+        tolerance="0.1 % of the growth, 1e-6 of the overshoot",
+        used=share_used((grown / expected - 1.0, 1e-3), (chatter / brute - 1.0, 1e-6), (calm, 1e-9 * push / limit)),
     )
 
 

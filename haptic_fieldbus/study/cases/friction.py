@@ -10,14 +10,22 @@ import math
 import numpy as np
 
 from haptic_fieldbus.margins import Plant
-from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.margins.chatter import chatter_speed
+from haptic_fieldbus.margins.cycles import edge_chatter
+from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.batch import Running
 from haptic_fieldbus.numerics.loops import Array, Loops, loops
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
-from haptic_fieldbus.study.cases.oracles.held import moved_by_force
+from haptic_fieldbus.study.measure.problems import spring
+from haptic_fieldbus.study.oracles.counts import Pressed, relay_speed
+from haptic_fieldbus.study.oracles.polynomials import jury_limit, largest
 
 MASS, DAMPING, PERIOD, STEP = 0.63, 1.58, 1e-3, 1e-5
 DEVICE = Plant(MASS, DAMPING)
+CLOSE = 1e-3
+"""Permitted relative difference of a border between chatter and rest."""
+SHARES = np.array([0.9, 0.99, 1.0 - CLOSE, 1.0 + CLOSE, 1.01, 1.1])
+"""Shares of a border at which loops run."""
 KNOCK = 6e-4
 """Initial speed [m/s]: a handle that is at rest in the end has come to rest, and was not left untouched."""
 
@@ -39,30 +47,9 @@ def _moves(many: Loops, settle: int) -> list[bool]:
     return [bool(each.any()) for each in steps.T]
 
 
-def _slide(x: float, v: float, force: float, coulomb: float, span: float) -> tuple[float, float]:
-    """Return position and velocity of the device with friction after `span` [s] of constant force, by hand.
-
-    While it slides in the direction s, v tends to (F − fc·s)/b with the time constant m/b.
-    """
-    while span > 0.0:
-        if v == 0.0 and abs(force) <= coulomb:
-            return x, 0.0
-        left = force - math.copysign(coulomb, v or force)
-        # Time until the velocity passes 0, where the handle sticks or slides on the other way.
-        turn = MASS / DAMPING * math.log(1.0 - v * DAMPING / left) if v * left < 0.0 else math.inf
-        x, v = moved_by_force(DEVICE, x, v, left, min(turn, span))
-        v = 0.0 if turn <= span else v
-        span -= turn
-    return x, v
-
-
-def _moves_by_hand(stiffness: float, step: float, coulomb: float, period: float, settle: int) -> bool:
-    """Return whether a handle pressed to the edge between counts 1 and 2 still moves after a knock, by hand."""
-    x, v = 1.5 * step, KNOCK
-    for _ in range(settle):
-        counted = math.floor(x / step + 0.5) * step
-        x, v = _slide(x, v, (1.5 * step - counted) * stiffness, coulomb, period)
-    return v != 0.0
+def _by_hand(stiffness: float, step: float, coulomb: float, period: float) -> Pressed:
+    """Return a handle that is pressed to the edge between counts 1 and 2."""
+    return Pressed(MASS, DAMPING, coulomb, stiffness, step, 1.5 * stiffness * step, period)
 
 
 def _pressed(stiffness: float, step: float | Array, coulomb: float | Array, period: float) -> Loops:
@@ -77,21 +64,22 @@ def coarse_encoder(quick: bool) -> CaseResult:
     """Check that the encoder count from which a pressed wall chatters does not depend on the period."""
     stiffness, coulomb = 600.0, 0.003
     border, settle = 2.0 * coulomb / stiffness, 1500 if quick else 12_000
-    steps = np.linspace(0.81, 1.19, 20) * border
     found, agree = [], True
     for period in (0.25e-3, 0.5e-3, 1e-3):
-        moves = _moves(_pressed(stiffness, steps, coulomb, period), settle)
-        resting = [step for step, moving in zip(steps.tolist(), moves, strict=True) if not moving]
-        found.append(max(resting, default=0.0) + 0.5 * float(steps[1] - steps[0]))
-        by_hand = [_moves_by_hand(stiffness, part * border, coulomb, period, 1500) for part in (0.95, 1.05)]
-        agree &= by_hand == [False, True] and moves == sorted(moves)
+        moves = _moves(_pressed(stiffness, SHARES * border, coulomb, period), settle)
+        found.append(border * _edge([not each for each in moves]))
+        rests = [
+            _by_hand(stiffness, part * border, coulomb, period).rests(1.5 * part * border, KNOCK, 1500)
+            for part in SHARES.tolist()
+        ]
+        agree &= rests == [not each for each in moves] and moves == sorted(moves)
     return CaseResult(
-        f"rest up to D = 2·fc/K = {border * 1e6:.2f} µm, chatter above, at T = 0.25, 0.5 and 1 ms alike (±2 %)",
-        f"border at {values_text([step * 1e6 for step in found], 4)} µm",
-        agree and all(abs(step / border - 1.0) <= 0.02 for step in found),
+        f"rest up to D = 2·fc/K = {border * 1e6:.2f} µm, chatter above, at T = 0.25, 0.5 and 1 ms alike (±0.1 %)",
+        f"border at {values_text([step * 1e6 for step in found], 5)} µm",
+        agree and all(abs(step / border - 1.0) <= CLOSE for step in found),
         "balance of forces at the edge of a count (Abbott & Okamura); the loop in plain floats on both sides",
-        tolerance="2 % of the border",
-        used=share_used(*((step / border - 1.0, 0.02) for step in found)),
+        tolerance="0.1 % of the border",
+        used=share_used(*((step / border - 1.0, CLOSE) for step in found)),
     )
 
 
@@ -99,67 +87,118 @@ def coulomb_rescue(quick: bool) -> CaseResult:
     """Check that friction of half a count's force ends the chatter of a pressed wall."""
     stiffness, settle = 1000.0, 2000 if quick else 30_000
     needed = 0.5 * stiffness * STEP
-    shares = np.append(0.0, 0.025 * np.arange(60) + 0.0125)
+    shares = np.append(0.0, SHARES)
     moves = _moves(_pressed(stiffness, STEP, shares * needed, PERIOD), settle)
-    found = next((share for share, moving in zip(shares.tolist(), moves, strict=True) if not moving), 9.9) - 0.0125
-    by_hand = [_moves_by_hand(stiffness, STEP, part * needed, PERIOD, 2000) for part in (0.95, 1.05)]
+    found = _edge(moves[1:])
+    rests = [
+        _by_hand(stiffness, STEP, part * needed, PERIOD).rests(1.5 * STEP, KNOCK, 2000) for part in shares.tolist()
+    ]
     return CaseResult(
-        f"chatter without friction, rest from fc = K·D/2 = {needed * 1e3:.2f} mN (±2.5 %)",
-        f"{'chatter' if moves[0] else 'rest'} without friction, rest from {found * needed * 1e3:.2f} mN",
-        moves[0] and by_hand == [True, False] and moves == sorted(moves, reverse=True) and abs(found - 1.0) <= 0.025,
-        "balance of forces at the edge of a count; the loop in plain floats at 0.95 and 1.05 of it",
-        tolerance="2.5 % of the friction",
-        used=share_used((found - 1.0, 0.025)),
+        f"chatter without friction, rest from fc = K·D/2 = {needed * 1e3:.3f} mN (±0.1 %)",
+        f"{'chatter' if moves[0] else 'rest'} without friction, rest from {found * needed * 1e3:.3f} mN",
+        moves == [not each for each in rests] and moves == sorted(moves, reverse=True) and abs(found - 1.0) <= CLOSE,
+        "balance of forces at the edge of a count; the loop in plain floats on both sides",
+        tolerance="0.1 % of the friction",
+        used=share_used((found - 1.0, CLOSE)),
     )
+
+
+def _edge(before: list[bool]) -> float:
+    """Return the middle between the last of SHARES up to which something holds, and the one after it."""
+    count = sum(before)
+    low, high = np.concatenate([[0.0], SHARES, [np.inf]])[count : count + 2].tolist()
+    return 0.5 * (float(low) + float(high))
 
 
 def one_count_wall(quick: bool) -> CaseResult:
-    """Check that a wall pressed one count deep chatters in a symmetric cycle of speed K·D/(2·b)·tanh(b·n·T/(2·m))."""
-    stiffness, settle = 600.0, 10_000 if quick else 200_000
+    """Check a wall pressed one count deep: its chatter beside a loop by hand, the estimate of it, and its bound.
+
+    The cycle is symmetric, with the speed K·D/(2·b)·tanh(b·n·T/(2·m)) for n samples in a half. The estimate by a
+    describing function has the amplitude 2·D·K/(π·Kmax), with Kmax the limit without counts; the bound is
+    ∫v²/∫|v| ≤ (K·D/2)/(b − K·T/2).
+    """
+    stiffness, settle = 600.0, 5000 if quick else 200_000
+    hand = Pressed(MASS, DAMPING, 0.0, stiffness, STEP, 0.5 * stiffness * STEP, PERIOD, one_sided=True)
     many = loops(
         mass=MASS, damping=DAMPING, period=PERIOD, stiffness=stiffness, resolution=STEP, unilateral=True,
-        push=0.5 * stiffness * STEP, position=0.6 * STEP,
+        push=hand.push, position=0.6 * STEP,
     )  # fmt: skip
     x, v = recorded(many, settle, 1001)[1:, :, 0].T
-    switches = np.flatnonzero(np.diff(x >= 0.5 * STEP))
-    half, highest = float(switches[-1] - switches[0]) / (len(switches) - 1), float(np.abs(v).max())
-    expected = 0.5 * stiffness * STEP / DAMPING * math.tanh(0.5 * DAMPING * half * PERIOD / MASS)
-    longest = math.sqrt(12.0 * MASS / (DAMPING * PERIOD)) + 1.0
+    half, highest = _half_cycle(x), float(np.abs(v).max())
+    one = _states_by_hand(hand, settle, 1001)[1:]
+    apart = float(np.abs(one - np.column_stack([x, v])).max(axis=0) @ [1.0 / STEP, 1.0 / highest])
+    expected = relay_speed(hand, _half_cycle(one[:, 0]))
+    estimate = edge_chatter(Plant(MASS, DAMPING, 0.0, STEP), PERIOD, 0.0, spring(stiffness))
+    size = 2.0 * STEP * stiffness / (math.pi * jury_limit(DEVICE, PERIOD))
+    told = 0.0 if estimate is None else estimate.amplitude
+    bound = 0.5 * stiffness * STEP / (DAMPING - 0.5 * stiffness * PERIOD)
+    most = chatter_speed(Plant(MASS, DAMPING, 0.0, STEP), PERIOD, 0.0, stiffness)
+    found = float((one[:, 1] ** 2).sum() / np.abs(one[:, 1]).sum())
     deepest, least = float(x.max()) / STEP, float(x.min()) / STEP
     return CaseResult(
-        f"chatter for ever between 0 and 1 counts, n ≤ {longest:.0f} samples a half cycle, {expected * 1e6:.4f} µm/s "
-        f"at n = {exactly(half)} (1e-6)",
-        f"n = {exactly(half)} samples, {highest * 1e6:.4f} µm/s, between {least:.2f} and {deepest:.2f} counts",
-        0.0 < half <= longest and abs(highest / expected - 1.0) <= 1e-6 and least > -0.5 and deepest < 1.5,
-        "closed form of the symmetric cycle of a damped mass under a sampled relay",
-        tolerance="1e-6 of the speed",
-        used=share_used((highest / expected - 1.0, 1e-6)),
+        f"chatter for ever between 0 and 1 counts, {expected * 1e6:.4f} µm/s at n = {exactly(_half_cycle(one[:, 0]))}; "
+        f"estimate {size * 1e6:.4f} µm; bound {bound * 1e3:.4f} mm/s",
+        f"n = {exactly(half)} samples, {highest * 1e6:.4f} µm/s, between {least:.2f} and {deepest:.2f} counts, apart "
+        f"by {rounded(apart, 1)}; estimate {told * 1e6:.4f} µm; bound {most * 1e3:.4f} mm/s, the loop has "
+        f"{found * 1e3:.4f}",
+        apart <= 1e-6
+        and abs(highest / expected - 1.0) <= 1e-6
+        and least > -0.5
+        and deepest < 1.5
+        and abs(told / size - 1.0) <= 1e-6
+        and abs(most / bound - 1.0) <= 1e-9
+        and found < bound,
+        "the loop in plain floats, and the closed form of its cycle; Jury's limit; the bound by hand",
+        tolerance="1e-6 of the cycle and of the estimate, 1e-9 of the bound",
+        used=share_used(
+            (apart, 1e-6), (highest / expected - 1.0, 1e-6), (told / size - 1.0, 1e-6), (most / bound - 1.0, 1e-9)
+        ),
     )
 
 
+def _half_cycle(x: Array) -> float:
+    """Return the mean number of samples between two crossings of the edge at half a count."""
+    switches = np.flatnonzero(np.diff(x >= 0.5 * STEP))
+    return float(switches[-1] - switches[0]) / (len(switches) - 1)
+
+
+def _states_by_hand(device: Pressed, settle: int, samples: int) -> Array:
+    """Return position and velocity of a handle that starts within the first count, `(samples, 2)`."""
+    state, states = (0.6 * STEP, 0.0), []
+    for number in range(settle + samples):
+        if number >= settle:
+            states.append(state)
+        state = device.moved(*state)
+    return np.array(states)
+
+
 def local_stability(quick: bool) -> CaseResult:
-    """Check that above K = 2b/T small motions stick and large ones cycle, by the threshold of describing functions."""
+    """Check that above K = 2b/T small motions stick and large ones cycle, from a threshold on that is found by hand."""
     stiffness, most = 8000.0, 5.0
     coulomb = 1.2 * 0.5 * stiffness * STEP
+    hand = Pressed(MASS, DAMPING, coulomb, stiffness, STEP, 0.0, PERIOD, most=most)
     turn = math.sqrt(stiffness / MASS)
-    expected = 4.0 * coulomb / (math.pi * turn * (0.5 * stiffness * PERIOD - DAMPING))
-    starts = np.linspace(0.5, 1.5, 41) * expected
+    estimate = 4.0 * coulomb / (math.pi * turn * (0.5 * stiffness * PERIOD - DAMPING))
+    threshold = largest(lambda start: hand.dies(start), 0.5 * estimate, 1.3, 0.5 * CLOSE)
     running = Running(loops(
         mass=MASS, damping=DAMPING, coulomb=coulomb, resolution=STEP, period=PERIOD, stiffness=stiffness,
-        saturation=most, position=starts,
+        saturation=most, position=SHARES * threshold,
     ))  # fmt: skip
     running.advance(5500 if quick else 40_000)
     peaks = running.advance(500)
     sticks: list[bool] = (running.state[1] == 0.0).tolist()
-    found = 0.5 * float(starts[sticks.count(True) - 1] + starts[min(sticks.count(True), 40)])
+    found = _edge(sticks) * threshold
     cycles = peaks[[not each for each in sticks]]
     same = len(cycles) > 0 and float(np.ptp(cycles)) <= 0.05 * float(cycles.max()) and cycles.min() > most / stiffness
     return CaseResult(
-        f"starts below 4·fc/(π·ω·(K·T/2 − b)) = {expected * 1e3:.3f} mm stick (±10 %), larger ones end in one cycle "
-        "beyond saturation",
-        f"threshold {found * 1e3:.3f} mm, cycle of {float(cycles.max(initial=0.0)) * 1e3:.2f} mm",
-        sticks == sorted(sticks, reverse=True) and bool(same) and abs(found / expected - 1.0) <= 0.1,
-        "describing function of Coulomb friction against the sampled spring's energy gain, by hand",
-        tolerance="10 % of the amplitude",
-        used=share_used((found / expected - 1.0, 0.1)),
+        f"starts below {threshold * 1e3:.4f} mm stick (±0.1 %; by a describing function 4·fc/(π·ω·(K·T/2 - b)) = "
+        f"{estimate * 1e3:.3f} mm), larger ones end in one cycle beyond saturation",
+        f"threshold {found * 1e3:.4f} mm, cycle of {float(cycles.max(initial=0.0)) * 1e3:.2f} mm",
+        sticks == sorted(sticks, reverse=True)
+        and bool(same)
+        and abs(found / threshold - 1.0) <= CLOSE
+        and abs(threshold / estimate - 1.0) <= 0.1,
+        "the loop in plain floats, bisected in its start; a describing function is an estimate, within 10 % of it",
+        tolerance="0.1 % of the threshold",
+        used=share_used((found / threshold - 1.0, CLOSE), (threshold / estimate - 1.0, 0.1)),
     )

@@ -22,7 +22,8 @@ LITTLE = 2e-3
 def _forces(gap: int) -> tuple[list[float], list[float]]:
     """Return what the loop commands and what is expected [N], with a gap of so many periods in the feedback.
 
-    The hand presses on during the gap, and after it for a while. Then it goes out of the wall, and in again.
+    The hand presses on during the gap, and after it for a while. Then it goes out of the wall, and in again. After a
+    trip the command is 0.
     """
     cycle = Feeder(plan_of(Wall("handle", STIFFNESS), limits=Limits(effort=EFFORT)))
     turn = PRESSED + gap + DEEPER
@@ -38,8 +39,6 @@ def _forces(gap: int) -> tuple[list[float], list[float]]:
         feed(cycle, seen[0], LinkFlag.STALE if is_lost else 0, seen[1])
         if at >= 0:
             found.append(cycle.value("command"))
-    if cycle.trip is not None:
-        raise ValueError(f"the run tripped: {cycle.trip.kind.value}")
     return found, _expected(places, gap)
 
 

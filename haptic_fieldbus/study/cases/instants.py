@@ -9,9 +9,10 @@ from haptic_fieldbus.margins.schedules import Ticks, free_ticks, schedule_limit
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
-from haptic_fieldbus.study.cases.oracles import events
-from haptic_fieldbus.study.cases.oracles.polynomials import largest
 from haptic_fieldbus.study.measure import region
+from haptic_fieldbus.study.oracles import events
+from haptic_fieldbus.study.oracles.contact import growth_of_turn
+from haptic_fieldbus.study.oracles.polynomials import largest
 
 PERIOD = 1e-3
 DEVICE, VIRTUAL = Plant(0.1, 2.0, torque_lag=0.16e-3), 0.5
@@ -28,8 +29,7 @@ def _wall(stiffness: float) -> StateSpace:
 
 def _growth_by_hand(stiffness: float, turn: float, shots: Sequence[events.Shot]) -> float:
     """Return the growth over a whole turn."""
-    law = events.spring_damper(stiffness, VIRTUAL, PERIOD)
-    return events.growth(events.map_of_turn([MOTOR], turn, shots, law, memory=1))
+    return growth_of_turn(MOTOR, turn, shots, stiffness, VIRTUAL, PERIOD)
 
 
 def _limit_by_hand(turn: float, shots: Sequence[events.Shot]) -> float:

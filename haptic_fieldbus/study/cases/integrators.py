@@ -15,10 +15,10 @@ from haptic_fieldbus.numerics.integrators.trajectory import follow
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.study.case import CaseResult, share_used
-from haptic_fieldbus.study.cases.oracles.textbook import DIGITS, RADII, free_motion, puck_moved
 from haptic_fieldbus.study.measure import growth
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
 from haptic_fieldbus.study.measure.step_limits import oscillator
+from haptic_fieldbus.study.oracles.textbook import DIGITS, RADII, free_motion, puck_moved
 
 PERIOD = 1e-3
 

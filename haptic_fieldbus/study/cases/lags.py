@@ -10,9 +10,9 @@ from haptic_fieldbus.margins import Plant, alone, passive_limit, passive_limit_o
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
-from haptic_fieldbus.study.cases.oracles import energies, events
-from haptic_fieldbus.study.cases.oracles.polynomials import largest
 from haptic_fieldbus.study.measure import region
+from haptic_fieldbus.study.oracles import energies, events
+from haptic_fieldbus.study.oracles.contact import limit_in_contact
 
 PERIOD = 1e-3
 BENCHES = ((0.4e-3, 0.3e-3), (0.16e-3, 1.2e-3), (2e-3, 0.5e-3))
@@ -82,7 +82,8 @@ def _found(lag: float, delay: float, cells: int) -> _Found:
     one, two, three, four = (energies.damping_share(force, drives, PERIOD, cells) for force in forces)
     asked = alone(plant, PERIOD, delay).damping_share(_wall(ASKED))
     stable = stiffness_limit(plant, PERIOD, delay, _wall)
-    return _Found(stable, _stable_by_hand(lag, delay), limits, (one, two, three, four / asked))
+    by_hand = limit_in_contact(events.motor(MASS, DAMPING, lag), PERIOD, delay, VIRTUAL)
+    return _Found(stable, by_hand, limits, (one, two, three, four / asked))
 
 
 def torque_lag(quick: bool) -> CaseResult:
@@ -105,13 +106,3 @@ def torque_lag(quick: bool) -> CaseResult:
         tolerance=f"{exactly(AGREEMENT)} of the limits of stability, {exactly(CUT)} of the energies",
         used=share_used((apart, AGREEMENT), (worst, CUT)),
     )
-
-
-def _stable_by_hand(lag: float, delay: float) -> float:
-    body, (turn, shots) = events.motor(MASS, DAMPING, lag), events.every(PERIOD, delay)
-
-    def is_stable(stiffness: float) -> bool:
-        law = events.spring_damper(stiffness, VIRTUAL, PERIOD)
-        return events.growth(events.map_of_turn([body], turn, shots, law, memory=1)) <= 1.0
-
-    return largest(is_stable, 1.0, 1.4, 1e-9)

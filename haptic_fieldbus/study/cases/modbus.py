@@ -22,7 +22,7 @@ from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.modbus.site import SIMULATION
 from haptic_fieldbus.sim.slot import Slot
 from haptic_fieldbus.study.case import CaseResult, share_used
-from haptic_fieldbus.study.cases.oracles.polynomials import schur_cohn_limit
+from haptic_fieldbus.study.oracles.polynomials import schur_cohn_limit
 
 DRIVE = "generic_cia402_modbus"
 PERIOD = 1e-3

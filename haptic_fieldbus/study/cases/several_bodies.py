@@ -11,8 +11,9 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
-from haptic_fieldbus.study.cases.oracles import energies, events
-from haptic_fieldbus.study.cases.oracles.polynomials import largest
+from haptic_fieldbus.study.oracles import energies, events
+from haptic_fieldbus.study.oracles.contact import limit_in_contact
+from haptic_fieldbus.study.oracles.polynomials import largest
 
 PERIOD = 1e-3
 ESTIMATOR = "backward-difference"
@@ -83,7 +84,7 @@ def coupled_axes(quick: bool) -> CaseResult:
     apart = max(abs(one / other - 1.0) for one, other in zip(stable, by_hand, strict=True))
     worst = max(abs(share - 1.0) for share in shares)
     friction = max(abs((limit.quantisation or 0.0) / one - 1.0) for limit, one in zip(judged, held, strict=True))
-    torn = max(_torn(*shaft) for shaft in SHAFTS)
+    torn = max(_torn(part * damping, ratio) for damping, ratio in SHAFTS for part in (0.0, 1.0))
     return CaseResult(
         f"ratios of -2.5 and 0.4: stable to {values_text(by_hand, 6)} N/m; where passivity ends, the worst motion of "
         f"both handles needs all of both dampings; friction bridges counts to {values_text(held, 4)} N/m",
@@ -117,13 +118,7 @@ def _judged(*bodies: HungBody, plant: Plant = MOTOR) -> float:
 def _loaded_by_hand(loss: float) -> float:
     motor = events.motor(MOTOR.mass, MOTOR.damping, MOTOR.torque_lag)
     body = events.motor_with_load(motor, MOTOR.mass, LOAD, STIFF, loss)
-    turn, shots = events.every(PERIOD, DELAY)
-
-    def is_stable(stiffness: float) -> bool:
-        law = events.spring_damper(stiffness, 0.0, PERIOD)
-        return events.growth(events.map_of_turn([body], turn, shots, law, memory=1)) <= 1.0
-
-    return largest(is_stable, 1e-3, 1.2, 1e-9)
+    return limit_in_contact(body, PERIOD, DELAY)
 
 
 def compliant_transmission(quick: bool) -> CaseResult:

@@ -20,8 +20,8 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
-from haptic_fieldbus.study.cases.oracles.polynomials import largest, plain_terms, polynomials
 from haptic_fieldbus.study.measure import region
+from haptic_fieldbus.study.oracles.polynomials import largest, plain_terms, polynomials
 
 Point = tuple[float, float, float]
 """Virtual damping B [N·s/m], delay [s], pole of the low-pass."""

@@ -9,12 +9,14 @@ from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.study.case import CaseResult, share_used
-from haptic_fieldbus.study.cases.oracles import energies, events
-from haptic_fieldbus.study.cases.oracles.polynomials import largest
+from haptic_fieldbus.study.oracles import energies, events
+from haptic_fieldbus.study.oracles.contact import growth_in_contact, limit_in_contact
 
 PERIOD, DELAY, LAG = 1e-3, 0.3e-3, 0.16e-3
 MASS, DAMPING, EFFORT = 0.1, 2.0, 20.0
 """Device [kg, N·s/m], and the largest force of its motor [N]."""
+BODY = events.motor(MASS, DAMPING, LAG)
+"""The same device."""
 EXPONENT, DEPTH, FORCE, LOSS = 1.5, 0.01, 2.0, 1.0
 """Body k·dⁿ·(1 + p·ḋ): n, the force [N] at a depth [m] that gives k, and p [s/m]."""
 STEEP = 300.0
@@ -33,9 +35,7 @@ def _judged(element: Element) -> Stability:
 
 def _growth_by_hand(stiffness: float, damping: float) -> float:
     """Return the growth a period at a spring and damper by backward difference."""
-    turn, shots = events.every(PERIOD, DELAY)
-    law = events.spring_damper(stiffness, damping, PERIOD)
-    return events.growth(events.map_of_turn([events.motor(MASS, DAMPING, LAG)], turn, shots, law, memory=1))
+    return growth_in_contact(BODY, PERIOD, DELAY, stiffness, damping)
 
 
 def _steepest(stiffness: float) -> float:
@@ -70,7 +70,7 @@ def varying_slope(quick: bool) -> CaseResult:
     """
     elastic = _judged(HuntCrossley("handle", FORCE, DEPTH, exponent=EXPONENT)).stiffness_limit
     stable, passive = (_steepest(limit or math.nan) for limit in (elastic.stable, elastic.passive))
-    by_hand = largest(lambda k: _growth_by_hand(k, 0.0) <= 1.0, 1.0, 1.4, 1e-9)
+    by_hand = limit_in_contact(BODY, PERIOD, DELAY)
     drives = [energies.Drive(DAMPING, DELAY, LAG)]
     share = energies.damping_share(lambda z: complex(-passive), drives, PERIOD, 24 if quick else 96)
     lossy = _judged(HuntCrossley("handle", STEEP, DEPTH, exponent=EXPONENT, loss=LOSS))

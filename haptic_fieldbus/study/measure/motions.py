@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptic_fieldbus.numerics.exact import expm
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.numerics.response import recursion
+from haptic_fieldbus.study.oracles.trajectories import states_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +28,7 @@ class KnownMotion:
 
     def inputs(self, period: float, steps: int) -> Matrix:
         """Return the input at 0, T, … steps·T, `(steps + 1, 2)`."""
-        drive = np.zeros((steps, len(self.start)))
-        return recursion(expm(self.system * period), drive, self.start) @ self.output.T
+        return states_of(self.system, self.start, period, steps) @ self.output.T
 
 
 def step_by(height: float) -> KnownMotion:

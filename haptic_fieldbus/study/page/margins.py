@@ -21,6 +21,7 @@ FAMILIES = {
     "lags": "torque lag",
     "sharing_width": "Z-width, filters",
     "sharing": "energy, passivity",
+    "ledger": "energy, passivity",
     "sharing_contact": "contact, letting go",
     "friction": "friction, encoder counts",
     "sensing": "sensing",

@@ -1,12 +1,16 @@
-"""What `doctor` asks a CANopen bus, and that it asks nothing while somebody else commands there."""
+"""What is asked on a CANopen bus apart from the exchange, and that nothing is asked while somebody else commands."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from haptic_fieldbus.buses.canopen.access import ACCESS, _on_the_bus
 from haptic_fieldbus.drive.rig import default_axis
+from haptic_fieldbus.errors import BusTimeoutError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.canopen.profile import canopen_profile
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.signals import Workspace
 from tests.buses.canopen.two_programs import TwoPrograms, assert_uploads_alone
 
@@ -42,3 +46,21 @@ def test_an_adapter_that_cannot_be_opened_is_a_check_that_fails_and_the_others_a
     assert checks[0].name == "adapter"
     assert checks[0].ok is False
     assert {"driver", "state", "bit_rate", "queue", "usb_latency_timer"} == {check.name for check in checks[1:]}
+
+
+def test_a_profile_of_no_particular_drive_is_fitted_to_the_drive_on_the_bus_and_others_are_left_alone() -> None:
+    section = CanSection("haptic_sim", "maxon_epos4@99", listen=0.01)
+    profile = canopen_profile(ACCESS.fitted(section, AXES)["handle"])
+    # An EPOS4 has no torque demand value; its own torque shows what it was sent.
+    assert (profile.name, profile.torque.demand, profile.torque.echo) == ("generic_cia402", None, "actual")
+    assert profile.link_loss == canopen_profile(load_profile("generic_cia402")).link_loss
+    own = {"handle": replace(AXES["handle"], profile="maxon_epos4")}
+    assert ACCESS.fitted(CanSection("socketcan", "no_such_can"), own) == {}
+    assert ACCESS.rated_torque(section, "handle", own["handle"]) == pytest.approx(0.4)
+
+
+def test_a_drive_that_does_not_answer_is_told_with_advice() -> None:
+    with pytest.raises(
+        BusTimeoutError, match=r"node 99 \(axis handle\), reading 6041h.*check that the drive has power"
+    ):
+        ACCESS.fitted(CanSection("haptic_sim", "maxon_epos4@5", listen=0.01), AXES)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from haptic_fieldbus.buses.canopen.answers import UNASKED_WITHIN
 from haptic_fieldbus.buses.canopen.foreign import OneMaster, Severity
 from haptic_fieldbus.buses.canopen.link import LOST_AFTER
 from haptic_fieldbus.errors import ForeignMasterError
@@ -172,6 +173,16 @@ class TestDuplicates:
             _header(bench)
         assert self.told_after(bench) <= 4
 
+    def test_from_the_first_answers_on_a_single_one_too_many_is_told(self) -> None:
+        """One that nobody asked for, as a node becomes operational, comes before them; it excused one for a second."""
+        bench = _opened()
+        for _ in range(UNASKED_WITHIN):
+            _header(bench)
+        self.second_node(bench, 900_000)
+        assert LinkFlag.DUPLICATE not in _header(bench)[0]
+        bench.clock.sleep_until(bench.clock.now_ns() + PERIOD_NS)
+        assert _header(bench) == (LinkFlag.DUPLICATE, TPDO)
+
     def told_after(self, bench: Bench) -> int:
         """Number of SYNCs that a second node has answered until it is noticed."""
         for number in range(1, 100):
@@ -197,7 +208,7 @@ class TestDuplicates:
     def test_a_tpdo_on_becoming_operational_is_nothing_to_wonder_about(self, delay_ns: int) -> None:
         bench = Bench().open()
         self.second_node(bench, delay_ns)
-        for _ in range(3):
+        for _ in range(3 * UNASKED_WITHIN):
             assert _header(bench) == (LinkFlag(0), 0)
 
 

@@ -18,7 +18,7 @@ from haptic_fieldbus.errors import (
     ForeignMasterError,
     HapticFieldbusError,
 )
-from haptic_fieldbus.protocols.modbus.profile import IdentityRegister, ModbusProfile, WrittenRegister
+from haptic_fieldbus.protocols.modbus.profile import IdentityRegister, ModbusProfile, Register, WrittenRegister
 from tests.buses.modbus.benches import PROFILE, Bench, plan_of
 from tests.buses.modbus.servers import (
     COMMAND,
@@ -130,6 +130,14 @@ def test_what_is_written_is_what_the_profile_asks_for_and_it_is_put_back(opened:
     assert bench.bus.stop() is True
     assert (drive.value(WATCHDOG), drive.value(LIMIT)) == (7, 1000)
     assert bench.bus.warnings == []
+
+
+def test_a_limit_in_another_unit_than_the_set_point_is_that_of_the_axis(opened: ExitStack) -> None:
+    """A motor of 0.4 N·m at 5 cm a revolution gives 50.3 N, so 20 N are 0.159 N·m, in mN·m 159."""
+    torque = replace(PROFILE.torque, limit=Register(LIMIT, DataType.UINT16, unit="mN·m"))
+    bench, server = bench_on(opened, Drive(), replace(PROFILE, torque=torque), limits=Limits(effort=20.0))
+    bench.open()
+    assert server.drive.value(LIMIT) == 159
 
 
 def test_facts_are_those_that_the_drive_tells(opened: ExitStack) -> None:

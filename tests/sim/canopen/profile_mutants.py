@@ -3,7 +3,7 @@
 import copy
 import json
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ NOT_SHOWN = {
     "torque.echo", "torque.controlword", "torque.slope.value", "torque.target.unit", "torque.actual.unit",
     "torque.demand.unit", "torque.rated_current.unit", "position.actual.unit", "setup.writes.value",
     "pdo.rpdo_acts", "pdo.tpdo_types", "pdo.rpdo_types", "sync.shortest_period", "commissioning.tool",
-    "commissioning.shown.name", "commissioning.shown.unit", "commissioning.shown.needed",
+    "commissioning.shown.unit", "commissioning.shown.needed",
     "link_loss.deadline", "link_loss.reacts",
     "link_loss.abort_connection_option.value", "link_loss.fault_reaction_option.value",
 }  # fmt: skip
@@ -133,15 +133,15 @@ def _inline(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def told_by(mutant: Mutant, original: CanopenProfile, eds: Eds, folder: Path) -> str:
-    """Who notices: "load", "check" or "drive"; empty for nobody."""
+def told_by(mutant: Mutant, original: CanopenProfile, sheets: Iterable[Eds], folder: Path) -> str:
+    """Who notices: "load", "check" beside any of the files of the drive, or "drive"; empty for nobody."""
     path = folder / f"{original.name}.toml"
     path.write_text(mutant.text, encoding="utf-8")
     try:
         profile = canopen_profile(load_profile(path))
     except HapticFieldbusError:
         return "load"
-    if proof_of(profile, eds).faults:
+    if any(proof_of(profile, eds).faults for eds in sheets):
         return "check"
     try:
         configure(profile, original.name)

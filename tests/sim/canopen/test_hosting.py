@@ -210,3 +210,42 @@ class TestHosting:
 
             assert host(bus, slots, 0, ready, lambda: next(asked)) == 0
         assert told == [7]
+
+
+class TestWhatConcernsTheDrives:
+    """The kernel may drop all other frames, before this process has seen what came just before them."""
+
+    def _told(self, hosted: Hosted) -> list[set[tuple[int, bool]]]:
+        told: list[set[tuple[int, bool]]] = []
+        hosted.outlet.focus = lambda concerns: told.append(set(concerns))  # type: ignore[method-assign]
+        return told
+
+    def test_is_known_before_the_answer_to_what_changed_it(self) -> None:
+        hosted = Hosted(5)
+        told = self._told(hosted)
+        hosted.serve()
+        assert {(0, False), (0x605, False), (0x7E5, False), (0x080, False), (0x705, True)} <= told[-1]
+        # RPDO 1, and a master's heartbeat.
+        assert (0x205, False) in told[-1]
+        assert (0x77F, False) not in told[-1]
+        seen: list[set[tuple[int, bool]]] = []
+        send = hosted.outlet.send
+        hosted.outlet.send = lambda frame: (seen.append(told[-1]), send(frame))[1]  # type: ignore[func-returns-value,method-assign]
+        hosted.send(0x605, bytes.fromhex("23 16 10 01 32 00 7f 00"))
+        hosted.serve(0)
+        assert (0x77F, False) in seen[-1]
+        hosted.close()
+
+    def test_is_told_for_any_state_so_that_a_command_and_what_follows_it_pass_together(self) -> None:
+        hosted = Hosted(5, 6)
+        told = self._told(hosted)
+        enabled(hosted)
+        for command in (1, 2, 128, 130, 129, 1):
+            hosted.send(0, bytes((command, 0)))
+            hosted.serve(100 * MS)
+            for _, slave in hosted.host._rack.attached:
+                heard = {(each, False) for each in slave.node.handlers} | {(each, True) for each in slave.node.requests}
+                assert heard <= told[-1]
+            # All that it hears when it is operational, whatever its state is.
+            assert {(0x080, False), (0x205, False), (0x206, False)} <= told[-1]
+        hosted.close()

@@ -4,6 +4,8 @@ import math
 
 import pytest
 
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.modbus.registers import Refusal
@@ -215,6 +217,17 @@ class TestWatchdog:
 
 
 class TestFaults:
+    def test_a_drive_whose_table_has_no_fault_reaction_is_off_when_it_shows_a_fault(self) -> None:
+        simplex = modbus_profile(load_profile("simplex_motion"))
+        drive = Driven(simplex, faults.DriveFault("drive_fault", 0.01, 0x2310))
+        assert drive.write(399, 40) is None
+        drive.write(449, 0, 300)
+        drive.wait(9)
+        assert drive.state() is State.OPERATION_ENABLED
+        drive.wait(1.5)
+        assert drive.value(399) == 4
+        assert drive.state() is State.FAULT, "it does not brake meanwhile"
+
     def test_a_drive_fault_ends_the_torque_and_stays_as_long_as_its_cause(self) -> None:
         drive = Driven(GENERIC, faults.DriveFault("drive_fault", 0.01, 0x2310, duration=0.05))
         drive.enable()

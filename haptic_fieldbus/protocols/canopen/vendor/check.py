@@ -20,6 +20,7 @@ from haptic_fieldbus.protocols.canopen.vendor.left_out import left_out
 from haptic_fieldbus.protocols.canopen.vendor.modes import mode_findings
 from haptic_fieldbus.protocols.canopen.vendor.named import named_objects
 from haptic_fieldbus.protocols.canopen.vendor.numbers import identity_findings, pdo_findings
+from haptic_fieldbus.protocols.canopen.vendor.shown import shown_findings
 from haptic_fieldbus.protocols.canopen.vendor.sources import AGAINST, LEFT_OUT
 
 
@@ -59,6 +60,7 @@ def _findings(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     if profile.drive.usable:
         yield from mode_findings(profile, eds)
         yield from named_objects(profile, eds)
+        yield from shown_findings(profile, eds)
         yield from left_out(profile, eds)
     yield from pdo_findings(profile, eds)
 

@@ -49,7 +49,6 @@ _STANDARD: Mapping[str, tuple[int, ...]] = {
     "sync.cycle_period": (0x1006,),
 }
 """Objects of the standards for each key; in the area of a standard no other object has that meaning."""
-SHOWN_KEY = "commissioning.shown"
 _CURRENT_ACTUAL = 0x6078
 _MANUFACTURER = range(0x2000, 0x6000)
 
@@ -59,19 +58,8 @@ def named_objects(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
     yield from _signals(profile, eds)
     yield from _options(profile, eds)
     yield from _period(profile, eds)
-    yield from _shown_values(profile, eds)
     for written in profile.setup.writes:
         yield from _written("setup.writes", written, eds)
-
-
-def _shown_values(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
-    """Yield what the vendor's tool sets; an object that stands twice is a slip of copying."""
-    shown = profile.commissioning.shown
-    places = [(each.object, each.subindex) for each in shown]
-    for each, place in zip(shown, places, strict=True):
-        yield finding_of(SHOWN_KEY, each.entry, Use.READ, eds)
-        if places.count(place) > 1:
-            yield Finding(SHOWN_KEY, "", fault=f"{each.object:04X}h:{each.subindex:02X} stands twice; expected it once")
 
 
 def _signals(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:

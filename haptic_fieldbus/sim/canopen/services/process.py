@@ -119,6 +119,11 @@ class ProcessData:
         handlers[self.objects.can_id] = self._deaf if self._lost_syncs else self.sync
         return handlers
 
+    @property
+    def received(self) -> set[int]:
+        """Identifiers of SYNC and of the RPDOs."""
+        return {self.objects.can_id, *(rpdo.can_id for rpdo in self._rpdos if rpdo.valid)}
+
     def requests(self) -> dict[int, Callable[[int], None]]:
         """Return the handlers of remote frames, by identifier."""
         return {tpdo.can_id: self._requested(tpdo) for tpdo in self._tpdos if tpdo.on_request}

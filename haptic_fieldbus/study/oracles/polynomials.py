@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable
 from decimal import Decimal, localcontext
 
-from haptic_fieldbus.study.cases.oracles.held import Device
-from haptic_fieldbus.study.cases.oracles.textbook import Number
+from haptic_fieldbus.study.oracles.held import Device
+from haptic_fieldbus.study.oracles.textbook import Number
 
 DIGITS = 60
 """Digits of Decimal; a polynomial of degree 13 with roots close to 1 loses many of them."""

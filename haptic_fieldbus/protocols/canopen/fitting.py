@@ -1,0 +1,122 @@
+"""A profile of no particular drive, fitted to the drive that it meets.
+
+Nearly all objects of CiA 402-2 are optional, so no drive has them all. What the drive has is used as the profile says;
+what it lacks is left out, and where the standards have a second way, that one is taken: profile torque mode, torque
+actual value as the echo, life guarding. Nothing takes the place of a guard that is not there: without one the plan caps
+the torque, or is refused.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TypeVar
+
+from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode, PositionSection, TorqueSection
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.eds import Eds
+from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
+from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, LinkLossSection, SyncSection
+from haptic_fieldbus.protocols.canopen.vendor.lacks import torque_mode
+from haptic_fieldbus.protocols.canopen.vendor.sources import LEFT_OUT
+from haptic_fieldbus.protocols.canopen.vendor.values import number_of, supported_modes
+
+Named = TypeVar("Named", MappedObject, OptionCode)
+_TOLD = ("torque.mode_of_operation", "torque.slope.object", "torque.slope.value", "torque.echo",
+         "position.actual.unit", "pdo.tpdos", "pdo.rpdos", "pdo.inhibit_time_default", "sync.interpolation_time",
+         "sync.powers", "sync.values", "sync.cycle_period", "link_loss.life_guarding")  # fmt: skip
+"""Keys whose values the drive tells."""
+
+
+def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
+    """Return the profile with what the drive has, by the objects that were uploaded from it.
+
+    It is not usable for force where the drive lacks what force needs. Raises EdsError for no CiA 402 drive.
+    """
+    made = profile_from_eds(eds, _mode(profile.torque.mode_of_operation, eds))
+    position = _position(profile, made, eds)
+    own = replace(
+        profile,
+        drive=replace(profile.drive, usable=made.drive.usable),
+        torque=_torque(profile.torque, made.torque, eds),
+        position=position,
+        velocity=profile.velocity or (made.velocity if position is None else None),
+        pdo=replace(
+            profile.pdo,
+            tpdos=made.pdo.tpdos,
+            rpdos=made.pdo.rpdos,
+            tpdo_entries=made.pdo.tpdo_entries,
+            rpdo_entries=made.pdo.rpdo_entries,
+            inhibit_time_default=made.pdo.inhibit_time_default,
+        ),
+        sync=made.sync if profile.sync == SyncSection() else profile.sync,
+        link_loss=_link_loss(profile.link_loss, made.link_loss, eds),
+    )
+    return replace(own, sources={**profile.sources, **dict(_sources(profile, own, made))})
+
+
+def _mode(mode: int, eds: Eds) -> int:
+    """Return the mode of the profile unless the drive names its modes and it is not among them."""
+    modes = supported_modes(eds)
+    return mode if mode <= 0 or not modes or modes >> mode - 1 & 1 else torque_mode(eds)
+
+
+def _torque(own: TorqueSection, made: TorqueSection, eds: Eds) -> TorqueSection:
+    demand, actual = _kept(own.demand, eds), _kept(own.actual, eds)
+    has_echo = {"demand": demand is not None, "actual": actual is not None}.get(own.echo, True)
+    return replace(
+        own,
+        mode_of_operation=made.mode_of_operation,
+        actual=actual,
+        rated=_kept(own.rated, eds),
+        demand=demand,
+        echo=own.echo if has_echo else made.echo,
+        rated_current=_kept(own.rated_current, eds),
+        slope=own.slope or made.slope,
+    )
+
+
+def _position(profile: CanopenProfile, made: CanopenProfile, eds: Eds) -> PositionSection | None:
+    """Return the position of the profile, in the unit that the drive tells; None where the drive has none."""
+    if profile.position is None or _kept(profile.position.actual, eds) is None:
+        return None
+    is_told = made.position is not None and number_of(eds, 0x60A8)
+    return made.position if is_told else profile.position
+
+
+def _link_loss(own: LinkLossSection, made: LinkLossSection, eds: Eds) -> LinkLossSection:
+    """Return the guard that the drive has: the one of the profile, else life guarding, else none."""
+    index = own.heartbeat_consumer
+    has_consumer = index is not None and eds.find(index, 1) is not None
+    return replace(
+        own,
+        heartbeat_consumer=index if has_consumer else None,
+        life_guarding=own.life_guarding or (index is not None and not has_consumer and made.life_guarding),
+        abort_connection_option=_kept(own.abort_connection_option, eds),
+        fault_reaction_option=_kept(own.fault_reaction_option, eds),
+    )
+
+
+def _kept(named: Named | None, eds: Eds) -> Named | None:
+    """Return what the profile names where the drive has it."""
+    subindex = named.subindex if isinstance(named, MappedObject) else 0
+    return named if named is not None and eds.find(named.object, subindex) is not None else None
+
+
+def _sources(profile: CanopenProfile, own: CanopenProfile, made: CanopenProfile) -> Iterator[tuple[str, str]]:
+    """Yield key and source of each value that the drive has told, with the reason of each that is left out."""
+    if not own.drive.usable:
+        yield "drive.usable", made.sources["drive.usable"]
+    for before, after, section, names in (
+        (profile.torque, own.torque, "torque", ("actual", "demand", "rated", "rated_current")),
+        (profile.link_loss, own.link_loss, "link_loss", ("abort_connection_option", "fault_reaction_option")),
+    ):
+        for name in names:
+            if getattr(before, name) is not None and getattr(after, name) is None:
+                yield f"{section}.{name}", _no_such(getattr(before, name).object)
+    if profile.link_loss.heartbeat_consumer is not None and own.link_loss.heartbeat_consumer is None:
+        yield "link_loss.heartbeat_consumer", _no_such(profile.link_loss.heartbeat_consumer, 1)
+    told = {key: made.sources[key] for key in _TOLD if key in made.sources}
+    yield from ((key, source) for key, source in told.items() if not source.startswith(LEFT_OUT))
+
+
+def _no_such(index: int, subindex: int = 0) -> str:
+    return f"{NO_SUCH}{ObjectEntry(index, DataType.UINT8, subindex)}"
