@@ -26,6 +26,7 @@ its end spans the middle half of the repeats."""
 EXPLAINED = """The shortest mean time of many calls in this Python process, after a warm-up: what a part costs when
 nothing interrupts it. A scene pays only for what it asks for; the plan leaves out the rest. Single periods are timed
 too, with all that the machine does in between."""
+MORE = '<div class="more"><a href="#cost">All {} scenes that were timed, and why</a></div>'
 LATE = """How many periods would have been missed on this machine, as it was while the report was made: by computing
 alone, and with the exchange on the bus (worst case, CAN at 1 Mbit/s) and computing one after the other, as the loop
 does them. The bus, not the computer, sets the highest rate."""
@@ -45,7 +46,7 @@ def cost_section(context: Context) -> Section:
     context.progress("deadlines", 0.9)
     late = deadlines(context.tools, QUICK if context.quick else FULL)
     document = svg(draw(found))
-    costs = {scene: each.ns_per_step for scene, each in zip(plans, found, strict=False)}
+    costs = {scene: each.cost for scene, each in zip(plans, found, strict=False) if each.cost is not None}
     few = {scene: plans[scene] for scene in FEW_SCENES}
     body = [
         left_out.part(plans, costs),
@@ -64,7 +65,7 @@ def cost_section(context: Context) -> Section:
         (left_out.finding(few, costs), _finding(found, late)),
         {"cost": document},
         asdict(late),
-        Card("What does each scene leave out?", left_out.lines(few, costs)),
+        Card("What does each scene leave out?", left_out.lines(few, costs) + MORE.format(len(plans))),
     )
 
 

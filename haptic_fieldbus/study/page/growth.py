@@ -127,9 +127,9 @@ def growth_table(swings: Sequence[Growth]) -> str:
 def _finding(swings: Sequence[Growth], total: int) -> str:
     by_name = {swing.method: swing for swing in swings}
     best, leapfrog, euler = by_name["exact-foh"], by_name["semi-implicit"], by_name["forward-euler"]
-    lost = "overflowed" if euler.diverged_at is not None else f"by {rounded(euler.error[-1], 2)} times that"
+    lost = "overflows" if euler.diverged_at is not None else f"by {rounded(euler.error[-1], 2)} times"
     return (
-        f"After {rounded(total)} steps the force of a swinging mass is off by {rounded(best.error[-1], 2)} of its "
-        f"amplitude by <code>exact-foh</code>, {percent(leapfrog.error[-1])} by <code>semi-implicit</code> (phase "
-        f"alone); <code>forward-euler</code> {lost}."
+        f"After {rounded(total)} steps a swinging mass is off by {rounded(best.error[-1], 2)} of its force with "
+        f"<code>exact-foh</code>, by {percent(leapfrog.error[-1])} with <code>semi-implicit</code> (phase alone); "
+        f"<code>forward-euler</code> {lost}."
     )

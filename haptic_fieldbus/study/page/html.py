@@ -32,6 +32,7 @@ li { margin: 4px 0; }
 .card figure, .card table { margin: 0; } .card figcaption { display: none; }
 .card table { width: 100%; font-size: 12px; line-height: 1.3; }
 .card th, .card td, .card td.text + td.text { padding: 3px 5px; white-space: nowrap; }
+.more { font-size: 12px; margin-top: 4px; }
 @media (max-width: 1000px) { .first { grid-template-columns: 1fr; } .card p { min-height: 0; } }
 nav { display: flex; flex-wrap: wrap; gap: 6px 18px; margin: 18px 0; }
 a { color: #0060a0; }

@@ -17,7 +17,7 @@ from haptic_fieldbus.report.looks import LOOKS, line, look_of
 __all__ = ["CARD", "LOOKS", "WIDE_CARD", "WIDTH", "dress", "figure", "legend", "line", "look_of", "side_by_side", "svg"]
 
 Item = TypeVar("Item")
-WIDE_CARD, CARD = (2.35, 6.73), (2.35, 5.6)
+WIDE_CARD, CARD = (2.5, 6.73), (2.5, 5.6)
 """Height and width of figures on the first screen of the page, left and right [inches]."""
 WIDTH = 11.4
 """Width of a figure that fits a page of 1180 px [inches]."""
