@@ -94,7 +94,7 @@ def tachometer() -> Figure:
 def cost() -> Figure:
     """Error against cost for the lecture's own problem, as the report draws it."""
     problem, steps = problems()["sprung-mass-step"], step_counts(quick=True)
-    costs = work_precision.costs(problem, METHODS)
+    costs = work_precision.step_costs(problem, METHODS)
     return work_precision_page.draw([work_precision.measure(problem, each, steps, costs[each]) for each in METHODS])
 
 

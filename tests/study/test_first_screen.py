@@ -66,7 +66,16 @@ def test_a_share_is_the_largest_of_its_deviations_and_no_number_is_the_worst() -
 
 @pytest.mark.parametrize(
     ("passed", "used", "margin"),
-    [(True, 0.25, 4.0), (False, 4.0, 0.25), (True, None, math.inf), (True, 0.0, math.inf), (False, None, 0.0)],
+    [
+        (True, 0.25, 4.0),
+        (False, 4.0, 0.25),
+        (True, None, math.inf),
+        (True, 0.0, math.inf),
+        (False, None, 0.0),
+        (False, 0.0, 0.0),
+        (False, 0.5, 0.0),
+        (False, math.inf, 0.0),
+    ],
 )
 def test_a_margin_is_what_is_permitted_over_what_was_found(passed: bool, used: float | None, margin: float) -> None:
     assert margins.margin_of(result(passed, used)) == margin
@@ -103,10 +112,10 @@ def test_one_figure_shows_every_method_on_all_problems_and_in_the_loop() -> None
     assert set(METHODS) <= named
     assert len([line for line in drawn.axes[0].lines if line.get_alpha()]) == 2 * len(METHODS), "each problem, faint"
     assert len(drawn.axes[1].lines) == len(loops) + 1
-    told = all_problems.finding([*alone, *loops])
+    told = all_problems.problems_finding([*alone, *loops])
     assert "off by 10 % of the largest force" in told
     assert "1.00 times the computing" in told
-    assert all_problems.finding(alone) == ""
+    assert all_problems.problems_finding(alone) == ""
 
 
 def test_a_line_a_scene_says_what_it_leaves_out() -> None:
@@ -115,7 +124,7 @@ def test_a_line_a_scene_says_what_it_leaves_out() -> None:
     text = plain_text(left_out.lines(plans, costs).replace("<td", "|<td"))
     assert "|wall|velocity, estimator, integrator, virtual states|1.77 (1.78 to 1.85)" in text
     assert "|virtual_shaft|integrator, virtual states|6.47 (6.47 to 6.47)" in text
-    assert "of wall takes 1.8 µs, of virtual_shaft (2 axes) 6.5 µs" in plain_text(left_out.finding(plans, costs))
+    assert "of wall takes 1.8 µs, of virtual_shaft (2 axes) 6.5 µs" in plain_text(left_out.scenes_finding(plans, costs))
     reasons = left_out.reasons(plans)
     assert "no element asks for it" in reasons
     assert "<td>12</td>" in reasons, "8 octets in and 4 out for each axis"

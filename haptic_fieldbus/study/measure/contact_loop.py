@@ -111,14 +111,14 @@ def _moved(bench: Bench, motion: KnownMotion, period: float) -> tuple[Matrix, Ar
 
 def measure(contact: Contact, method: str, bench: Bench, steps: Sequence[int], cost: Cost | None = None) -> Set:
     """Return the points of one method, one for each number of steps; without a cost it is timed by itself."""
-    cost = cost or costs(contact, [method], bench)[method]
+    cost = cost or law_costs(contact, [method], bench)[method]
     largest = peak(closed(contact, bench))
     points = [_point(contact, method, bench, count, cost) for count in steps]
     claimed = None if method in FIXED_TIMES else 1.0  # the held force permits no higher order
     return Set(contact.name, method, with_order(points, largest), claimed, largest, cost)
 
 
-def costs(contact: Contact, methods: Iterable[str], bench: Bench) -> dict[str, Cost]:
+def law_costs(contact: Contact, methods: Iterable[str], bench: Bench) -> dict[str, Cost]:
     """Return the costs of the laws of these methods at the bench's period; the methods take turns."""
     positions = (0.01 * np.sin(np.linspace(0.0, 6.0, TIMED_STEPS))).tolist()
     laws = {method: contact.law(method, bench.period, bench.plant.resolution) for method in methods}

@@ -122,7 +122,7 @@ def with_order(points: list[Point], peak: float) -> tuple[Point, ...]:
 
 def measure(problem: Problem, method: str, steps: Sequence[int], cost: Cost | None = None) -> Set:
     """Return the points of one method, one for each number of steps; without a cost it is timed by itself."""
-    cost = cost or costs(problem, [method])[method]
+    cost = cost or step_costs(problem, [method])[method]
     largest = peak(problem)
     points = [_point(problem, method, count, cost) for count in steps]
     return Set(problem.name, method, with_order(points, largest), problem.claimed_order(METHODS[method]), largest, cost)
@@ -134,7 +134,7 @@ def reference(problem: Problem, steps: int) -> Array:
     return problem.exact(problem.horizon / steps, steps)
 
 
-def costs(problem: Problem, methods: Iterable[str]) -> dict[str, Cost]:
+def step_costs(problem: Problem, methods: Iterable[str]) -> dict[str, Cost]:
     """Return the costs of the steps that the loop would run, in plain floats; the methods take turns."""
     period = problem.horizon / TIMED_STEPS
     positions, velocities = problem.motion.inputs(period, TIMED_STEPS).T.tolist()
@@ -146,7 +146,7 @@ def costs(problem: Problem, methods: Iterable[str]) -> dict[str, Cost]:
 def _point(problem: Problem, method: str, steps: int, cost: Cost) -> Point:
     period = problem.horizon / steps
     inputs = problem.motion.inputs(period, steps)
-    # Accuracy from the matrices of the step, for speed; the cost is that of the step in plain floats (`costs`).
+    # Accuracy from the matrices of the step, for speed; the cost is that of the step in plain floats (`step_costs`).
     one = integrators.discretise(problem.space, period, method)
     run = follow(one, inputs, [0.0] * problem.space.order)
     figures = errors(run.outputs[:, 0], reference(problem, steps))

@@ -99,7 +99,7 @@ def _legend(drawn: Figure, methods: Sequence[str]) -> None:
                  handlelength=1.9)  # fmt: skip
 
 
-def finding(sets_of_problems: Sequence[Sequence[Set]]) -> str:
+def problems_finding(sets_of_problems: Sequence[Sequence[Set]]) -> str:
     """Return how the best and the simplest method err and compare in cost near 1 kHz; empty without all problems."""
     known = [{runs.method: runs for runs in sets} for sets in sets_of_problems if sets[0].problem in problems()]
     loops = [runs for sets in sets_of_problems if sets[0].problem == "sprung-mass-in-hand" for runs in sets]

@@ -49,7 +49,7 @@ def cost_section(context: Context) -> Section:
     costs = {scene: each.cost for scene, each in zip(plans, found, strict=False) if each.cost is not None}
     few = {scene: plans[scene] for scene in FEW_SCENES}
     body = [
-        left_out.part(plans, costs),
+        left_out.scenes_part(plans, costs),
         "<h3>Each part by itself</h3>",
         paragraph(EXPLAINED),
         picture("cost", document, CAPTION),
@@ -62,7 +62,7 @@ def cost_section(context: Context) -> Section:
         "cost",
         "What each scene leaves out, and what each part costs",
         "".join(body),
-        (left_out.finding(few, costs), _finding(found, late)),
+        (left_out.scenes_finding(few, costs), _finding(found, late)),
         {"cost": document},
         asdict(late),
         Card("What does each scene leave out?", left_out.lines(few, costs) + MORE.format(len(plans))),

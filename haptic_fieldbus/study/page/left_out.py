@@ -35,12 +35,12 @@ def reasons(plans: Mapping[str, Plan]) -> str:
     return folded("Why, scene by scene", told)
 
 
-def part(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
+def scenes_part(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     """Return the part of a section on all scenes."""
     return f"<h3>What each scene leaves out</h3>{paragraph(EXPLAINED)}{lines(plans, costs)}{reasons(plans)}"
 
 
-def finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
+def scenes_finding(plans: Mapping[str, Plan], costs: Mapping[str, Cost]) -> str:
     """Return what is done with parts that are left out, and the times of the cheapest and the dearest scene."""
     least, most = (side(plans, key=lambda scene: costs[scene].ns) for side in (min, max))
     return (

@@ -48,9 +48,9 @@ def family_of(case: Case) -> str:
 
 
 def margin_of(result: CaseResult) -> float:
-    """Return what is permitted over what was found; ∞ for what is exact, 0 for a case that failed without a number."""
-    if result.used is None:
-        return math.inf if result.passed else 0.0
+    """Return what is permitted over what was found; ∞ for what is exact, 0 for a case that fails otherwise."""
+    if not result.passed and (result.used is None or result.used <= 1.0):
+        return 0.0
     return 1.0 / result.used if result.used else math.inf
 
 

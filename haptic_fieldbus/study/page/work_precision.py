@@ -81,9 +81,9 @@ def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
     """Return an iterator that measures one method after another; their costs are taken in turn before."""
     steps = step_counts(context.quick)
     if isinstance(item, Problem):
-        costs = work_precision.costs(item, METHODS)
+        costs = work_precision.step_costs(item, METHODS)
         return (work_precision.measure(item, method, steps, costs[method]) for method in METHODS)
-    costs = contact_loop.costs(item, item.methods, context.bench)
+    costs = contact_loop.law_costs(item, item.methods, context.bench)
     return (contact_loop.measure(item, method, context.bench, steps, costs[method]) for method in item.methods)
 
 
@@ -204,7 +204,7 @@ def _limits_table() -> str:
 
 def _findings(sets_of_problems: Sequence[Sequence[Set]]) -> Iterator[str]:
     """Yield the findings that the measured sets permit: on orders, and on the two exact steps."""
-    yield from filter(None, [all_problems.finding(sets_of_problems)])
+    yield from filter(None, [all_problems.problems_finding(sets_of_problems)])
     every = [each for sets in sets_of_problems for each in sets]
     told = [each for each in every if each.claimed is not None]
     if told:
