@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from haptic_fieldbus.numerals import percent, rounded
+from haptic_fieldbus.numerics.estimators import ESTIMATORS
+from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.report.drawing import BLUE, FELT, GREY, INK, ORANGE
 from haptic_fieldbus.study.measure.problems import problems
 from haptic_fieldbus.study.measure.work_precision import FAILED, Set, at_fixed_period, computing, has_failed
@@ -19,8 +21,8 @@ LOWEST, TOP = 1e-7, 300.0
 BEST, SIMPLE = "exact-foh", "forward-euler"
 LOOPS = {
     "wall-in-hand": (GREY, "wall"),
-    "damped-wall-in-hand": (ORANGE, "damped wall,\n11 estimators"),
-    "sprung-mass-in-hand": (BLUE, "sprung mass,\n9 integrators"),
+    "damped-wall-in-hand": (ORANGE, f"damped wall,\n{len(ESTIMATORS)} estimators"),
+    "sprung-mass-in-hand": (BLUE, f"sprung mass,\n{len(METHODS)} integrators"),
 }
 """Colour and label of each loop in a hand."""
 
