@@ -58,8 +58,8 @@ DOES_WITHOUT = {
         " report.plot_response report.responses",
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scan": "api.bench",
-        "cli.scenes": "api protocols.catalogue protocols.folders protocols.registry scenes.catalogue scenes.parameters"
-        " scenes.registry scenes.scene",
+        "cli.scenes": "api planning.explain protocols.catalogue protocols.folders protocols.registry scenes.catalogue"
+        " scenes.parameters scenes.registry scenes.scene",
         "cli.simulate": "drive.rig_text running.rights sim.host_request sim.faults",
         "cli.vendor_files": "documents eds protocols.canopen.from_eds protocols.canopen.profile"
         " protocols.canopen.vendor.draft protocols.catalogue sim.canopen.proof",

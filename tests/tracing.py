@@ -17,8 +17,8 @@ from tests.coverage_gates import pure_modules, pure_rooms
 
 
 def coverage_beside(file: Path) -> Coverage:
-    """Of one process; what all have counted is beside the report."""
-    return Coverage(data_file=str(file.with_name(".coverage")), data_suffix=True)
+    """Of one process and the pure half alone; what all have counted is beside the report."""
+    return Coverage(data_file=str(file.with_name(".coverage")), data_suffix=True, source_pkgs=pure_modules())
 
 
 class Tracing:

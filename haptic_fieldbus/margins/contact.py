@@ -9,6 +9,15 @@ from haptic_fieldbus.numerics.sampled import discretised, estimated, scaled
 from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, Graded
 
 Kind = TypeVar("Kind", bound=AnyElement)
+_fulfilled: dict[tuple[type, type], bool] = {}
+
+
+def fulfils(element: AnyElement, protocol: type) -> bool:
+    """Return whether an element fulfils a protocol, found once for its class: `isinstance` looks at every member."""
+    key = type(element), protocol
+    if key not in _fulfilled:
+        _fulfilled[key] = isinstance(element, protocol)
+    return _fulfilled[key]
 
 
 def stiffness_of(element: AnyElement) -> float:
@@ -27,7 +36,7 @@ def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
     A stiffness that follows from other parameters cannot be set; it is changed by a factor on the whole force.
     """
     known = {name: value for name, value in changes.items() if hasattr(element, name)}
-    if isinstance(element, Graded) and "stiffness" in known:
+    if "stiffness" in known and isinstance(element, Graded):
         factor = known.pop("stiffness") / element.stiffness
         return scaled(linearised(element, known), factor)
     varied: AnyElement = replace(element, **known) if known else element  # type: ignore[type-var]  # a dataclass
@@ -38,7 +47,7 @@ def with_parameters(element: Kind, changes: Mapping[str, float]) -> Kind:
     """Return the element after those `changes` for which it has a parameter."""
     known = {name: value for name, value in changes.items() if hasattr(element, name)}
     varied: Any = element
-    if isinstance(varied, Graded) and "stiffness" in known:
+    if "stiffness" in known and isinstance(varied, Graded):
         varied = varied.with_stiffness(known.pop("stiffness"))
     kept: Kind = replace(varied, **known) if known else varied
     return kept

@@ -112,6 +112,10 @@ class Group:
 
         Raises UsageError for a stiffness that is not a finite number from 0 up.
         """
+        return dict(self._stabilities)
+
+    @cached_property
+    def _stabilities(self) -> dict[str, Stability]:
         stiffness = None if self.stiffest is None else contact.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, contact.damping_of(self.varied))
         named = zip((member.name for member in self.members), verdicts, strict=True)

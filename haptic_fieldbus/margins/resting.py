@@ -51,8 +51,9 @@ class Axle:
 
         Raises UsageError as `numerics.sampled.environment`.
         """
-        ground, beside = self._ground(changes), self._beside(changes)
-        position, stiffness, damping = self._scaled(changes) or self._resting(ground)
+        beside, scaled = self._beside(changes), self._scaled(changes)
+        ground = self._ground(changes) if scaled is None else None
+        position, stiffness, damping = self._resting(ground) if scaled is None else scaled
         if not len(stiffness):  # no place within the travel can be held: what is left is a handle that nothing touches
             position, stiffness, damping = np.array([math.nan]), np.zeros(1), np.zeros(1)
         springs, dampers = np.array(beside.options).T
@@ -68,7 +69,7 @@ class Axle:
             stiffness=stiffness,
             damping=damping,
             together=beside.together,
-            find_increments=lambda: self._increments(ground, beside),
+            find_increments=lambda: self._increments(self._ground(changes) if ground is None else ground, beside),
             swept=beside.swept,
         )
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.margins import Plant
@@ -13,6 +14,9 @@ from haptic_fieldbus.planning.limits import AGE_SHARE, echo_time
 from haptic_fieldbus.planning.scales import load_of
 from haptic_fieldbus.planning.uncertainty import ranges_of
 from haptic_fieldbus.protocols.traffic import BusTraffic
+
+KEPT = 64
+"""Groups that are kept with their verdicts, for further plans of the same scene on the same bench."""
 
 
 def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
@@ -46,7 +50,21 @@ def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ..
 def grouped(axes: Sequence[AxisPlan], period: float) -> Iterator[Group]:
     """Yield the groups of coupled axes; a group in which a bench is unknown is left out."""
     members = [_member(axis, axis.plant) for axis in axes if axis.plant is not None]
-    return groups_of(members, tuple(dict.fromkeys(each for axis in axes for each in axis.couplings)), period)
+    couplings = tuple(dict.fromkeys(each for axis in axes for each in axis.couplings))
+    return map(_known, groups_of(members, couplings, period))
+
+
+def _known(group: Group) -> Group:
+    """Return the equal group of an earlier plan, with the verdicts that were found of it, else this one."""
+    try:
+        return _kept(group)
+    except TypeError:  # an element of one's own without a hash
+        return group
+
+
+@lru_cache(maxsize=KEPT)
+def _kept(group: Group) -> Group:
+    return group
 
 
 def _member(axis: AxisPlan, plant: Plant) -> Member:

@@ -6,6 +6,7 @@ dataclass exists. So their faults are reported together with those of single val
 
 from collections.abc import Collection, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,12 @@ def load_profile(name_or_path: str | Path, profiles: str | Path | None = None) -
     """
     if is_eds(name_or_path):
         return protocol_named(DEFAULT_PROTOCOL).vendor_profile(name_or_path)
-    document = read_document(profile_file(name_or_path, profiles), ProfileError)
+    path = profile_file(name_or_path, profiles)
+    return _shipped(path) if path.parent == profile_folder() else _profile_of(path)
+
+
+def _profile_of(path: Path) -> DriveProfile:
+    document = read_document(path, ProfileError)
     check_kind(document, "drive")
     protocol = _protocol_of(document)
     profile = document.validate(protocol.profile, loaded=PROFILE_LOADED)
@@ -57,6 +63,10 @@ def load_profile(name_or_path: str | Path, profiles: str | Path | None = None) -
     protocol.check_profile(document)
     _check_sources(document, protocol.profile)
     return replace(document.checked(profile), name=Path(document.source).stem, source=document.source)
+
+
+_shipped = cache(_profile_of)
+"""Function that reads a file of this package once: the file does not change, and a profile cannot."""
 
 
 def _protocol_of(document: Document) -> FieldbusProtocol:
@@ -238,11 +248,11 @@ def _check_node(document: Document, axis: str) -> None:
     """Note a node-ID outside of the range of the protocol."""
     node, bus = document.value("axis", axis, "node"), document.value("axis", axis, "bus")
     # Without a usable interface the protocol is unknown, and so is the range.
-    if not isinstance(bus, str) or ("bus", bus, "interface") in document.faults:
+    if not isinstance(bus, str) or type(node) is not int or ("bus", bus, "interface") in document.faults:
         return
-    nodes = _protocol_of_bus(document, bus).nodes
-    if type(node) is int and node not in nodes:
-        document.refuse(("axis", axis, "node"), f"a whole number from {nodes[0]} to {nodes[-1]}")
+    wanted = _protocol_of_bus(document, bus).wanted_node(node, str(document.value("bus", bus, "interface")))
+    if wanted:
+        document.refuse(("axis", axis, "node"), wanted)
 
 
 def _check_profile_exists(document: Document, axis: str, known: Collection[str]) -> None:

@@ -12,10 +12,15 @@ NAP_NS = 100_000_000
 
 @contextmanager
 def frozen() -> Iterator[None]:
-    """Keep what exists now out of garbage collection inside the block, so that a collection has little to do."""
+    """Keep what exists now out of garbage collection inside the block, so that a collection has little to do.
+
+    Where the program around it had frozen something, all stays frozen: what is whose cannot be told apart.
+    """
+    theirs = gc.get_freeze_count()
     gc.collect()
     gc.freeze()
     try:
         yield
     finally:
-        gc.unfreeze()
+        if not theirs:
+            gc.unfreeze()

@@ -6,7 +6,8 @@ and `details.json` (everything else).
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -132,8 +133,18 @@ def make_report(
     tell("done", 1.0)
     sections.append(_made_on(machine, command, perf_counter() - begun))
     text = page(TITLE, INTRODUCTION, sections, assumed(wall, context.bench, machine), escape(" ".join(warnings)))
-    _write(out, sections, content, text)
+    with _writing(out):
+        _write(out, sections, content, text)
     return Report(content, findings, warnings)
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    """Raise UsageError with the reason for what cannot be written into the folder."""
+    try:
+        yield
+    except OSError as error:
+        raise UsageError(f'--out "{out}": {error.strerror}') from error
 
 
 def _made_on(machine: dict[str, str], command: str, seconds: float) -> Section:
@@ -154,15 +165,13 @@ def _make_folder(out: Path) -> None:
 
     Raises UsageError when the folder cannot be written.
     """
-    try:
+    with _writing(out):
         (out / "figures").mkdir(parents=True, exist_ok=True)
         probe = out / "report.json"
         existed = probe.exists()
         probe.open("ab").close()
         if not existed:
             probe.unlink()
-    except OSError as error:
-        raise UsageError(f'--out "{out}": {error.strerror}') from error
 
 
 def _write(out: Path, sections: list[Section], rows: Mapping[str, object], text: str) -> None:

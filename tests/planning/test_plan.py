@@ -245,3 +245,28 @@ def test_a_bus_of_no_protocol_is_refused_with_what_would_be_one() -> None:
     rig = replace(rig_of(WALL), bus={"bus": BusSection("haptic_sim", "sim")})
     with pytest.raises(PlanError, match="of no protocol; in Python a CAN bus is a CanSection"):
         plan_of(rig=rig)
+
+
+class TestVerdictsOfEarlierPlans:
+    """A verdict takes most of the time of a plan; it is a matter of the loop alone."""
+
+    def test_the_same_loop_is_judged_once(self) -> None:
+        first, second = (plan_of(scene_of(Wall("handle", 611.0, 0.02))).axes[0] for _ in range(2))
+        assert first.group is second.group
+        assert first.stability is second.stability
+
+    @pytest.mark.parametrize(
+        "other", [Wall("handle", 612.0, 0.02), Wall("handle", 611.0, 0.03), Wall("handle", 611.0, 0.02, 1.0)]
+    )
+    def test_another_one_is_judged_anew(self, other: Wall) -> None:
+        first, second = (plan_of(scene_of(each)).axes[0].group for each in (Wall("handle", 611.0, 0.02), other))
+        assert first != second
+
+    def test_an_element_of_ones_own_need_not_have_a_hash(self) -> None:
+        class Unhashed(Wall):
+            __hash__ = None  # type: ignore[assignment]
+
+        axis, known = (plan_of(scene_of(kind("handle", 611.0, 0.02))).axes[0] for kind in (Unhashed, Wall))
+        assert axis.stability is not None
+        assert known.stability is not None
+        assert axis.stability.to_json() == known.stability.to_json()

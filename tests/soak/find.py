@@ -5,7 +5,6 @@ It prints one JSON object: the seed, the law, and the shrunk faults as the text 
 a seed breaks with the faults of a file.
 """
 
-import gc
 import json
 import sys
 from dataclasses import replace
@@ -53,8 +52,6 @@ def replayed(seed: int, faults: Path) -> list[str]:
 
 
 def main(arguments: list[str]) -> int:
-    gc.collect()
-    gc.freeze()  # what is loaded now stays: each run would look through it again
     if arguments[0] == "search":
         print(json.dumps(search(int(arguments[1]))))
     elif arguments[0] == "judge":

@@ -1,6 +1,5 @@
 """The parts of the soak: what each does in one chunk, how much of it there is, and what it returns."""
 
-import gc
 import resource
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -115,8 +114,6 @@ def chunks(runs: int) -> Iterator[Chunk]:
 
 def worked(chunk: Chunk) -> Found:
     """Do a chunk; whatever it raises is found broken."""
-    gc.collect()
-    gc.freeze()  # what is loaded now stays: each run would look through it again
     begun = process_time()
     try:
         found = PARTS[chunk.part].work(chunk.first, chunk.count)

@@ -17,7 +17,6 @@ THOROUGH_RUNS, SHARE = 1000, 100
 
 
 def test_some_seeds_break_nothing() -> None:
-    # In a process of its own, whose memory is small: before each run the loop looks through all of it.
     assert json.loads(called(PROJECT, "judge", "0", str(QUICK_RUNS), str(QUICK_DURATION))) == []
 
 

@@ -156,6 +156,16 @@ def test_a_folder_that_cannot_be_made_is_told_before_anything_is_measured(tmp_pa
         run_report.make_report(tmp_path / "file" / "report", TOOLS)
 
 
+@pytest.mark.thorough("measures a case")
+def test_a_folder_that_is_gone_when_the_report_is_written_is_told_as_one(tmp_path: Path) -> None:
+    def spoil(label: str, share: float) -> None:
+        if label == "done":
+            shutil.rmtree(tmp_path / "out")
+
+    with pytest.raises(UsageError, match=r'--out ".*out": No such file or directory'):
+        run_report.make_report(tmp_path / "out", TOOLS, quick=True, only="zero-input-stays-zero", progress=spoil)
+
+
 def test_numbers_that_json_does_not_know_become_null() -> None:
     assert run_report.json_ready({"a": (math.inf, [math.nan, 1.0]), "b": "text"}) == {
         "a": [None, [None, 1.0]],

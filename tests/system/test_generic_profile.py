@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus import run
-from haptic_fieldbus.buses.canopen.fitting import fit
+from haptic_fieldbus.buses.canopen.fitting import fit_to_drive
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.wire import Wire
@@ -45,9 +45,8 @@ ROUNDS = 3
 SECONDS = 1.5
 
 
-def usable() -> list[str]:
-    """Names of the files whose drive takes torque."""
-    return [name for name in FILES if name != "roboteq_v60.eds" and profile_from_eds(vendor_eds(name)).drive.usable]
+USABLE = [name for name in FILES if name != "roboteq_v60.eds" and profile_from_eds(vendor_eds(name)).drive.usable]
+"""Files whose drive takes torque."""
 
 
 def mended(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
@@ -83,8 +82,8 @@ def force_on(profile: CanopenProfile, eds: Eds, seconds: float) -> tuple[Plan, n
 
 @needs_files
 def test_there_are_files_of_fourteen_drives_that_take_torque() -> None:
-    assert len(usable()) == 14
-    assert set(usable()) >= WITHOUT_GUARD
+    assert len(USABLE) == 14
+    assert set(USABLE) >= WITHOUT_GUARD
 
 
 def asked(eds: Eds) -> CanopenProfile:
@@ -95,7 +94,7 @@ def asked(eds: Eds) -> CanopenProfile:
     frames: list[tuple[int, bytes]] = []
     with SimulatedBus(world=world) as bus:
         wire = Wire(bus, clock, "sim", lambda t_ns, can_id, data: frames.append((can_id, bytes(data))))
-        profile = fit(canopen(GENERIC), Node(wire, 1, "node 1"))
+        profile = fit_to_drive(canopen(GENERIC), Node(wire, 1, "node 1"))
     # All that it sent are SDO uploads (CiA 301 7.2.4.3).
     sent = [(can_id, data[0] >> 5) for can_id, data in frames if can_id != 0x581]
     assert set(sent) == {(0x601, 2)}
@@ -104,7 +103,7 @@ def asked(eds: Eds) -> CanopenProfile:
 
 @needs_files
 @pytest.mark.thorough("a run on every drive", quick=1)
-@pytest.mark.parametrize("file", usable())
+@pytest.mark.parametrize("file", USABLE)
 def test_the_generic_profile_as_it_stands_runs_the_wall(file: str) -> None:
     eds = vendor_eds(file)
     profile = asked(eds)
@@ -134,7 +133,7 @@ def test_a_drive_without_a_guard_is_refused_unless_its_power_can_be_cut() -> Non
 
 @needs_files
 @pytest.mark.thorough("a run on every drive", quick=1)
-@pytest.mark.parametrize("file", usable())
+@pytest.mark.parametrize("file", USABLE)
 def test_mended_by_what_check_says_it_runs_the_wall(file: str) -> None:
     eds = vendor_eds(file)
     profile = mended(canopen(GENERIC), eds)
@@ -147,7 +146,7 @@ def test_mended_by_what_check_says_it_runs_the_wall(file: str) -> None:
 
 @needs_files
 @pytest.mark.thorough("a run on every drive", quick=1)
-@pytest.mark.parametrize("file", usable())
+@pytest.mark.parametrize("file", USABLE)
 def test_the_profile_that_is_made_from_a_file_runs_the_wall_too(file: str) -> None:
     rig = endless_rig("wall", str(FOLDER / file))
     # A drive without a watch that is known to let go is refused, unless a person can cut the power of its motor.
@@ -160,7 +159,7 @@ def test_the_profile_that_is_made_from_a_file_runs_the_wall_too(file: str) -> No
 
 @needs_files
 @pytest.mark.thorough("a plan for every other file", quick=2)
-@pytest.mark.parametrize("file", [name for name in FILES if name not in (*usable(), "roboteq_v60.eds")])
+@pytest.mark.parametrize("file", [name for name in FILES if name not in (*USABLE, "roboteq_v60.eds")])
 def test_a_drive_without_torque_is_refused_before_torque(file: str) -> None:
     with pytest.raises(HapticFieldbusError):
         force_on(canopen(GENERIC), vendor_eds(file), SECONDS)

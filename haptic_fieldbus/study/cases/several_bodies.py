@@ -51,10 +51,10 @@ def _share_by_hand(stiffness: float, damping: float, ratio: float, cells: int) -
     """Return the share of both dampings that the worst motion of both handles needs."""
     ends = np.outer([1.0, -ratio], [1.0, -ratio])
     drives = [
-        energies.Drive(each.damping, delay, each.torque_lag)
+        energies.LateDrive(each.damping, delay, each.torque_lag)
         for each, delay in zip((FIRST, SECOND), DELAYS, strict=True)
     ]
-    return energies.damping_share(
+    return energies.worst_share(
         lambda z: -(stiffness + damping * (1.0 - 1.0 / z) / PERIOD) * ends, drives, PERIOD, cells
     )
 

@@ -71,8 +71,8 @@ def varying_slope(quick: bool) -> CaseResult:
     elastic = _judged(HuntCrossley("handle", FORCE, DEPTH, exponent=EXPONENT)).stiffness_limit
     stable, passive = (_steepest(limit or math.nan) for limit in (elastic.stable, elastic.passive))
     by_hand = limit_in_contact(BODY, PERIOD, DELAY)
-    drives = [energies.Drive(DAMPING, DELAY, LAG)]
-    share = energies.damping_share(lambda z: complex(-passive), drives, PERIOD, 24 if quick else 96)
+    drives = [energies.LateDrive(DAMPING, DELAY, LAG)]
+    share = energies.worst_share(lambda z: complex(-passive), drives, PERIOD, 24 if quick else 96)
     lossy = _judged(HuntCrossley("handle", STEEP, DEPTH, exponent=EXPONENT, loss=LOSS))
     crest, hilltop = _judged(Detents("handle", amplitude=HEIGHT, pitch=PITCH)).crest, _hilltop_by_hand()
     if lossy.place is None or lossy.place.position is None or crest is None or crest.ideal is None:
