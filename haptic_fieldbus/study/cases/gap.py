@@ -6,7 +6,7 @@ from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.drive_bench import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 
 WAY, FADE = 20, 10
@@ -89,4 +89,5 @@ def fade_return(quick: bool) -> CaseResult:
         off <= EXACT * EFFORT and apart <= EXACT * stored,
         "the force by hand, segment after segment, and its work",
         tolerance=f"{exactly(EXACT)} of {rounded(EFFORT, 3)} N and of {rounded(1e3 * stored, 3)} mJ",
+        used=share_used((off, EXACT * EFFORT), (apart, EXACT * stored)),
     )

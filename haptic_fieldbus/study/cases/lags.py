@@ -9,7 +9,7 @@ import numpy as np
 from haptic_fieldbus.margins import Plant, alone, passive_limit, passive_limit_of, stiffness_limit
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import limit_in_contact
@@ -104,4 +104,5 @@ def torque_lag(quick: bool) -> CaseResult:
         apart <= AGREEMENT and worst <= CUT,
         "device and torque loop from event to event; the worst of all motions in cells of constant speed",
         tolerance=f"{exactly(AGREEMENT)} of the limits of stability, {exactly(CUT)} of the energies",
+        used=share_used((apart, AGREEMENT), (worst, CUT)),
     )

@@ -8,7 +8,7 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
-from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.case import CaseResult, share_used
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import growth_in_contact, limit_in_contact
 
@@ -100,4 +100,5 @@ def varying_slope(quick: bool) -> CaseResult:
         "in cells of constant speed; m·s² + b·s - K = 0",
         tolerance=f"{exactly(AGREEMENT)} of limit and growths, {exactly(CUT)} of the energy; 0.5 % of the worst excess "
         "over 1, as depths are tried in steps",
+        used=share_used((off, AGREEMENT), (share - 1.0, CUT), (missed, 0.005)),
     )
