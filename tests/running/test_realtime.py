@@ -19,7 +19,7 @@ def test_no_garbage_is_collected_while_the_loop_runs_nor_before() -> None:
     try:
         with no_garbage_collection():
             assert not gc.isenabled()
-            during = [[] for _ in range(2 * gc.get_threshold()[0])]
+            during: list[list[int]] = [[] for _ in range(2 * gc.get_threshold()[0])]
             assert seen == []
     finally:
         gc.callbacks.remove(collected)
