@@ -42,7 +42,7 @@ def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ..
     """
     found = {axis.name: axis for axis in axes}
     for each in grouped(axes, period):
-        for name, verdict in each.stabilities().items():
+        for name, verdict in _known(each).stabilities().items():
             found[name] = replace(found[name], stability=verdict, group=each)
     return tuple(found.values())
 
@@ -51,7 +51,7 @@ def grouped(axes: Sequence[AxisPlan], period: float) -> Iterator[Group]:
     """Yield the groups of coupled axes; a group in which a bench is unknown is left out."""
     members = [_member(axis, axis.plant) for axis in axes if axis.plant is not None]
     couplings = tuple(dict.fromkeys(each for axis in axes for each in axis.couplings))
-    return map(_known, groups_of(members, couplings, period))
+    return groups_of(members, couplings, period)
 
 
 def _known(group: Group) -> Group:

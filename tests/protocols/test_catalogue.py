@@ -79,3 +79,14 @@ def test_an_own_profile_is_a_file_and_has_a_name_of_its_own(tmp_path: Path) -> N
     (tmp_path / "maxon_epos4.toml").write_text("schema = 1\n", encoding="utf-8")
     with pytest.raises(UsageError, match=r"is both .* and the shipped"):
         profile_file("maxon_epos4", tmp_path)
+
+
+def test_a_shipped_profile_is_read_once_and_a_file_of_ones_own_each_time(tmp_path: Path) -> None:
+    assert load_profile("maxon_epos4") is load_profile("maxon_epos4")
+    own = tmp_path / "own.toml"
+    own.write_bytes(profile_file("maxon_epos4").read_bytes())
+    first = load_profile(own)
+    own.write_text(own.read_text(encoding="utf-8").replace("[drive]", '[drive]\nfile = "changed"'), encoding="utf-8")
+    with pytest.raises(ProfileError):
+        load_profile(own)
+    assert first.drive == load_profile("maxon_epos4").drive

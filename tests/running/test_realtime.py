@@ -1,10 +1,30 @@
 """What is changed about the interpreter while the loop runs, and put back after."""
 
+import gc
 import sys
 
 import pytest
 
-from haptic_fieldbus.running.realtime import GIVE_WAY, threads_give_way
+from haptic_fieldbus.running.realtime import GIVE_WAY, no_garbage_collection, threads_give_way
+
+
+def test_no_garbage_is_collected_while_the_loop_runs_nor_before() -> None:
+    """In a process with many objects a collection took longer than all else before a short run."""
+    seen: list[str] = []
+
+    def collected(phase: str, info: dict[str, int]) -> None:
+        seen.append(phase)
+
+    gc.callbacks.append(collected)
+    try:
+        with no_garbage_collection():
+            assert not gc.isenabled()
+            during: list[list[int]] = [[] for _ in range(2 * gc.get_threshold()[0])]
+            assert seen == []
+    finally:
+        gc.callbacks.remove(collected)
+    assert gc.isenabled()
+    assert len(during) > gc.get_threshold()[0]
 
 
 def test_threads_give_way_while_the_loop_runs_and_no_longer() -> None:
