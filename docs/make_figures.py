@@ -94,7 +94,8 @@ def tachometer() -> Figure:
 def cost() -> Figure:
     """Error against cost for the lecture's own problem, as the report draws it."""
     problem, steps = problems()["sprung-mass-step"], step_counts(quick=True)
-    return work_precision_page.draw([work_precision.measure(problem, method, steps) for method in METHODS])
+    costs = work_precision.step_costs(problem, METHODS)
+    return work_precision_page.draw([work_precision.measure(problem, each, steps, costs[each]) for each in METHODS])
 
 
 def along_the_run() -> Figure:

@@ -71,7 +71,9 @@ A position in `µm` is one of a motor that goes straight too. In a rig such a dr
 
 `power.table = "cia402"`: status and command are statusword and controlword of CiA 402. `"rows"`: a mode register or an
 opcode; each row has the bits of the status under a mask, the state of CiA 402 that they stand for, and the command that
-is sent in it. A status that fits no row is *unknown*, and is answered with `power.off`.
+is sent in it. A status that fits no row is *unknown*, and is answered with `power.off`. `power.reset` is the command
+that clears a fault. It is sent after a proof of the watchdog, when a drive is in fault because it was left alone, and
+never else.
 
 ```toml
 [power]
@@ -84,6 +86,13 @@ rows = [
     { mask = 0xFFFF, bits = 40, state = "operation enabled", controlword = 40 },
 ]
 ```
+
+## The command stream of Iris ORCA
+
+Its vendor's library sends force by function 100, and gets position, force and temperature back with one answer. The
+profile uses plain registers instead: what is missing is the handshake by which function 65 opens the stream, and what
+the motor does when the stream ends. The same library says that force mode needs a stream; whether writing FORCE_CMD
+each period counts as one is assumed. Where it does not, no set-point acts, and the run ends by that.
 
 ## Faults
 

@@ -13,11 +13,16 @@ import pytest
 
 if TYPE_CHECKING:
     from haptic_fieldbus.testing import FaultPlan, SimulatedDrive, VirtualCanBus
+    from haptic_fieldbus.testing.modbus import SimulatedUnit, VirtualModbusLine
 
+_MODBUS = "virtual_modbus_line"
+"""Name of a fixture and of its mark."""
 _MARKERS = (
     "simulated_drive(profile, node, hand, workspace, profiles): a drive on the simulated bus of this test; "
     "several of these marks are several drives",
     "virtual_can_bus(time, bitrate, seed): the simulated bus of this test; time is 'real' or 'virtual'",
+    "virtual_modbus_line(bus, seed): the simulated Modbus line of this test; bus is 'modbus-tcp:127.0.0.1:0', which is "
+    "a free port, or 'modbus-rtu:pty'",
     "fault_plan(faults, within, kinds): what goes wrong in this test: a file, a list of faults, 'random@SEED', "
     "or 'random' for a new seed each time",
 )
@@ -68,15 +73,44 @@ def virtual_can_bus(request: pytest.FixtureRequest, fault_plan: Any) -> "Iterato
 
 
 @pytest.fixture
-def simulated_drive(virtual_can_bus: "VirtualCanBus") -> "SimulatedDrive":
-    """The simulated drive of this test; of several, the one with the lowest node-ID."""
-    return virtual_can_bus.drives[min(virtual_can_bus.drives)]
+def virtual_modbus_line(request: pytest.FixtureRequest, fault_plan: Any) -> "Iterator[VirtualModbusLine]":
+    """The Modbus line of this test with its drives, by `@pytest.mark.virtual_modbus_line` and `simulated_drive`.
+
+    Masters open it by its `address`, its `channel` or its `name`.
+    """
+    from haptic_fieldbus.testing import DriveRequest
+    from haptic_fieldbus.testing.modbus import VirtualModbusLine
+
+    mark = request.node.get_closest_marker(_MODBUS)
+    with _refusing():
+        drives = [DriveRequest(*each.args, **each.kwargs) for each in request.node.iter_markers("simulated_drive")]
+        line = VirtualModbusLine(drives, _planner(request)(fault_plan), **(mark.kwargs if mark is not None else {}))
+    request.node.add_report_section("setup", "simulated bench", str(line))
+    with line:
+        yield line
+
+
+@pytest.fixture
+def simulated_drive(request: pytest.FixtureRequest) -> "SimulatedDrive | SimulatedUnit":
+    """The simulated drive of this test, on Modbus if it has such a line; of several, the one with the lowest number."""
+    drives: dict[int, SimulatedDrive | SimulatedUnit]
+    drives = request.getfixturevalue(_MODBUS if _is_on_modbus(request) else "virtual_can_bus").drives
+    return drives[min(drives)]
+
+
+def _is_on_modbus(request: pytest.FixtureRequest) -> bool:
+    """Return True when a test asks for a Modbus line, by its fixture or by its mark."""
+    return _MODBUS in request.fixturenames or request.node.get_closest_marker(_MODBUS) is not None
 
 
 def _planner(request: pytest.FixtureRequest) -> "Callable[..., FaultPlan]":
     """Return `plan_faults` with the seed for plans that name none, and the folder where names of files begin."""
     from haptic_fieldbus.testing import plan_faults
 
+    if _is_on_modbus(request):
+        from haptic_fieldbus.sim.modbus.rack import KINDS
+
+        plan_faults = partial(plan_faults, possible=KINDS)
     return partial(plan_faults, seed=request.config.getoption("--fault-plan-seed"), folder=request.path.parent)
 
 

@@ -603,7 +603,7 @@ GUARDS = {
     ),
     "Modbus: torn positions": _line(
         "link",
-        "if wide.torn(data):",
+        "if wide.torn(data, sent_ns):",
         "if False:",
         "test_exchange",
         "test_a_torn_position_is_dropped_and_told_but_a_motion_is_not",

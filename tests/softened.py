@@ -42,7 +42,7 @@ def softened(
         axis = unstable(plan)
         if axis is None:
             return plan.scene
-        if axis.group is None or axis.group.stiffest is None:
+        if axis.group is None or axis.group.stiffest is None:  # no stiffness, so nothing to soften
             break
         plan = api.plan(_softer(plan.scene, axis), drive=drive, bus=bus, rate=rate)
     raise ValueError(f"{name} on {drive} stays unstable")
@@ -56,4 +56,4 @@ def _softer(scene: Scene, axis: AxisPlan) -> Scene:
     half = (axis.stability.stiffness_limit.stable or stiffest.stiffness) / 2.0
     graded = isinstance(stiffest, Graded)
     soft: AnyElement = stiffest.with_stiffness(half) if graded else replace(stiffest, stiffness=half)
-    return replace(scene, elements=tuple(soft if each is stiffest else each for each in scene.elements))
+    return replace(scene, elements=tuple(soft if each == stiffest else each for each in scene.elements))

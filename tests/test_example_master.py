@@ -17,7 +17,10 @@ import pytest
 PROJECT = Path(__file__).resolve().parents[1]
 EXAMPLE = PROJECT / "examples" / "test_your_master"
 GUIDE = (PROJECT / "docs" / "how-to" / "test_your_master_with_pytest.md").read_text(encoding="utf-8")
-SHOWN = re.findall(r"^```python\n(.*?)^```", GUIDE, re.MULTILINE | re.DOTALL)
+ON_CAN, _, ON_MODBUS = GUIDE.partition("\n## On Modbus\n")
+SHOWN, (MODBUS,) = (
+    re.findall(r"^```python\n(.*?)^```", part, re.MULTILINE | re.DOTALL) for part in (ON_CAN, ON_MODBUS)
+)
 
 
 @dataclass(frozen=True)
@@ -99,3 +102,12 @@ def test_a_mistake_of_the_master_is_noticed(mistake: Mistake, copy: Path) -> Non
 @pytest.mark.parametrize("block", SHOWN, ids=range(len(SHOWN)))
 def test_the_guide_shows_the_tests_of_the_example(block: str) -> None:
     assert block in (EXAMPLE / "test_master.py").read_text(encoding="utf-8")
+
+
+@pytest.mark.thorough("starts a process")
+def test_the_test_of_a_modbus_master_passes(tmp_path: Path) -> None:
+    (tmp_path / "test_it.py").write_text(MODBUS, encoding="utf-8")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST_", "COV_"))}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--strict-markers"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout

@@ -58,8 +58,8 @@ DOES_WITHOUT = {
         " report.plot_response report.responses",
         "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scan": "api.bench",
-        "cli.scenes": "api protocols.catalogue protocols.folders protocols.registry scenes.catalogue scenes.parameters"
-        " scenes.registry scenes.scene",
+        "cli.scenes": "api planning.explain protocols.catalogue protocols.folders protocols.registry scenes.catalogue"
+        " scenes.parameters scenes.registry scenes.scene",
         "cli.simulate": "drive.rig_text running.rights sim.host_request sim.faults",
         "cli.vendor_files": "documents eds protocols.canopen.from_eds protocols.canopen.profile"
         " protocols.canopen.vendor.draft protocols.catalogue sim.canopen.proof",
@@ -67,7 +67,7 @@ DOES_WITHOUT = {
         "cli.vcan": "vcan.runner",
         "cli.watch": "api.bench clock running.ending running.watching",
     },
-    "import haptic_fieldbus.pytest_plugin": {"pytest_plugin": "testing"},
+    "import haptic_fieldbus.pytest_plugin": {"pytest_plugin": "sim.modbus.rack testing testing.modbus"},
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
         "api": "api.sites running.changes running.session",
         "api.judging": "numerics.estimators",

@@ -63,9 +63,10 @@ def scans(bench: BenchRequest, nodes: Sequence[int] = ()) -> Iterator[Scan]:
     Raises DocumentError, UsageError or BusError.
     """
     for section, axes in placed_on(bench).buses.values():
-        possible = protocol_named(section.protocol).nodes
-        if wrong := [node for node in nodes if node not in possible]:
-            raise UsageError(f"--node {wrong[0]}: expected numbers from {possible[0]} to {possible[-1]}")
+        protocol = protocol_named(section.protocol)
+        wanted = {node: protocol.wanted_node(node, section.interface) for node in nodes}
+        if wrong := [f"--node {node}: expected {words}" for node, words in wanted.items() if words]:
+            raise UsageError(wrong[0])
         yield access_of(section.protocol).scan(section, axes, bench.profiles, nodes)
 
 

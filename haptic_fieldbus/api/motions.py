@@ -26,6 +26,15 @@ class PrescribedMotion:
     rest: float
     at: Callable[[Array], Array]
     duration: float = DEFAULT_MOTION_DURATION
+    frequency: float | None = None
+    """Of a sine [Hz]."""
+
+    def alias(self, period: float) -> float | None:
+        """Return the frequency [Hz] that samples every `period` [s] show of a sine; None where it is its own."""
+        if self.frequency is None or self.frequency < 0.5 / period:
+            return None
+        # A sine of half the rate is sampled where it is 0.
+        return 0.0 if self.frequency == 0.5 / period else abs(math.remainder(self.frequency, 1.0 / period))
 
 
 def motion_of(name: str | Path, amplitude: float) -> PrescribedMotion:
@@ -41,8 +50,9 @@ def motion_of(name: str | Path, amplitude: float) -> PrescribedMotion:
     if text == "ramp":
         return PrescribedMotion(0.0, lambda time: amplitude * time)
     if text.startswith("sine@"):
-        turn = 2.0 * math.pi * _frequency(text)
-        return PrescribedMotion(0.0, lambda time: amplitude * np.sin(turn * time))
+        frequency = _frequency(text)
+        turn = 2.0 * math.pi * frequency
+        return PrescribedMotion(0.0, lambda time: amplitude * np.sin(turn * time), frequency=frequency)
     if Path(text).suffix == ".csv":
         return _recorded(Path(text), amplitude)
     raise UsageError(f'no input "{text}"; there are: {INPUT_FORMS}')

@@ -6,7 +6,7 @@ finds the masses at rest at the old position. Nothing is fed back, so a growth c
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +70,8 @@ class Response:
     """Whether a number was not finite; the samples end before it."""
     workspace: Workspace = Workspace.LINEAR
     method: str | None = None
+    alias: float | None = None
+    """Frequency [Hz] that the samples show of a sine above half the rate; None for any other motion."""
 
     def to_json(self) -> dict[str, object]:
         """Return the object that `response --json` prints."""
@@ -112,7 +114,7 @@ def response(task: OpenLoop) -> Response:
     time = period * np.arange(samples, dtype=np.float64)
     position = motion.at(time)
     answers = _Answers(elements, period, task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR)
-    return answers.to(time, position, motion.rest, axis.workspace)
+    return replace(answers.to(time, position, motion.rest, axis.workspace), alias=motion.alias(period))
 
 
 def rendered_axis(task: Rendering) -> tuple[float, SceneAxis, tuple[Element, ...]]:

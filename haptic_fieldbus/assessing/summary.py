@@ -18,7 +18,7 @@ from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, rippl
 from haptic_fieldbus.assessing.spans import first_periods
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.margins import Verdict
-from haptic_fieldbus.numerals import in_unit
+from haptic_fieldbus.numerals import exactly, in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import Signal
@@ -153,8 +153,10 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
         share = (cycle.clipped(axis.name) - gapped) / report.cycles if report.cycles else 0.0
         if report.cycles and gapped >= WORTH_TELLING * report.cycles:
             yield _capped(axis, gaps, gapped / report.cycles)
-        if share >= WORTH_TELLING:
-            yield _clipped(axis, share, cycle.asked(axis.name))
+        asked, stalls = cycle.asked(axis.name), cycle.stalls(axis.name)
+        # What a stall capped is told by itself.
+        if share >= WORTH_TELLING and (not stalls or asked > axis.limits.effort):
+            yield _clipped(axis, share, asked)
         if report.cycles and (unseen := cycle.unseen(axis.name)) is not None:
             yield _unseen(axis, unseen, cycle.broken_off(axis.name))
         if doubts := cycle.doubts(axis.name):
@@ -163,12 +165,8 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
                 f"then at most {in_unit(axis.limits.holding, axis.workspace.effort_unit)} was given until the sign was "
                 "seen again"
             )
-        if stalls := cycle.stalls(axis.name):
-            yield (
-                f"axis {axis.name}: the position stood still under {axis.workspace.effort_name} for "
-                f"{axis.limits.stall:g} s, {stalls} times; each time no more than {axis.limits.holding:.3g} "
-                f"{axis.workspace.effort_unit} was permitted until contact was left"
-            )
+        if stalls:
+            yield _stood_still(axis, stalls)
 
 
 def _clipped(axis: AxisPlan, share: float, asked: float) -> str:
@@ -178,6 +176,16 @@ def _clipped(axis: AxisPlan, share: float, asked: float) -> str:
     return (
         f"axis {axis.name}: {often} the scene asked for more {axis.workspace.effort_name} than permitted; the limit is "
         f"{axis.limits.effort:.3g} {unit}"
+    )
+
+
+def _stood_still(axis: AxisPlan, stalls: int) -> str:
+    often = "once" if stalls == 1 else f"{stalls} times"
+    return (
+        f"axis {axis.name}: the position stood still under {axis.workspace.effort_name} for "
+        f"{exactly(axis.limits.stall)} s, {often}, as when a hand leans or the encoder's cable is broken; then at most "
+        f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)} was given until contact was left, so that who "
+        f"pushes harder gets further in. A longer time for a hand: axis.{axis.name}.limits.stall in the rig"
     )
 
 
@@ -199,7 +207,7 @@ def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
         told = f"gaps in the feedback broke the proof off, {broken_off} times: see how late periods and feedback were"
     return (
         f"axis {axis.name}: the sign from torque to motion was not seen, so that the scene was given at most "
-        f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)}; {told}"
+        f"{in_unit(min(axis.limits.holding, axis.limits.effort), axis.workspace.effort_unit)}; {told}"
     )
 
 

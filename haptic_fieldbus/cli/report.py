@@ -38,7 +38,7 @@ def report(
     # The page shows the command with which it can be made again.
     words = ["haptic-fieldbus report", f"--out {out}", "--quick" * quick, f"--only {only}" * (only is not None)]
     with _progress() as progress:
-        found = make_report(
+        made = make_report(
             out,
             Tools(api.run, api.plan),
             quick=quick,
@@ -46,10 +46,12 @@ def report(
             progress=progress,
             command=" ".join(filter(None, words)),
         )
+    show([("warning", warning) for warning in made.warnings], sys.stderr)
     if as_json:
-        told = json_ready(found)
+        told = json_ready(made.content)
         print_json({key: plain(value) for key, value in told.items()} if isinstance(told, dict) else {})
         return
+    show([("found" if number == 0 else "", f"- {sentence}") for number, sentence in enumerate(made.findings)])
     show([("report", str(out / "index.html")), ("", str(out / "report.json"))])
 
 

@@ -10,7 +10,7 @@ from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.numerals import exactly, rounded
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.model import EnvironmentModel
@@ -57,6 +57,9 @@ def response(options: ResponseOptions) -> None:
         _draw(options.plot, found, model, title)
     if found.diverged:
         show([("diverged", f"a number was no longer finite after {len(found.time)} samples")], sys.stderr)
+    if found.alias is not None:
+        text = f"{options.input} is not below half the rate: its samples are those of {rounded(found.alias)} Hz"
+        show([("warning", text)], sys.stderr)
     if options.as_json:
         told = found.to_json() if model is None else {**found.to_json(), "model": model.to_json()}
         print_json({key: plain(value) for key, value in told.items()})

@@ -118,9 +118,10 @@ class Group:
     def _stabilities(self) -> dict[str, Stability]:
         stiffness = None if self.stiffest is None else contact.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, contact.damping_of(self.varied))
-        named = zip((member.name for member in self.members), verdicts, strict=True)
-        effort = min(member.effort for member in self.members)
-        return {name: replace(verdict, effort=effort, find_cautious=self.cautious_limit) for name, verdict in named}
+        return {
+            member.name: replace(verdict, effort=member.effort, find_cautious=self.cautious_limit)
+            for member, verdict in zip(self.members, verdicts, strict=True)
+        }
 
     @property
     def stability(self) -> Stability:

@@ -67,6 +67,7 @@ class Increments:
         return plant.coulomb >= (0.5 * self.slope + self.damping / period) * plant.resolution
 
 
+@lru_cache(maxsize=64)
 def spread_of(period: float, delay: float, lag: float) -> float:
     """Return S of the theory [s²]; times in s."""
     return float(hold(np.array([SMALLEST_ANGLE]), period, delay, lag).spread[0])

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from haptic_fieldbus.margins import contact
-from haptic_fieldbus.margins.contact import fulfils
 from haptic_fieldbus.margins.increments import Increments, sum_of_bounds, weight
 from haptic_fieldbus.margins.places import Places, Together
 from haptic_fieldbus.margins.terrain import EVERYWHERE, Array, Terrain, survey, terrain
@@ -52,8 +51,9 @@ class Axle:
 
         Raises UsageError as `numerics.sampled.environment`.
         """
-        beside = self._beside(changes)
-        position, stiffness, damping = self._scaled(changes) or self._resting(self._ground(changes))
+        beside, scaled = self._beside(changes), self._scaled(changes)
+        ground = self._ground(changes) if scaled is None else None
+        position, stiffness, damping = self._resting(ground) if scaled is None else scaled
         if not len(stiffness):  # no place within the travel can be held: what is left is a handle that nothing touches
             position, stiffness, damping = np.array([math.nan]), np.zeros(1), np.zeros(1)
         springs, dampers = np.array(beside.options).T
@@ -69,7 +69,7 @@ class Axle:
             stiffness=stiffness,
             damping=damping,
             together=beside.together,
-            find_increments=lambda: self._increments(self._ground(changes), beside),
+            find_increments=lambda: self._increments(self._ground(changes) if ground is None else ground, beside),
             swept=beside.swept,
         )
 
@@ -131,7 +131,7 @@ class Axle:
         return self._beside_of(self.elements)
 
     def _beside_of(self, elements: Sequence[Element]) -> "Beside":
-        others = [each for each in elements if not fulfils(each, Varying)]
+        others = [each for each in elements if not isinstance(each, Varying)]
         rest = [self._discrete(each) for each in others]
         options = product(*(_options(each, space) for each, space in zip(others, rest, strict=True) if not space.order))
         sums = list(dict.fromkeys((sum(k for k, _ in each), sum(b for _, b in each)) for each in options))
@@ -176,14 +176,14 @@ class Axle:
         return np.tile(ground.position[within], 2), stiffness, damping
 
     def _discrete(self, element: Element) -> StateSpace:
-        method = self.method if fulfils(element, DynamicElement) else None
+        method = self.method if isinstance(element, DynamicElement) else None
         return discretised(contact.linearised(element, {}), self.period, method)
 
     def _together(self, elements: Sequence[Element]) -> tuple[Together, ...]:
         """Return the combinations of the elements with states, those with virtual states always among them."""
-        pairs = [(each, self._discrete(each)) for each in elements if not fulfils(each, Varying)]
-        always = [space for each, space in pairs if fulfils(each, DynamicElement)]
-        leaving = [space for each, space in pairs if space.order and not fulfils(each, DynamicElement)]
+        pairs = [(each, self._discrete(each)) for each in elements if not isinstance(each, Varying)]
+        always = [space for each, space in pairs if isinstance(each, DynamicElement)]
+        leaving = [space for each, space in pairs if space.order and not isinstance(each, DynamicElement)]
         chosen = list(product((True, False), repeat=len(leaving)))
         if len(leaving) > MOST_COMBINED:
             chosen = [chosen[0], chosen[-1]]
@@ -208,7 +208,7 @@ class Axle:
 
     def _is_linear(self, element: Element) -> bool:
         """Return whether the element is linear for any motion: with virtual states, and never cut by a limit."""
-        return math.isinf(self.effort) and fulfils(element, DynamicElement)
+        return isinstance(element, DynamicElement) and math.isinf(self.effort)
 
     def _swept(self, others: Sequence[Element]) -> StateSpace | None:
         spaces = [self._discrete(each) for each in others if self._is_linear(each)]

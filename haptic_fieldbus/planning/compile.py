@@ -46,14 +46,17 @@ def compile_plan(
     same: `refusal.check_stable` refuses it.
     """
 
-    def drafts_at(period: float | None) -> list[AxisPlan]:
-        timed = scene if period is None else scene.at_period(period)
+    def drafts_of(timed: Scene) -> list[AxisPlan]:
         return [draft_axis(timed, axis, rig, profiles, method, estimator) for axis in timed.axes]
+
+    def drafts_at(period: float | None) -> list[AxisPlan]:
+        return drafts_of(scene if period is None else scene.at_period(period))
 
     buses = buses or plan_buses(drafts_at, rig, rate)
     rate = buses[0].traffic.rate
     period = round(1e9 / rate) * 1e-9  # whole nanoseconds, as the loop keeps it
-    timed, drafts = scene.at_period(period), drafts_at(period)
+    timed = scene.at_period(period)
+    drafts = drafts_of(timed)  # of the elements of the plan's own scene, not of copies
     traffic = {axis: bus.traffic for bus in buses for axis in bus.axes}
     seen = [on_bus(draft, traffic[draft.name], period) for draft in drafts]
     axes = with_energy_limits(with_verdicts(seen, period), timed.couplings)

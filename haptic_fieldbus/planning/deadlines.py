@@ -87,7 +87,10 @@ def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Tor
         else "held for one period, then faded out"
     )
     yield TorqueDeadline(EndCause.FEEDBACK, lost, by_loss)
-    yield TorqueDeadline(EndCause.FAULT, seen, f"the drive by itself; the others: {by_loop}")
+    # A drive whose profile names no reaction to the loss of its master names none to a fault either: it may brake.
+    unknown = "the drive by itself, nobody knows how soon; the others at once"
+    by_drive = f"the drive by itself; the others: {by_loop}" if axis.profile.guarded else unknown
+    yield TorqueDeadline(EndCause.FAULT, seen if axis.profile.guarded else math.inf, by_drive)
     yield TorqueDeadline(EndCause.RESET, lost, "the drive by itself; the others as when feedback is lost")
     if math.isfinite(traffic.silence):
         how = f"{rounded(1e3 * traffic.silence)} ms without it, then {by_loop}"

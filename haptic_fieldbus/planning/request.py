@@ -131,15 +131,15 @@ def check_request(
         name = parse_bus(bus)
     except UsageError as error:
         # The bus is unknown, and so is its protocol; the node is checked by the default one.
-        raise UsageError("\n".join([str(error), *_node_faults(DEFAULT_PROTOCOL, node), *faults])) from None
-    _raise([*_node_faults(name.section.protocol, node), *faults])
+        raise UsageError("\n".join([str(error), *_node_faults(DEFAULT_PROTOCOL, "", node), *faults])) from None
+    _raise([*_node_faults(name.section.protocol, name.section.interface, node), *faults])
     return name
 
 
-def _node_faults(protocol: str, node: int) -> list[str]:
+def _node_faults(protocol: str, interface: str, node: int) -> list[str]:
     """Return the fault of a node-ID outside of those of `protocol`; empty when there is none."""
-    nodes = protocol_named(protocol).nodes
-    return [] if node in nodes else [f"node {node}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}"]
+    wanted = protocol_named(protocol).wanted_node(node, interface)
+    return [f"node {node}: a node-ID is {wanted}"] if wanted else []
 
 
 def check_fade_in(fade_in: float) -> None:

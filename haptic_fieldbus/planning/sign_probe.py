@@ -127,7 +127,8 @@ def probe_of(axis: AxisPlan, period: float) -> SignProbe:
     sizes = [(effort, periods) for effort in efforts]
     sizes += [(bound, min(longest, factor * periods)) for factor in (2, 4)]
     stages = tuple(PulseStage(*size, _pairs(size[1] * period)) for size in dict.fromkeys(sizes))
-    return SignProbe(stages, HOLDING_SHARE * axis.rated_effort, period, step, axis.integrates, mass, friction)
+    holding = min(axis.limits.effort, HOLDING_SHARE * axis.rated_effort)
+    return SignProbe(stages, holding, period, step, axis.integrates, mass, friction)
 
 
 def _pairs(length: float) -> int:

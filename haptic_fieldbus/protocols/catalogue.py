@@ -248,11 +248,11 @@ def _check_node(document: Document, axis: str) -> None:
     """Note a node-ID outside of the range of the protocol."""
     node, bus = document.value("axis", axis, "node"), document.value("axis", axis, "bus")
     # Without a usable interface the protocol is unknown, and so is the range.
-    if not isinstance(bus, str) or ("bus", bus, "interface") in document.faults:
+    if not isinstance(bus, str) or type(node) is not int or ("bus", bus, "interface") in document.faults:
         return
-    nodes = _protocol_of_bus(document, bus).nodes
-    if type(node) is int and node not in nodes:
-        document.refuse(("axis", axis, "node"), f"a whole number from {nodes[0]} to {nodes[-1]}")
+    wanted = _protocol_of_bus(document, bus).wanted_node(node, str(document.value("bus", bus, "interface")))
+    if wanted:
+        document.refuse(("axis", axis, "node"), wanted)
 
 
 def _check_profile_exists(document: Document, axis: str, known: Collection[str]) -> None:

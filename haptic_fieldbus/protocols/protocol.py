@@ -36,6 +36,10 @@ class FieldbusProtocol(Protocol):
     def nodes(self) -> range:
         """Numbers that a drive on its bus may have."""
 
+    def wanted_node(self, node: int, interface: str) -> str:
+        """Return what the number of a drive must be on a bus of this interface, in words; empty when `node` is good."""
+        return "" if node in self.nodes else f"a whole number from {self.nodes[0]} to {self.nodes[-1]}"
+
     @property
     def bus_forms(self) -> str:
         """Forms of its bus names with examples, as a part of a sentence."""

@@ -20,7 +20,7 @@ from annotated_types import Ge, Le
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Length, Place, PositiveEffort
-from haptic_fieldbus.scenes.local import Local, either, periods, turning
+from haptic_fieldbus.scenes.local import Local, either, periods, remainder, turning
 from haptic_fieldbus.signals import Signal
 
 
@@ -57,14 +57,14 @@ class Detents:
         if self.count and (way <= -0.5 * self.pitch or way >= (self.count - 0.5) * self.pitch):
             return 0.0
         # The remainder is exact, so a knob feels the same after any number of turns.
-        return -self.amplitude * math.sin(2.0 * math.pi * math.remainder(way, self.pitch) / self.pitch)
+        return -self.amplitude * math.sin(2.0 * math.pi * remainder(way, self.pitch) / self.pitch)
 
     def stored(self, position: float) -> float:
         """Return the energy above a valley when the handle is at `position` [J]; beyond the last crest that of it."""
         way, crest = position - self.position, self.amplitude * self.pitch / math.pi
         if self.count and (way <= -0.5 * self.pitch or way >= (self.count - 0.5) * self.pitch):
             return crest
-        return crest * math.sin(math.pi * math.remainder(way, self.pitch) / self.pitch) ** 2
+        return crest * math.sin(math.pi * remainder(way, self.pitch) / self.pitch) ** 2
 
     def local(self, lower: float, upper: float) -> Local:
         """Return the bounds between two positions."""

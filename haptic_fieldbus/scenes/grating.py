@@ -22,6 +22,7 @@ from annotated_types import Ge, Gt, Le
 from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Law, Length, PositiveEffort, Stiffness
+from haptic_fieldbus.scenes.local import remainder
 from haptic_fieldbus.signals import Signal
 
 
@@ -52,7 +53,7 @@ class Grating:
 
         def law(position: float) -> float:
             nonlocal anchor
-            longest = mean + change * math.sin(2.0 * math.pi * math.remainder(position, pitch) / pitch)
+            longest = mean + change * math.sin(2.0 * math.pi * remainder(position, pitch) / pitch)
             # min and max keep a not-a-number that comes first, so the order of the arguments lets it through.
             stretch = 0.0 * position if anchor is None else max(min(position - anchor, longest), -longest)
             anchor = position - stretch

@@ -75,6 +75,11 @@ def _sine(lower: float, upper: float) -> Interval:
     return (-1.0 if troughs[0] != troughs[1] else ends[0]), (1.0 if crests[0] != crests[1] else ends[1])
 
 
+def remainder(way: float, pitch: float) -> float:
+    """Return how far a way is from the nearest multiple of a pitch, exactly; not-a-number for a way without end."""
+    return math.remainder(way, pitch) if math.isfinite(way) else math.nan
+
+
 def periods(pitch: float, first: float, lower: float, upper: float, most: int = 24) -> tuple[float, ...]:
     """Return the valleys first + n·pitch from `lower` to `upper`, at most so many around the first one."""
     begin = max(math.ceil((lower - first) / pitch) if math.isfinite(lower) else -most, -most // 2)

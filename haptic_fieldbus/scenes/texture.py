@@ -26,7 +26,7 @@ from annotated_types import Ge, Gt, Le
 from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Length, PositiveEffort
-from haptic_fieldbus.scenes.local import Local, periods, turning
+from haptic_fieldbus.scenes.local import Local, periods, remainder, turning
 from haptic_fieldbus.signals import Signal
 
 
@@ -64,7 +64,7 @@ class Texture:
 
     def force(self, position: float) -> float:
         """Return the force or torque on the handle [N or N·m]; not-a-number gives not-a-number."""
-        phase = math.remainder(position, self.pitch) / self.pitch
+        phase = remainder(position, self.pitch) / self.pitch
         if self.profile == "sine":
             return -self.amplitude * math.sin(2.0 * math.pi * phase)
         # The force rises from the valley at phase 0 and falls again to the crest at ±½.
@@ -73,7 +73,7 @@ class Texture:
 
     def stored(self, position: float) -> float:
         """Return the energy above a valley when the handle is at `position` [J]."""
-        way = abs(math.remainder(position, self.pitch))
+        way = abs(remainder(position, self.pitch))
         if self.profile == "sine":
             return self.amplitude * self.pitch / math.pi * math.sin(math.pi * way / self.pitch) ** 2
         # On the rounded parts, `bend` long on either side of valley and crest, the force is a straight line.

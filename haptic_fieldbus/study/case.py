@@ -1,5 +1,6 @@
 """Stability case of the report: a function that measures, and its result."""
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -18,10 +19,21 @@ class CaseResult:
     """Source of the expectation: a closed form, extended precision, or brute force."""
     tolerance: str
     """Permitted distance of measured and expected; "exact" when there is none."""
+    used: float | None = None
+    """Largest deviation over what is permitted (`share_used`), above 1 in a case that fails; None without a number."""
 
 
 Case = Callable[[bool], CaseResult]
 """Function that measures a case; its argument, `quick`, asks for a shorter measurement."""
+
+
+def share_used(*deviations: tuple[float, float]) -> float:
+    """Return the largest of some deviations, each as a share of what is permitted; ∞ where one is no number.
+
+    A deviation is a pair of what was found and what is permitted, in the same unit.
+    """
+    shares = (float(abs(found) / permitted) for found, permitted in deviations)
+    return max(share if share == share else math.inf for share in shares)  # NaN differs from itself
 
 
 def refused(ask: Callable[[], object]) -> str:

@@ -6,7 +6,8 @@ and `details.json` (everything else).
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -19,11 +20,13 @@ from haptic_fieldbus.study.measure.bench import Tools, bench_of
 from haptic_fieldbus.study.measure.contact_loop import contacts
 from haptic_fieldbus.study.measure.host import host_facts
 from haptic_fieldbus.study.measure.problems import problems
+from haptic_fieldbus.study.measure.quiet import Quiet, load_average
+from haptic_fieldbus.study.page.assumed import assumed
 from haptic_fieldbus.study.page.buses import buses_section
 from haptic_fieldbus.study.page.context import Context, Progress
 from haptic_fieldbus.study.page.cost import cost_section
 from haptic_fieldbus.study.page.growth import growth_section
-from haptic_fieldbus.study.page.html import Section, page, paragraph, table
+from haptic_fieldbus.study.page.html import Section, page, paragraph, plain_text, table
 from haptic_fieldbus.study.page.impedance import impedance_section
 from haptic_fieldbus.study.page.integrator import integrator_section
 from haptic_fieldbus.study.page.passivity import passivity_section
@@ -46,14 +49,22 @@ SECTIONS: dict[str, Callable[[Context], Section]] = {
     "cost": cost_section,
 }
 KEYS = ("work_precision", "stability_cases", "optional_parts")
-"""Keys of `report.json` that are always there, in addition to `host`."""
+"""Keys of rows in `report.json`; `host`, `findings` and `warnings` are there too."""
 TITLE = "Error against run time"
-INTRODUCTION = """How exact the virtual forces of haptic-fieldbus are, what they cost to compute, how their error grows
-along a run, and where the sampled loop is stable. SI units; lengths in metres, forces in newtons, unless a column says
-otherwise."""
+INTRODUCTION = """How exact the virtual forces of haptic-fieldbus are, what they cost, how their error grows along a
+run, where the sampled loop is stable, and what a scene leaves out."""
 
 HOW = """Times are those of this machine; errors, limits and stability are the same on any. Every number on this page
 is also in <code>report.json</code> and <code>details.json</code> beside it, every figure in <code>figures/</code>."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was written: `content` is report.json; findings and warnings are sentences without markup."""
+
+    content: dict[str, object]
+    findings: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -93,8 +104,8 @@ def make_report(
     only: str | None = None,
     progress: Progress | None = None,
     command: str = "haptic-fieldbus report",
-) -> dict[str, object]:
-    """Measure, write `index.html`, `report.json`, `details.json` and `figures/` into `out`, and return report.json.
+) -> Report:
+    """Measure, and write `index.html`, `report.json`, `details.json` and `figures/` into `out`.
 
     `progress` is called with a label and the share that is done; `command` is shown on the page.
 
@@ -105,18 +116,35 @@ def make_report(
     chosen = choose(only)
     _make_folder(out)
     tell = progress or (lambda label, share: None)
-    context = Context(tools, bench_of(tools.plan("wall")), quick, chosen.names)
+    load, wall = load_average(), tools.plan("wall")
+    context = Context(tools, bench_of(wall), quick, chosen.names)
     sections = []
     for place, name in enumerate(chosen.sections):
         part = _part_of(tell, place, len(chosen.sections))
         part(name, 0.0)
         sections.append(SECTIONS[name](replace(context, progress=part)))
-    machine = host_facts()
-    found: dict[str, object] = {**{key: context.rows.get(key, []) for key in KEYS}, "host": machine}
+    machine, warnings = host_facts(), tuple[str, ...]()
+    if context.costs:
+        quiet = Quiet.of(load, context.costs)
+        machine, warnings = {**machine, "quiet": quiet.words()}, tuple(filter(None, [quiet.warning()]))
+    findings = tuple(plain_text(finding) for section in sections for finding in section.findings)
+    content: dict[str, object] = {key: context.rows.get(key, []) for key in KEYS}
+    content |= {"host": machine, "findings": findings, "warnings": warnings}
     tell("done", 1.0)
-    last = _made_on(machine, command, perf_counter() - begun)
-    _write(out, [*sections, last], found)
-    return found
+    sections.append(_made_on(machine, command, perf_counter() - begun))
+    text = page(TITLE, INTRODUCTION, sections, assumed(wall, context.bench, machine), escape(" ".join(warnings)))
+    with _writing(out):
+        _write(out, sections, content, text)
+    return Report(content, findings, warnings)
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    """Raise UsageError with the reason for what cannot be written into the folder."""
+    try:
+        yield
+    except OSError as error:
+        raise UsageError(f'--out "{out}": {error.strerror}') from error
 
 
 def _made_on(machine: dict[str, str], command: str, seconds: float) -> Section:
@@ -137,18 +165,16 @@ def _make_folder(out: Path) -> None:
 
     Raises UsageError when the folder cannot be written.
     """
-    try:
+    with _writing(out):
         (out / "figures").mkdir(parents=True, exist_ok=True)
         probe = out / "report.json"
         existed = probe.exists()
         probe.open("ab").close()
         if not existed:
             probe.unlink()
-    except OSError as error:
-        raise UsageError(f'--out "{out}": {error.strerror}') from error
 
 
-def _write(out: Path, sections: list[Section], rows: Mapping[str, object]) -> None:
+def _write(out: Path, sections: list[Section], rows: Mapping[str, object], text: str) -> None:
     """Write figures, both JSON files and the page."""
     for section in sections:
         for name, document in section.figures.items():
@@ -156,7 +182,7 @@ def _write(out: Path, sections: list[Section], rows: Mapping[str, object]) -> No
     details = {section.name: section.details for section in sections if section.details is not None}
     _write_json(out / "report.json", rows)
     _write_json(out / "details.json", details)
-    (out / "index.html").write_text(page(TITLE, INTRODUCTION, sections), encoding="utf-8")
+    (out / "index.html").write_text(text, encoding="utf-8")
 
 
 def _write_json(path: Path, value: object) -> None:

@@ -1,6 +1,7 @@
 """Simulated drives for the tests of other people's masters.
 
-`haptic_fieldbus.pytest_plugin` makes fixtures of them.
+`haptic_fieldbus.pytest_plugin` makes fixtures of them. Those on Modbus are in `testing.modbus`, so that tests on CAN do
+without pymodbus.
 """
 
 from haptic_fieldbus.testing.bench import DriveRequest as DriveRequest

@@ -51,7 +51,8 @@ class Time(Enum):
 class DriveRequest:
     """One drive to put on the bus: the name or file of its profile, its node-ID, and the hand on its shaft."""
 
-    profile: str = DEFAULT_DRIVE
+    profile: str | None = None
+    """None: that of the bus on which nobody named one."""
     node: int = DEFAULT_NODE
     hand: str = DEFAULT_HOSTED_HAND
     workspace: str = Workspace.LINEAR.value
@@ -141,7 +142,7 @@ class VirtualCanBus:
 
     def _add(self, request: DriveRequest) -> SimulatedDrive:
         slot = slot_of(
-            NamedDrive(request.profile, request.node),
+            NamedDrive(request.profile or DEFAULT_DRIVE, request.node),
             self.channel,
             Workspace(request.workspace),
             hand_named(request.hand),

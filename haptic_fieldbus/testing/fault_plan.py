@@ -1,13 +1,13 @@
 """The faults of a test's bench: of a file, of a list, or drawn from a seed."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from random import SystemRandom
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.sim.faults import Fault, HostFault, load_faults, toml_of
-from haptic_fieldbus.sim.faults.drawing import RANDOM, RECIPES, drawn, seed_of
+from haptic_fieldbus.sim.faults.drawing import ANSWER_RECIPES, RANDOM, RECIPES, drawn, seed_of
 
 NEW_SEED = "random"
 """A plan whose seed is drawn anew for each test."""
@@ -39,12 +39,13 @@ def plan_faults(
     kinds: Iterable[str] | None = None,
     seed: int | None = None,
     folder: Path | None = None,
+    possible: Collection[str] = RECIPES,
 ) -> FaultPlan:
     """Return the plan of a file, of a list of faults, of `random@SEED`, or of `random` and a new seed.
 
-    Drawn faults happen `within` s of *operation enabled*, and are of these `kinds` (None: all); `seed`
-    replaces that of `random`. The name of a file counts from `folder`. Raises UsageError for faults that this bench
-    cannot have, and FaultFileError for a faulty file.
+    Drawn faults happen `within` s of *operation enabled*, and are of these `kinds` (None: all that are `possible` on
+    the bus of the bench); `seed` replaces that of `random`. The name of a file counts from `folder`. Raises UsageError
+    for faults that this bench cannot have, and FaultFileError for a faulty file.
     """
     if isinstance(source, FaultPlan):
         return source
@@ -54,13 +55,13 @@ def plan_faults(
         source = f"{RANDOM}{SystemRandom().randint(0, _LARGEST_NEW_SEED) if seed is None else seed}"
     number = seed_of(str(source))
     if number is not None:
-        return FaultPlan(drawn(number, within, _kinds(kinds)), number)
+        return FaultPlan(drawn(number, within, _kinds(kinds, possible)), number)
     return _checked(FaultPlan(load_faults((folder or Path()) / source)))
 
 
-def _kinds(wanted: Iterable[str] | None) -> tuple[str, ...]:
+def _kinds(wanted: Iterable[str] | None, possible: Collection[str]) -> tuple[str, ...]:
     """Return the kinds to draw from; raises UsageError for one that cannot be drawn here."""
-    here = [kind for kind in RECIPES if kind not in HOST_KINDS]
+    here = [kind for kind in (*RECIPES, *ANSWER_RECIPES) if kind in possible and kind not in HOST_KINDS]
     kinds = tuple(here if wanted is None else wanted)
     unknown = [kind for kind in kinds if kind not in here]
     if unknown or not kinds:

@@ -1,4 +1,5 @@
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -7,17 +8,19 @@ import haptic_fieldbus.cli.report as module
 from haptic_fieldbus.numerics.integrators import METHODS
 from tests.cli.command import Command
 
-KEYS = ["work_precision", "stability_cases", "optional_parts", "host"]
-POINT = ["problem", "method", "period_s", "error_final", "error_rms", "error_max", "ns_per_step", "order", "stable"]
+KEYS = ["work_precision", "stability_cases", "optional_parts", "host", "findings", "warnings"]
+POINT = ["problem", "method", "period_s", "error_final", "error_rms", "error_max", "ns_per_step", "ns_quartiles",
+         "order", "stable"]  # fmt: skip
 
 
 def make(command: Command, out: Path, only: str) -> dict[str, list[dict[str, object]]]:
     finished = command("report", "--quick", "--out", str(out), "--only", only)
     assert finished.status == 0
     assert str(out / "index.html") in finished.out
-    assert finished.err == "", "no progress bar in a pipe"
     found: dict[str, list[dict[str, object]]] = json.loads((out / "report.json").read_text())
     assert list(found) == KEYS
+    assert finished.err == "".join(f"warning    {told}\n" for told in found["warnings"]), "no progress bar in a pipe"
+    assert all(f"- {finding}\n" in finished.out for finding in found["findings"])
     return found
 
 
@@ -38,11 +41,11 @@ def test_a_problem_is_measured_with_every_method_and_step(command: Command, tmp_
 @pytest.mark.parametrize(
     ("section", "heading", "figures"),
     [
-        ("growth", "Error along the run", ["growth"]),
+        ("growth", "Error along the run", ["growth", "growth-force"]),
         ("sources", "Where the error comes from", ["sources"]),
         ("integrator", "Does preserving stability matter in the loop?", ["integrator", "integrator-flick"]),
         ("region", "Stiffness and damping: the region that is stable", ["friction-plane", "region"]),
-        ("cost", "What each optional part costs", ["cost"]),
+        ("cost", "What each scene leaves out, and what each part costs", ["cost"]),
     ],
 )
 def test_every_section_is_written(
@@ -51,11 +54,12 @@ def test_every_section_is_written(
     found = make(command, tmp_path / "new" / "folder", section)
     page = (tmp_path / "new" / "folder" / "index.html").read_text()
     assert f"<h2>{heading}</h2>" in page
-    assert "What was found" in page
+    assert bool(found["findings"])
+    assert all(number in page for finding in found["findings"] for number in re.findall(r"\d+\.\d+", str(finding)))
     names = sorted(path.stem for path in (tmp_path / "new" / "folder" / "figures").iterdir())
     assert names == sorted(figures)
     assert bool(found["optional_parts"]) is (section == "cost")
-    assert all(list(row) == ["part", "ns_per_step"] for row in found["optional_parts"])
+    assert all(list(row) == ["part", "ns_per_step", "ns_quartiles"] for row in found["optional_parts"])
 
 
 def test_json_is_the_one_object_on_standard_output(command: Command, tmp_path: Path) -> None:

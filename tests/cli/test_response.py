@@ -4,6 +4,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -52,6 +53,20 @@ def test_the_text_tells_how_a_method_grows(method: str, word: str, command: Comm
     out = command("response", "sprung_mass", "--method", method, "--input", "sine@2", "--amplitude", "0.1").out
     assert f"a free motion {word}" in out
     assert "virtual position" in out
+
+
+@pytest.mark.parametrize(
+    ("frequency", "told"),
+    [("1e9", "0 Hz"), ("998", "2 Hz"), ("500", "0 Hz"), ("700", "300 Hz"), ("499", ""), ("2", "")],
+)
+def test_a_sine_that_the_samples_cannot_show_is_told(frequency: str, told: str, command: Command) -> None:
+    finished = command("response", "sprung_mass", "--input", f"sine@{frequency}", "--amplitude", "0.01", "--json")
+    found = json.loads(finished.out)
+    assert ("half the rate" in finished.err) == bool(told)
+    assert told in finished.err
+    turns = np.abs(np.fft.rfft(found["position"][:1000]))
+    if told:
+        assert turns.max() < 1e-3 or turns.argmax() == float(told.split()[0])
 
 
 def test_a_file_is_followed(tmp_path: Path, command: Command) -> None:

@@ -93,6 +93,20 @@ def test_without_a_grant_the_ledger_shows_the_leak_of_its_closed_form(delay: flo
     assert found == pytest.approx(leak(delay), rel=2.0 * ANGLE)
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.3, 0.56])
+def test_a_contact_at_constant_speed_shows_its_leak_to_the_last_digit(delay: float) -> None:
+    """In ways of one step of force, M deep: M, and 3·M − 3 a period later, by sums over the samples.
+
+    The account opens after the first way under force, two ways deep: 2 are stored there, and 1 − td/T is taken before.
+    """
+    bench, deep = Bench(KnownSpring("handle", granted=0.0), delay * PERIOD), 200
+    way = bench.unit / STIFFNESS
+    for place in [0, *range(1, deep + 1), *range(deep - 1, -1, -1), 0, 0, 0]:
+        bench.move(place * way, -STIFFNESS * place * way)
+    ways = (1.0 - delay) * deep + delay * (3 * deep - 3) - (1.0 + delay)
+    assert bench.tally.largest == pytest.approx(ways * STIFFNESS * way**2, rel=1e-9)
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.3, 0.56, 1.0, 1.7, 2.0])
 def test_what_is_granted_is_the_leak_and_no_more(delay: float) -> None:
     assert abs(turned(Bench(KnownSpring("handle"), delay * PERIOD))) < 0.1 * leak(delay)

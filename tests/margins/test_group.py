@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.margins import Suggestion, Verdict
+from haptic_fieldbus.margins import Suggestion, Verdict, passive_limit
 from haptic_fieldbus.margins.group import Group, Member, connected
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.damper import Damper
@@ -47,6 +47,14 @@ def test_the_limit_is_that_of_the_pair_written_by_hand(damping: float, ratio: fl
     assert [each.plant for each in found] == [PLANT, OTHER]
     assert found[0].stiffness_limit == found[1].stiffness_limit
     assert found[0].damping == damping
+
+
+@pytest.mark.parametrize("lag", [0.0, LAG, 3 * PERIOD])
+def test_what_a_wall_asks_at_its_places_is_what_a_spring_asks_behind_a_torque_loop(lag: float) -> None:
+    plant = replace(BENCH, torque_lag=lag)
+    member = Member("a", plant, 0.3 * PERIOD, (Wall("a", stiffness=100.0),), None, BACKWARD, effort=20.0)
+    found = Group((member,), (), PERIOD).stability.stiffness_limit.passive
+    assert found == pytest.approx(passive_limit(plant, PERIOD, 0.3 * PERIOD), rel=1e-6)
 
 
 def test_a_coupling_may_name_its_axes_the_other_way_round() -> None:

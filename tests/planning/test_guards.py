@@ -107,6 +107,7 @@ def test_a_profile_without_a_guard_has_nothing_to_prove_and_deadlines_without_en
     assert "guard      test drive offers no watch on its master" in explain(plan)
     assert "guard: test drive offers no watch" in explain(plan)
     assert "master killed: without end, a person who cuts the power" in explain(plan)
+    assert "drive fault or emergency: without end, the drive by itself, nobody knows how soon" in explain(plan)
     assert told(plan)["capped"].startswith("test drive offers no watch")
 
 

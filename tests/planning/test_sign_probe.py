@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.drive.rig import RigAxis, Seen
+from haptic_fieldbus.drive.rig import Limits, RigAxis, Seen
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.sign_probe import SignProbe, sign_probe
+from haptic_fieldbus.planning.sign_probe import SignProbe, sign_probe, sign_text
 from tests.builders import VELOCITY_ONLY, WALL, plan_of, rig_of
 
 RATIO = 0.05 / (2.0 * math.pi)
@@ -94,3 +94,10 @@ def test_a_drive_with_velocity_only_states_the_speed() -> None:
 def test_the_bench_of_a_rig_file_is_looked_at_unless_it_says_so() -> None:
     assert RigAxis.__dataclass_fields__["seen"].default_factory is Seen
     assert Seen().sign is None
+
+
+def test_until_the_sign_is_seen_no_more_is_permitted_than_the_axis_may_have() -> None:
+    plan = planned(limits=Limits(effort=1.0))
+    assert probe_of(plan).holding == pytest.approx(1.0)
+    assert sign_text(plan.axes[0], probe_of(plan)).endswith("at most 1 N")
+    assert probe_of(planned()).holding == pytest.approx(0.05 * RATED)

@@ -235,6 +235,16 @@ def test_an_element_that_needs_motion_hides_no_number_that_is_none(kind: str, el
     assert np.isnan(found).any()
 
 
+@each_example(lambda kind, element: set(element.needs) & {Signal.POSITION, Signal.VELOCITY})
+def test_an_element_takes_a_motion_without_end(kind: str, element: AnyElement) -> None:
+    """What comes of it is judged by the cycle, which trips on a force that is not finite."""
+    count = axes_of(element)
+    for end in (math.inf, -math.inf):
+        felt = law(element)
+        for value in (0.0, end, 0.0):
+            felt(*[0 if signal is Signal.ELAPSED_NS else value for signal in element.needs * count])
+
+
 @each_example(lambda kind, element: SHEETS[kind].silent(element))
 def test_an_element_is_silent_where_it_says_so(kind: str, element: AnyElement) -> None:
     for motion in SHEETS[kind].silent(element):

@@ -93,10 +93,17 @@ PLANTED = {
     ),
     "damping asked without torque lag": Planted(
         f"{MARGINS}/closed_loop.py",
-        "times = (self.period, axis.delay, axis.plant.torque_lag)",
-        "times = (self.period, axis.delay, 0.0)",
-        ("torque-lag", "varying-slope"),
+        "damping_needed(environment, self.period, axis.delay, axis.plant.torque_lag)",
+        "damping_needed(environment, self.period, axis.delay)",
+        ("torque-lag",),
         (f"{LIMIT}::test_the_lag_counts_in_the_damping_that_is_asked",),
+    ),
+    "damping asked at places without torque lag": Planted(
+        f"{MARGINS}/closed_loop.py",
+        "times = (period, self.delay, self.plant.torque_lag)",
+        "times = (period, self.delay, 0.0)",
+        ("varying-slope",),
+        (f"{TESTS}/test_group.py::test_what_a_wall_asks_at_its_places_is_what_a_spring_asks_behind_a_torque_loop",),
     ),
     "bisection of passivity without torque lag": Planted(
         f"{MARGINS}/passivity.py",
@@ -107,8 +114,8 @@ PLANTED = {
     ),
     "torque lag gone from coupled energies": Planted(
         f"{MARGINS}/coupled.py",
-        "axis.plant.damping, axis.delay, axis.plant.torque_lag)",
-        "axis.plant.damping, axis.delay, 0.0)",
+        "PassivityPort(damping, axis.delay, axis.plant.torque_lag)",
+        "PassivityPort(damping, axis.delay, 0.0)",
         ("coupled-axes",),
         (f"{TESTS}/test_coupled.py::TestPassiveLimit::test_needs_all_the_damping_there_is",),
     ),
@@ -180,6 +187,6 @@ PLANTED = {
         "energy += way * (early * older",
         "energy += 1.01 * way * (early * older",
         ("passivity-observer-timing", "passivity-observer-delay", "saturation-ledger"),
-        ("tests/cycle/test_energy.py::test_without_a_grant_the_ledger_shows_the_leak_of_its_closed_form",),
+        ("tests/cycle/test_energy.py::test_a_contact_at_constant_speed_shows_its_leak_to_the_last_digit",),
     ),
 }

@@ -31,6 +31,7 @@ def test_every_case_is_there_under_its_name() -> None:
 def test_it_behaves_as_theory_says(name: str) -> None:
     found, _ = run_case(CASES[name], True)
     assert found.passed is True, f"expected {found.expected}, measured {found.measured}, judged by {found.oracle}"
+    assert found.used is None or found.used <= 1.0
     texts = (found.expected, found.measured, found.oracle, found.tolerance)
     assert min(map(len, texts)) > 3
     assert strange_numbers("\n".join(texts), is_prose=True) == []

@@ -12,7 +12,7 @@ import scipy.linalg
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerics import integrators
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.study.measure import contact_loop, growth, timing, work_precision
+from haptic_fieldbus.study.measure import contact_loop, growth, work_precision
 from haptic_fieldbus.study.measure.bench import Bench, device_in_hand
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, WAY, Problem, problems, sprung_mass
 from haptic_fieldbus.study.measure.step_limits import step_limit
@@ -97,13 +97,6 @@ def test_a_run_that_overflows_stays_in_the_set_as_a_failure() -> None:
     assert (point.error_final, point.error_rms, point.error_max, point.order) == (None, None, None, None)
     assert not point.stable
     assert point.ns_per_step > 0.0
-
-
-def test_a_time_is_the_shortest_of_at_least_twenty_repeats_after_a_warm_up() -> None:
-    calls: list[int] = []
-    assert timing.ns_per_call(calls.append, [1, 2, 3]) > 0.0
-    assert len(calls) >= 3 * 21
-    assert timing.spread(lambda: None, [()] * 100).p50 <= timing.spread(lambda: sum(range(2000)), [()] * 100).p50
 
 
 def loop_by_hand(period: float, steps: int, stiffness: float, damping: float) -> list[float]:

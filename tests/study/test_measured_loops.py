@@ -163,9 +163,13 @@ def test_the_periods_that_are_timed_render_a_force() -> None:
 
 @pytest.mark.thorough("times every optional part")
 def test_every_part_has_a_cost_and_a_name_of_its_own() -> None:
-    found = list(optional_parts.parts(TOOLS, SHIPPED, ["sprung_mass"]))
+    plans = {name: api.plan(name) for name in ("wall", "damped_wall", "sprung_mass")}
+    found = list(optional_parts.parts(plans, SHIPPED))
+    assert [part.part for part in found[:3]] == [f"whole period: {name}" for name in plans]
     assert len({part.part for part in found}) == len(found)
     assert all(part.ns_per_step > 0.0 for part in found)
+    assert all(part.ns_quartiles == tuple(sorted(part.ns_quartiles)) for part in found)
+    assert all(part.ns_per_step <= part.ns_quartiles[0] for part in found if part.cost is not None)
     assert {f"integrator, two states: {method}" for method in METHODS} <= {part.part for part in found}
     assert {"element: wall", "coupling: coupling"} <= {part.part for part in found}
 

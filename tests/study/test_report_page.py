@@ -9,6 +9,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from haptic_fieldbus import api
@@ -17,7 +18,8 @@ from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.study import make_report as run_report
 from haptic_fieldbus.study.case import CaseResult
 from haptic_fieldbus.study.measure.bench import Tools, bench_of
-from haptic_fieldbus.study.measure.work_precision import Point, Set
+from haptic_fieldbus.study.measure.timing import Cost
+from haptic_fieldbus.study.measure.work_precision import Point, Set, has_failed
 from haptic_fieldbus.study.page import stability
 from haptic_fieldbus.study.page.context import Context
 from haptic_fieldbus.study.page.html import Cell, Section, number_text, page, picture, table
@@ -25,7 +27,6 @@ from haptic_fieldbus.study.page.style import LOOKS, look_of, svg
 from haptic_fieldbus.study.page.work_precision import (
     at_fixed_cost,
     draw,
-    has_failed,
     is_as_claimed,
     order_words,
     sets_table,
@@ -81,10 +82,10 @@ def test_every_method_has_a_look_of_its_own() -> None:
 
 def a_set(errors: list[float | None]) -> Set:
     points = tuple(
-        Point("p", "rk4", 0.1 / 2**at, error, error, error, 1000.0, 2.0, error is not None)
+        Point("p", "rk4", 0.1 / 2**at, error, error, error, 1000.0, (1e3, 1e3, 1e3), 2.0, error is not None)
         for at, error in enumerate(errors)
     )
-    return Set("p", "rk4", points, 2.0, 1.0)
+    return Set("p", "rk4", points, 2.0, 1.0, Cost(np.full(5, 1000.0), 5, 5))
 
 
 @pytest.mark.thorough("makes a report")
@@ -124,7 +125,7 @@ def test_a_part_is_chosen_by_its_name(only: str | None, sections: tuple[str, ...
 
 def test_a_case_is_chosen_by_its_name_and_shown_with_its_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     def passing(quick: bool) -> CaseResult:
-        return CaseResult("1e-12", "3e-13", True, "mpmath", "1e-12")
+        return CaseResult("1e-12", "3e-13", True, "mpmath", "1e-12", used=0.3)
 
     def breaking(quick: bool) -> CaseResult:
         raise ZeroDivisionError("no such number")
@@ -137,7 +138,7 @@ def test_a_case_is_chosen_by_its_name_and_shown_with_its_verdict(monkeypatch: py
     rows = {row["name"]: row for row in context.rows["stability_cases"]}
     assert rows["tiny-h"] == {
         "name": "tiny-h", "expected": "1e-12", "measured": "3e-13", "passed": True, "oracle": "mpmath",
-        "tolerance": "1e-12",
+        "tolerance": "1e-12", "used": 0.3,
     }  # fmt: skip
     assert rows["broken"]["passed"] is False
     assert "ZeroDivisionError: no such number" in section.body
@@ -153,6 +154,16 @@ def test_a_folder_that_cannot_be_made_is_told_before_anything_is_measured(tmp_pa
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="--out"):
         run_report.make_report(tmp_path / "file" / "report", TOOLS)
+
+
+@pytest.mark.thorough("measures a case")
+def test_a_folder_that_is_gone_when_the_report_is_written_is_told_as_one(tmp_path: Path) -> None:
+    def spoil(label: str, share: float) -> None:
+        if label == "done":
+            shutil.rmtree(tmp_path / "out")
+
+    with pytest.raises(UsageError, match=r'--out ".*out": No such file or directory'):
+        run_report.make_report(tmp_path / "out", TOOLS, quick=True, only="zero-input-stays-zero", progress=spoil)
 
 
 def test_numbers_that_json_does_not_know_become_null() -> None:
@@ -191,6 +202,7 @@ def test_the_page_fetches_nothing(report: Path) -> None:
     assert not re.search(r"@import|url\(", text)
 
 
+@pytest.mark.thorough("makes a report")
 def test_the_numbers_of_the_page_are_in_one_style(report: Path) -> None:
     text = re.sub(r'src="data:[^"]*"', "", (report / "index.html").read_text())
     assert strange_numbers(text) == []
@@ -209,6 +221,7 @@ def test_figures_and_details_are_files_too(report: Path) -> None:
     assert [each["scene"] for each in details["impedance"]] == ["wall", "damped_wall", "sprung_mass"]
 
 
+@pytest.mark.thorough("starts a browser")
 @pytest.mark.skipif(CHROMIUM is None, reason="needs a browser: apt-get install chromium")
 def test_a_browser_shows_every_figure_and_needs_no_scrolling_sideways_at_1280(report: Path, tmp_path: Path) -> None:
     looked = tmp_path / "looked.html"

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus import run
-from haptic_fieldbus.buses.canopen.fitting import fit
+from haptic_fieldbus.buses.canopen.fitting import fit_to_drive
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.wire import Wire
@@ -94,7 +94,7 @@ def asked(eds: Eds) -> CanopenProfile:
     frames: list[tuple[int, bytes]] = []
     with SimulatedBus(world=world) as bus:
         wire = Wire(bus, clock, "sim", lambda t_ns, can_id, data: frames.append((can_id, bytes(data))))
-        profile = fit(canopen(GENERIC), Node(wire, 1, "node 1"))
+        profile = fit_to_drive(canopen(GENERIC), Node(wire, 1, "node 1"))
     # All that it sent are SDO uploads (CiA 301 7.2.4.3).
     sent = [(can_id, data[0] >> 5) for can_id, data in frames if can_id != 0x581]
     assert set(sent) == {(0x601, 2)}

@@ -99,6 +99,16 @@ def test_drawn_faults_break_no_invariant(seed: int) -> None:
         run("wall", bus=RTU, settings=HALF, hand=HANDS[RTU], duration=1.2, faults=f"random@{seed}", seed=seed)
 
 
+@pytest.mark.thorough("a run")
+def test_a_line_that_is_slower_than_the_plan_counts_is_named() -> None:
+    """0.2 ms more on each answer leave no period with feedback; the way out is told beside the end."""
+    with pytest.raises(BusTimeoutError, match="no feedback from node 1") as ended:
+        rendered(TCP, faults.AnswerDelayed("answer_delayed", AT, 0.0002, MANY))
+    assert isinstance(ended.value.result, Result)
+    (told,) = (each for each in ended.value.result.warnings if "too late for their period" in each)
+    assert "State its round_trip in the rig" in told
+
+
 @pytest.mark.thorough("proofs of guards")
 @pytest.mark.parametrize("bus", BUSES)
 def test_a_watchdog_that_does_not_act_is_found_before_there_is_force(bus: str) -> None:

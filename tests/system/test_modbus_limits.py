@@ -34,10 +34,7 @@ def bilateral(stiffness: float) -> Scene:
 
 
 def bench(section: ModbusSection, profile: str) -> Rig:
-    """The shipped bench without Coulomb friction, with a fine encoder, and limits out of the way.
-
-    A period is no more than some 6,000 counts: a jump near 65,536 would count as torn.
-    """
+    """The shipped bench without Coulomb friction, with a fine encoder, and limits out of the way."""
     axis = default_axis(Workspace.LINEAR, bus="bus", node=1, profile=profile)
     fine = {"coulomb_friction": 0.0, "encoder_counts_per_revolution": 400_000, "limits": Limits(speed=100.0)}
     return Rig({"bus": section}, {"handle": replace(axis, **fine)})  # type: ignore[arg-type]

@@ -1,5 +1,6 @@
 """`simulate` and `run` as two processes on a SocketCAN interface, and a third program that watches the drive."""
 
+import errno
 import json
 import math
 import signal
@@ -75,7 +76,12 @@ class Watcher:
     heard: list[can.Message] = field(default_factory=list)
 
     def receive(self, seconds: float) -> can.Message | None:
-        message = self.bus.recv(seconds)
+        try:
+            message = self.bus.recv(seconds)
+        except can.CanOperationError as error:
+            if error.error_code != errno.ENETDOWN:
+                raise
+            return None  # the kernel tells it once, after an interface was down that may be up again
         if message is not None:
             self.heard.append(message)
         return message

@@ -57,10 +57,10 @@ class CanopenAccess(BusAccess):
         if not general:
             return {}
         # Imported here, because a run with the profile of a drive needs no reader of object dictionaries.
-        from haptic_fieldbus.buses.canopen.fitting import fit
+        from haptic_fieldbus.buses.canopen.fitting import fit_to_drive
 
         with _asked(can_section(section), general) as nodes:
-            return {name: fit(profile, nodes[name]) for name, (_, profile) in general.items()}
+            return {name: fit_to_drive(profile, nodes[name]) for name, (_, profile) in general.items()}
 
     def scan(
         self, section: BusSection, axes: Mapping[str, RigAxis], profiles: str | Path | None, nodes: Sequence[int] = ()

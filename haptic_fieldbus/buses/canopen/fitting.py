@@ -7,7 +7,7 @@ from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.canopen.vendor.uploaded import uploaded
 
 
-def fit(profile: CanopenProfile, node: Node) -> CanopenProfile:
+def fit_to_drive(profile: CanopenProfile, node: Node) -> CanopenProfile:
     """Return the profile with what the drive has; raises BusError, BusConfigurationError for no CiA 402 drive."""
     try:
         return fitted(profile, uploaded(profile, node.found))

@@ -32,9 +32,14 @@ def acknowledge(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -> 
             f"{unit.label} went to fault while it was left alone, and not because it lost its master: error code "
             f"{code:04X}h. Nothing was cleared"
         )
-    if profile.power.table == "cia402":
-        for controlword in (power.off, FAULT_RESET, power.off):
-            unit.send(command, controlword)
+    reset = FAULT_RESET if profile.power.table == "cia402" else profile.power.reset
+    if reset is None:
+        raise DriveFaultError(
+            f"{unit.label} is in fault since it lost its master, and {profile.title} names no command that clears one "
+            "(power.reset of its profile): switch it off and on"
+        )
+    for each in (power.off, reset, power.off):
+        unit.send(command, each)
     deadline_ns = unit.requester.clock.now_ns() + round(CLEARED_WITHIN * 1e9)
     while power.state(unit.read(status)) in FAULTS:
         if unit.requester.clock.now_ns() >= deadline_ns:

@@ -22,6 +22,8 @@ class Turns:
         self.latch_ns = 0
         self.foreign: int | None = None
         """Address to which somebody else was heard to write; None while nobody was."""
+        self.late = self.slowest_ns = 0
+        """Number of answers on TCP that came too late for their period, and the longest time that one took [ns]."""
         self._requester, self._readings, self._image = requester, readings, image
         self._links = tuple(dict.fromkeys(reading.link for reading in readings))
         self._units = frozenset(link.unit for link in self._links)
@@ -54,13 +56,19 @@ class Turns:
         if link is not None:
             self._confirm(link, self._requester.waiting() or self._requester.answer(deadline_ns - self._left_ns[0]))
         elif self._requester.outstanding is not None:
-            self._requester.answer(0)
+            self._note_late(self._requester.answer(0))
             self._give_up()
 
     def _give_up(self) -> None:
         """Wait no more for an answer that has stayed away for long: the unit may have lost its question."""
         if self._requester.clock.now_ns() - self._requester.sent_ns > self._patience_ns:
             self._requester.forget()
+
+    def _note_late(self, answer: Answer | None) -> None:
+        """Count an answer that came after its share of the period was over."""
+        if answer is not None:
+            self.late += 1
+            self.slowest_ns = max(self.slowest_ns, self._requester.arrived_ns - self._requester.sent_ns)
 
     def begin(self) -> None:
         """Ask the first unit."""
@@ -132,8 +140,10 @@ class Turns:
     def _take(self, reading: Reading, asked: Question | None, answer: Answer | None) -> None:
         """Take an answer, or that it stayed away."""
         link, requester = reading.link, self._requester
+        if asked is None:
+            self._note_late(answer)
         accepted = asked is not None and self._accepted(link, asked, answer)
-        if not accepted or answer is None or not answer.data or not reading.take(answer.data):
+        if not accepted or answer is None or not answer.data or not reading.take(answer.data, requester.sent_ns):
             link.missing += 1
         elif reading.latches:
             link.latch_ns = reading.latched(requester.sent_ns, requester.arrived_ns)

@@ -17,7 +17,7 @@ from haptic_fieldbus.signals import LinkFlag, Signal
 # Plain integers: combining members of an IntFlag would make a new member in every period of the loop.
 STALE, EXCEPTION, FOREIGN = int(LinkFlag.STALE), int(LinkFlag.EXCEPTION), int(LinkFlag.FOREIGN)
 TORN, TORN_WITHIN = 65536, 16384
-"""Counts by which a value jumps when its two registers are of different instants, and how near to it a jump is one."""
+"""Counts by which a value is off when its two registers are of different instants, and how near to it is as good."""
 
 
 class UnitLink:
@@ -103,15 +103,15 @@ class Reading:
         self._image = image
         self._copies = tuple(_joined(block, offsets))
         self._wide = tuple(
-            _Wide(mapped.order is Order.BIG_LOW_WORD_FIRST, start)
+            WideValue(mapped.order is Order.BIG_LOW_WORD_FIRST, start)
             for mapped, (start, end) in zip(block.signals, block.places, strict=True)
             if end - start == 4 and mapped.signal is Signal.POSITION
         )
 
-    def take(self, data: bytes) -> bool:
-        """Copy the registers into the image; False when they are torn, and dropped."""
+    def take(self, data: bytes, sent_ns: int) -> bool:
+        """Copy the registers into the image; False when they are torn, and dropped. `sent_ns` is of the question."""
         for wide in self._wide:
-            if wide.torn(data):
+            if wide.torn(data, sent_ns):
                 self.link.torn += 1
                 return False
         for place, start, end in self._copies:
@@ -144,28 +144,41 @@ class Times:
     """With the silence that follows."""
 
 
-class _Wide:
-    """A value of two registers, in which a jump by about 65536 counts shows that the drive tore it."""
+class WideValue:
+    """A value of two registers. A drive that tears it shows about 65536 counts more or less than its motion does.
+
+    The motion is known from the two samples before; a position that is as far away from where it leads is doubted.
+    """
 
     def __init__(self, low_first: bool, start: int) -> None:
         self._words = Struct(">HH")
         self._low_first, self._start = low_first, start
         self._before: int | None = None
+        self._at_ns = 0
+        """Value and instant [ns] of the last sample that was believed."""
+        self._speed = 0.0
+        """Between the last two of them [counts/ns]."""
         self._doubted = False
 
-    def torn(self, octets: bytes) -> bool:
-        """Whether the value jumped as a torn one does; a second one in a row is the drive's own motion."""
+    def torn(self, octets: bytes, t_ns: int) -> bool:
+        """Whether the value at an instant [ns] is a torn one; a second one in a row is the drive's own motion."""
         high, low = self._words.unpack_from(octets, self._start)
         value = low << 16 | high if self._low_first else high << 16 | low
-        before = self._before
-        if before is None or self._doubted or abs(value - before) < TORN - TORN_WITHIN:
-            self._before, self._doubted = value, False
+        if self._before is None:
+            self._before, self._at_ns = value, t_ns
             return False
-        jump = abs((value - before + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000)
-        self._doubted = abs(jump - TORN) <= TORN_WITHIN
+        way, passed_ns = _between(self._before, value), t_ns - self._at_ns
+        strange = abs(abs(way - self._speed * passed_ns) - TORN) <= TORN_WITHIN
+        self._doubted = strange and not self._doubted
         if not self._doubted:
-            self._before = value
+            self._before, self._at_ns = value, t_ns
+            self._speed = way / passed_ns if passed_ns > 0 else 0.0
         return self._doubted
+
+
+def _between(before: int, value: int) -> int:
+    """Return the way from one position to another [counts]; 32 bits may have run over."""
+    return (value - before + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
 
 
 def _joined(block: Block, offsets: Mapping[Signal, int]) -> Iterator[tuple[int, int, int]]:

@@ -39,6 +39,7 @@ from haptic_fieldbus.buses.modbus.unit import UnitClient
 from haptic_fieldbus.buses.modbus.watchdog import DriveWatch
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
+from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
@@ -237,7 +238,7 @@ class ModbusBus(InSteps):
         for each, parting in zip(self._set_ups, self._partings, strict=True):
             if parting.settled and not parting.refused:
                 each.torque_limits.restored()
-        told = [*self._release.warnings, *self._surprises(), *self._torn()]
+        told = [*self._release.warnings, *self._surprises(), *self._late(), *self._torn()]
         self.warnings += [sentence for sentence in told if sentence not in self.warnings]
         self._plan = None
         return confirmed
@@ -247,6 +248,18 @@ class ModbusBus(InSteps):
         words = [f"{number} {kind.value}" for kind, number in self._requester.surprises.items()]
         self._requester.surprises.clear()
         return [f"{self._transport.name}: answers were dropped: {', '.join(words)}"] if words else []
+
+    def _late(self) -> list[str]:
+        """Return a sentence about answers that came too late for their period."""
+        exchange = self._exchange
+        if not exchange.late:
+            return []
+        slowest = in_unit(1e-9 * exchange.slowest_ns, "s")
+        return [
+            f"{self._transport.name}: {exchange.late} answers came too late for their period, the slowest within "
+            f"{slowest} of its question: this line takes longer than the plan counts. State its round_trip in the rig, "
+            "which haptic-fieldbus doctor measures, or choose a lower rate"
+        ]
 
     def _torn(self) -> list[str]:
         """Return a sentence for each unit that tore positions."""

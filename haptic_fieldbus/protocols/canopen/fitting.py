@@ -3,7 +3,7 @@
 Nearly all objects of CiA 402-2 are optional, so no drive has them all. What the drive has is used as the profile says;
 what it lacks is left out, and where the standards have a second way, that one is taken: profile torque mode, torque
 actual value as the echo, life guarding. Nothing takes the place of a guard that is not there: without one the plan caps
-the torque, or is refused.
+the torque, or is refused (decision 0036).
 """
 
 from collections.abc import Iterator

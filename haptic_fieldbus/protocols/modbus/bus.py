@@ -23,6 +23,9 @@ BAUDS = (1200, 20_000_000)
 """Lowest and highest bit rate of a serial line [bit/s]."""
 UNITS = range(1, 248)
 """Unit ids of drives (Modbus over serial line 1.02, 2.2); 0 is everybody's."""
+EVERYBODY, ITSELF = 0, 255
+"""Unit ids of a request that all units obey and none answers, and of the device itself that a TCP connection leads to
+(Modbus messaging on TCP/IP 1.0b, 4.4.2.1)."""
 SIMULATION_CHANNEL = "sim"
 
 
@@ -98,6 +101,15 @@ def parse_bus(text: str) -> BusName:
     if interface == TCP:
         _ = section.address
     return BusName(text, section)
+
+
+def wanted_unit(unit: int, *, serial: bool) -> str:
+    """Return what the unit id of a drive must be on a line, in words; empty when `unit` is one."""
+    if unit in UNITS or (unit == ITSELF and not serial):
+        return ""
+    all_obey = "; 0 is everybody's: all units obey it, and none answers" if unit == EVERYBODY else ""
+    itself = "" if serial else f", or {ITSELF} for the device itself"
+    return f"a whole number from {UNITS[0]} to {UNITS[-1]}{itself}{all_obey}"
 
 
 def in_place_of(section: ModbusSection, named: BusName, channel: str | None) -> ModbusSection:

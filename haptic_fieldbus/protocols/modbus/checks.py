@@ -141,6 +141,8 @@ def _check_power(document: Document) -> None:
         document.fault(("power", "rows"), 'missing; expected a row for each state, since power.table is "rows"')
     if table != "rows" and rows:
         document.fault(("power", "rows"), 'without effect; expected power.table = "rows" beside it')
+    if table != "rows" and document.value("power", "reset") is not None:
+        document.fault(("power", "reset"), 'without effect; expected power.table = "rows" beside it')
 
 
 def _check_places(document: Document, paths: tuple[KeyPath, ...]) -> None:

@@ -175,6 +175,8 @@ class PowerSection:
     """States with the command for each."""
     off: UInt32 = 0
     """Command that frees the shaft in every state; only with `rows`."""
+    reset: UInt32 | None = None
+    """Command that clears a fault; only with `rows`. It is sent after a proof of the watchdog, and never else."""
     error: Register | None = None
     """Code of the fault."""
     __pydantic_config__: ClassVar = STRICT

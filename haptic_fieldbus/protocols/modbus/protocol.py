@@ -32,6 +32,9 @@ class Modbus(FieldbusProtocol):
     bus_forms = bus.BUS_FORMS
     default_drive = DEFAULT_MODBUS_DRIVE
 
+    def wanted_node(self, node: int, interface: str) -> str:
+        return bus.wanted_unit(node, serial=interface in (bus.RTU, bus.SIM_RTU))
+
     def simulated_bus(self, profile: DriveProfile) -> str:
         return bus.SIM_TCP if "tcp" in modbus_profile(profile).line.transports else bus.SIM_RTU
 

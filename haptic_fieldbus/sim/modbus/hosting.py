@@ -64,9 +64,9 @@ async def _host(
     server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
     for slot in slots:
         server.desk.rack.add(slot, clock.now_ns()).drive.plant.prepare()
-    with _device(section) as (own, theirs):
+    with device(section) as (own, theirs):
         try:
-            joined = await _listen(server, own, theirs, slots)
+            joined = await listen(server, own, theirs, slots)
         except (OSError, termios.error) as error:
             raise translate(error, bus.text) from error
         try:
@@ -82,7 +82,7 @@ async def _host(
             await server.close()
 
 
-async def _listen(server: Server, own: ModbusSection, theirs: ModbusSection, slots: Sequence[Slot]) -> ModbusSection:
+async def listen(server: Server, own: ModbusSection, theirs: ModbusSection, slots: Sequence[Slot]) -> ModbusSection:
     """Let the server listen on its own end; return the end that masters join, with all that is known now."""
     if not own.serial:
         host, port = own.address
@@ -97,7 +97,7 @@ async def _listen(server: Server, own: ModbusSection, theirs: ModbusSection, slo
 
 
 @contextmanager
-def _device(section: ModbusSection) -> Iterator[tuple[ModbusSection, ModbusSection]]:
+def device(section: ModbusSection) -> Iterator[tuple[ModbusSection, ModbusSection]]:
     """Yield the end of the line that the drives open, and the one that masters open."""
     if not section.serial or section.channel != PTY:
         yield section, section

@@ -1,7 +1,7 @@
 """Stiff and extreme cases by name, each judged by an oracle of its own.
 
-An oracle is a closed form, a computation in extended precision, or brute force. Each case is a function whose docstring
-states the claim that it checks.
+An oracle is a closed form, a computation in extended precision, or brute force; those that need more than a line are in
+`study.oracles`. Each case is a function whose docstring states the claim that it checks.
 """
 
 from functools import partial

@@ -12,7 +12,7 @@ from haptic_fieldbus.numerics import integrators, sampled
 from haptic_fieldbus.numerics.integrators import METHODS, trajectory
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.case import CaseResult, share_used
 from haptic_fieldbus.study.cases.drive_bench import PERIOD_NS, Feeder, feed
 from haptic_fieldbus.study.measure.in_the_loop import flicked
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, spring, sprung_mass, two_masses
@@ -45,6 +45,7 @@ def stiff_held_puck(quick: bool) -> CaseResult:
         sorted(bounded) == sorted(expected) and worst <= allowed,
         "closed form −k·cos(ωt); stability at h = 1000 by hand",
         tolerance=f"{rounded(allowed, 1)} of k",
+        used=share_used((worst, allowed)),
     )
 
 
@@ -73,6 +74,7 @@ def free_puck(quick: bool) -> CaseResult:
         worst <= 1e-9 and 14.0 <= coarse / fine <= 18.0,
         "closed form: uniform acceleration of both masses, and their oscillation",
         tolerance="1e-9 of the way; the ratio of 16 within 14 to 18",
+        used=share_used((worst, 1e-9), (coarse / fine - 16.0, 2.0)),
     )
 
 
@@ -93,6 +95,7 @@ def light_puck(quick: bool) -> CaseResult:
         max(error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0)) <= 1e-8 and euler > 1e6,
         "closed form of two masses; Jury's conditions by hand, 2b/T without mass",
         tolerance="1e-8 of the way and of the limit",
+        used=share_used((max(error, worst, abs(massless * PERIOD / (2.0 * damping) - 1.0)), 1e-8)),
     )
 
 
@@ -133,6 +136,7 @@ def sampled_free_puck(quick: bool) -> CaseResult:
         worst <= 1e-9 and not wrong and sorted(RULES) == sorted(METHODS),
         "every method as textbooks write it, around a device in closed form, in plain floats",
         tolerance="1e-9 of the largest force; the set of methods exact",
+        used=share_used((worst, 1e-9)),
     )
 
 
@@ -159,4 +163,5 @@ def start_inside_the_wall(quick: bool) -> CaseResult:
         worst <= 0.51 * unit and refused,
         "the line by hand: rated torque · t/0.5 s until 600 N/m · 10 mm, rounded to the drive's step",
         tolerance="0.51 of a step of torque",
+        used=share_used((worst, 0.51 * unit)),
     )

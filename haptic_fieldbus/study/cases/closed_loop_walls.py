@@ -9,7 +9,7 @@ from haptic_fieldbus.margins import Plant, Verdict, alone, judge, passive_limit,
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch
 from haptic_fieldbus.numerics.loops import loops
-from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.case import CaseResult, share_used
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles.held import growth_of, sampled_positions
 from haptic_fieldbus.study.oracles.polynomials import jury_limit, plain_terms, schur_cohn_limit
@@ -48,6 +48,7 @@ def at_boundary(factor: float, quick: bool) -> CaseResult:
         and measured * (factor - 1.0) > 0.0,
         "Jury's conditions by hand, and a loop of plain floats run at that share of the package's limit",
         tolerance="1e-8 of the limit; 1 % and 0.005 of ln of growth",
+        used=share_used((limit / exact - 1.0, 1e-8), (measured - expected, 0.01 * abs(expected) + 0.005)),
     )
 
 
@@ -82,6 +83,7 @@ def wall_over(quick: bool) -> CaseResult:
         and abs(calm) <= 1e-9 * push / limit,
         "ρ² = e + K·c0 by hand; a one-sided loop of plain floats",
         tolerance="0.1 % of the growth, 1e-6 of the overshoot",
+        used=share_used((grown / expected - 1.0, 1e-3), (chatter / brute - 1.0, 1e-6), (calm, 1e-9 * push / limit)),
     )
 
 
@@ -102,6 +104,7 @@ def delayed(delay: float, quick: bool) -> CaseResult:
         max(worst, abs(limit / exact - 1.0)) <= 1e-6 and below < -0.5 and above > 0.5,
         "characteristic polynomial by hand, Schur–Cohn in 60 digits; a loop of plain floats",
         tolerance="1e-6 of the limit; ln of growth beyond ±0.5",
+        used=share_used((worst, 1e-6), (limit / exact - 1.0, 1e-6)),
     )
 
 
@@ -121,6 +124,7 @@ def slow_loop(quick: bool) -> CaseResult:
         max(worst, abs(slowest / expected - 1.0)) <= 1e-8 and verdict is Verdict.UNSTABLE and grown > 1.0,
         "Jury's conditions by hand and their limit for bT ≫ m; a loop of plain floats",
         tolerance="1e-8 of the limit",
+        used=share_used((worst, 1e-8), (slowest / expected - 1.0, 1e-8)),
     )
 
 
@@ -140,4 +144,5 @@ def undamped_wall(quick: bool) -> CaseResult:
         not np.any(limits) and abs(measured / expected - 1.0) <= 0.01,
         "product of the roots 1 + K·T²/2m > 1, by hand; a loop of plain floats",
         tolerance="limit exactly 0; 1 % of ln of growth",
+        used=share_used((measured / expected - 1.0, 0.01)),
     )

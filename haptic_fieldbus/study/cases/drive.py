@@ -12,7 +12,7 @@ from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag, Workspace
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases import drive_bench
 from haptic_fieldbus.study.cases.drive_bench import (
     COUNT,
@@ -47,6 +47,7 @@ def lost_bus(quick: bool) -> CaseResult:
         and outcome.error == "BusError",
         "hand-derived: 3 N in thousandths of rated torque; the guard time that the drive was given",
         tolerance="exact in ‰; the drive within its guard time and a period",
+        used=share_used((outcome.torque_free_after, outcome.guard + PERIOD_NS * 1e-9)),
     )
 
 
@@ -116,6 +117,7 @@ def denormal_input(quick: bool) -> CaseResult:
         not any(targets) and not trips and error < 1e-6,
         "closed form: F = −k·x·cos(ω·t) after a step of the handle",
         tolerance="1e-6 of the swing; targets exact",
+        used=share_used((error, 1e-6)),
     )
 
 
@@ -143,6 +145,7 @@ def encoder_wrap(quick: bool) -> CaseResult:
         crossings == expected and cycle.trip is None and off < 1e-15 and off_speed < 1e-11,
         "integers without a largest value, and fractions",
         tolerance="1e-15 m, 1e-11 m/s",
+        used=share_used((off, 1e-15), (off_speed, 1e-11)),
     )
 
 
@@ -171,6 +174,7 @@ def encoder_jump(quick: bool) -> CaseResult:
         and 0 < kick <= slew + 0.5,
         "hand-derived from the largest forces, inertia, period and count; slew of 5 ms from 0 to the limit",
         tolerance="exact in counts; half a step of torque",
+        used=share_used((kick, slew + 0.5)),
     )
 
 
@@ -200,6 +204,7 @@ def clock_backwards(quick: bool) -> CaseResult:
         off <= 0.5 + 1e-9 and plain.trip is None and tripped == len(back),
         "closed form: F = −K·x; zero torque by definition of a trip",
         tolerance="0.5 ‰ of torque",
+        used=share_used((off, 0.5 + 1e-9)),
     )
 
 
@@ -226,6 +231,7 @@ def long_clock(quick: bool) -> CaseResult:
         error < 1e-9 and stamp == 10**15 + 1 and cycles == 300 and odd == 0,
         "fractions of integer counts and nanoseconds; float64 has steps of 1024 ns there",
         tolerance="1e-9 of the velocity; times exact",
+        used=share_used((error, 1e-9)),
     )
 
 
@@ -259,6 +265,7 @@ def rotary_equals_linear(quick: bool) -> CaseResult:
         "closed form of a spring-damper, x = 2π·counts/4096 m or rad; inertia and friction of the motor, its torque "
         "loop and the damper from event to event",
         tolerance="1e-12 of the forces; targets exact; 1e-6 of the limit",
+        used=share_used((worst, 1e-12), (off, 1e-6)),
     )
 
 

@@ -16,7 +16,7 @@ from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.scenes.lugre import LuGre
 from haptic_fieldbus.sim.mechanics import plant as sim_plant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.oracles.bristles import stretches
 from haptic_fieldbus.study.oracles.held import sampled_positions
 from haptic_fieldbus.study.oracles.polynomials import jury_limit
@@ -67,6 +67,7 @@ def hunt_crossley_fast_impact(quick: bool) -> CaseResult:
         error < 1e-6 and smallest >= 0.0 and pulled_out == 0.0,
         "closed form: p·v − ln(1 + p·v) is equal at entry and exit, solved by bisection",
         tolerance="1e-6 of the speed; the sign of the force exact",
+        used=share_used((error, 1e-6)),
     )
 
 
@@ -118,6 +119,7 @@ def multi_scale_tissue(quick: bool) -> CaseResult:
         and error < 1e-12,
         "closed form: F = −x·(k₀ + Σ k·e^(−t/τ)); factors 1 − T/τ and (1 − T/2τ)/(1 + T/2τ) of the fastest branch",
         tolerance="0.01 of 99, 0.003 of the turns; 1e-12 N",
+        used=share_used((growth - 99.0, 0.01), (ratio[0] / ratio[1] + 49.0 / 51.0, 3e-3), (error, 1e-12)),
     )
 
 
@@ -168,6 +170,7 @@ def lugre_fast_slip(quick: bool) -> CaseResult:
         and largest <= 1.0 + 1e-12,
         "closed forms of the bristle, and of the error of its explicit step, which is multiplied by 1 − σ0·|v|·T/g",
         tolerance="1e-6 of ln of growth; 1e-12 of the force",
+        used=share_used((rates[0] - math.log(0.98), 1e-6), (rates[1] - math.log(1.02), 1e-6), (error, 1e-12)),
     )
 
 
@@ -228,6 +231,7 @@ def coulomb_stop(quick: bool) -> CaseResult:
         "closed form: t = J/b·ln(1 + b·ω/fc), θ = J/b·(ω − fc/b·ln(1 + b·ω/fc)); J·ω/fc and J·ω²/2fc for b = 0, to "
         "which rendering adds fc/2K of its spring and ω·(T/2 + λ) of hold and torque loop",
         tolerance="2 ns, 1e-9 rad; rendered 1e-4 of the way",
+        used=share_used((late, 2e-9), (off, 1e-9), (turned / rendered - 1.0, 1e-4)),
     )
 
 
@@ -259,4 +263,5 @@ def detent_too_sharp(quick: bool) -> CaseResult:
         off < 1e-8 and calm < 0.5 and restless > 2.0,
         "Jury's criterion written by hand, and the sine simulated step by step",
         tolerance="1e-8 of the limit; the swing beyond a factor of 2",
+        used=share_used((off, 1e-8)),
     )

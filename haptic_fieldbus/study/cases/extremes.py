@@ -14,7 +14,7 @@ from haptic_fieldbus.numerics.integrators.trajectory import follow
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.study.case import CaseResult, refused
+from haptic_fieldbus.study.case import CaseResult, refused, share_used
 from haptic_fieldbus.study.cases.drive_bench import COUNT, PERIOD_NS, Feeder, torque
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
 
@@ -96,6 +96,7 @@ def mass_negative_refused(quick: bool) -> CaseResult:
         all(SENTENCE in sentence for sentence in said) and abs(radius - expected) <= 1e-9,
         "pole s = +√(k/|m|) = +20 1/s, growth e^{sT} (tolerance 1e-9)",
         tolerance="exact words; 1e-9 of the growth",
+        used=share_used((radius - expected, 1e-9)),
     )
 
 
@@ -130,6 +131,7 @@ def mass_to_zero(quick: bool) -> CaseResult:
         worst <= tolerance and largest == sorted(largest, reverse=True) and largest[-1] < 1e-5,
         "closed form F = −m·a·(h/2)·cot(h/2)·(1 − cos nh); tolerance 1e-12 of the spring force at the end, k·a·t²/2",
         tolerance=f"{rounded(tolerance, 2)} N a sample",
+        used=share_used((worst, tolerance)),
     )
 
 

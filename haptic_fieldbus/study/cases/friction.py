@@ -15,7 +15,7 @@ from haptic_fieldbus.margins.cycles import edge_chatter
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.batch import Running
 from haptic_fieldbus.numerics.loops import Array, Loops, loops
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles.counts import Pressed, relay_speed
 from haptic_fieldbus.study.oracles.polynomials import jury_limit, largest
@@ -79,6 +79,7 @@ def coarse_encoder(quick: bool) -> CaseResult:
         agree and all(abs(step / border - 1.0) <= CLOSE for step in found),
         "balance of forces at the edge of a count (Abbott & Okamura); the loop in plain floats on both sides",
         tolerance="0.1 % of the border",
+        used=share_used(*((step / border - 1.0, CLOSE) for step in found)),
     )
 
 
@@ -98,6 +99,7 @@ def coulomb_rescue(quick: bool) -> CaseResult:
         moves == [not each for each in rests] and moves == sorted(moves, reverse=True) and abs(found - 1.0) <= CLOSE,
         "balance of forces at the edge of a count; the loop in plain floats on both sides",
         tolerance="0.1 % of the friction",
+        used=share_used((found - 1.0, CLOSE)),
     )
 
 
@@ -148,6 +150,9 @@ def one_count_wall(quick: bool) -> CaseResult:
         and found < bound,
         "the loop in plain floats, and the closed form of its cycle; Jury's limit; the bound by hand",
         tolerance="1e-6 of the cycle and of the estimate, 1e-9 of the bound",
+        used=share_used(
+            (apart, 1e-6), (highest / expected - 1.0, 1e-6), (told / size - 1.0, 1e-6), (most / bound - 1.0, 1e-9)
+        ),
     )
 
 
@@ -195,4 +200,5 @@ def local_stability(quick: bool) -> CaseResult:
         and abs(threshold / estimate - 1.0) <= 0.1,
         "the loop in plain floats, bisected in its start; a describing function is an estimate, within 10 % of it",
         tolerance="0.1 % of the threshold",
+        used=share_used((found / threshold - 1.0, CLOSE), (threshold / estimate - 1.0, 0.1)),
     )

@@ -6,17 +6,19 @@ from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.drive_bench import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 
-STIFFNESS, EFFORT = 2000.0, 20.0
-"""Wall [N/m], and effort limit [N]: from 0 to it in 5 ms, so 4 N in a period."""
-WAY, SLEW, FADE = 20, 4.0, 10
-"""Counts that the hand moves in a period, the largest change of the force in one [N], and periods of a whole fade."""
+WAY, FADE = 20, 10
+"""Counts that the hand moves in a period, and periods of a whole fade."""
+STIFFNESS, EFFORT = 10.0 * UNIT / (WAY * COUNT), 400.0 * UNIT
+"""Wall [N/m] and effort limit [N], of whole steps of torque, so that none is rounded."""
+SLEW = EFFORT / 5.0
+"""Largest change of the force in a period [N]: from 0 to the limit in 5 ms."""
 PRESSED, DEEPER = 30, 10
 """Periods of pressing before the gap, and after it."""
-LITTLE = 2e-3
-"""Permitted difference of works, relative to the energy of the wall before the gap: forces are rounded to steps."""
+EXACT = 1e-9
+"""Permitted difference of forces and works, relative to the effort limit and to the energy of the wall."""
 
 
 def _forces(gap: int) -> tuple[list[float], list[float]]:
@@ -80,11 +82,12 @@ def fade_return(quick: bool) -> CaseResult:
     stored = 0.5 * STIFFNESS * (WAY * COUNT * PRESSED) ** 2
     return CaseResult(
         f"pressing to {rounded(STIFFNESS * WAY * COUNT * PRESSED, 4)} N, gaps of {', '.join(map(str, gaps))} periods: "
-        f"held, fading over {FADE}, back by at most {exactly(SLEW)} N a period to that force; the hand gets "
+        f"held, fading over {FADE}, back by at most {rounded(SLEW, 3)} N a period to that force; the hand gets "
         f"{values_text([1e3 * each for each in by_hand], 3)} mJ",
-        f"off by at most {rounded(off, 2)} N (0.51 of a step of torque, {rounded(UNIT, 2)} N, allowed); the hand gets "
+        f"off by at most {rounded(off, 1)} N; the hand gets "
         f"{values_text([1e3 * each for each in works], 3)} mJ, off by {rounded(1e3 * apart, 1)} mJ",
-        off <= 0.51 * UNIT and apart <= LITTLE * stored,
+        off <= EXACT * EFFORT and apart <= EXACT * stored,
         "the force by hand, segment after segment, and its work",
-        tolerance=f"0.51 of a step of torque; {exactly(LITTLE)} of the {rounded(1e3 * stored, 3)} mJ of the wall",
+        tolerance=f"{exactly(EXACT)} of {rounded(EFFORT, 3)} N and of {rounded(1e3 * stored, 3)} mJ",
+        used=share_used((off, EXACT * EFFORT), (apart, EXACT * stored)),
     )

@@ -8,7 +8,7 @@ from haptic_fieldbus.margins.plant import sample
 from haptic_fieldbus.margins.schedules import Ticks, free_ticks, schedule_limit
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.oracles import events
 from haptic_fieldbus.study.oracles.contact import growth_of_turn
@@ -71,6 +71,7 @@ def missed_frames_pattern(quick: bool) -> CaseResult:
         apart <= AGREEMENT and off <= AGREEMENT and max(found) < whole and expected > 1.01,
         "each pattern from event to event, with the force before given again for a lost sample",
         tolerance=f"{exactly(AGREEMENT)} of limits and growth",
+        used=share_used((apart, AGREEMENT), (off, AGREEMENT)),
     )
 
 
@@ -109,4 +110,5 @@ def tick_phase(quick: bool) -> CaseResult:
         apart <= AGREEMENT and least < min(found) < 0.99 * max(found),
         "each pattern from event to event, its ticks gone through one after another",
         tolerance=f"{exactly(AGREEMENT)} of each limit",
+        used=share_used((apart, AGREEMENT)),
     )

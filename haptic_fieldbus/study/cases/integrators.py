@@ -14,7 +14,7 @@ from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discre
 from haptic_fieldbus.numerics.integrators.trajectory import follow
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
-from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.case import CaseResult, share_used
 from haptic_fieldbus.study.measure import growth
 from haptic_fieldbus.study.measure.problems import MASS, STIFFNESS, sprung_mass
 from haptic_fieldbus.study.measure.step_limits import oscillator
@@ -46,6 +46,7 @@ def tiny_h(quick: bool) -> CaseResult:
         worst <= 1e-12,
         "the hand-written recursion, raised to its power in 50 decimal digits",
         tolerance="1e-12 of the stiffness",
+        used=share_used((worst, 1e-12)),
     )
 
 
@@ -64,6 +65,7 @@ def h_sweep(quick: bool) -> CaseResult:
         worst <= 1e-9 and set(RADII) == set(METHODS),
         "closed forms: √(1 + h²), its inverse, 1, the roots of λ² − (2 − h²)λ + 1, √(1 − h⁶/72 + h⁸/576)",
         tolerance="1e-9 of the radius",
+        used=share_used((worst, 1e-9)),
     )
 
 
@@ -85,6 +87,7 @@ def forward_euler_any_t(quick: bool) -> CaseResult:
         min(gains) > 0.0 and worst <= 1e-5,
         "closed form: each step multiplies the energy by 1 + h² exactly",
         tolerance="1e-5 of ln of growth",
+        used=share_used((worst, 1e-5)),
     )
 
 
@@ -110,6 +113,7 @@ def rk4_at_its_limit(quick: bool) -> CaseResult:
         drift <= 1e-9 and recursion <= 1e-11 and worst <= 1e-6,
         "|R(ih)|² = 1 + h⁶·(h² − 8)/576, and the step in exact fractions, [[−1, −1], [8, −1]]/3",
         tolerance="1e-9 of the energy, 1e-11 of a sample, 1e-6 of ln of growth",
+        used=share_used((drift, 1e-9), (recursion, 1e-11), (worst, 1e-6)),
     )
 
 
@@ -131,6 +135,7 @@ def semi_implicit_at_its_limit(quick: bool) -> CaseResult:
         "Mⁿ = (−1)ⁿ(1 − n·(M + 1)) at h = 2, |sin nφ|/(h·√(1 − h²/4)) below, radius "
         "e^{2·acosh(h/2)}; tolerances 1e-9, 1e-4, 1e-9",
         tolerance="1e-9 of n and of the radius, 1e-4 of the bound",
+        used=share_used((linear - expected, 1e-9 * steps), (below / bound - 1.0, 1e-4), (radius - formula, 1e-9)),
     )
 
 
@@ -154,6 +159,7 @@ def damper_b_equals_kt(quick: bool) -> CaseResult:
         worst <= 1e-12 and error <= 1e-9,
         "determinant 1 − bT/m + kT²/m, and the recursion in 50 decimal digits; tolerances 1e-12 and 1e-9",
         tolerance="1e-12 of the radii, 1e-9 of the position",
+        used=share_used((worst, 1e-12), (error, 1e-9)),
     )
 
 
@@ -178,6 +184,7 @@ def lecture_constants(quick: bool) -> CaseResult:
         abs(measured * natural / (2.0 * math.pi) - 1.0) <= 1e-6 and off <= 1e-12 and abs(peak - 1.0) <= 1e-3,
         "closed form √(k/m), ω_n/2π, 2π/ω_n, 1 − cos ω_n·t; tolerances 1e-6 relative, 1e-12, 1e-3",
         tolerance="1e-6 of ω_n, 1e-12 of the matrix, 1e-3 of the overshoot",
+        used=share_used((measured * natural / (2.0 * math.pi) - 1.0, 1e-6), (off, 1e-12), (peak - 1.0, 1e-3)),
     )
 
 
@@ -198,4 +205,5 @@ def energy_drift(quick: bool) -> CaseResult:
         drift <= tolerance and -h2 / 4 - tolerance <= low <= -h2 / 8 and high <= tolerance,
         "the invariants: p² + (v/ω)² of the exact motion, p² + (v/ω)²/(1 − h²/4) of Verlet; one rounding a step",
         tolerance=f"{rounded(tolerance, 2)} of the energy",
+        used=share_used((drift, tolerance)),
     )

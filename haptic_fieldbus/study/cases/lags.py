@@ -9,7 +9,7 @@ import numpy as np
 from haptic_fieldbus.margins import Plant, alone, passive_limit, passive_limit_of, stiffness_limit
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import limit_in_contact
@@ -67,7 +67,7 @@ class _Found:
 
 
 def _found(lag: float, delay: float, cells: int) -> _Found:
-    plant, drives = Plant(MASS, DAMPING, torque_lag=lag), [energies.Drive(DAMPING, delay, lag)]
+    plant, drives = Plant(MASS, DAMPING, torque_lag=lag), [energies.LateDrive(DAMPING, delay, lag)]
     limits = (
         passive_limit(plant, PERIOD, delay),
         passive_limit_of(plant, PERIOD, delay, _wall, math.inf),
@@ -79,7 +79,7 @@ def _found(lag: float, delay: float, cells: int) -> _Found:
         _maxwell_by_hand(limits[2]),
         _wall_by_hand(ASKED),
     ]
-    one, two, three, four = (energies.damping_share(force, drives, PERIOD, cells) for force in forces)
+    one, two, three, four = (energies.worst_share(force, drives, PERIOD, cells) for force in forces)
     asked = alone(plant, PERIOD, delay).damping_share(_wall(ASKED))
     stable = stiffness_limit(plant, PERIOD, delay, _wall)
     by_hand = limit_in_contact(events.motor(MASS, DAMPING, lag), PERIOD, delay, VIRTUAL)
@@ -92,7 +92,7 @@ def torque_lag(quick: bool) -> CaseResult:
     The ways are the closed form of a spring, the largest gain of a wall with a damper, the bisection that a Maxwell
     body needs, and the damping that a wall asks for.
     """
-    found = [_found(lag, delay, 24 if quick else 96) for lag, delay in BENCHES]
+    found = [_found(lag, delay, 24 if quick else 48) for lag, delay in BENCHES]
     apart = max(abs(each.stable / each.by_hand - 1.0) for each in found)
     worst = max(abs(share - 1.0) for each in found for share in each.needed)
     return CaseResult(
@@ -104,4 +104,5 @@ def torque_lag(quick: bool) -> CaseResult:
         apart <= AGREEMENT and worst <= CUT,
         "device and torque loop from event to event; the worst of all motions in cells of constant speed",
         tolerance=f"{exactly(AGREEMENT)} of the limits of stability, {exactly(CUT)} of the energies",
+        used=share_used((apart, AGREEMENT), (worst, CUT)),
     )

@@ -13,7 +13,7 @@ from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.signals import Signal
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.drive_bench import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
 from haptic_fieldbus.study.oracles.leaks import held_work, triangle
 
@@ -88,6 +88,9 @@ def passivity_observer_timing(quick: bool) -> CaseResult:
         off <= EXACT and _apart(pairings[:2], [DEEP * UNITS, -DEEP * UNITS]) <= 1e-12 and abs(pairings[2]) <= 1e-12,
         "closed form of a spring that is held from sample to sample, and sums over the samples by hand",
         tolerance=f"{exactly(EXACT)} of the leak",
+        used=share_used(
+            (off, EXACT), (_apart(pairings[:2], [DEEP * UNITS, -DEEP * UNITS]), 1e-12), (pairings[2], 1e-12)
+        ),
     )
 
 
@@ -106,6 +109,7 @@ def passivity_observer_delay(quick: bool) -> CaseResult:
         off <= CLOSE and near <= 2.0 * CLOSE,
         "sums over the samples by hand, and K·(T/2 + td)·v² for each time",
         tolerance=f"{exactly(CLOSE)} of each leak",
+        used=share_used((off, CLOSE), (near, 2.0 * CLOSE)),
     )
 
 
@@ -125,4 +129,5 @@ def saturation_ledger(quick: bool) -> CaseResult:
         off <= EXACT and abs(asked / expected - share) <= 0.01,
         "sums over the samples by hand, the force cut at half of the way",
         tolerance=f"{exactly(EXACT)} of the leak",
+        used=share_used((off, EXACT), (asked / expected - share, 0.01)),
     )

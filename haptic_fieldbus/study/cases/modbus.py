@@ -21,7 +21,7 @@ from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.modbus.site import SIMULATION
 from haptic_fieldbus.sim.slot import Slot
-from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.case import CaseResult, share_used
 from haptic_fieldbus.study.oracles.polynomials import schur_cohn_limit
 
 DRIVE = "generic_cia402_modbus"
@@ -53,6 +53,7 @@ def modbus_one_period(quick: bool) -> CaseResult:
         abs(limit / exact - 1.0) <= 1e-5 and len(late) >= 50 and worst <= 2e-9,
         "polynomial of a loop with one period of delay, by Schur and Cohn; instants at the drive, which knows no plan",
         tolerance="1e-5 of the limit; 2 ns",
+        used=share_used((limit / exact - 1.0, 1e-5), (worst, 2e-9)),
     )
 
 

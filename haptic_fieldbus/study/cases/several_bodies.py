@@ -10,7 +10,7 @@ from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.wall import Wall
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import limit_in_contact
 from haptic_fieldbus.study.oracles.polynomials import largest
@@ -51,10 +51,10 @@ def _share_by_hand(stiffness: float, damping: float, ratio: float, cells: int) -
     """Return the share of both dampings that the worst motion of both handles needs."""
     ends = np.outer([1.0, -ratio], [1.0, -ratio])
     drives = [
-        energies.Drive(each.damping, delay, each.torque_lag)
+        energies.LateDrive(each.damping, delay, each.torque_lag)
         for each, delay in zip((FIRST, SECOND), DELAYS, strict=True)
     ]
-    return energies.damping_share(
+    return energies.worst_share(
         lambda z: -(stiffness + damping * (1.0 - 1.0 / z) / PERIOD) * ends, drives, PERIOD, cells
     )
 
@@ -95,6 +95,7 @@ def coupled_axes(quick: bool) -> CaseResult:
         "both devices from event to event; the worst of all motions in cells of constant speed; F₂ = -n·F₁ and "
         "2·fc/(n²·D) by hand",
         tolerance=f"{exactly(AGREEMENT)} of the limits, {exactly(CUT)} of the energies, {exactly(EXACT)} of the rest",
+        used=share_used((apart, AGREEMENT), (worst, CUT), (friction, EXACT), (torn, EXACT)),
     )
 
 
@@ -136,4 +137,5 @@ def compliant_transmission(quick: bool) -> CaseResult:
         apart <= AGREEMENT and off <= AGREEMENT,
         "motor, torque loop and load from event to event; a sum of two masses",
         tolerance=f"{exactly(AGREEMENT)} of each limit",
+        used=share_used((apart, AGREEMENT), (off, AGREEMENT)),
     )

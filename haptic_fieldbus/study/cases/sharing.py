@@ -9,7 +9,7 @@ from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.scenes.predicted_wall import PredictedWall
-from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.case import CaseResult, share_used
 from haptic_fieldbus.study.oracles import events
 from haptic_fieldbus.study.oracles.held import moved_by_force
 
@@ -36,7 +36,7 @@ def half_sample_wall(quick: bool) -> CaseResult:
     left = math.log(sampled.growth(sample(Plant(mass, 0.0), PERIOD, 0.0), difference))
     shaken = damping_needed(difference, PERIOD, 0.0)
     without = damping_needed(gain([[-STIFFNESS]]), PERIOD, 0.0)
-    law = events.spring_damper(STIFFNESS, 0.5 * STIFFNESS * PERIOD, PERIOD)
+    law = events.spring_damper_law(STIFFNESS, 0.5 * STIFFNESS * PERIOD, PERIOD)
     one = math.log(
         events.growth(events.map_of_turn([events.motor(mass, 0.0)], *events.every(PERIOD, 0.0), law, memory=1))
     )
@@ -57,6 +57,14 @@ def half_sample_wall(quick: bool) -> CaseResult:
         "determinants by hand, the lag θ³/4 that the difference leaves (growth to 1 %, and to 1e-4 from event to "
         "event, with the true velocity below 1 % in the whole run); b > K·T/2 + |B| with B = K·T/2 (to 1e-6)",
         tolerance="1 % of the growths, 1e-4 of that by difference, 1e-6 of the dampings",
+        used=share_used(
+            (plain / expected - 1.0, 0.01),
+            (true * steps, 0.01),
+            (left / (h**4 / 8.0) - 1.0, 0.01),
+            (left / one - 1.0, 1e-4),
+            (shaken / (2.0 * bound) - 1.0, 1e-6),
+            (without / bound - 1.0, 1e-6),
+        ),
     )
 
 

@@ -9,7 +9,7 @@ from haptic_fieldbus.margins.bodies import HAND, limit_with, sample_with
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.loops import Array, loops
-from haptic_fieldbus.study.case import CaseResult, signed
+from haptic_fieldbus.study.case import CaseResult, share_used, signed
 from haptic_fieldbus.study.measure.problems import spring
 from haptic_fieldbus.study.oracles import events
 from haptic_fieldbus.study.oracles.contact import growth_in_contact, limit_in_contact
@@ -58,6 +58,9 @@ def bounce_energy(quick: bool) -> CaseResult:
         apart <= EXACT and abs(mean - expected) <= 0.5 * h * h and expected - h * h <= low < high <= expected + h * h,
         "work summed from positions by another loop (to 1e-9), and e^(πh/2) − 1 to h²/2",
         tolerance=f"{exactly(EXACT)} of a phase, h²/2 of the mean",
+        used=share_used(
+            (apart, EXACT), (mean - expected, 0.5 * h * h), (low - expected, h * h), (high - expected, h * h)
+        ),
     )
 
 
@@ -97,6 +100,7 @@ def contact_shorter_than_a_sample(quick: bool) -> CaseResult:
         apart <= EXACT and abs(bounded / speed - 1.0) <= EXACT and limit < stiffness,
         "closed form of one held force (to 1e-9)",
         tolerance=f"{exactly(EXACT)} of the speeds",
+        used=share_used((apart, EXACT), (bounded / speed - 1.0, EXACT)),
     )
 
 
@@ -121,4 +125,5 @@ def hand_lets_go(quick: bool) -> CaseResult:
         free < stiffness < in_hand and rates[1] < 0.0 < rates[0] and apart <= AGREEMENT,
         "handle and hand from event to event",
         tolerance=f"{exactly(AGREEMENT)} of limits and rates",
+        used=share_used((apart, AGREEMENT)),
     )

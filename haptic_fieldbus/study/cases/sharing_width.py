@@ -19,7 +19,7 @@ from haptic_fieldbus.numerics import batch, sampled
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.numerics.passivity import damping_needed
-from haptic_fieldbus.study.case import CaseResult, values_text
+from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.measure import region
 from haptic_fieldbus.study.oracles.polynomials import largest, plain_terms, polynomials
 
@@ -84,6 +84,7 @@ def _judged(points: list[Point], law: str, holds: Callable[[list[float]], bool],
         holds(expected) and apart <= AGREEMENT and right == 2 * len(some),
         ROOTS,
         tolerance=f"{exactly(AGREEMENT)} of each limit; growth and decay 3 % off it",
+        used=share_used((apart, AGREEMENT)),
     )
 
 
@@ -135,6 +136,7 @@ def pure_damper_limit(quick: bool) -> CaseResult:
         abs(low / expected - 1.0) <= AGREEMENT and speed[0] < 1e-3 < 1.0 < speed[1] and abs(needed / 5.0 - 1.0) < 1e-9,
         "Jury's conditions of z² + (B·c/T − p)·z + B·(a·d − p·c)/T in closed form (to 1e-6); b > |B|",
         tolerance=f"{exactly(AGREEMENT)} of the limit, 1e-9 of the damping",
+        used=share_used((low / expected - 1.0, AGREEMENT), (needed / 5.0 - 1.0, 1e-9)),
     )
 
 
@@ -158,6 +160,7 @@ def filtered_damper_passivity(quick: bool) -> CaseResult:
         apart <= AGREEMENT and abs(limit / by_hand - 1.0) <= AGREEMENT,
         "closed form, and the work of the forces on a handle shaken to and fro each period (to 1e-6)",
         tolerance=f"{exactly(AGREEMENT)} of each damping and limit",
+        used=share_used((apart, AGREEMENT), (limit / by_hand - 1.0, AGREEMENT)),
     )
 
 

@@ -8,7 +8,7 @@ from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
-from haptic_fieldbus.study.case import CaseResult
+from haptic_fieldbus.study.case import CaseResult, share_used
 from haptic_fieldbus.study.oracles import energies, events
 from haptic_fieldbus.study.oracles.contact import growth_in_contact, limit_in_contact
 
@@ -71,8 +71,8 @@ def varying_slope(quick: bool) -> CaseResult:
     elastic = _judged(HuntCrossley("handle", FORCE, DEPTH, exponent=EXPONENT)).stiffness_limit
     stable, passive = (_steepest(limit or math.nan) for limit in (elastic.stable, elastic.passive))
     by_hand = limit_in_contact(BODY, PERIOD, DELAY)
-    drives = [energies.Drive(DAMPING, DELAY, LAG)]
-    share = energies.damping_share(lambda z: complex(-passive), drives, PERIOD, 24 if quick else 96)
+    drives = [energies.LateDrive(DAMPING, DELAY, LAG)]
+    share = energies.worst_share(lambda z: complex(-passive), drives, PERIOD, 24 if quick else 96)
     lossy = _judged(HuntCrossley("handle", STEEP, DEPTH, exponent=EXPONENT, loss=LOSS))
     crest, hilltop = _judged(Detents("handle", amplitude=HEIGHT, pitch=PITCH)).crest, _hilltop_by_hand()
     if lossy.place is None or lossy.place.position is None or crest is None or crest.ideal is None:
@@ -100,4 +100,5 @@ def varying_slope(quick: bool) -> CaseResult:
         "in cells of constant speed; m·s² + b·s - K = 0",
         tolerance=f"{exactly(AGREEMENT)} of limit and growths, {exactly(CUT)} of the energy; 0.5 % of the worst excess "
         "over 1, as depths are tried in steps",
+        used=share_used((off, AGREEMENT), (share - 1.0, CUT), (missed, 0.005)),
     )

@@ -7,13 +7,12 @@ error is what the hand feels of it; its cost is the time that a period takes on 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.study.measure.bench import Tools
-from haptic_fieldbus.study.measure.optional_parts import IMAGES, Playback
-from haptic_fieldbus.study.measure.timing import ns_in_passes
+from haptic_fieldbus.study.measure.optional_parts import Playback
+from haptic_fieldbus.study.measure.timing import Timed, in_turn
 
 BUSES = {
     "CANopen, 1 Mbit/s": ("sim", "generic_cia402"),
@@ -33,8 +32,8 @@ ESTIMATORS = tuple(
 """One of each family, and the default."""
 FEW_RATES, RATES = (1, 4), (1, 2, 4)
 """Divisors of the rate that a bus has by itself."""
-PASSES = 4
-"""Timed passes; the first only warms up."""
+REPEATS = 10
+"""Timed repeats; each is a swing of the handle."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,7 @@ def bus_points(tools: Tools, name: str, *, quick: bool) -> Iterator[BusPoint]:
 def computing_time(plan: Plan) -> float:
     """Return the shortest mean time of a period's computing on this machine [s]."""
     playback = Playback(plan)
-    cycle: Cycle = playback.running_cycle()
-    return 1e-9 * ns_in_passes(cycle, [(playback.images(IMAGES),) for _ in range(PASSES)])
+    return 1e-9 * in_turn({SCENE: Timed(playback.running_cycle(), playback.swing)}, REPEATS)[SCENE].ns
 
 
 def _felt(tools: Tools, **chosen: object) -> tuple[float | None, str]:

@@ -7,8 +7,9 @@ hold is late by T/2.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -21,8 +22,8 @@ from haptic_fieldbus.numerics.loops import Array
 from haptic_fieldbus.study.measure.bench import Bench, device_in_hand
 from haptic_fieldbus.study.measure.motions import KnownMotion, sine
 from haptic_fieldbus.study.measure.problems import Problem, peak, sprung_mass
-from haptic_fieldbus.study.measure.timing import ns_per_call
-from haptic_fieldbus.study.measure.work_precision import Point, Set, errors, with_order
+from haptic_fieldbus.study.measure.timing import Cost, Timed, in_turn
+from haptic_fieldbus.study.measure.work_precision import Point, Set, errors, reference, with_order
 
 PositionLaw = Callable[[float], float]
 HORIZON, STIFFNESS, DAMPING = 1.0, 600.0, 2.0
@@ -72,6 +73,7 @@ def contacts() -> dict[str, Contact]:
     return {contact.name: contact for contact in every}
 
 
+@lru_cache(maxsize=8)
 def closed(contact: Contact, bench: Bench) -> Problem:
     """Return device, hand and environment in continuous time as one problem, with the hand's force as input."""
     (a, motor, hand), space = device_in_hand(bench.plant), contact.space
@@ -107,24 +109,29 @@ def _moved(bench: Bench, motion: KnownMotion, period: float) -> tuple[Matrix, Ar
     return transition, drive[:, 0]
 
 
-def measure(contact: Contact, method: str, bench: Bench, steps: Sequence[int]) -> Set:
-    """Return the points of one method, one for each number of steps."""
+def measure(contact: Contact, method: str, bench: Bench, steps: Sequence[int], cost: Cost | None = None) -> Set:
+    """Return the points of one method, one for each number of steps; without a cost it is timed by itself."""
+    cost = cost or law_costs(contact, [method], bench)[method]
     largest = peak(closed(contact, bench))
-    points = [_point(contact, method, bench, count) for count in steps]
+    points = [_point(contact, method, bench, count, cost) for count in steps]
     claimed = None if method in FIXED_TIMES else 1.0  # the held force permits no higher order
-    return Set(contact.name, method, with_order(points, largest), claimed, largest)
+    return Set(contact.name, method, with_order(points, largest), claimed, largest, cost)
 
 
-def _point(contact: Contact, method: str, bench: Bench, steps: int) -> Point:
+def law_costs(contact: Contact, methods: Iterable[str], bench: Bench) -> dict[str, Cost]:
+    """Return the costs of the laws of these methods at the bench's period; the methods take turns."""
+    positions = (0.01 * np.sin(np.linspace(0.0, 6.0, TIMED_STEPS))).tolist()
+    laws = {method: contact.law(method, bench.period, bench.plant.resolution) for method in methods}
+    return in_turn({method: Timed(law, lambda: (positions,)) for method, law in laws.items()})
+
+
+def _point(contact: Contact, method: str, bench: Bench, steps: int, cost: Cost) -> Point:
     period = HORIZON / steps
     law = contact.law(method, period, bench.plant.resolution)
-    reference = closed(contact, bench).exact(period, steps)
+    exact = reference(closed(contact, bench), steps)
     found = loop_force(law, bench, period, steps)
-    figures = errors(found, reference)
-    largest = float(np.abs(reference).max())
+    figures = errors(found, exact)
+    largest = float(np.abs(exact).max())
     # The eigenvalues of a loop with an encoder and an estimator are not at hand: instability is read off the run.
     grew = figures[2] is None or not math.isfinite(figures[2]) or figures[2] > 10.0 * largest
-    positions = (0.01 * np.sin(np.linspace(0.0, 6.0, TIMED_STEPS))).tolist()
-    # A fresh law for the timing: the one above has run, and may hold numbers of any size.
-    cost = ns_per_call(contact.law(method, period, bench.plant.resolution), positions)
-    return Point(contact.name, method, period, *figures, ns_per_step=cost, order=None, stable=not grew)
+    return Point(contact.name, method, period, *figures, cost.ns, cost.quartiles, order=None, stable=not grew)

@@ -1,7 +1,7 @@
 """Cost of each optional part: whole periods of a few scenes, and the parts by themselves."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from haptic_fieldbus.assessing.record import Record
@@ -17,14 +17,18 @@ from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
 from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.signals import Signal, Workspace
-from haptic_fieldbus.study.measure.bench import Bench, Tools
+from haptic_fieldbus.study.measure.bench import Bench
 from haptic_fieldbus.study.measure.problems import free_puck, sprung_mass
-from haptic_fieldbus.study.measure.timing import REPEATS, Spread, ns_in_passes, ns_per_call, spread
+from haptic_fieldbus.study.measure.timing import Cost, Quartiles, Spread, Timed, in_turn, quartiles, spread
 
 ENABLED = 0x0637
 """Statusword of operation enabled."""
-IMAGES = 1000
-"""Input images in one timed pass, one swing of the handle."""
+IMAGES, SINGLE = 250, 5000
+"""Input images in one timed pass, which is one swing of the handle, and periods that are timed one by one."""
+APPROACH = 4 * IMAGES
+"""Periods in which the handle is led to its place; longer than the fade-in."""
+PLAIN, DAMPED = "wall", "damped_wall"
+"""Scenes whose difference is the cost of velocity and damping."""
 PLACES = {Workspace.LINEAR: (0.025, 0.004), Workspace.ROTARY: (0.5, 0.08)}
 """Centre and amplitude of the handle's swing [m or rad]: inside the wall, and far below the speed that trips."""
 POSITION, SWING = PLACES[Workspace.LINEAR]
@@ -36,6 +40,10 @@ class OptionalPart:
 
     part: str
     ns_per_step: float
+    """Shortest pass; of a difference of two costs, the median."""
+    ns_quartiles: Quartiles
+    cost: Cost | None = None
+    """What was timed; None for a difference."""
     spread: Spread | None = None
 
 
@@ -51,7 +59,7 @@ class Playback:
         self._number = 0
         self._sent = dict.fromkeys((axis.name for axis in plan.axes), 0)
         # The zero is where the handle is first, and a jump would trip: the handle is led there over many periods.
-        self._approach = [self._next(number / IMAGES, 0.0) for number in range(IMAGES + 1)]
+        self._approach = [self._next(number / APPROACH, 0.0) for number in range(APPROACH + 1)]
 
     def running_cycle(self) -> Cycle:
         """Return a cycle in operation enabled, after the fade-in, whose handles are at their places."""
@@ -63,6 +71,10 @@ class Playback:
     def images(self, count: int) -> list[bytes]:
         """Return the next `count` images; the first of all follows the last that a running cycle has had."""
         return [self._next(1.0, math.sin(2.0 * math.pi * (self._number - 1) / IMAGES)) for _ in range(count)]
+
+    def swing(self) -> tuple[list[bytes]]:
+        """Return the images of the next swing, as the arguments of a timed pass."""
+        return (self.images(IMAGES),)
 
     def _next(self, travel: float, swing: float) -> bytes:
         """Return the next image: `travel` is the share of the way to the place, `swing` the share of a swing."""
@@ -85,44 +97,50 @@ class Playback:
         return image
 
 
-def parts(tools: Tools, bench: Bench, scenes: Sequence[str]) -> Iterator[OptionalPart]:
-    """Yield whole periods of these scenes, the wall first, then each kind of element of the library, then the rest."""
-    plans = {name: tools.plan(name) for name in dict.fromkeys(("wall", "damped_wall", *scenes))}
-    whole: dict[str, float] = {}
-    for scene, plan in plans.items():
-        whole[scene], single = _period(plan)
-        yield OptionalPart(f"whole period: {scene}", whole[scene], single)
-    yield OptionalPart("velocity and damping (damped_wall over wall)", whole["damped_wall"] - whole["wall"])
-    yield from _elements([load_scene(name) for name in scene_names()], plans["wall"].period)
-    for part, step, inputs in _steps(plans["wall"], bench):
-        yield OptionalPart(part, ns_per_call(step, inputs))
+def parts(plans: Mapping[str, Plan], bench: Bench) -> Iterator[OptionalPart]:
+    """Yield whole periods of the plans by scene, then each kind of element of the library, then the rest.
+
+    What is compared is timed in turn: whole periods of all scenes, then all parts by themselves.
+    """
+    yield from _periods(plans)
+    single = _elements([load_scene(name) for name in scene_names()], plans[PLAIN].period)
+    single |= _steps(plans[PLAIN], bench)
+    for name, cost in in_turn(single).items():
+        yield OptionalPart(name, cost.ns, cost.quartiles, cost)
 
 
-def _period(plan: Plan) -> tuple[float, Spread]:
-    """Return the shortest mean time of a whole period [ns], and the distribution of single periods."""
-    playback = Playback(plan)
-    cycle = playback.running_cycle()
-    cost = ns_in_passes(cycle, [(playback.images(IMAGES),) for _ in range(REPEATS + 1)])
-    return cost, spread(cycle, [(image,) for image in playback.images(10 * IMAGES)])
+def _periods(plans: Mapping[str, Plan]) -> Iterator[OptionalPart]:
+    """Yield whole periods, with the distribution of single ones, and what velocity and damping add to them."""
+    playbacks = {scene: Playback(plan) for scene, plan in plans.items()}
+    cycles = {scene: playback.running_cycle() for scene, playback in playbacks.items()}
+    costs = in_turn({scene: Timed(cycles[scene], playback.swing) for scene, playback in playbacks.items()})
+    for scene, cost in costs.items():
+        alone = spread(cycles[scene], [(image,) for image in playbacks[scene].images(SINGLE)])
+        yield OptionalPart(f"whole period: {scene}", cost.ns, cost.quartiles, cost, alone)
+    added = quartiles(costs[DAMPED].excess(costs[PLAIN]))
+    yield OptionalPart(f"velocity and damping ({DAMPED} over {PLAIN})", added[1], added)
 
 
-def _elements(scenes: Sequence[Scene], period: float) -> Iterator[OptionalPart]:
-    """Yield the law of each kind of element by itself; both axes of a coupling move alike."""
+def _elements(scenes: Sequence[Scene], period: float) -> dict[str, Timed]:
+    """Return the law of each kind of element by itself; both axes of a coupling move alike."""
     kinds: dict[str, tuple[AnyElement, Scene]] = {}
     for scene in scenes:
         for element in scene.elements:
             kinds.setdefault(type(element).__module__.rpartition(".")[2], (element, scene))
-    for kind, (element, scene) in sorted(kinds.items()):
-        spaces = {axis.name: axis.workspace for axis in scene.axes}
-        given = [_signals(period, spaces[name])[signal] for name in axes_of(element) for signal in element.needs]
-        law: Callable[..., object]
-        if isinstance(element, CouplingElement):
-            law, sort = element.begin(period), "coupling"
-        else:
-            law, sort = law_of(element, period), "element"
-        # A law without signals is called with nothing; the lambda around it costs a call of its own.
-        cost = ns_per_call(law, *given) if given else ns_per_call(lambda _, law=law: law(), range(IMAGES))
-        yield OptionalPart(f"{sort}: {kind}", cost)
+    return dict(_element(kind, *of, period) for kind, of in sorted(kinds.items()))
+
+
+def _element(kind: str, element: AnyElement, scene: Scene, period: float) -> tuple[str, Timed]:
+    """Return name and law of an element; a law without signals is called with nothing, by a lambda that costs too."""
+    spaces = {axis.name: axis.workspace for axis in scene.axes}
+    given = [_signals(period, spaces[name])[signal] for name in axes_of(element) for signal in element.needs]
+    law: Callable[..., object]
+    if isinstance(element, CouplingElement):
+        law, sort = element.begin(period), "coupling"
+    else:
+        law, sort = law_of(element, period), "element"
+    name = f"{sort}: {kind}"
+    return name, Timed(law, lambda: given) if given else Timed(lambda _: law(), lambda: (range(IMAGES),))
 
 
 def _signals(period: float, workspace: Workspace) -> dict[Signal, list[float]]:
@@ -135,16 +153,21 @@ def _signals(period: float, workspace: Workspace) -> dict[Signal, list[float]]:
     }
 
 
-def _steps(wall: Plan, bench: Bench) -> Iterator[tuple[str, Callable[..., object], Sequence[object]]]:
-    """Yield name, step and inputs of each part that is timed by itself."""
+def _steps(wall: Plan, bench: Bench) -> Iterator[tuple[str, Timed]]:
+    """Yield name and step of each part that is timed by itself."""
     names, period, count = columns(wall), bench.period, bench.plant.resolution
-    swing = [math.sin(0.01 * number) for number in range(IMAGES)]
-    yield "record: one row", Record(names, IMAGES).push, [[0.5] * len(names)] * IMAGES
-    yield "limits: fade-in, effort, slew", bind_limiter(wall.axes[0].limits, wall.period, Permission()), swing
+    swing = [math.sin(2.0 * math.pi * number / IMAGES) for number in range(IMAGES)]
+
+    def timed(call: Callable[..., object], values: Sequence[object]) -> Timed:
+        return Timed(call, lambda: (values,))
+
+    yield "record: one row", timed(Record(names, IMAGES).push, [[0.5] * len(names)] * IMAGES)
+    limiter = bind_limiter(wall.axes[0].limits, wall.period, Permission())
+    yield "limits: fade-in, effort, slew", timed(limiter, swing)
     counted = [round((POSITION + SWING * each) / count) * count for each in swing]
     for name in ESTIMATORS:
-        yield f"estimator: {name}", estimators.bind(name, period, count), counted
+        yield f"estimator: {name}", timed(estimators.bind(name, period, count), counted)
     moved = [0.01 * each for each in swing]
     for name in METHODS:
-        yield f"integrator, two states: {name}", integrators.bind(sprung_mass(), period, name), moved
-    yield f"integrator, four states: {DEFAULT_METHOD}", integrators.bind(free_puck(), period), moved
+        yield f"integrator, two states: {name}", timed(integrators.bind(sprung_mass(), period, name), moved)
+    yield f"integrator, four states: {DEFAULT_METHOD}", timed(integrators.bind(free_puck(), period), moved)

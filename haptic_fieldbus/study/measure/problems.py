@@ -5,6 +5,7 @@ rounding. It is computed by numpy alone, with an exponential that the methods do
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -128,6 +129,7 @@ def step_counts(quick: bool) -> tuple[int, ...]:
     return (5, 20, 80, 320, 1280, 2560, 5120) if quick else tuple(5 * 2**power for power in range(11))
 
 
+@lru_cache(maxsize=16)
 def peak(problem: Problem) -> float:
     """Return the largest exact force of a run [N]."""
     return float(np.abs(problem.exact(problem.horizon / 2000, 2000)).max())

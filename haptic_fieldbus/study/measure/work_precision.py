@@ -1,13 +1,14 @@
 """Error against cost: problem × method × step size.
 
 A point is one run over the problem's horizon with one step size. Its errors are those of the force against the exact
-force. Its cost is that of the step in the form that the loop runs. A run that overflows has no error, but is kept as a
-point.
+force. Its cost is that of the step in the form that the loop runs, which is the same arithmetic for any step size: the
+methods of a problem are timed in turn, once. A run that overflows has no error, but is kept as a point.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +16,19 @@ from numpy.typing import NDArray
 from haptic_fieldbus.numerics import integrators
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.integrators.trajectory import follow
+from haptic_fieldbus.numerics.loops import Array
 from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.study.measure.problems import Problem, peak
-from haptic_fieldbus.study.measure.timing import ns_per_call
+from haptic_fieldbus.study.measure.timing import Cost, Quartiles, Timed, in_turn
 
 GROWS = 1e-6
 """Excess of a spectral radius over 1 that may be rounding; a double root loses half of the digits."""
 ROUNDING = 1e-11
 """Share of the peak force below which errors are rounding, and show no order."""
+FAILED = 10.0
+"""Error, as a multiple of the largest force, beyond which a run counts as failed."""
+FIXED_PERIOD = 1e-3
+"""Period at which methods are compared in words and tables [s]."""
 TIMED_STEPS = 200
 """Steps in one timed pass."""
 
@@ -38,6 +44,8 @@ class Point:
     error_rms: float | None
     error_max: float | None
     ns_per_step: float
+    ns_quartiles: Quartiles
+    """Quartiles of the cost over the repeats [ns]."""
     order: float | None
     """Order measured with the smallest steps of the whole set; None when their errors are only rounding."""
     stable: bool
@@ -55,11 +63,28 @@ class Set:
     """Claimed order; ∞ when the method is exact for this input, None when it claims nothing."""
     peak: float
     """Largest exact force [N]."""
+    cost: Cost
+    """Cost of a step; those of one problem were timed in turn."""
 
     @property
     def order(self) -> float | None:
         """Measured order, the same in all points."""
         return self.points[0].order
+
+
+def has_failed(point: Point, peak: float) -> bool:
+    """Return whether a run overflowed or has an error beyond `FAILED`; it is drawn in the zone of failures."""
+    return point.error_rms is None or point.error_rms > FAILED * peak
+
+
+def computing(point: Point) -> float:
+    """Return the computing time for one second of simulated time [µs]."""
+    return 1e-3 * point.ns_per_step / point.period_s
+
+
+def at_fixed_period(runs: Set) -> Point:
+    """Return the run whose period is nearest to `FIXED_PERIOD`, on a logarithmic scale."""
+    return min(runs.points, key=lambda point: abs(math.log(point.period_s / FIXED_PERIOD)))
 
 
 def errors(
@@ -95,26 +120,35 @@ def with_order(points: list[Point], peak: float) -> tuple[Point, ...]:
     return tuple(replace(point, order=order) for point in points)
 
 
-def measure(problem: Problem, method: str, steps: Sequence[int]) -> Set:
-    """Return the points of one method on one problem, one for each number of steps."""
+def measure(problem: Problem, method: str, steps: Sequence[int], cost: Cost | None = None) -> Set:
+    """Return the points of one method, one for each number of steps; without a cost it is timed by itself."""
+    cost = cost or step_costs(problem, [method])[method]
     largest = peak(problem)
-    points = [_point(problem, method, count) for count in steps]
-    return Set(problem.name, method, with_order(points, largest), problem.claimed_order(METHODS[method]), largest)
+    points = [_point(problem, method, count, cost) for count in steps]
+    return Set(problem.name, method, with_order(points, largest), problem.claimed_order(METHODS[method]), largest, cost)
 
 
-def _point(problem: Problem, method: str, steps: int) -> Point:
+@lru_cache(maxsize=32)
+def reference(problem: Problem, steps: int) -> Array:
+    """Return the exact force at the samples [N], `(steps + 1,)`; computed once for all methods of a problem."""
+    return problem.exact(problem.horizon / steps, steps)
+
+
+def step_costs(problem: Problem, methods: Iterable[str]) -> dict[str, Cost]:
+    """Return the costs of the steps that the loop would run, in plain floats; the methods take turns."""
+    period = problem.horizon / TIMED_STEPS
+    positions, velocities = problem.motion.inputs(period, TIMED_STEPS).T.tolist()
+    given = (positions, velocities) if problem.space.uses_velocity else (positions,)
+    steps = {method: integrators.bind(problem.space, period, method) for method in methods}
+    return in_turn({method: Timed(step, lambda: given) for method, step in steps.items()})
+
+
+def _point(problem: Problem, method: str, steps: int, cost: Cost) -> Point:
     period = problem.horizon / steps
     inputs = problem.motion.inputs(period, steps)
-    # Accuracy from the matrices of the step, for speed; the cost is that of the step in plain floats (`_cost`).
+    # Accuracy from the matrices of the step, for speed; the cost is that of the step in plain floats (`step_costs`).
     one = integrators.discretise(problem.space, period, method)
     run = follow(one, inputs, [0.0] * problem.space.order)
-    figures = errors(run.outputs[:, 0], problem.exact(period, steps))
+    figures = errors(run.outputs[:, 0], reference(problem, steps))
     stable = figures[0] is not None and spectral_radius(one.system.a) <= 1.0 + GROWS
-    return Point(problem.name, method, period, *figures, _cost(problem, method, period), None, stable)
-
-
-def _cost(problem: Problem, method: str, period: float) -> float:
-    """Return the cost of the step that the loop would run, in plain floats [ns]."""
-    step = integrators.bind(problem.space, period, method)
-    positions, velocities = problem.motion.inputs(problem.horizon / TIMED_STEPS, TIMED_STEPS).T.tolist()
-    return ns_per_call(step, *((positions, velocities) if problem.space.uses_velocity else (positions,)))
+    return Point(problem.name, method, period, *figures, cost.ns, cost.quartiles, None, stable)

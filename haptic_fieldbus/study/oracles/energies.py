@@ -24,7 +24,7 @@ FINER = 9
 
 
 @dataclass(frozen=True)
-class Drive:
+class LateDrive:
     """Device of a damping [N·s/m], whose commands act after a delay [s] through a motor with a lag [s]."""
 
     damping: float
@@ -32,8 +32,8 @@ class Drive:
     lag: float = 0.0
 
 
-def damping_share(
-    forces: Callable[[complex], Complex | complex], drives: Sequence[Drive], period: float, cells: int = CELLS
+def worst_share(
+    forces: Callable[[complex], Complex | complex], drives: Sequence[LateDrive], period: float, cells: int = CELLS
 ) -> float:
     """Return the share of the drives' dampings that the worst motion needs.
 
@@ -51,7 +51,7 @@ def damping_share(
     return float(found.max())
 
 
-def _largest(force: Complex | complex, z: complex, drives: Sequence[Drive], period: float, cells: int) -> float:
+def _largest(force: Complex | complex, z: complex, drives: Sequence[LateDrive], period: float, cells: int) -> float:
     """Return the largest eigenvalue of work against dissipation over the motions of one angle."""
     matrix = np.atleast_2d(np.asarray(force, dtype=np.complex128))
     grids = [_borders(drive, period, cells) for drive in drives]
@@ -69,13 +69,13 @@ def _largest(force: Complex | complex, z: complex, drives: Sequence[Drive], peri
     return float(np.linalg.eigvalsh(0.5 * (form + form.conj().T))[-1])
 
 
-def _borders(drive: Drive, period: float, cells: int) -> Array:
+def _borders(drive: LateDrive, period: float, cells: int) -> Array:
     """Return the borders of the cells of a period [s]; a command changes at one of them."""
     change = drive.delay % period
     return np.unique(np.round(np.append(np.linspace(0.0, period, cells + 1), change), 15))
 
 
-def _given(drive: Drive, grid: Array, z: complex, period: float) -> Complex:
+def _given(drive: LateDrive, grid: Array, z: complex, period: float) -> Complex:
     """Return ∫f over each cell for a command of 1 at the sample at 0, of zᵏ at sample k."""
     change = round(drive.delay % period, 15)
     late = z ** -math.floor((drive.delay + 1e-12) / period)

@@ -7,13 +7,14 @@ of several, gives its matrix. Eigenvalues tell whether motions grow (Floquet).
 Instants are whole picoseconds, so that two that are meant to be the same are the same.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+from haptic_fieldbus.study.oracles.trajectories import exponential
 
 Array = NDArray[np.float64]
 Law = Callable[[Sequence[Array], Sequence[Array]], tuple[Sequence[Array], Sequence[Array]]]
@@ -24,7 +25,7 @@ TURNS = range(-25, 26)
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class LinearBody:
     """Device ξ̇ = A ξ + B u with a command u, whose first state is the position that is measured."""
 
     a: Array
@@ -36,32 +37,19 @@ class Body:
         order = len(self.a)
         system = np.zeros((order + 1, order + 1))
         system[:order, :order], system[:order, order] = self.a, self.b
-        moved = exponential(system * (span * PICOSECOND))
+        moved = exponential(np.asarray(system * (span * PICOSECOND), dtype=np.longdouble)).astype(np.float64)
         return moved[:order, :order], moved[:order, order]
 
 
-def exponential(matrix: Array) -> Array:
-    """Return e^M of a square matrix, by the series of a small part of it, squared again and again."""
-    halvings = max(0, math.ceil(math.log2(max(float(np.abs(matrix).sum(axis=1).max()), 1e-9))) + 4)
-    part = matrix / 2.0**halvings
-    total = term = np.eye(len(matrix))
-    for power in range(1, 16):
-        term = term @ part / power
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
-    return total
-
-
-def motor(mass: float, damping: float, lag: float = 0.0) -> Body:
+def motor(mass: float, damping: float, lag: float = 0.0) -> LinearBody:
     """Return a mass with damping, moved by a motor whose force follows its command with a lag [s]."""
     if not lag:
-        return Body(np.array([[0.0, 1.0], [0.0, -damping / mass]]), np.array([0.0, 1.0 / mass]))
+        return LinearBody(np.array([[0.0, 1.0], [0.0, -damping / mass]]), np.array([0.0, 1.0 / mass]))
     rows = [[0.0, 1.0, 0.0], [0.0, -damping / mass, 1.0 / mass], [0.0, 0.0, -1.0 / lag]]
-    return Body(np.array(rows), np.array([0.0, 0.0, 1.0 / lag]))
+    return LinearBody(np.array(rows), np.array([0.0, 0.0, 1.0 / lag]))
 
 
-def motor_with_load(motor: Body, mass: float, load: float, stiffness: float, damping: float) -> Body:
+def motor_with_load(motor: LinearBody, mass: float, load: float, stiffness: float, damping: float) -> LinearBody:
     """Return a motor of a mass with a load on a spring and damper; the states of the load follow those of the motor."""
     order = len(motor.a)
     a = np.zeros((order + 2, order + 2))
@@ -71,7 +59,7 @@ def motor_with_load(motor: Body, mass: float, load: float, stiffness: float, dam
     pull[[0, 1, order, order + 1]] = -stiffness, -damping, stiffness, damping
     a[1] += pull / mass
     a[order, order + 1], a[order + 1] = 1.0, -pull / load
-    return Body(a, np.append(motor.b, [0.0, 0.0]))
+    return LinearBody(a, np.append(motor.b, [0.0, 0.0]))
 
 
 @dataclass(frozen=True)
@@ -86,7 +74,7 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class _Event:
+class _Instant:
     at: int
     order: int
     device: int
@@ -94,7 +82,7 @@ class _Event:
     received: bool = True
 
 
-def map_of_turn(bodies: Sequence[Body], turn: float, shots: Sequence[Shot], law: Law, memory: int = 0) -> Array:
+def map_of_turn(bodies: Sequence[LinearBody], turn: float, shots: Sequence[Shot], law: Law, memory: int = 0) -> Array:
     """Return the matrix of a turn [s] on (states of all devices, memory, last forces, acting and waiting commands)."""
     whole = _whole(turn)
     waiting = [_waiting(whole, shots, device) for device in range(len(bodies))]
@@ -104,7 +92,7 @@ def map_of_turn(bodies: Sequence[Body], turn: float, shots: Sequence[Shot], law:
         [*part] for part in rows[-len(bodies) :]
     ]  # fmt: skip
     now = 0
-    for event in [*_events(whole, shots), _Event(whole, 0, -1, received=False)]:
+    for event in [*_events(whole, shots), _Instant(whole, 0, -1, received=False)]:
         for place, body in enumerate(bodies):
             if event.at > now:
                 moved, by_force = body.over(event.at - now)
@@ -134,13 +122,13 @@ def _whole(time: float) -> int:
     return round(time / PICOSECOND)
 
 
-def _events(whole: int, shots: Sequence[Shot]) -> list[_Event]:
+def _events(whole: int, shots: Sequence[Shot]) -> list[_Instant]:
     """Return all events from 0 until before the end of the turn, in their order; a sample before what it computes."""
     found = []
     for turn in TURNS:
         for shot in shots:
-            found.append(_Event(_whole(shot.measured) + turn * whole, 0, -1, shot.received))
-            found += [_Event(_whole(at) + turn * whole, 1, device) for device, at in enumerate(shot.acts)]
+            found.append(_Instant(_whole(shot.measured) + turn * whole, 0, -1, shot.received))
+            found += [_Instant(_whole(at) + turn * whole, 1, device) for device, at in enumerate(shot.acts)]
     return sorted((each for each in found if 0 <= each.at < whole), key=lambda each: (each.at, each.order))
 
 
@@ -159,7 +147,7 @@ def every(period: float, *delays: float) -> tuple[float, list[Shot]]:
     return period, [Shot(0.0, delays)]
 
 
-def spring_damper(stiffness: float, damping: float, period: float) -> Law:
+def spring_damper_law(stiffness: float, damping: float, period: float) -> Law:
     """Return the law −K·x − B·(x − x before)/T of one device; its memory is the last position."""
 
     def law(positions: Sequence[Array], memory: Sequence[Array]) -> tuple[Sequence[Array], Sequence[Array]]:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 
-class Device(Protocol):
+class Massive(Protocol):
     """Device with a mass [kg] and a damping [N·s/m], or their rotary counterparts."""
 
     @property
@@ -19,7 +19,7 @@ class Device(Protocol):
     def damping(self) -> float: ...
 
 
-def moved_by_force(device: Device, x: float, v: float, force: float, span: float) -> tuple[float, float]:
+def moved_by_force(device: Massive, x: float, v: float, force: float, span: float) -> tuple[float, float]:
     """Return position [m] and velocity [m/s] after a span [s] of constant force [N]."""
     if not device.damping:
         a = force / device.mass
@@ -30,7 +30,7 @@ def moved_by_force(device: Device, x: float, v: float, force: float, span: float
 
 
 def sampled_positions(
-    device: Device,
+    device: Massive,
     period: float,
     law: Callable[[float], float],
     steps: int,

@@ -7,27 +7,27 @@ import math
 from collections.abc import Callable
 from decimal import Decimal, localcontext
 
-from haptic_fieldbus.study.oracles.held import Device
+from haptic_fieldbus.study.oracles.held import Massive
 from haptic_fieldbus.study.oracles.textbook import Number
 
 DIGITS = 60
 """Digits of Decimal; a polynomial of degree 13 with roots close to 1 loses many of them."""
 
 
-def plain_terms(device: Device, period: float) -> tuple[float, float, float]:
+def plain_terms(device: Massive, period: float) -> tuple[float, float, float]:
     """Return (e, c1, c0) of the loop without delay, z² − (1 + e)·z + e + K·(c1·z + c0)."""
     tau, e = device.mass / device.damping, math.exp(-period * device.damping / device.mass)
     part = -math.expm1(-period / tau)
     return e, (period - tau * part) / device.damping, (tau * part - e * period) / device.damping
 
 
-def jury_limit(device: Device, period: float) -> float:
+def jury_limit(device: Massive, period: float) -> float:
     """Return the stiffness limit without delay [N/m] by Jury's conditions K < 2·(1 + e)/(c1 − c0), K < (1 − e)/c0."""
     e, c1, c0 = plain_terms(device, period)
     return min(2.0 * (1.0 + e) / (c1 - c0), -math.expm1(-period * device.damping / device.mass) / c0)
 
 
-def schur_cohn_limit(device: Device, period: float, delay: float) -> float:
+def schur_cohn_limit(device: Massive, period: float, delay: float) -> float:
     """Return the stiffness at which a root first leaves the unit circle [N/m], in 60 digits; `delay` in periods."""
     with localcontext(prec=DIGITS):
         free, by_force = polynomials(device, period, delay)
@@ -53,7 +53,7 @@ def largest(stable: Callable[[Number], bool], first: Number, factor: Number, sha
     return low
 
 
-def polynomials(device: Device, period: float, delay: float) -> tuple[list[Decimal], list[Decimal]]:
+def polynomials(device: Massive, period: float, delay: float) -> tuple[list[Decimal], list[Decimal]]:
     """Return two polynomials P and Q of the characteristic equation P + K·Q = 0, highest power first.
 
     P = (z − 1)(z − e)·z^(n+1) and Q = (z − e)(b_x + a_x·z) + l·(b_v + a_v·z). A force moves the device by (a_x, a_v)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from haptic_fieldbus.study.measure.bench import Bench, Tools
+from haptic_fieldbus.study.measure.timing import Cost
 
 Item = TypeVar("Item")
 Progress = Callable[[str, float], None]
@@ -23,6 +24,9 @@ class Context:
     progress: Progress = lambda label, share: None
     rows: dict[str, list[dict[str, object]]] = field(default_factory=dict)
     """Rows of `report.json` by their key; sections add to them, and all share the same dictionary."""
+
+    costs: list[Cost] = field(default_factory=list)
+    """All costs that were taken, from which it shows how quiet the machine was; shared by all sections too."""
 
     def is_chosen(self, name: str) -> bool:
         """Return whether a problem or case is to be measured."""

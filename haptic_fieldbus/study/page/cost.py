@@ -11,8 +11,9 @@ from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.study.measure.bench import FEW_SCENES
 from haptic_fieldbus.study.measure.deadlines import SCENE, RateDeadlines, deadlines
 from haptic_fieldbus.study.measure.optional_parts import OptionalPart, parts
+from haptic_fieldbus.study.page import left_out
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, number_text, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Card, Cell, Entry, Section, number_text, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, svg
 
 QUICK, FULL = 20_000, 1_000_000
@@ -20,9 +21,12 @@ QUICK, FULL = 20_000, 1_000_000
 # By the text before the colon in the name of a part.
 COLOURS = {"whole period": BLUE, "estimator": ORANGE, "integrator, two states": GREEN, "integrator, four states": GREEN}
 
+CAPTION = """Nanoseconds per call: the bar is the shortest of 25 repeats, in which all parts take turns; the line across
+its end spans the middle half of the repeats."""
 EXPLAINED = """The shortest mean time of many calls in this Python process, after a warm-up: what a part costs when
 nothing interrupts it. A scene pays only for what it asks for; the plan leaves out the rest. Single periods are timed
 too, with all that the machine does in between."""
+MORE = '<div class="more"><a href="#cost">All {} scenes that were timed, and why</a></div>'
 LATE = """How many periods would have been missed on this machine, as it was while the report was made: by computing
 alone, and with the exchange on the bus (worst case, CAN at 1 Mbit/s) and computing one after the other, as the loop
 does them. The bus, not the computer, sets the highest rate."""
@@ -30,36 +34,53 @@ does them. The bus, not the computer, sets the highest rate."""
 
 def cost_section(context: Context) -> Section:
     """Time all parts and the periods, and return their section."""
+    plans = {scene: context.tools.plan(scene) for scene in (FEW_SCENES if context.quick else scene_names())}
     found: list[OptionalPart] = []
-    for each in parts(context.tools, context.bench, FEW_SCENES if context.quick else scene_names()):
+    for each in parts(plans, context.bench):
         found.append(each)
-        # The number of parts is not known before; about 30 fill most of the bar.
-        context.progress(each.part, min(len(found) / 30, 0.9))
-        context.add("optional_parts", {"part": each.part, "ns_per_step": each.ns_per_step})
+        # The number of parts is not known before; about 60 fill most of the bar.
+        context.progress(each.part, min(len(found) / 60, 0.9))
+        row = {"part": each.part, "ns_per_step": each.ns_per_step, "ns_quartiles": each.ns_quartiles}
+        context.add("optional_parts", row)
+    context.costs.extend(each.cost for each in found if each.cost is not None)
     context.progress("deadlines", 0.9)
     late = deadlines(context.tools, QUICK if context.quick else FULL)
     document = svg(draw(found))
-    single = [[part.part, *(1e-3 * ns for ns in (part.ns_per_step, *astuple(part.spread)))]
-              for part in found if part.spread is not None]  # fmt: skip
+    costs = {scene: each.cost for scene, each in zip(plans, found, strict=False) if each.cost is not None}
+    few = {scene: plans[scene] for scene in FEW_SCENES}
     body = [
+        left_out.scenes_part(plans, costs),
+        "<h3>Each part by itself</h3>",
         paragraph(EXPLAINED),
-        picture("cost", document, "Nanoseconds per call, shortest of 25 repeats."),
-        table(("single periods [µs]", "shortest mean", "median", "99.9 %", "largest"), single),
+        picture("cost", document, CAPTION),
+        table(("single periods [µs]", "shortest mean", "median", "99.9 %", "largest"), _single(found)),
         "<h3>Periods missed</h3>",
         paragraph(LATE),
         _late_table(late),
     ]
-    whole = next(each for each in found if each.spread is not None)
     return Section(
         "cost",
-        "What each optional part costs",
+        "What each scene leaves out, and what each part costs",
         "".join(body),
-        (
-            f"A whole period of the wall takes {rounded(1e-3 * whole.ns_per_step)} µs of computing; its exchange on "
-            f"the bus takes {1e6 * late.bus:.0f} µs.",
-        ),
+        (left_out.scenes_finding(few, costs), _finding(found, late)),
         {"cost": document},
         asdict(late),
+        Card("What does each scene leave out?", left_out.lines(few, costs) + MORE.format(len(plans))),
+    )
+
+
+def _single(found: Sequence[OptionalPart]) -> list[list[Entry]]:
+    """Return rows of the distribution of single periods [µs]."""
+    return [[part.part, *(1e-3 * ns for ns in (part.ns_per_step, *astuple(part.spread)))]
+            for part in found if part.spread is not None]  # fmt: skip
+
+
+def _finding(found: Sequence[OptionalPart], late: RateDeadlines) -> str:
+    whole = found[0]
+    return (
+        f"A whole period of the wall takes {rounded(1e-3 * whole.ns_per_step)} µs of computing (half of the repeats "
+        f"{rounded(1e-3 * whole.ns_quartiles[0])} to {rounded(1e-3 * whole.ns_quartiles[2])}); its exchange on the bus "
+        f"takes {1e6 * late.bus:.0f} µs."
     )
 
 
@@ -69,9 +90,11 @@ def draw(parts: Sequence[OptionalPart]) -> Figure:
     panel = drawn.subplots()
     for row, part in enumerate(parts):
         # At least 1 ns: a part that is a difference of two times can come out negative, and the scale is logarithmic.
+        ends = [max(ns, 1.0) for ns in (part.ns_quartiles[0], part.ns_quartiles[2])]
+        panel.plot(ends, [row, row], color="#222222", linewidth=1.2, solid_capstyle="butt")
         colour = COLOURS.get(part.part.partition(":")[0], SKY)
         panel.barh(row, max(part.ns_per_step, 1.0), color=colour, height=0.68)
-        panel.text(max(part.ns_per_step, 1.0) * 1.06, row, f"{part.ns_per_step:.0f}", va="center",
+        panel.text(max(part.ns_per_step, ends[1]) * 1.06, row, f"{part.ns_per_step:.0f}", va="center",
                    size=8.5, color="#444444")  # fmt: skip
     panel.set_yticks(range(len(parts)), [part.part for part in parts], fontsize=9)
     panel.invert_yaxis()

@@ -1,23 +1,28 @@
 """Section on the growth of the error along a run."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from haptic_fieldbus.numerals import rounded
+from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.numerics.integrators import METHODS
-from haptic_fieldbus.report.drawing import FELT, GREY
+from haptic_fieldbus.report.drawing import FELT, GREY, INK
 from haptic_fieldbus.study.measure import growth
 from haptic_fieldbus.study.measure.growth import Growth
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Section, paragraph, picture, table
-from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
+from haptic_fieldbus.study.page.html import Card, Cell, Section, paragraph, picture, table
+from haptic_fieldbus.study.page.style import CARD, card_panel, dress, figure, legend, line, look_of, note, svg
 
 QUICK, FULL = 10**5, 10**7
 """Steps of each run."""
+LOWEST, HIGHEST = 1e-16, 1e2
+"""Ends of the frame, from the rounding of doubles to errors far larger than the force itself."""
+APART = 0.075
+"""Least distance of the names of two curves, as a share of the height."""
 
 EXPLAINED = """The puck is held and the virtual mass (200 N/m, 0.5 kg) swings freely behind it at 1 kHz, for as many
 steps as shown, each of them a call of the step that the loop runs. The force is known for ever, k·A·cos ωt. On the
@@ -40,13 +45,15 @@ def growth_section(context: Context) -> Section:
         "drawn at its edge; × marks where numbers stopped being finite."
     )
     body = [paragraph(EXPLAINED), picture("growth", document, caption), growth_table(found)]
+    short = svg(draw_card(found))
     return Section(
         "growth",
         "Error along the run",
         "".join(body),
         (_finding(found, total),),
-        {"growth": document},
+        {"growth": document, "growth-force": short},
         [asdict(each) for each in found],
+        Card("How does the error grow along a run?", picture("growth-force", short, caption)),
     )
 
 
@@ -66,14 +73,41 @@ def draw(swings: Sequence[Growth]) -> Figure:
     return drawn
 
 
+def draw_card(swings: Sequence[Growth]) -> Figure:
+    """Return a small figure of the force's error, its curves named at their ends."""
+    drawn = figure(*CARD)
+    panel = drawn.subplots()
+    for swing in swings:
+        panel.loglog(swing.steps, np.clip(swing.error, LOWEST, HIGHEST), **line(swing.method, marked=False))
+    panel.axhline(FELT, color=INK, linewidth=0.9, linestyle=(0, (5, 4)))
+    note(panel, FELT, "a hand feels it from here up", right=False)
+    panel.set_ylim(LOWEST, HIGHEST)
+    panel.set_xlim(swings[0].steps[0], swings[0].steps[-1])
+    card_panel(panel, "", "steps of the loop", "largest error / amplitude")
+    _name_ends(panel, {swing.method: min(max(swing.error[-1], LOWEST), HIGHEST) for swing in swings})
+    return drawn
+
+
+def _name_ends(panel: Axes, ends: Mapping[str, float]) -> None:
+    """Name curves at their ends, from the top down; names that would overlap are moved apart."""
+    scale = math.log10(HIGHEST / LOWEST)
+    places = {name: math.log10(end / LOWEST) / scale for name, end in sorted(ends.items(), key=lambda each: -each[1])}
+    lowest_free = 1.0 + APART
+    for left, (name, place) in enumerate(places.items(), 1 - len(places)):
+        lowest_free = max(min(place, lowest_free - APART), -left * APART)
+        colour = look_of(name).colour
+        arrow = {"arrowstyle": "-", "relpos": (0.0, 0.5), "color": colour, "linewidth": 0.6}
+        panel.annotate(name, (1.0, place), (1.06, lowest_free), xycoords="axes fraction", textcoords="axes fraction",
+                       size=7.2, color=colour, va="center", annotation_clip=False, arrowprops=arrow)  # fmt: skip
+
+
 def _curve(panel: Axes, swing: Growth, values: Sequence[float]) -> None:
     """Draw one method; values outside the frame are drawn at its edge, × marks where numbers overflowed."""
-    low, high = 1e-16, 1e2  # from the rounding of doubles to errors far larger than the force itself
-    panel.loglog(swing.steps, np.clip(np.abs(values), low, high), **line(swing.method))
+    panel.loglog(swing.steps, np.clip(np.abs(values), LOWEST, HIGHEST), **line(swing.method))
     if swing.diverged_at is not None:
-        panel.loglog([swing.diverged_at], [high], linestyle="none", marker="x", markersize=9, markeredgewidth=2.0,
+        panel.loglog([swing.diverged_at], [HIGHEST], linestyle="none", marker="x", markersize=9, markeredgewidth=2.0,
                      color=look_of(swing.method).colour, clip_on=False)  # fmt: skip
-    panel.set_ylim(low, high)
+    panel.set_ylim(LOWEST, HIGHEST)
 
 
 def growth_table(swings: Sequence[Growth]) -> str:
@@ -92,9 +126,10 @@ def growth_table(swings: Sequence[Growth]) -> str:
 
 def _finding(swings: Sequence[Growth], total: int) -> str:
     by_name = {swing.method: swing for swing in swings}
-    best, leapfrog = by_name["exact-foh"], by_name["semi-implicit"]
+    best, leapfrog, euler = by_name["exact-foh"], by_name["semi-implicit"], by_name["forward-euler"]
+    lost = "overflows" if euler.diverged_at is not None else f"by {rounded(euler.error[-1], 2)} times"
     return (
-        f"After {rounded(total)} steps of a swinging mass the exact step is off by {rounded(best.error[-1])} of the "
-        f"amplitude and its energy by {rounded(abs(best.energy[-1]))}; the symplectic one keeps its energy within "
-        f"{rounded(max(map(abs, leapfrog.energy)))} and is off by {rounded(leapfrog.error[-1])}, all of it phase."
+        f"After {rounded(total)} steps a swinging mass is off by {rounded(best.error[-1], 2)} of its force with "
+        f"<code>exact-foh</code>, by {percent(leapfrog.error[-1])} with <code>semi-implicit</code> (phase alone); "
+        f"<code>forward-euler</code> {lost}."
     )

@@ -4,7 +4,7 @@ import math
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from html import escape
+from html import escape, unescape
 
 from haptic_fieldbus.numerals import DIGITS, rounded
 
@@ -12,13 +12,28 @@ STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: #222; margin: 0;
   background: #fff; }
-main { max-width: 1180px; margin: 0 auto; padding: 24px 32px 64px; }
-h1 { font-size: 30px; line-height: 1.2; margin: 12px 0 4px; }
+main { max-width: 1216px; margin: 0 auto; padding: 8px 32px 64px; }
+h1 { font-size: 23px; line-height: 1.2; margin: 0; }
 h2 { font-size: 23px; margin: 56px 0 8px; padding-top: 14px; border-top: 2px solid #0072B2; }
 h3 { font-size: 17.5px; margin: 30px 0 4px; }
 p, ul { max-width: 860px; }
 li { margin: 4px 0; }
-.lead { color: #555; margin-top: 0; }
+.lead, .assumed { color: #555; margin: 0; font-size: 13.5px; line-height: 1.45; max-width: none; }
+.assumed { font-size: 12.5px; line-height: 1.35; margin-top: 4px; border-top: 1px solid #e4e4e4; padding-top: 4px; }
+.busy { background: #fbeee6; border-left: 5px solid #D55E00; margin: 4px 0 0; padding: 3px 12px; font-size: 12.5px;
+  line-height: 1.35; max-width: none; }
+.first { display: grid; grid-template-columns: 1.2fr 1fr; gap: 2px 28px; margin-top: 6px; }
+.card { min-width: 0; }
+.card:only-child { grid-column: 1 / -1; max-width: 760px; }
+.card h2 { font-size: 16px; line-height: 1.3; margin: 0; padding: 3px 0 0; }
+.card h2 a { text-decoration: none; color: #222; }
+.card p { font-size: 13px; line-height: 1.35; margin: 0 0 2px; min-height: 2.7em; max-width: none; }
+.card code { padding: 0 2px; }
+.card figure, .card table { margin: 0; } .card figcaption { display: none; }
+.card table { width: 100%; font-size: 12px; line-height: 1.3; }
+.card th, .card td, .card td.text + td.text { padding: 3px 5px; white-space: nowrap; }
+.more { font-size: 12px; margin-top: 4px; }
+@media (max-width: 1000px) { .first { grid-template-columns: 1fr; } .card p { min-height: 0; } }
 nav { display: flex; flex-wrap: wrap; gap: 6px 18px; margin: 18px 0; }
 a { color: #0060a0; }
 .findings { background: #f1f6fa; border-left: 5px solid #0072B2; padding: 12px 22px; margin: 18px 0; }
@@ -53,6 +68,17 @@ class Section:
     figures: dict[str, str] = field(default_factory=dict)
     details: object = None
     """Entry of `details.json`; None for no entry."""
+    card: "Card | None" = None
+    """Place on the first screen; None for none."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """Place of a section on the first screen, where its first finding stands as the answer to a question."""
+
+    question: str
+    body: str
+    """Figure or table, as HTML."""
 
 
 @dataclass(frozen=True)
@@ -124,11 +150,21 @@ def number_text(value: float | None, digits: int = DIGITS) -> str:
     return rounded(value, digits)
 
 
-def page(title: str, lead: str, sections: Sequence[Section]) -> str:
-    """Return the whole page, with the findings of all sections at its top; `lead` is HTML."""
+def plain_text(text: str) -> str:
+    """Return HTML as text, without tags and entities."""
+    return unescape(_plain(text))
+
+
+def page(title: str, lead: str, sections: Sequence[Section], assumed: str = "", warning: str = "") -> str:
+    """Return the whole page: cards with the answers on the first screen, what else was found, and all sections.
+
+    `lead`, `assumed` and `warning` are HTML.
+    """
+    cards = "".join(_card(section, section.card) for section in sections if section.card is not None)
+    others = [found for section in sections for found in section.findings[section.card is not None :]]
+    listed = "".join(f"<li>{finding}</li>" for finding in others)
+    found = f'<div class="findings"><strong>What else was found</strong><ul>{listed}</ul></div>' if others else ""
     links = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
-    findings = "".join(f"<li>{finding}</li>" for section in sections for finding in section.findings)
-    found = f'<div class="findings"><strong>What was found</strong><ul>{findings}</ul></div>' if findings else ""
     bodies = "".join(
         f'<section id="{section.name}"><h2>{escape(section.title)}</h2>\n{section.body}</section>\n'
         for section in sections
@@ -136,6 +172,20 @@ def page(title: str, lead: str, sections: Sequence[Section]) -> str:
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>{STYLE}</style></head>\n'
-        f'<body><main><h1>{escape(title)}</h1>\n<p class="lead">{lead}</p>\n{found}\n<nav>{links}</nav>\n{bodies}'
-        "</main></body></html>\n"
+        f'<body><main><header id="first"><h1>{escape(title)}</h1>\n<p class="lead">{lead}</p>\n'
+        f'{_block("busy", warning)}<div class="first">\n{cards}</div>\n{_block("assumed", assumed)}</header>\n'
+        f"{found}\n<nav>{links}</nav>\n{bodies}</main></body></html>\n"
+    )
+
+
+def _block(kind: str, text: str) -> str:
+    """Return a paragraph of this class; nothing without a text."""
+    return f'<p class="{kind}">{text}</p>\n' if text else ""
+
+
+def _card(section: Section, card: Card) -> str:
+    """Return a card with a link to its section."""
+    return (
+        f'<div class="card"><h2><a href="#{section.name}">{escape(card.question)}</a></h2>'
+        f"<p>{section.findings[0]}</p>\n{card.body}</div>\n"
     )

@@ -8,13 +8,17 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.report.drawing import INK
 from haptic_fieldbus.report.looks import LOOKS, line, look_of
 
-__all__ = ["LOOKS", "WIDTH", "dress", "figure", "legend", "line", "look_of", "side_by_side", "svg"]
+__all__ = ["CARD", "LOOKS", "WIDE_CARD", "WIDTH", "dress", "figure", "legend", "line", "look_of", "side_by_side", "svg"]
 
 Item = TypeVar("Item")
+WIDE_CARD, CARD = (2.5, 6.73), (2.5, 5.6)
+"""Height and width of figures on the first screen of the page, left and right [inches]."""
 WIDTH = 11.4
 """Width of a figure that fits a page of 1180 px [inches]."""
 
@@ -48,6 +52,28 @@ def dress(panel: Axes, title: str, x: str, y: str) -> None:
     panel.grid(visible=True, which="major", color="#e4e4e4", linewidth=0.8)
     panel.set_axisbelow(True)
     panel.spines[["top", "right"]].set_visible(False)
+    for axis in (panel.xaxis, panel.yaxis):
+        # As numbers stand in texts; powers as formulas would take most of the time of drawing.
+        if axis.get_scale() in ("log", "symlog"):
+            axis.set_major_formatter(lambda value, place: rounded(value))
+            axis.set_minor_formatter(NullFormatter())
+
+
+def card_panel(panel: Axes, title: str, x: str, y: str) -> None:
+    """Dress a panel of a figure on the first screen, in small letters."""
+    dress(panel, "", x, y)
+    panel.set_title(title, loc="left", size=8.5, color=INK)
+    for label in (panel.xaxis.label, panel.yaxis.label):
+        label.set_fontsize(8)
+    panel.tick_params(labelsize=7.5)
+
+
+def note(panel: Axes, height: float, text: str, right: bool = True) -> None:
+    """Write a small note just above a height of the vertical axis, at the right or left side, readable over curves."""
+    place, side = (0.992, "right") if right else (0.008, "left")
+    panel.annotate(text, (place, height), xycoords=panel.get_yaxis_transform(), xytext=(0, 2), va="bottom", ha=side,
+                   textcoords="offset points", size=7, color="#555555",
+                   bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6})  # fmt: skip
 
 
 def svg(drawn: Figure) -> str:

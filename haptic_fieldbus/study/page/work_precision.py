@@ -15,23 +15,29 @@ from haptic_fieldbus.study.measure import contact_loop, work_precision
 from haptic_fieldbus.study.measure.contact_loop import Contact
 from haptic_fieldbus.study.measure.problems import Problem, problems, step_counts
 from haptic_fieldbus.study.measure.step_limits import step_limit
-from haptic_fieldbus.study.measure.work_precision import Point, Set
+from haptic_fieldbus.study.measure.work_precision import (
+    FAILED,
+    Set,
+    at_fixed_period,
+    computing,
+    has_failed,
+)
+from haptic_fieldbus.study.page import all_problems
 from haptic_fieldbus.study.page.context import Context
-from haptic_fieldbus.study.page.html import Cell, Entry, Section, folded, number_text, paragraph, picture, table
+from haptic_fieldbus.study.page.html import Card, Cell, Entry, Section, folded, number_text, paragraph, picture, table
 from haptic_fieldbus.study.page.style import dress, figure, legend, line, look_of, svg
 
-FAILED = 10.0
-"""Error, as a multiple of the largest force, beyond which a run counts as failed."""
 ZONE = 0.22
 """Height of the zone of failures, as a share of the logarithmic scale below it."""
 CLOSE = 0.05
 """Permitted difference of observed and claimed orders."""
-FIXED_PERIOD, FIXED_COST = 1e-3, 300.0
-"""Period [s], and computing time for a second of simulated time [µs], at which methods are compared in the table."""
+FIXED_COST = 300.0
+"""Computing time for a second of simulated time [µs] at which methods are compared in the table."""
 
 EXPLAINED = """Each marker is one run with one step size; its force is compared with the exact one at every sample. On
 the left the error stands over the step size: a method of order <i>p</i> falls by 10<sup><i>p</i></sup> a decade. On
-the right the same runs stand over what they cost, the computing time for one second of simulated time. <b>×</b> in
+the right the same runs stand over what they cost, the computing time for one second of simulated time: the shortest of
+25 repeats, in which the methods take turns. <b>×</b> in
 the zone at the top marks a failure, a row for each method: the numbers left the finite ones, or the error exceeds ten
 times the largest force. Below the dashed line a hand cannot tell the error (8 % of the largest force). Every method
 reads the input at the samples only, as a loop does: a held input makes any method first order, a straight line
@@ -45,12 +51,11 @@ def work_precision_section(context: Context) -> Section:
     chosen = [(name, item) for name, item in every.items() if context.is_chosen(name)]
     body, figures, found = [paragraph(EXPLAINED)], {}, []
     for place, (name, item) in enumerate(chosen):
-        sets = []
-        for each in _sets(context, item):
-            sets.append(each)
-            context.progress(f"{name}: {each.method}", place / len(chosen))
-            for point in each.points:
-                context.add("work_precision", asdict(point))
+        context.progress(name, place / len(chosen))
+        sets = list(_sets(context, item))
+        context.costs.extend(each.cost for each in sets)
+        for point in (point for each in sets for point in each.points):
+            context.add("work_precision", asdict(point))
         found.append(sets)
         document = svg(draw(sets))
         figures[f"work-precision-{name}"] = document
@@ -58,7 +63,12 @@ def work_precision_section(context: Context) -> Section:
         body.append(folded("Figures of each method", sets_table(sets)))
     if context.names is None:
         body += ["<h3>Largest stable step</h3>", paragraph(LIMITS_EXPLAINED), _limits_table()]
-    return Section("work-precision", "Error against the time it costs", "".join(body), tuple(_findings(found)), figures)
+    card = None
+    if context.names is None:
+        figures["all-problems"] = svg(all_problems.draw(found))
+        card = Card("What does exactness cost?", picture("all-problems", figures["all-problems"], all_problems.TOLD))
+    title = "Error against the time it costs"
+    return Section("work-precision", title, "".join(body), tuple(_findings(found)), figures, card=card)
 
 
 LIMITS_EXPLAINED = """What each method claims, and what bisection on its own step finds: the largest <i>h</i> =
@@ -68,16 +78,13 @@ does is another matter, below."""
 
 
 def _sets(context: Context, item: Problem | Contact) -> Iterator[Set]:
-    """Return an iterator that measures one method after another."""
+    """Return an iterator that measures one method after another; their costs are taken in turn before."""
     steps = step_counts(context.quick)
     if isinstance(item, Problem):
-        return (work_precision.measure(item, method, steps) for method in METHODS)
-    return (contact_loop.measure(item, method, context.bench, steps) for method in item.methods)
-
-
-def has_failed(point: Point, peak: float) -> bool:
-    """Return whether a run overflowed or has an error beyond `FAILED`; it is drawn in the zone of failures."""
-    return point.error_rms is None or point.error_rms > FAILED * peak
+        costs = work_precision.step_costs(item, METHODS)
+        return (work_precision.measure(item, method, steps, costs[method]) for method in METHODS)
+    costs = contact_loop.law_costs(item, item.methods, context.bench)
+    return (contact_loop.measure(item, method, context.bench, steps, costs[method]) for method in item.methods)
 
 
 def draw(sets: Sequence[Set]) -> Figure:
@@ -105,11 +112,6 @@ def draw(sets: Sequence[Set]) -> Figure:
     labels = {each.method: f"{each.method}  {order_words(each)}" for each in sets}
     legend(drawn, labels, ncols=3, title="method, and order observed (claimed)", title_fontsize=9)
     return drawn
-
-
-def computing(point: Point) -> float:
-    """Return the computing time for one second of simulated time [µs]."""
-    return 1e-3 * point.ns_per_step / point.period_s
 
 
 def _curve(panel: Axes, runs: Set, places: Sequence[float], height: float) -> None:
@@ -162,11 +164,6 @@ def at_fixed_cost(runs: Set, cost: float = FIXED_COST) -> float | None:
     return math.exp(np.interp(math.log(cost), costs, errors))
 
 
-def at_fixed_period(runs: Set) -> Point:
-    """Return the run whose period is nearest to `FIXED_PERIOD`, on a logarithmic scale."""
-    return min(runs.points, key=lambda point: abs(math.log(point.period_s / FIXED_PERIOD)))
-
-
 def sets_table(sets: Sequence[Set]) -> str:
     """Return a table of all methods on one problem: orders, largest stable step, errors and cost."""
     period = 1e3 * at_fixed_period(sets[0]).period_s
@@ -182,13 +179,13 @@ def sets_table(sets: Sequence[Set]) -> str:
             "none of them" if largest is None else f"{rounded(1e3 * largest)} ms",
             *(failed or error for error in (point.error_final, point.error_rms, point.error_max)),
             share,
-            f"{point.ns_per_step:.0f}",
+            f"{point.ns_per_step:.0f} ({point.ns_quartiles[0]:.0f} to {point.ns_quartiles[2]:.0f})",
             at_fixed_cost(each),
         ]
 
     headings = (
         "method", "order: observed (claimed)", "largest stable step tried", f"final error at {rounded(period)} ms [N]",
-        "rms [N]", "max [N]", "rms, % of largest force", "ns per step",
+        "rms [N]", "max [N]", "rms, % of largest force", "ns per step (half of the repeats)",
         f"rms [N] for {exactly(FIXED_COST)} µs a second",
     )  # fmt: skip
     return table(headings, map(row, sets))
@@ -207,6 +204,7 @@ def _limits_table() -> str:
 
 def _findings(sets_of_problems: Sequence[Sequence[Set]]) -> Iterator[str]:
     """Yield the findings that the measured sets permit: on orders, and on the two exact steps."""
+    yield from filter(None, [all_problems.problems_finding(sets_of_problems)])
     every = [each for sets in sets_of_problems for each in sets]
     told = [each for each in every if each.claimed is not None]
     if told:
@@ -222,9 +220,10 @@ def _findings(sets_of_problems: Sequence[Sequence[Set]]) -> Iterator[str]:
         held, line_ = by_name["exact-zoh"], by_name["exact-foh"]
         held_run, line_run = at_fixed_period(held), at_fixed_period(line_)
         share = (held_run.error_rms or 0.0) / (line_run.error_rms or math.inf)
+        low, times, high = line_.cost.ratio(held.cost)
         yield (
             f"At {rounded(1e3 * held_run.period_s)} ms the straight-line exact step (<code>exact-foh</code>) is "
             f"{rounded(share, 2)} times as accurate as the held one (<code>exact-zoh</code>) on a hand's motion, and "
-            f"costs {line_run.ns_per_step / held_run.ns_per_step:.2f} times as much: the input hold, not the "
-            "integrator, was the error."
+            f"costs {times:.2f} times as much (half of the repeats, in turn: {low:.2f} to {high:.2f}): the input hold, "
+            "not the integrator, was the error."
         )

@@ -327,7 +327,7 @@ def test_a_silent_unit_costs_the_others_no_sample_on_a_serial_line(opened: ExitS
 
 def test_a_torn_position_is_dropped_and_told_but_a_motion_is_not(opened: ExitStack) -> None:
     bench, server = bench_on(opened, "tcp")
-    for counts in (40_000, 65_530):
+    for counts in (40_000, 65_530, 65_530):
         server.drive.move_to(counts)
         assert bench.read()[5] == counts
     server.drive.move_to(65_530 + 65_540)  # the high word of now, the low one of before
@@ -335,6 +335,7 @@ def test_a_torn_position_is_dropped_and_told_but_a_motion_is_not(opened: ExitSta
     assert bench.decoded()[5] == 65_530
     server.drive.move_to(65_545)
     assert bench.read()[2:6] == (0, 0, ENABLED, 65_545)
+    assert bench.read()[5] == 65_545
     server.drive.move_to(65_545 + 65_536)
     assert bench.read()[2] & STALE
     assert bench.read()[5] == 65_545 + 65_536  # twice the same: it is there
@@ -368,7 +369,7 @@ def test_a_drive_that_has_the_low_word_first_is_read_so_and_its_torn_positions_a
     registers = server.drive.registers
     registers[RATED], registers[RATED + 1] = registers[RATED + 1], 0
     bench = opened.enter_context(Bench(plan_of(server.name, profile))).open().enable()
-    for counts in (30_000, 65_000):
+    for counts in (30_000, 65_000, 65_000):
         registers[POSITION], registers[POSITION + 1] = counts & 0xFFFF, counts >> 16
         assert bench.read()[5] == counts
     registers[POSITION + 1] = 1

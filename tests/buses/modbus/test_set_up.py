@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.power import PowerRow, PowerState
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import (
     BusConfigurationError,
@@ -219,6 +220,25 @@ def test_the_fault_of_a_lost_master_is_cleared_and_another_one_is_not(opened: Ex
     bench.bus.acknowledge()
     assert server.drive.value(STATUS) == 0x40
     bench.bus.acknowledge()
+
+
+def test_a_drive_with_a_table_of_its_own_is_cleared_by_the_command_that_its_profile_names(opened: ExitStack) -> None:
+    rows = (
+        PowerRow(0xFFFF, FAULT, PowerState.FAULT, 0),
+        PowerRow(0xFFFF, 0x40, PowerState.SWITCH_ON_DISABLED, 0x0F),
+        PowerRow(0xFFFF, ENABLED, PowerState.OPERATION_ENABLED, 0x0F),
+    )
+    own = replace(PROFILE, power=replace(PROFILE.power, table="rows", rows=rows))
+    bench, server = bench_on(opened, Drive(), own)
+    bench.open()
+    server.drive.registers[STATUS] = FAULT
+    with pytest.raises(DriveFaultError, match=r"names no command that clears one \(power\.reset of its profile\)"):
+        bench.bus.acknowledge()
+    known, server = bench_on(opened, Drive(), replace(own, power=replace(own.power, reset=0x80)))
+    known.open()
+    server.drive.registers[STATUS] = FAULT
+    known.bus.acknowledge()
+    assert server.drive.value(STATUS) == 0x40
 
 
 def test_a_statusword_is_asked_for_beside_the_exchange(opened: ExitStack) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.errors import PlanError, RigError, UsageError
+from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import load, select
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
@@ -97,7 +98,8 @@ def test_a_rig_file_holds_a_line_with_units(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ("node = 247", "node = 248", "axis.handle.node: 248; expected a whole number from 1 to 247"),
-        ("node = 247", "node = 0", "axis.handle.node: 0; expected a whole number from 1 to 247"),
+        ("node = 247", "node = 0", "from 1 to 247; 0 is everybody's: all units obey it, and none answers"),
+        ("node = 247", "node = 255", "axis.handle.node: 255; expected a whole number from 1 to 247"),
         ("baud = 115200", "baud = 100", "bus.line.baud: 100"),
         ("baud = 115200", "bitrate = 115200", "bus.line.bitrate: unknown key"),
         ("baud = 115200", 'parity = "mark"', "bus.line.parity"),
@@ -107,6 +109,25 @@ def test_a_fault_of_a_line_is_told_with_its_key(tmp_path: Path, old: str, new: s
     with pytest.raises(RigError) as refused:
         load_rig(rig(tmp_path, (old, new)))
     assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(("bus", "unit"), [("sim-modbus-tcp", 255), ("sim-modbus-tcp", 1), ("sim-modbus-rtu", 247)])
+def test_a_device_on_tcp_may_be_asked_as_itself(bus: str, unit: int) -> None:
+    assert check_request(bus=bus, node=unit).text == bus
+    assert select(Task("wall", bus=bus, node=unit)).plan.axes[0].node == unit
+
+
+@pytest.mark.parametrize(
+    ("bus", "unit", "words"),
+    [
+        ("sim-modbus-tcp", 0, "0: a node-ID is .* or 255 for the device itself; 0 is everybody's"),
+        ("sim-modbus-tcp", 254, "254: a node-ID is a whole number from 1 to 247, or 255 for the device itself"),
+        ("sim-modbus-rtu", 255, "255: a node-ID is a whole number from 1 to 247$"),
+    ],
+)
+def test_a_unit_that_nobody_can_be_is_refused(bus: str, unit: int, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        check_request(bus=bus, node=unit)
 
 
 def test_a_rig_is_simulated_on_a_line_of_its_own_kind(tmp_path: Path) -> None:

@@ -51,6 +51,7 @@ def faults_of(folder: Path, *replacements: tuple[str, str]) -> list[str]:
         ('echo = "demand"', 'echo = "actual"\n#', "line 27: torque.actual"),
         ('table = "cia402"', 'table = "rows"', "power.rows: missing"),
         ('table = "cia402"', 'rows = [{ mask = 1, bits = 1, state = "fault", controlword = 0 }]', "without effect"),
+        ('table = "cia402"', 'table = "cia402"\nreset = 1', "power.reset: without effect"),
         ('evidence = "standard"', 'evidence = "standard"\nusable = false', "drive.usable: false without its reason"),
         ("[position]", "[places]", "position: missing, and so is [velocity]"),
     ],

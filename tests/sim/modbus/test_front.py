@@ -61,12 +61,19 @@ class TestModeRegister:
         drive = driven(BY_MODE)
         drive.write(MODE.address, TORQUE)
         drive.unit.drive.fault(0x2310, drive.t_ns)
-        drive.wait(1500)  # without a watch on its master it slows down first
-        assert drive.value(MODE.address) == BROKEN
+        assert drive.value(MODE.address) == BROKEN, "its table has no state in which it would slow down first"
         drive.write(MODE.address, TORQUE)
         assert drive.value(MODE.address) == BROKEN
         drive.write(MODE.address, OFF)
         assert drive.value(DEMAND) == 0
+
+    def test_the_command_that_clears_a_fault_enables_nothing(self) -> None:
+        drive = driven(replace(BY_MODE, reset=1))
+        drive.write(MODE.address, TORQUE)
+        drive.unit.drive.fault(0x2310, drive.t_ns)
+        assert drive.write(MODE.address, 1) is None
+        assert drive.value(MODE.address) == OFF
+        assert driven(BY_MODE).write(MODE.address, 1) is Refusal.VALUE
 
     def test_a_restart_is_off(self) -> None:
         drive = driven(BY_MODE)

@@ -1,0 +1,52 @@
+"""Positions of two registers that a drive may tear: what is doubted, and what is motion."""
+
+from struct import pack
+
+import pytest
+
+from haptic_fieldbus.buses.modbus.link import WideValue
+
+PERIOD_NS = 7_000_000
+
+
+def torn(value: WideValue, counts: int, period: int) -> bool:
+    """What is said of a position of this period, the high word first."""
+    return value.torn(pack(">i", counts), period * PERIOD_NS)
+
+
+@pytest.mark.parametrize("speed", [0, 3, -3, 20_000, -50_000, 65_536, -65_536, 100_000, 131_072, 400_000])
+def test_motion_at_any_speed_is_none_and_a_tear_in_it_is(speed: int) -> None:
+    """Counts a period; at 65536 of them each two positions are as far apart as a tear makes them."""
+    value, begin = WideValue(low_first=False, start=0), 1_000
+    assert not torn(value, begin, 0)
+    said = [torn(value, begin + speed * period, period) for period in range(1, 10)]
+    assert not any(said[1:]), "only the first step may be doubted, before a speed is known"
+    for period, off in ((10, 65_536), (12, -65_536)):
+        assert torn(value, begin + speed * period + off, period)
+        assert not torn(value, begin + speed * (period + 1), period + 1), "with the next one all is well"
+
+
+def test_a_sample_that_was_missed_is_motion_too() -> None:
+    value = WideValue(low_first=False, start=0)
+    assert not any(torn(value, 60_000 * period, period) for period in (0, 2, 3, 4, 9, 10))
+
+
+def test_what_hardly_is_as_fast_as_before_is_motion() -> None:
+    """A handle whose speed changes by less than three quarters of 65536 counts a period."""
+    value, at = WideValue(low_first=False, start=0), 0
+    for period, way in enumerate((0, 20_000, 60_000, 100_000, 70_000, 30_000, -10_000, -50_000)):
+        at += way
+        assert not torn(value, at, period)
+
+
+def test_a_jump_is_believed_when_it_is_seen_twice() -> None:
+    value = WideValue(low_first=False, start=0)
+    assert [torn(value, counts, period) for period, counts in enumerate((5, 5, 65_541, 65_541, 65_541))] == [
+        False, False, True, False, False
+    ]  # fmt: skip
+
+
+def test_32_bits_run_over_without_a_word() -> None:
+    value, near = WideValue(low_first=False, start=0), 2**31 - 10
+    assert not torn(value, near, 0)
+    assert not torn(value, near - 2**32 + 20, 1)
