@@ -87,7 +87,7 @@ class TestUsedLikeOurs:
     @pytest.mark.parametrize(
         ("text", "verdict"),
         [
-            (f"{SHAFT}stiffness = 300\n", Verdict.PASSIVE),
+            (f"{SHAFT}stiffness = 300\n", Verdict.STABLE),
             (f'{AXIS}[[element]]\nkind = "heavy_puck"\naxis = "handle"\nstiffness = 100\nmass = 0.5\n', Verdict.STABLE),
         ],
         ids=["of two axes", "with virtual states"],

@@ -4,8 +4,12 @@ from dataclasses import replace
 
 import pytest
 
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.eds import EdsType
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds
+from haptic_fieldbus.protocols.canopen.profile import CommissioningSection, ShownObject
 from haptic_fieldbus.protocols.canopen.vendor.named import named_objects
+from haptic_fieldbus.protocols.canopen.vendor.shown import shown_findings
 from haptic_fieldbus.protocols.catalogue import load_profile
 from tests.builders import VELOCITY_ONLY, canopen
 from tests.eds.sheets import changed, generic, own, without
@@ -44,6 +48,17 @@ def test_the_power_of_the_period_is_that_of_power_on(power: int, fault: str) -> 
     profile = canopen("maxon_epos4")
     eds = changed(own(profile), 0x60C2, 2, default=power)
     assert found(eds, profile).get("sync.powers", "") == fault
+
+
+def test_a_shown_value_whose_name_no_file_tells_is_only_looked_up() -> None:
+    profile = canopen("generic_cia402")
+    gain, twice = ShownObject("gain", 0x2000, DataType.UINT16), ShownObject("load", 0x2001, DataType.UINT16)
+    shown = replace(profile, commissioning=CommissioningSection("tool", (gain, twice, twice)))
+    eds = changed(generic(), 0x2001, name="load", type=EdsType.UNSIGNED16)
+    assert [(each.key, each.fault) for each in shown_findings(shown, eds) if each.fault] == [
+        ("commissioning.shown", "2000h:00 is not in the file"),
+        *[("commissioning.shown", "2001h:00 stands twice; expected it once")] * 2,
+    ]
 
 
 def test_a_profile_of_a_file_tells_its_faults_and_what_keeps_it_from_force() -> None:
