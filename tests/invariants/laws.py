@@ -123,7 +123,7 @@ def zero_in_time(witness: Witness) -> Iterator[str]:
     for axis, shaft in axes_of(witness):
         for fault, cause, event_ns in ending(witness):
             longest = causes.allowed(cause, faults, stated)
-            took = time_to_zero(witness, axis, shaft, event_ns)
+            took = time_to_zero(witness, axis, shaft, event_ns, 1.0 + causes.LATER.get(fault.kind, 0.0))
             if took is not None and took > longest:
                 what = f"{fault.kind} at {fault.at:.4f} s"
                 yield f"{axis.name}: {what}: {1e3 * took:.2f} ms to zero, {1e3 * longest:.2f} ms stated"
@@ -216,8 +216,8 @@ def ending(witness: Witness) -> Iterator[tuple[Any, str, int]]:
             yield fault, cause, event_ns
 
 
-def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int) -> float | None:
-    """How long the motor had torque after an event [s]; None when it had none.
+def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int, periods: float = 1.0) -> float | None:
+    """How long the motor had torque after an event [s], which is noticed within `periods`; None when it had none.
 
     A torque loop of first order with the lag T falls from τ to a hundredth of τ₀ within T·ln(100·τ/τ₀).
     """
@@ -225,8 +225,8 @@ def time_to_zero(witness: Witness, axis: StatedAxis, shaft: Shaft, event_ns: int
     # A drive that lets go by itself does so at the very instant of the event.
     at = int(np.searchsorted(times, event_ns, side="left")) - 1
     held = torques[max(at, 0) :]
-    # A set-point that was on its way at the event may still be taken over, up to a period later.
-    until = int(np.searchsorted(times, event_ns + 1e9 * witness.stated.period, side="right"))
+    # A set-point that was on its way when the event was noticed may still be taken over.
+    until = int(np.searchsorted(times, event_ns + periods * 1e9 * witness.stated.period, side="right"))
     first = float(np.abs(torques[max(at, 0) : max(until, at + 1)]).max()) if at >= 0 else 0.0
     zero = REMAINDER * max(first, shaft.permille)
     pushing = np.flatnonzero(np.abs(held) > zero)
