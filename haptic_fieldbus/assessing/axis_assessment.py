@@ -10,7 +10,7 @@ from haptic_fieldbus.assessing.element_forces import POINTS_PER_PERIOD
 from haptic_fieldbus.assessing.error_sums import ErrorFigures
 from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.record import Record
-from haptic_fieldbus.assessing.recording import Array, Conversion, Recording, Times, TrueMotion, Truth
+from haptic_fieldbus.assessing.recording import Array, Conversion, Recording, Times, TrueMotion, Truth, true_motion
 from haptic_fieldbus.assessing.result import Trace
 from haptic_fieldbus.assessing.run_verdict import FeltError
 from haptic_fieldbus.assessing.spans import Handover, Kind, Span, spans
@@ -19,9 +19,13 @@ from haptic_fieldbus.assessing.traces import Traces
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.selection import Selection
+from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:  # imported for its type alone: a scene without couplings never loads it
     from haptic_fieldbus.assessing.ties import Tie
+
+WAY_POINTS = 4
+"""Points per period at which the true position is looked at for its extremes, which lie between samples."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,14 @@ class AxisAssessment:
     def trace(self) -> Trace | None:
         """Trace of the true motion; None for a run shorter than the fade-in."""
         return self._traces.trace(self.axis) if self.figures is not None else None
+
+    def true_way(self, part: Part) -> tuple[Times, Array]:
+        """Return the true positions of the handle in new periods of a part and the instants [ns], both `(n,)`."""
+        _, trajectory, conversion = self._known_of(self.axis, part)
+        first_ns, last_ns = part.times_ns[max(part.overlap - 1, 0)], min(part.times_ns[-1], trajectory.end_ns)
+        spacing_ns = self._run.selection.plan.period_ns // WAY_POINTS
+        times_ns = np.append(np.arange(first_ns, last_ns, spacing_ns, dtype=np.int64), last_ns)
+        return times_ns, true_motion(times_ns, trajectory, conversion)[0][Signal.POSITION]
 
     def take(self, part: Part) -> None:
         """Assess a part; a run that ends before the fade-in has no error."""

@@ -40,15 +40,21 @@ class Record:
         # The oldest row stands where the next push would write; `roll` copies, so the ring is not aliased.
         return np.roll(table, -(self.pushed % self.capacity), axis=0)
 
-    def column(self, name: str) -> NDArray[np.float64]:
-        """Return one column, oldest value first, shape `(n_rows,)`; raises ValueError for an unknown name."""
-        values = self._table()[: len(self), self.columns.index(name)]
-        return np.roll(values, -(self.pushed % self.capacity)) if self.pushed > self.capacity else values.copy()
+    def column(self, name: str, first: int = 0) -> NDArray[np.float64]:
+        """Return one column from row number `first` on, oldest value first, shape `(n_rows,)`.
 
-    def _table(self) -> NDArray[np.float64]:
-        return np.frombuffer(self._values).reshape(self.capacity, len(self.columns))
+        Raises ValueError for an unknown name.
+        """
+        values: NDArray[np.float64] = self._table()[self._held(first), self.columns.index(name)]
+        return values
 
     def since(self, first: int) -> NDArray[np.float64]:
         """Return a copy of the rows from number `first` on, counted from the first push; the oldest may be gone."""
-        first = max(first, self.pushed - self.capacity)
-        return self._table()[np.arange(first, self.pushed) % self.capacity]
+        return self._table()[self._held(first)]
+
+    def _held(self, first: int) -> NDArray[np.int64]:
+        """Return the places of the rows from number `first` on, as far as they are held."""
+        return np.arange(max(first, self.pushed - self.capacity), self.pushed) % self.capacity
+
+    def _table(self) -> NDArray[np.float64]:
+        return np.frombuffer(self._values).reshape(self.capacity, len(self.columns))

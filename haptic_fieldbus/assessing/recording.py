@@ -19,6 +19,9 @@ WHOLE_PERIODS_OF_DELAY = 4
 class TrueMotion(Protocol):
     """The true motion of a simulated motor shaft."""
 
+    end_ns: int
+    """Instant up to which it is known [ns]."""
+
     def sample(self, times_ns: Times) -> tuple[Array, Array, Array]:
         """Return position [rad], velocity [rad/s] and motor torque after the torque loop [N·m], each `(n_times,)`."""
 

@@ -15,6 +15,7 @@ from haptic_fieldbus.assessing.passivity import Passivity
 from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.assessing.rights import Right
+from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.cycle import safety
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.plan import Plan
@@ -29,7 +30,7 @@ if TYPE_CHECKING:  # imported for its type alone: a plan that is not run never l
 Array = NDArray[np.float64]
 FIGURES = (
     "scene", "drive", "bus", "rate", "clock", "cycles", "missed_cycles", "duration", "bus_load", "torque_error",
-    "energy_generated", "verdict", "trips", "changes", "warnings",
+    "energy_generated", "travel", "verdict", "trips", "changes", "warnings",
 )  # fmt: skip
 """Fields that `repr` of a `Result` shows; large ones, such as plan and traces, are left out."""
 WIDEST = 120
@@ -98,14 +99,7 @@ class TorqueError:
     """Time of moving contact that `contact` is from [s]."""
 
     def to_json(self) -> Json:
-        return {
-            "rms": self.rms,
-            "max": self.max,
-            "unit": self.unit,
-            "by_source": dict(self.by_source),
-            "contact": self.contact,
-            "contact_s": self.contact_s,
-        }
+        return {**vars(self), "by_source": dict(self.by_source)}
 
 
 @dataclass(frozen=True)
@@ -182,6 +176,8 @@ class Result:
     """Torque error; None on real drives, and when the run was shorter than the fade-in."""
     energy_generated: float | None = None
     """Integral of force minus ideal force over the path, summed over the axes [J]; None when the error is unknown."""
+    travel: tuple[Travel, ...] = ()
+    """How far the handle of each axis went, and how deep; known of a run that tripped too."""
     stability: Stability | None = None
     trips: tuple[TripRecord, ...] = ()
     changes: tuple[Changed, ...] = ()
@@ -226,6 +222,7 @@ class Result:
                 "timing": self.timing.to_json() if self.timing else None,
                 "torque_error": self.torque_error.to_json() if self.torque_error else None,
                 "energy_generated_j": self.energy_generated,
+                "travel": [each.to_json() for each in self.travel],
                 "stability": cast(Json, self.stability.to_json()) if self.stability else None,
                 "trips": [trip.to_json() for trip in self.trips],
                 "changes": [change.to_json() for change in self.changes],

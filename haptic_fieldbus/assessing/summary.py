@@ -8,6 +8,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Part, Run
 from haptic_fieldbus.assessing.error_sums import ErrorFigures
 from haptic_fieldbus.assessing.loop_report import LoopReport
@@ -16,6 +18,7 @@ from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.spans import first_periods
+from haptic_fieldbus.assessing.travel import Travel, Way
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import exactly, in_unit
@@ -47,10 +50,13 @@ class Assessment:
         """Number of the first row in operation enabled."""
         self._firsts: list[int] = []
         self._began_ns = 0
+        self._ways = {axis.name: Way() for axis in run.selection.plan.axes}
 
     def advance(self) -> None:
         """Assess all whole parts of the run so far; to be called between two periods, at least once in `BEHIND`."""
-        if self._axes and self._run.record.pushed - (self._taken or 0) > PART + BEHIND:
+        if not self._axes:
+            self._follow_decoded()
+        elif self._run.record.pushed - (self._taken or 0) > PART + BEHIND:
             self._begun()
             while self._taken is not None and self._run.record.pushed - self._taken > PART + BEHIND:
                 self._take(PART)
@@ -60,32 +66,70 @@ class Assessment:
         self._begun()
         if self._axes and self._taken is not None and self._taken < self._run.record.pushed:
             self._take(self._run.record.pushed - self._taken)
-        return summarise(self._run, self._axes, elapsed)
+        return replace(summarise(self._run, self._axes, elapsed), travel=self.travel())
+
+    def travel(self) -> tuple[Travel, ...]:
+        """Return how far each handle went, at the end of a run, one that tripped included."""
+        self._begun()
+        if not self._axes:
+            self._follow_decoded()
+        elif self._taken is not None and self._taken < self._run.record.pushed:
+            self._follow(self._part(self._run.record.pushed - self._taken))
+        changed = [applied.change.plan.axes for applied in self._run.report.changes]
+        told = [
+            self._ways[axis.name].travel(
+                axis.name, axis.workspace, [axis.elements, *(axes[place].elements for axes in changed)]
+            )
+            for place, axis in enumerate(self._run.selection.plan.axes)
+        ]
+        return tuple(each for each in told if each is not None)
 
     def _begun(self) -> None:
         """Find the first row in operation enabled, once there is one."""
         record, begin_ns = self._run.record, self._run.report.enabled_at_ns
         if self._taken is None and begin_ns is not None:
-            rows = record.rows()
             self._began_ns = begin_ns
-            self._taken = self._begin = record.pushed - int((rows[:, 0] >= begin_ns).sum())
+            self._taken = self._begin = record.pushed - int((record.column("t_ns") >= begin_ns).sum())
 
-    def _take(self, periods: int) -> None:
-        """Assess the next `periods`, and let the simulation forget what lies before them."""
-        if self._taken is None:
-            return
-        overlap = min(OVERLAP, self._taken - self._begin)
-        first = self._taken - overlap
+    def _follow_decoded(self) -> None:
+        """Follow the positions that real drives sent; it is little work, because the next period waits for it."""
+        self._begun()
+        record, first = self._run.record, self._taken
+        if first is not None and first < record.pushed:
+            times_ns = record.column("t_ns", first).astype(np.int64)
+            for name, way in self._ways.items():
+                way.add(times_ns, record.column(f"{name}.position", first), self._changed_ns)
+            self._taken = record.pushed
+
+    def _follow(self, part: Part) -> None:
+        """Follow the true positions of simulated drives."""
+        for axis in self._axes:
+            self._ways[axis.axis.name].add(*axis.true_way(part), self._changed_ns)
+
+    @property
+    def _changed_ns(self) -> list[int]:
+        """Return the latch instant of the last period before each change so far [ns]."""
+        return [applied.after_ns for applied in self._run.report.changes]
+
+    def _part(self, periods: int) -> Part:
+        """Return the next `periods`, with some that the part before had too; there must be one at least."""
+        taken = self._taken or 0
+        overlap = min(OVERLAP, taken - self._begin)
+        first = taken - overlap
         rows = self._run.record.since(first)[: overlap + periods]
         columns = {name: rows[:, place] for place, name in enumerate(self._run.record.columns)}
         last = first + len(rows) == self._run.record.pushed
-        part = Part(columns, overlap, first - self._begin, self._began_ns, self._firsts, last=last)
-        exchanges = [applied.after_ns for applied in self._run.report.changes]
+        return Part(columns, overlap, first - self._begin, self._began_ns, self._firsts, last=last)
+
+    def _take(self, periods: int) -> None:
+        """Assess the next `periods`, and let the simulation forget what lies before them."""
+        part, exchanges = self._part(periods), self._changed_ns
+        self._follow(part)
         self._firsts += [part.skipped + each for each in first_periods(exchanges[len(self._firsts) :], part.times_ns)]
         for axis in self._axes:
             axis.take(part)
-        self._taken += periods
-        before_ns = int(part.times_ns[-min(2 * OVERLAP, len(rows))])
+        self._taken = (self._taken or 0) + periods
+        before_ns = int(part.times_ns[-min(2 * OVERLAP, len(part.times_ns))])
         for world in self._run.worlds.values():
             world.forget(before_ns)
 

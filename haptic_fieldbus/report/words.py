@@ -9,9 +9,10 @@ from typing import Any, cast
 from haptic_fieldbus.assessing.passivity import cost_text
 from haptic_fieldbus.assessing.result import Percentiles, Result, TorqueError
 from haptic_fieldbus.assessing.rights import rights_texts
+from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability, Verdict
-from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded, rounded_limit, two_digits_down
+from haptic_fieldbus.numerals import DIGITS, exactly, in_unit, percent, rounded, rounded_limit, two_digits_down
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.explain import delay_text, milliseconds, obstacle_text
@@ -77,6 +78,8 @@ def _outcome(result: Result) -> Iterator[Line]:
     if result.cycles:
         yield "result", f"{periods_text(result)}{_load_text(result)}{_speed_text(result)}"
         yield from (("result", text) for text in times_texts(result))
+    for each in result.travel:
+        yield "result", travel_text(each)
     if result.torque_error is not None:
         yield "result", f"{error_sizes(result.torque_error)}{_sources_text(result.torque_error)}"
     if result.verdict is not None:  # only a run that went to its end has a verdict, so nothing tripped
@@ -90,6 +93,20 @@ def _outcome(result: Result) -> Iterator[Line]:
         yield "host", text
     for warning in result.warnings:
         yield "warning", warning
+
+
+def travel_text(travel: Travel) -> str:
+    """Return how far a handle went, in steps that a hand could tell from the whole, and how deep into what."""
+    most = max(abs(travel.lowest), abs(travel.highest))
+    decimals = DIGITS - 1 - math.floor(math.log10(most)) if most else 0
+    lowest, highest = (length(round(end, decimals), travel.workspace) for end in (travel.lowest, travel.highest))
+    deep = [
+        f"{length(float(rounded(depth)), travel.workspace)} deep in {name}"
+        for name, depth in travel.depth.items()
+        if depth
+    ]
+    way = f"stayed at {highest}" if lowest == highest else f"from {lowest.partition(' ')[0]} to {highest}"
+    return ", ".join([f"{travel.axis} {way}", *deep])
 
 
 def change_text(time: float, settings: Mapping[str, object]) -> str:

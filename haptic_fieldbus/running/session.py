@@ -85,6 +85,7 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     cycle, report, prepared = Cycle(plan), LoopReport(), Preparation(request)
     record = _record_of(plan, cycles)
     rows = _rows_of(request, record)
+    assessment: Assessment | None = None
     started = perf_counter()
     try:
         with ended_by_signals() as ending, place as site, _rights(plan) as prepared.host:
@@ -115,7 +116,8 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
         # A run that fails has a result too: the command line prints it beside the error.
         known = known_before(request.selection, report, cycle.trip, str(error))
         seen = tuple(passivities(plan, cycle, report.cycles))
-        error.result = prepared.told_with(replace(known, passivity=seen), notices(plan, cycle, report))
+        way = assessment.travel() if assessment is not None else ()
+        error.result = prepared.told_with(replace(known, passivity=seen, travel=way), notices(plan, cycle, report))
         raise
     finally:
         rows.close()

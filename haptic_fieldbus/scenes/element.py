@@ -134,6 +134,17 @@ class Storing(Protocol):
 
 
 @runtime_checkable
+class Surfaced(Protocol):
+    """An element with a surface that the handle can be behind; a run tells how deep it went."""
+
+    def penetration(self, position: float) -> float | None:
+        """Return the depth of the handle at `position` [m or rad], 0 outside; None where its values leave no surface.
+
+        Between two positions the depth is nowhere larger than at the deeper one of them.
+        """
+
+
+@runtime_checkable
 class Reserving(Protocol):
     """An element whose memory holds a bounded energy."""
 

@@ -60,9 +60,13 @@ class EndStop:
 
         return damped if damping else springs
 
+    def penetration(self, position: float) -> float:
+        """Return the depth of the handle in either stop [m or rad]."""
+        return max(self.lower - position, position - self.upper, 0.0)
+
     def stored(self, position: float) -> float:
         """Return the energy of the stops when the handle is at `position` [J]."""
-        return 0.5 * self.stiffness * max(self.lower - position, position - self.upper, 0.0) ** 2
+        return 0.5 * self.stiffness * self.penetration(position) ** 2
 
     def local(self, lower: float, upper: float) -> Local:
         """Return the bounds between two positions: nothing between the stops, a spring-damper in either of them."""

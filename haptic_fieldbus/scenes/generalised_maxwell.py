@@ -19,6 +19,7 @@ from annotated_types import Len
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.relaxation import bind_surface, pressed
 from haptic_fieldbus.scenes.element import STRICT, Duration, Law, Place, Stiffness
+from haptic_fieldbus.scenes.local import below
 from haptic_fieldbus.signals import Signal
 
 
@@ -58,10 +59,13 @@ class GeneralisedMaxwell:
         factor = stiffness / self.stiffness
         return replace(self, rest=factor * self.rest, branches=tuple((factor * k, tau) for k, tau in self.branches))
 
+    def penetration(self, position: float) -> float:
+        """Return the depth of the handle in the tissue [m or rad]."""
+        return below(position, self.position, self.side)
+
     def stored(self, position: float) -> float:
         """Return the largest energy of the springs when the handle is at `position` [J]."""
-        inside = position - self.position if self.side == "positive" else self.position - position
-        return 0.5 * self.stiffness * max(inside, 0.0) ** 2
+        return 0.5 * self.stiffness * self.penetration(position) ** 2
 
     def linearised(self) -> StateSpace:
         """Return the tissue in sustained contact, which is linear with one state for each branch."""

@@ -24,7 +24,7 @@ from annotated_types import Ge, Le
 from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, InverseSpeed, Length, Place, PositiveEffort
-from haptic_fieldbus.scenes.local import Local, depths, outwards
+from haptic_fieldbus.scenes.local import Local, below, depths, outwards
 from haptic_fieldbus.signals import Signal
 
 DEEPEST = 1e60
@@ -73,10 +73,13 @@ class HuntCrossley:
     def with_stiffness(self, stiffness: float) -> Self:
         return replace(self, effort=stiffness * self.depth / self.exponent)
 
+    def penetration(self, position: float) -> float:
+        """Return the depth of the handle in the body [m or rad]."""
+        return below(position, self.position, self.side)
+
     def stored(self, position: float) -> float:
         """Return the energy of the elastic part when the handle is at `position` [J]."""
-        inside = position - self.position if self.side == "positive" else self.position - position
-        share = min(max(inside / self.depth, 0.0), DEEPEST)
+        share = min(self.penetration(position) / self.depth, DEEPEST)
         return self.effort * self.depth * math.pow(share, self.exponent + 1.0) / (self.exponent + 1.0)
 
     def local(self, lower: float, upper: float) -> Local:

@@ -36,6 +36,11 @@ def depths(lower: float, upper: float, surface: float, inwards: float) -> Interv
     return (lower - surface, upper - surface) if inwards > 0.0 else (surface - upper, surface - lower)
 
 
+def below(position: float, surface: float, side: str) -> float:
+    """Return how deep a position is in material on the side "positive" or "negative" of a surface; 0 outside."""
+    return max(position - surface if side == "positive" else surface - position, 0.0)
+
+
 def hinge(depth: Interval, stiffness: float, damping: float, inwards: float, saturation: float = math.inf) -> Local:
     """Return the bounds of a spring-damper that begins at the depth 0 and pushes with at most `saturation`."""
     least, most = depth

@@ -38,6 +38,7 @@ from haptic_fieldbus.scenes.element import (
     Speed,
     Stiffness,
 )
+from haptic_fieldbus.scenes.local import below
 from haptic_fieldbus.signals import Signal
 
 
@@ -101,6 +102,10 @@ class Needle:
             return -inwards * push
 
         return force
+
+    def penetration(self, position: float) -> float:
+        """Return the depth of the tip below the surface of the tissue [m or rad], capsule open or not."""
+        return below(position, self.position, self.side)
 
     def _capsule(self, depth: float) -> float:
         """Return the push of the closed capsule at a depth [N or N·m]."""

@@ -31,6 +31,7 @@ from typing import ClassVar, Literal, Self
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Damping, Duration, Place, Stiffness
+from haptic_fieldbus.scenes.local import below
 from haptic_fieldbus.signals import Signal
 
 LEAD = 0.0005
@@ -78,10 +79,13 @@ class PredictedWall:
         push = self.stiffness * _mean_depth(begin, end) + self.damping * inwards * velocity
         return 0.0 if push <= 0.0 else -inwards * push
 
+    def penetration(self, position: float) -> float:
+        """Return the depth of the handle in the wall [m or rad]."""
+        return below(position, self.position, self.side)
+
     def stored(self, position: float) -> float:
         """Return the largest energy of the springs when the handle is at `position` [J]."""
-        inside = position - self.position if self.side == "positive" else self.position - position
-        return 0.5 * self.stiffness * max(inside, 0.0) ** 2
+        return 0.5 * self.stiffness * self.penetration(position) ** 2
 
     @property
     def increments(self) -> tuple[float, float]:

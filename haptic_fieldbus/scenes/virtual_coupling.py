@@ -20,6 +20,7 @@ import numpy as np
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.switched import bind_linear, bind_switched
 from haptic_fieldbus.scenes.element import STRICT, Damping, Law, Mass, NonNegativeStiffness, Place, Stiffness
+from haptic_fieldbus.scenes.local import below
 from haptic_fieldbus.signals import Signal
 
 
@@ -69,6 +70,10 @@ class VirtualCoupling:
             return inwards * (stiffness * (tool - handle[0]) + damping * (speed - handle[1]))
 
         return force
+
+    def penetration(self, position: float) -> float | None:
+        """Return how far the handle is beyond the wall [m or rad], more than the tool is; None without a wall."""
+        return below(position, self.wall, self.side) if self.wall_stiffness else None
 
     def _tool(self, wall_stiffness: float) -> StateSpace:
         """States (position, velocity) of the tool, inputs those of the handle, output the force on the handle."""

@@ -15,7 +15,7 @@ from typing import ClassVar, Literal
 
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.element import STRICT, Damping, Place, Stiffness
-from haptic_fieldbus.scenes.local import Local, depths, hinge
+from haptic_fieldbus.scenes.local import Local, below, depths, hinge
 from haptic_fieldbus.signals import Signal
 
 
@@ -52,10 +52,13 @@ class Wall:
             return 0.0 if penetration <= 0.0 or force > 0.0 else force
         return 0.0 if penetration >= 0.0 or force < 0.0 else force
 
+    def penetration(self, position: float) -> float | None:
+        """Return the depth of the handle in the wall [m or rad]; None for a bilateral one, which has no outside."""
+        return None if self.sides == "bilateral" else below(position, self.position, self.side)
+
     def stored(self, position: float) -> float:
         """Return the energy of the spring when the handle is at `position` [J]."""
-        inside = position - self.position if self.side == "positive" else self.position - position
-        depth = abs(inside) if self.sides == "bilateral" else max(inside, 0.0)
+        depth = position - self.position if self.sides == "bilateral" else below(position, self.position, self.side)
         return 0.5 * self.stiffness * depth * depth
 
     def local(self, lower: float, upper: float) -> Local:

@@ -32,7 +32,7 @@ def test_of_nothing_there_are_no_percentiles() -> None:
 
 def test_what_is_not_known_is_null() -> None:
     known: dict[str, object] = {"scene": "wall", "drive": "maxon_epos4", "bus": "sim", "rate_hz": 1000.0}
-    known |= {"trips": [], "changes": [], "passivity": [], "guards": []}
+    known |= {"trips": [], "changes": [], "passivity": [], "guards": [], "travel": []}
     shown = Result("wall", "maxon_epos4", "sim", 1000.0).to_json()
     assert {key: value for key, value in shown.items() if value is not None} == known
 

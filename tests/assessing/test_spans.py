@@ -52,6 +52,7 @@ class Given:
 
     times_ns: Times
     command: Array
+    end_ns: int = 2**62
 
     def sample(self, times_ns: Times) -> tuple[Array, Array, Array]:
         t = seconds(times_ns)

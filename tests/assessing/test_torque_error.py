@@ -48,6 +48,7 @@ class Given:
     lag: float = 0.0
     motion: Motion = sine
     conversion: Conversion = field(default=Conversion(ratio=-0.005, zero=7.0))
+    end_ns: int = 2**62
 
     def sample(self, times_ns: Times) -> tuple[Array, Array, Array]:
         position, velocity = self.motion(seconds(times_ns))

@@ -8,6 +8,7 @@ from haptic_fieldbus.assessing.period_times import PeriodTimes
 from haptic_fieldbus.assessing.result import Percentiles, Result, Timing, TorqueError, TripRecord
 from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
+from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.numerals import rounded, rounded_limit, two_digits_down
 from haptic_fieldbus.protocols.canopen.bus import CanSection
@@ -19,6 +20,7 @@ from haptic_fieldbus.report.words import (
     length,
     outcome,
     stability_text,
+    travel_text,
 )
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.wall import Wall
@@ -50,6 +52,26 @@ def test_an_outcome_names_the_sources_of_error_by_size() -> None:
         ("", "gives the hand 0.3 mJ more than the ideal · no trip"),
         ("verdict", "Feels like a wall."),
     ]
+
+
+@pytest.mark.parametrize(
+    ("lowest", "highest", "depth", "told"),
+    [
+        (-1.2e-6, 0.029912, {"wall": 0.0099123}, "handle from 0 to 29.9 mm, 9.91 mm deep in wall"),
+        (-0.0304, 0.1011, {"a": 0.08111, "b": 3e-5}, "handle from -30 to 101 mm, 81.1 mm deep in a, 0.03 mm deep in b"),
+        (0.0, 0.0, {"wall": 0.0}, "handle stayed at 0 mm"),
+        (2e-9, 4.3e-6, {}, "handle from 0 to 0.0043 mm"),
+    ],
+)
+def test_a_way_is_told_in_steps_of_the_whole_and_a_depth_where_there_is_one(
+    lowest: float, highest: float, depth: dict[str, float], told: str
+) -> None:
+    assert travel_text(Travel("handle", lowest, highest, depth)) == told
+    assert ("", told) in outcome(replace(RUN, travel=(Travel("handle", lowest, highest, depth),)))
+
+
+def test_a_turn_is_told_in_radians() -> None:
+    assert travel_text(Travel("knob", -0.5, 2.0123, {}, Workspace.ROTARY)) == "knob from -0.5 to 2.01 rad"
 
 
 def test_of_a_run_that_never_began_nothing_is_told() -> None:

@@ -1,0 +1,60 @@
+"""How far a handle went and how deep into what has a surface: extremes, kept while a run goes on."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_fieldbus.protocols.traffic import Json
+from haptic_fieldbus.scenes.element import Element, Surfaced
+from haptic_fieldbus.signals import Workspace
+
+
+@dataclass(frozen=True)
+class Travel:
+    """Way of the handle of one axis from operation enabled on [m or rad], true in simulation, else as decoded."""
+
+    axis: str
+    lowest: float
+    highest: float
+    depth: Mapping[str, float]
+    """Largest depth by the name of each element with a surface; 0 where the handle stayed outside.
+
+    After a live change it is the depth in the new element from the begin of the ramp on, and in the old one before.
+    """
+    workspace: Workspace = field(default=Workspace.LINEAR, repr=False)
+
+    def to_json(self) -> dict[str, Json]:
+        return {"axis": self.axis, "lowest": self.lowest, "highest": self.highest, "depth": dict(self.depth)}
+
+
+class Way:
+    """Lowest and highest position of an axis, apart for each set of elements that acted."""
+
+    def __init__(self) -> None:
+        self._ends: dict[int, tuple[float, float]] = {}
+        """By the number of changes before."""
+
+    def add(self, times_ns: NDArray[np.int64], positions: NDArray[np.float64], changed_ns: Sequence[int]) -> None:
+        """Add positions at instants [ns], both `(n,)`; `changed_ns` are the last instants before each change so far."""
+        number = np.searchsorted(np.asarray(changed_ns, dtype=np.int64), times_ns)
+        for changes in np.unique(number).tolist():
+            here = positions[number == changes]
+            lowest, highest = self._ends.get(changes, (math.inf, -math.inf))
+            self._ends[changes] = min(lowest, float(here.min())), max(highest, float(here.max()))
+
+    def travel(self, axis: str, workspace: Workspace, acted: Sequence[Iterable[Element]]) -> Travel | None:
+        """Return how far and how deep; `acted` are the elements after so many changes. None before any position."""
+        if not self._ends:
+            return None
+        depth: dict[str, float] = {}
+        for changes, ends in self._ends.items():
+            for element in acted[changes]:
+                if isinstance(element, Surfaced):
+                    found = [each for end in ends if (each := element.penetration(end)) is not None]
+                    if found:
+                        depth[element.name] = max(*found, depth.get(element.name, 0.0))
+        lowest, highest = (min(low for low, _ in self._ends.values()), max(high for _, high in self._ends.values()))
+        return Travel(axis, lowest, highest, depth, workspace)
