@@ -18,7 +18,7 @@ from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.spans import first_periods
-from haptic_fieldbus.assessing.travel import Travel, Way
+from haptic_fieldbus.assessing.travel import Reach, Travel
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import exactly, in_unit
@@ -50,7 +50,7 @@ class Assessment:
         """Number of the first row in operation enabled."""
         self._firsts: list[int] = []
         self._began_ns = 0
-        self._ways = {axis.name: Way() for axis in run.selection.plan.axes}
+        self._reached = {axis.name: Reach() for axis in run.selection.plan.axes}
 
     def advance(self) -> None:
         """Assess all whole parts of the run so far; to be called between two periods, at least once in `BEHIND`."""
@@ -77,7 +77,7 @@ class Assessment:
             self._follow(self._part(self._run.record.pushed - self._taken))
         changed = [applied.change.plan.axes for applied in self._run.report.changes]
         told = [
-            self._ways[axis.name].travel(
+            self._reached[axis.name].travel(
                 axis.name, axis.workspace, [axis.elements, *(axes[place].elements for axes in changed)]
             )
             for place, axis in enumerate(self._run.selection.plan.axes)
@@ -97,14 +97,14 @@ class Assessment:
         record, first = self._run.record, self._taken
         if first is not None and first < record.pushed:
             times_ns = record.column("t_ns", first).astype(np.int64)
-            for name, way in self._ways.items():
-                way.add(times_ns, record.column(f"{name}.position", first), self._changed_ns)
+            for name, reach in self._reached.items():
+                reach.add(times_ns, record.column(f"{name}.position", first), self._changed_ns)
             self._taken = record.pushed
 
     def _follow(self, part: Part) -> None:
         """Follow the true positions of simulated drives."""
         for axis in self._axes:
-            self._ways[axis.axis.name].add(*axis.true_way(part), self._changed_ns)
+            self._reached[axis.axis.name].add(*axis.true_way(part), self._changed_ns)
 
     @property
     def _changed_ns(self) -> list[int]:

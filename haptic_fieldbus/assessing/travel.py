@@ -30,7 +30,7 @@ class Travel:
         return {"axis": self.axis, "lowest": self.lowest, "highest": self.highest, "depth": dict(self.depth)}
 
 
-class Way:
+class Reach:
     """Lowest and highest position of an axis, apart for each set of elements that acted."""
 
     def __init__(self) -> None:

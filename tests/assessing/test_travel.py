@@ -14,7 +14,7 @@ from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.assessing.summary import Assessment
-from haptic_fieldbus.assessing.travel import Travel, Way
+from haptic_fieldbus.assessing.travel import Reach, Travel
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import SafetyTripError
 from haptic_fieldbus.planning.selection import compiled, load
@@ -165,13 +165,13 @@ MOVED = Wall("handle", 600.0, 0.05)
 def test_the_depth_is_that_in_the_element_that_acted(
     changed_ns: list[int], acted: list[AnyElement], depth: float | None
 ) -> None:
-    way = Way()
-    assert way.travel("handle", Workspace.LINEAR, []) is None
+    reach = Reach()
+    assert reach.travel("handle", Workspace.LINEAR, []) is None
     times_ns = np.arange(0, 50, 10)
     positions = np.array([0.01, 0.05, 0.02, 0.03, -0.01])
     for rows in (slice(0, 2), slice(2, 5)):
-        way.add(times_ns[rows], positions[rows], changed_ns)
-    found = way.travel("handle", Workspace.LINEAR, [[each] for each in acted])  # type: ignore[list-item]
+        reach.add(times_ns[rows], positions[rows], changed_ns)
+    found = reach.travel("handle", Workspace.LINEAR, [[each] for each in acted])  # type: ignore[list-item]
     assert found is not None
     assert (found.lowest, found.highest) == (-0.01, 0.05)
     assert found.depth == ({} if depth is None else {"wall": pytest.approx(depth, abs=1e-15)})
