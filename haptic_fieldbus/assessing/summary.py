@@ -17,6 +17,7 @@ from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_b
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.spans import first_periods
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.safety import GapTally
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import exactly, in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -131,9 +132,15 @@ def _rendered(run: Run) -> str:
     return real_verdict(
         effort=plan.axes[0].workspace.effort_name,
         in_time=(report.cycles - report.late) / periods,
-        cut=max(run.cycle.clipped(axis.name) for axis in plan.axes) / max(1, report.cycles),
+        cut=max(_cut(run, axis.name) for axis in plan.axes),
         behind=max(behind, default=None),
     )
+
+
+def _cut(run: Run, axis: str) -> float:
+    """Return the share of the periods in which limit or cap cut the force, or a deficit considerably."""
+    periods = run.cycle.clipped(axis) + run.cycle.gaps(axis).lessened
+    return min(1.0, periods / max(1, run.report.cycles))
 
 
 def _behind(run: Run, axis: AxisPlan) -> float | None:
@@ -149,10 +156,12 @@ def _behind(run: Run, axis: AxisPlan) -> float | None:
 def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
     """Yield a sentence for each limit that was at work during the run."""
     for axis in plan.axes:
-        gaps, gapped = cycle.gapped(axis.name)
-        share = (cycle.clipped(axis.name) - gapped) / report.cycles if report.cycles else 0.0
-        if report.cycles and gapped >= WORTH_TELLING * report.cycles:
-            yield _capped(axis, gaps, gapped / report.cycles)
+        gaps = cycle.gaps(axis.name)
+        share = (cycle.clipped(axis.name) - gaps.capped) / report.cycles if report.cycles else 0.0
+        if report.cycles and gaps.capped >= WORTH_TELLING * report.cycles:
+            yield _capped(axis, gaps.long, gaps.capped / report.cycles)
+        if report.cycles and gaps.lessened >= WORTH_TELLING * report.cycles:
+            yield _lessened(axis, gaps, gaps.lessened / report.cycles)
         asked, stalls = cycle.asked(axis.name), cycle.stalls(axis.name)
         # What a stall capped is told by itself.
         if share >= WORTH_TELLING and (not stalls or asked > axis.limits.effort):
@@ -189,12 +198,25 @@ def _stood_still(axis: AxisPlan, stalls: int) -> str:
     )
 
 
-def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
-    times = "a gap" if gaps == 1 else f"{gaps} gaps"
+def _lessened(axis: AxisPlan, gaps: GapTally, share: float) -> str:
+    effort, most = axis.workspace.effort_name, in_unit(gaps.most, axis.workspace.effort_unit)
     return (
-        f"axis {axis.name}: after {times} in the feedback the {axis.workspace.effort_name} stayed capped at what it "
-        f"was before, in {100 * share:.0f} % of the periods; it comes back when the handle leaves contact"
+        f"axis {axis.name}: after {_times(gaps.short, 'short gap')} in the feedback the {effort} went on from where it "
+        f"was, up to {most} below what the scene asked for, in {100 * share:.0f} % of the periods; it is whole again "
+        "when the handle leaves contact"
     )
+
+
+def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
+    return (
+        f"axis {axis.name}: after {_times(gaps, 'long gap')} in the feedback the {axis.workspace.effort_name} stayed "
+        f"capped at what it was before, in {100 * share:.0f} % of the periods; it comes back when the handle leaves "
+        "contact"
+    )
+
+
+def _times(number: int, what: str) -> str:
+    return f"a {what}" if number == 1 else f"{number} {what}s"
 
 
 def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
