@@ -37,10 +37,13 @@ GROUP, NODE, RATE = "239.74.163.2", 5, 1000
 PERIOD_NS = 1_000_000_000 // RATE
 TRIP_AGE, TO_SPARE = 0.030, 0.005
 """[s]; 0.6 of the guard of 50 ms, and what of it the timer must leave for a start to count."""
-LATE_ENDS = re.compile(r"feedback.*(old|lost)|loop (missed|slept)")
-"""Words by which a run tells that it ended on the age of data or on late periods."""
+LATE_ENDS = re.compile(r"feedback.*(old|lost)|loop (missed|slept)|position|acceleration|speed")
+"""Words by which a run tells that it ended on the age of data or on late periods, or on what these do to the wall: on a
+bench that nothing else disturbs, a handle that leaves it went through a wall that was not there."""
 CAPPED = re.compile(r"stayed capped at what it was\s+before, in (\d+) %")
 """Words by which a run tells that gaps took the force of the wall until contact is left, and for how long."""
+LESSENED = re.compile(r"up to ([\d.]+) N below what the\s+scene asked")
+"""Words by which a run tells how much of its force short gaps took until contact is left."""
 STRETCHED = re.compile(r"divides the stiffness that is stable by ([\d.]+)")
 """Words by which a run tells that it ended on many gaps within a second, each of them short."""
 ALIKE = 0.95
@@ -65,6 +68,8 @@ class Start:
     rights: tuple[str, ...]
     capped: int = 0
     """Periods in which a cap after a gap in the feedback cut the force [%]."""
+    less: float = 0.0
+    """Most that short gaps took from the force [N]."""
 
     @property
     def late(self) -> bool:
@@ -109,6 +114,7 @@ def told(start: Start) -> str:
     """One start in a line."""
     end = "went to its end" if start.status == 0 else f"exit {start.status}: {start.words}"
     end += f", without its wall for {start.capped} % of the time after a gap" if start.capped else ""
+    end += f", with up to {start.less:g} N less after short gaps" if start.less else ""
     not_counted = "" if start.counted else " (not counted: the timer was late itself)"
     return (
         f"stolen {100 * start.stolen:.1f} %, loop {spread(start.loop)}, timer {spread(start.timer)}, "
@@ -191,9 +197,12 @@ def outcome(status: int, said: str, complaint: str, loop: Array, timer: Array, s
     last = complaint.strip().splitlines()[-1] if complaint.strip() else ""
     age = (figures.get("timing") or {}).get("age_us") or {}
     missed = figures.get("missed_cycles") or 0
-    capped = CAPPED.search(" ".join(complaint.split()))
-    lost = 0 if capped is None else int(capped.group(1))
-    return Start(status, " ".join(last.split()), stolen, loop, timer, age, missed, tuple(rights_texts(rights)), lost)
+    words = " ".join(complaint.split())
+    lost, less = (
+        0.0 if (found := each.search(words)) is None else float(found.group(1)) for each in (CAPPED, LESSENED)
+    )
+    rights_told = tuple(rights_texts(rights))
+    return Start(status, " ".join(last.split()), stolen, loop, timer, age, missed, rights_told, int(lost), less)
 
 
 def _loaded(path: Path) -> Array:

@@ -40,8 +40,8 @@ haptic-fieldbus run wall --bus sim-modbus-rtu@115200 --hand {hand} --set wall.st
 
 - **A wall of 600 N/m, as the library has it, is one for CANopen and for TCP.** On a serial line it is refused, with
   the number that would be stable. `--set wall.stiffness=max/2` asks for half of whatever the limit is.
-  At 115200 bit/s a push of 6 N is then more than 80 mm deep in the wall, beyond the 0.1 m of the bench; the run tells so
-  (`handle from 0 to …, … deep in wall`, in JSON `travel`), and `--hand tap` stays within.
+  At 115200 bit/s a push of 6 N is then more than 80 mm deep in the wall, beyond the 0.1 m of the bench; the run
+  tells so (`handle from 0 to …, … deep in wall`, in JSON `travel`), and `--hand tap` stays within.
 - **Ten times the bit rate is not ten times the stiffness.** At 1 Mbit/s the characters of a period take a third of a
   millisecond, and silence and the drive's answer take the rest: a drive that needs less silence than the standard's
   1.75 ms gains more than one with a faster line. `silence` in the rig and in the profile says so.

@@ -18,8 +18,9 @@ from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.spans import first_periods
-from haptic_fieldbus.assessing.travel import Reach, Travel
+from haptic_fieldbus.assessing.travel import Travel, Travels
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.safety import GapTally
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import exactly, in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -50,7 +51,7 @@ class Assessment:
         """Number of the first row in operation enabled."""
         self._firsts: list[int] = []
         self._began_ns = 0
-        self._reached = {axis.name: Reach() for axis in run.selection.plan.axes}
+        self._travels = Travels(run.selection.plan.axes, run.report)
 
     def advance(self) -> None:
         """Assess all whole parts of the run so far; to be called between two periods, at least once in `BEHIND`."""
@@ -75,14 +76,7 @@ class Assessment:
             self._follow_decoded()
         elif self._taken is not None and self._taken < self._run.record.pushed:
             self._follow(self._part(self._run.record.pushed - self._taken))
-        changed = [applied.change.plan.axes for applied in self._run.report.changes]
-        told = [
-            self._reached[axis.name].travel(
-                axis.name, axis.workspace, [axis.elements, *(axes[place].elements for axes in changed)]
-            )
-            for place, axis in enumerate(self._run.selection.plan.axes)
-        ]
-        return tuple(each for each in told if each is not None)
+        return self._travels.told()
 
     def _begun(self) -> None:
         """Find the first row in operation enabled, once there is one."""
@@ -97,19 +91,14 @@ class Assessment:
         record, first = self._run.record, self._taken
         if first is not None and first < record.pushed:
             times_ns = record.column("t_ns", first).astype(np.int64)
-            for name, reach in self._reached.items():
-                reach.add(times_ns, record.column(f"{name}.position", first), self._changed_ns)
+            for axis in self._run.selection.plan.axes:
+                self._travels.add(axis.name, times_ns, record.column(f"{axis.name}.position", first))
             self._taken = record.pushed
 
     def _follow(self, part: Part) -> None:
         """Follow the true positions of simulated drives."""
         for axis in self._axes:
-            self._reached[axis.axis.name].add(*axis.true_way(part), self._changed_ns)
-
-    @property
-    def _changed_ns(self) -> list[int]:
-        """Return the latch instant of the last period before each change so far [ns]."""
-        return [applied.after_ns for applied in self._run.report.changes]
+            self._travels.add(axis.axis.name, *axis.true_way(part))
 
     def _part(self, periods: int) -> Part:
         """Return the next `periods`, with some that the part before had too; there must be one at least."""
@@ -123,8 +112,9 @@ class Assessment:
 
     def _take(self, periods: int) -> None:
         """Assess the next `periods`, and let the simulation forget what lies before them."""
-        part, exchanges = self._part(periods), self._changed_ns
+        part = self._part(periods)
         self._follow(part)
+        exchanges = [applied.after_ns for applied in self._run.report.changes]
         self._firsts += [part.skipped + each for each in first_periods(exchanges[len(self._firsts) :], part.times_ns)]
         for axis in self._axes:
             axis.take(part)
@@ -175,9 +165,15 @@ def _rendered(run: Run) -> str:
     return real_verdict(
         effort=plan.axes[0].workspace.effort_name,
         in_time=(report.cycles - report.late) / periods,
-        cut=max(run.cycle.clipped(axis.name) for axis in plan.axes) / max(1, report.cycles),
+        cut=max(_cut(run, axis.name) for axis in plan.axes),
         behind=max(behind, default=None),
     )
+
+
+def _cut(run: Run, axis: str) -> float:
+    """Return the share of the periods in which limit or cap cut the force, or a deficit considerably."""
+    periods = run.cycle.clipped(axis) + run.cycle.gaps(axis).lessened
+    return min(1.0, periods / max(1, run.report.cycles))
 
 
 def _behind(run: Run, axis: AxisPlan) -> float | None:
@@ -193,10 +189,12 @@ def _behind(run: Run, axis: AxisPlan) -> float | None:
 def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
     """Yield a sentence for each limit that was at work during the run."""
     for axis in plan.axes:
-        gaps, gapped = cycle.gapped(axis.name)
-        share = (cycle.clipped(axis.name) - gapped) / report.cycles if report.cycles else 0.0
-        if report.cycles and gapped >= WORTH_TELLING * report.cycles:
-            yield _capped(axis, gaps, gapped / report.cycles)
+        gaps = cycle.gaps(axis.name)
+        share = (cycle.clipped(axis.name) - gaps.capped) / report.cycles if report.cycles else 0.0
+        if report.cycles and gaps.capped >= WORTH_TELLING * report.cycles:
+            yield _capped(axis, gaps.long, gaps.capped / report.cycles)
+        if report.cycles and gaps.lessened >= WORTH_TELLING * report.cycles:
+            yield _lessened(axis, gaps, gaps.lessened / report.cycles)
         asked, stalls = cycle.asked(axis.name), cycle.stalls(axis.name)
         # What a stall capped is told by itself.
         if share >= WORTH_TELLING and (not stalls or asked > axis.limits.effort):
@@ -233,12 +231,25 @@ def _stood_still(axis: AxisPlan, stalls: int) -> str:
     )
 
 
-def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
-    times = "a gap" if gaps == 1 else f"{gaps} gaps"
+def _lessened(axis: AxisPlan, gaps: GapTally, share: float) -> str:
+    effort, most = axis.workspace.effort_name, in_unit(gaps.most, axis.workspace.effort_unit)
     return (
-        f"axis {axis.name}: after {times} in the feedback the {axis.workspace.effort_name} stayed capped at what it "
-        f"was before, in {100 * share:.0f} % of the periods; it comes back when the handle leaves contact"
+        f"axis {axis.name}: after {_times(gaps.short, 'short gap')} in the feedback the {effort} went on from where it "
+        f"was, up to {most} below what the scene asked for, in {100 * share:.0f} % of the periods; it is whole again "
+        "when the handle leaves contact"
     )
+
+
+def _capped(axis: AxisPlan, gaps: int, share: float) -> str:
+    return (
+        f"axis {axis.name}: after {_times(gaps, 'long gap')} in the feedback the {axis.workspace.effort_name} stayed "
+        f"capped at what it was before, in {100 * share:.0f} % of the periods; it comes back when the handle leaves "
+        "contact"
+    )
+
+
+def _times(number: int, what: str) -> str:
+    return f"a {what}" if number == 1 else f"{number} {what}s"
 
 
 def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:

@@ -3,13 +3,18 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.scenes.element import Element, Surfaced
 from haptic_fieldbus.signals import Workspace
+
+if TYPE_CHECKING:  # imported for its type alone: a plan that is not run never loads it
+    from haptic_fieldbus.assessing.loop_report import LoopReport
 
 
 @dataclass(frozen=True)
@@ -58,3 +63,24 @@ class Reach:
                         depth[element.name] = max(*found, depth.get(element.name, 0.0))
         lowest, highest = (min(low for low, _ in self._ends.values()), max(high for _, high in self._ends.values()))
         return Travel(axis, lowest, highest, depth, workspace)
+
+
+class Travels:
+    """The travel of all axes of a run, and the changes that its report tells of."""
+
+    def __init__(self, axes: Sequence[AxisPlan], report: "LoopReport") -> None:
+        self._axes, self._report = axes, report
+        self._reached = {axis.name: Reach() for axis in axes}
+
+    def add(self, axis: str, times_ns: NDArray[np.int64], positions: NDArray[np.float64]) -> None:
+        """Add positions of an axis at instants [ns], both `(n,)`."""
+        self._reached[axis].add(times_ns, positions, [applied.after_ns for applied in self._report.changes])
+
+    def told(self) -> tuple[Travel, ...]:
+        """Return the travel of each axis of which any position is known."""
+        plans = [self._axes, *(applied.change.plan.axes for applied in self._report.changes)]
+        told = [
+            self._reached[axis.name].travel(axis.name, axis.workspace, [axes[place].elements for axes in plans])
+            for place, axis in enumerate(self._axes)
+        ]
+        return tuple(each for each in told if each is not None)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.laws import PairField, blended_pair
-from haptic_fieldbus.cycle.safety import Trip, TripKind
+from haptic_fieldbus.cycle.safety import GapTally, Trip, TripKind
 from haptic_fieldbus.cycle.sensing import in_order
 from haptic_fieldbus.cycle.tied_energy import bind_ledger
 from haptic_fieldbus.drive.power import PowerState
@@ -166,10 +166,9 @@ class Cycle:
         """Return the largest force beyond the effort limit that the scene asked for [N or N·m]; 0 without any."""
         return self._axes[axis].permission.asked
 
-    def gapped(self, axis: str) -> tuple[int, int]:
-        """Return how many gaps in the feedback capped the force, and in how many periods those caps cut it."""
-        permission = self._axes[axis].permission
-        return permission.gaps, permission.gapped
+    def gaps(self, axis: str) -> GapTally:
+        """Return what gaps in the feedback cost this axis."""
+        return self._axes[axis].permission.gaps
 
     def stalls(self, axis: str) -> int:
         """Return how often counts stood still under torque for so long that the limit fell."""

@@ -5,21 +5,24 @@ the scene that stays within what a hand may hold for ever. From then on the forc
 
 1. The limit. It rises from 0 to the effort limit of the axis within the fade-in time, and bounds the force from both
    sides. The limit fades in, not the force, so that a large force at the start grows no faster than a small one could.
-2. The cap, which is there only after a disturbance: a gap in the feedback, or counts that stood still under torque for
-   long. A capped force stays at or below the cap until contact is left, that is until the scene asks for no force or
-   for one in the other direction.
+2. What a disturbance leaves until contact is left, that is until the scene asks for no force or for one in the other
+   direction. After a long gap in the feedback, and after counts that stood still under torque for long, a cap: the
+   force stays at or below it. After a short gap a deficit, which is taken from what the scene asks for.
 3. The slew limit, which bounds the change from one period to the next whatever the first two gates do.
 
 Feedback that is missing for one period changes nothing: the torque is held, as it is held between any two periods. From
-the second missing period on the held torque fades to zero, and its value before the gap becomes the cap. Letting it
-return to any value would do work on the hand that the hand never did on the handle.
+the second missing period on the held torque fades to zero. Letting it return to any value would do work on the hand
+that the hand never did on the handle. When feedback returns before the torque was zero, force therefore goes on from
+its value before the gap: what the scene asks for beyond it is the deficit, as if the wall stood where the handle is
+now. That is the same law less a constant force, so it gives back no more than the hand brings in. When feedback returns
+later, nobody knows what the hand did meanwhile, and the value before the gap is the cap.
 
 A trip is final: torque is zero from that period on, and only a new run enables again.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from haptic_fieldbus.planning.limits import EffortLimits, fade_periods
@@ -69,6 +72,10 @@ LINK_TRIPS = {
 """The trip for each fault of the link, the most telling first."""
 
 
+CONSIDERABLE = 0.05
+"""Share of a force that is worth counting; a hand notices 8 %."""
+
+
 @dataclass(frozen=True)
 class Trip:
     """Reason and instant of the loss of torque: `value` exceeded `limit` (None: no limit) on `axis` at `t_ns`."""
@@ -84,6 +91,27 @@ class Trip:
 
 
 @dataclass(slots=True)
+class GapTally:
+    """What gaps in the feedback cost one axis."""
+
+    long: int = 0
+    """How often feedback was missing for so long that a cap followed."""
+    capped: int = 0
+    """Periods in which such a cap cut the force."""
+    short: int = 0
+    """How often feedback that came back before torque was zero left a deficit, or a larger one."""
+    lessened: int = 0
+    """Periods in which a deficit took a considerable share of the force."""
+    most: float = 0.0
+    """Most that a deficit took from the force [N or N·m]."""
+
+    def note(self, asked: float, taken: float) -> None:
+        """Note a period in which a deficit took so much of what was asked."""
+        self.most = max(self.most, taken)
+        self.lessened += taken > CONSIDERABLE * asked
+
+
+@dataclass(slots=True)
 class Permission:
     """How much force one axis is permitted at present [N or N·m]; its automaton is the first half of this file."""
 
@@ -91,7 +119,7 @@ class Permission:
     """Share of the effort limit that is reached, 0 to 1."""
     cap: float = math.inf
     side: float = 0.0
-    """Sign of the capped force; 0 while no force has been asked for since the cap was set."""
+    """Sign of the force that cap or deficit cut; 0 while none has been asked for since they came."""
     before: float = 0.0
     """The permitted force of the period before."""
     held: float = 0.0
@@ -99,15 +127,16 @@ class Permission:
     proof: Callable[[float], float] | None = None
     """Takes the force of the scene and returns what is given until the sign has been seen; None from then on."""
     unchanged: bool = False
-    """Whether neither fade-in nor a cap is at work, so that only effort and slew limit the force."""
+    """Whether neither fade-in nor cap nor deficit is at work, so that only effort and slew limit the force."""
     clipped: int = 0
     """Periods in which effort, fade-in or cap cut the force."""
     asked: float = 0.0
     """Largest force that the scene asked for beyond the effort limit, once force has faded in."""
-    gaps: int = 0
-    """How often feedback was missing for so long that a cap followed."""
-    gapped: int = 0
-    """Periods in which a cap after such a gap cut the force."""
+    blind: bool = False
+    """Whether feedback is missing, or was until now, for so short that torque has not faded to zero."""
+    deficit: float = 0.0
+    """What short gaps take from the force until contact is left."""
+    gaps: GapTally = field(default_factory=GapTally)
     after_gap: bool = False
     """Whether the present cap is that of a gap."""
 
@@ -117,17 +146,37 @@ class Permission:
 
     def cap_after_gap(self, cap: float, side: float) -> None:
         """Permit no more than before a gap in the feedback, until contact is left."""
-        self.gaps += 1
+        self.gaps.long += 1
         self.cap_at(cap, side)
-        self.after_gap = True
+        self.after_gap, self.blind = True, False
 
-    def contact_left(self, asked: float, least: float) -> bool:
-        """Whether the scene asks for no force (`least` at most), or for one against the capped direction."""
-        if abs(asked) <= least:
-            return True
-        if self.side == 0.0:
+    def begin_gap(self) -> None:
+        """A second period passes without feedback."""
+        self.blind, self.unchanged = True, False
+
+    def resume(self, force: float) -> float:
+        """Return the force, within limit and cap, of a period with feedback: less the deficit, also a new one."""
+        if self.blind:
+            self._end_gap(force)
+        taken = min(self.deficit, abs(force))
+        if taken:
+            self.gaps.note(abs(force), taken)
+        return math.copysign(abs(force) - taken, force)
+
+    def _end_gap(self, force: float) -> None:
+        """Feedback is back soon: what the force is beyond that before the gap is the deficit."""
+        self.blind = False
+        before = abs(self.held) if self.held * force > 0.0 else 0.0
+        if abs(force) - before > self.deficit:
+            self.side, self.deficit = math.copysign(1.0, force), abs(force) - before
+            self.gaps.short += 1
+
+    def leave_contact(self, asked: float, least: float) -> None:
+        """Forget cap and deficit when the scene asks for no force (`least` at most), or for one against their side."""
+        if self.side == 0.0 and abs(asked) > least:
             self.side = math.copysign(1.0, asked)
-        return asked * self.side < 0.0
+        if abs(asked) <= least or asked * self.side < 0.0:
+            self.cap, self.deficit, self.side = math.inf, 0.0, 0.0
 
 
 def bind_limiter(
@@ -148,25 +197,27 @@ def bind_limiter(
             return force
         return beyond(force)
 
+    def bounded(force: float, highest: float) -> float:
+        bound = min(highest, permission.cap)
+        if -bound <= force <= bound:
+            return force
+        permission.clipped += 1
+        if bound == effort:
+            permission.asked = max(permission.asked, abs(force))
+        permission.gaps.capped += permission.after_gap and permission.cap < highest
+        return math.copysign(bound, force)
+
     def beyond(force: float) -> float:
         if not math.isfinite(force):
             return math.nan
         # Contact is that of the scene: a pulse of the proof, or its pause, leaves none.
-        if permission.cap < math.inf and permission.contact_left(force, least):
-            permission.cap = math.inf
-        fade = 1.0
+        permission.leave_contact(force, least)
         if permission.proof is not None:
-            force = permission.proof(force)
-        elif permission.fade < 1.0:
+            force, permission.blind = bounded(permission.proof(force), effort), False
+        else:
             fade = permission.fade = min(1.0, permission.fade + growth)
-        permission.unchanged = fade >= 1.0 and permission.proof is None and permission.cap == math.inf
-        bound = min(effort * fade, permission.cap)
-        if not -bound <= force <= bound:
-            permission.clipped += 1
-            if bound == effort:
-                permission.asked = max(permission.asked, abs(force))
-            permission.gapped += permission.after_gap and permission.cap < effort * fade
-            force = math.copysign(bound, force)
+            force = permission.resume(bounded(force, effort * fade))
+            permission.unchanged = fade >= 1.0 and permission.cap == math.inf and not permission.deficit
         before = permission.before
         if not -largest_change <= force - before <= largest_change:
             force = before + math.copysign(largest_change, force - before)
@@ -188,10 +239,12 @@ def bind_hold(period: float, permission: Permission, holding: float) -> Callable
             permission.held = permission.before
             return permission.before
         if missing == 2:
+            permission.begin_gap()
+        share = max(0.0, 1.0 - (missing - 1) / fading)
+        if permission.blind and not share:
             pulses, held = permission.proof is not None, permission.held
             side = 0.0 if pulses or held == 0.0 else math.copysign(1.0, held)
             permission.cap_after_gap(min(permission.cap, holding if pulses else abs(held)), side)
-        share = max(0.0, 1.0 - (missing - 1) / fading)
         permission.before = permission.held * share
         return permission.before
 

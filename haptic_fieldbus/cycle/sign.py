@@ -5,12 +5,14 @@ all its pulses and pairs agree; then the sign is seen, or the run ends. As soon 
 little, the next stage begins.
 
 After the last stage the scene goes on within `holding` for a second, and the last stage is tried again. Missing
-feedback begins a stage anew. In a scene of several axes force rises when the sign of all has been seen, and a doubt
-about one of them limits all.
+feedback spoils the pair in which it falls: the handle is left to come to rest, and that pair is repeated, so that gaps
+which come more often than a stage is long do not keep a proof from its end. In a scene of several axes force rises when
+the sign of all has been seen, and a doubt about one of them limits all.
 """
 
 import math
 from collections.abc import Callable
+from operator import mul
 
 from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.cycle.state import AxisState
@@ -95,7 +97,7 @@ class SignProof:
         self.failures = 0
         """How often all stages were tried in vain."""
         self.broken_off = 0
-        """How often missing feedback made a stage begin anew."""
+        """How often missing feedback made a pair begin anew."""
         self.seen = False
         self._axis, self._probe, self._state, self._trip, self._seen = axis, probe, state, trip, seen
         # What a torque does is seen so many samples later.
@@ -104,8 +106,13 @@ class SignProof:
         """Periods that are left of a pause of the proof, and of one before a stage in which nothing is given."""
         self._number = 0
         self._positions: list[float] = []
+        """Of the periods since the handle was last left to come to rest."""
+        self._kept = 0
+        """Pulses of the stage before them."""
         self._shown: list[float] = []
         """Second difference of each pulse of the stage, positive in the direction of its torque."""
+        self._clock, self._times = 0, list[int]()
+        """Periods so far, and those at which the pulses were looked at."""
 
     def give(self, force: float) -> float:
         """Return the force of the period: a pulse, or that of the scene within what a hand may hold."""
@@ -114,9 +121,10 @@ class SignProof:
         if self._pause or self.seen:
             holding = self._probe.holding
             return max(-holding, min(holding, force))
+        self._clock += self._state.steps
         if self._state.steps != 1:
             self.broken_off += 1
-            self.begin()
+            self._rest()
         if self._quiet:
             self._quiet -= 1
             return 0.0
@@ -134,12 +142,20 @@ class SignProof:
 
     def begin(self) -> None:
         """Begin the stage, after a while in which the handle comes to rest."""
-        self._positions, self._shown = [], []
+        self._shown, self._times = [], []
+        self._rest()
+
+    def _rest(self) -> None:
+        """Let the handle come to rest, and go on after the last whole pair."""
+        self._kept = len(self._shown) // PULSES_OF_A_PAIR * PULSES_OF_A_PAIR
+        del self._shown[self._kept :], self._times[self._kept :]
+        self._positions = []
         self._quiet = PARTS * self._stage.periods
 
     def _torque(self, stage: PulseStage) -> float:
         """Return the torque of this period: none, that of the pulse, and the same against it."""
-        pulse, rest = divmod(len(self._positions) - 1, PARTS * stage.periods)
+        since, rest = divmod(len(self._positions) - 1, PARTS * stage.periods)
+        pulse = self._kept + since
         if self._pause or self.seen or not self._positions or pulse >= self._pulses:
             return 0.0
         return (0.0, 1.0, -1.0)[rest // stage.periods] * thue_morse(pulse) * stage.effort
@@ -147,17 +163,18 @@ class SignProof:
     def _look(self, stage: PulseStage) -> None:
         """After the second part of each pulse: how did the handle move, and what does the pair say?"""
         pulse, length = len(self._shown), stage.periods
-        here = len(self._positions) - 1
+        here, begun = len(self._positions) - 1, PARTS * length * (pulse - self._kept)
         if pulse == self._pulses:
-            if here >= PARTS * length * pulse:  # the last pulse has stopped the handle again
+            if here >= begun:  # the last pulse has stopped the handle again
                 self.seen = True
                 self._seen()
             return
-        if here < PARTS * length * pulse + 2 * length + self._late:
+        if here < begun + 2 * length + self._late:
             return
         positions = self._positions
         bend = positions[here] - 2.0 * positions[here - length] + positions[here - 2 * length]
         self._shown.append(thue_morse(pulse) * bend)
+        self._times.append(self._clock)
         if pulse % PULSES_OF_A_PAIR:
             self._judge(stage)
 
@@ -175,14 +192,11 @@ class SignProof:
     def _agree(self, side: float) -> bool:
         """Return whether all pulses go to this side, after a straight line is taken out of how the handle went."""
         went = [thue_morse(pulse) * shown for pulse, shown in enumerate(self._shown)]
-        middle = 0.5 * (len(went) - 1)
-        mean = sum(went) / len(went)
-        slope = sum((pulse - middle) * each for pulse, each in enumerate(went)) / sum(
-            (pulse - middle) ** 2 for pulse in range(len(went))
-        )
-        return all(
-            side * thue_morse(pulse) * (each - mean - slope * (pulse - middle)) > 0.0 for pulse, each in enumerate(went)
-        )
+        middle, mean = (sum(values) / len(went) for values in (self._times, went))
+        ago = [time - middle for time in self._times]
+        slope = sum(map(mul, ago, went)) / sum(map(mul, ago, ago))
+        rest = [each - mean - slope * time for each, time in zip(went, ago, strict=True)]
+        return all(side * thue_morse(pulse) * each > 0.0 for pulse, each in enumerate(rest))
 
     def _next(self) -> None:
         """Go on with the next stage; after the last one with the scene."""

@@ -4,6 +4,7 @@ Only the simulation uses these values, but for the coupling: without its backlas
 are at the motor shaft and SI, unless a field says otherwise.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -20,6 +21,9 @@ from haptic_fieldbus.drive.fields import (
     NonNegativeFloat,
     PositiveFloat,
 )
+
+LARGEST_COGGING = (2.0 * math.pi * 1e4) ** 2
+"""Of torque times periods per revolution over inertia [rad/s²]: the shaft then swings in its rest at 10 kHz."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from haptic_fieldbus.documents import (
     schema_of,
     suggestion,
 )
+from haptic_fieldbus.drive.mechanics import LARGEST_COGGING
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
 from haptic_fieldbus.drive.rig_units import convert_units, schema_with_units
@@ -286,3 +287,11 @@ def _check_simulation(document: Document, axis: str) -> None:
     hanging = document.value(*simulation, "gravity", "hanging_at")
     if hanging is not None and document.value("axis", axis, "mechanism", "kind") == "linear":
         document.refuse((*simulation, "gravity", "hanging_at"), "no such key: a linear mechanism has no lever")
+    torque, periods = (document.value(*simulation, "cogging", key) for key in ("torque", "periods_per_revolution"))
+    if isinstance(torque, int | float) and isinstance(periods, int) and isinstance(inertia, int | float):
+        shaft = inertia - (load if isinstance(load, int | float) else 0.0)
+        if torque * periods > LARGEST_COGGING * shaft > 0.0:
+            most = f"at most {LARGEST_COGGING * shaft / periods:.3g}"
+            document.refuse(
+                (*simulation, "cogging", "torque"), f"{most}: more lets this shaft swing in its rest above 10 kHz"
+            )

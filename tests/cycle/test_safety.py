@@ -15,6 +15,8 @@ PERIOD = 0.001
 FADED_IN = 1.0
 HOLDING = 0.25
 """What a hand may hold while the sign is looked for."""
+SHORT = 10
+"""Missing periods after which the held torque has not faded to zero."""
 
 
 def limits(effort: float = 5.0, slew: float = 1e9, fade_in: float = PERIOD) -> EffortLimits:
@@ -162,13 +164,71 @@ def test_a_gap_while_the_sign_is_looked_for_caps_at_what_a_hand_may_hold(pulse: 
     limit, hold = bound(permission)
     permission.proof = lambda force: pulse
     limit(-4.0)
-    for number in range(5):
+    for number in range(20):
         hold(number + 1)
     limit(-4.0)
     permission.proof = None
     assert [limit(-4.0) for _ in range(9)][-1] == -HOLDING
     limit(0.0)
     assert [limit(-4.0) for _ in range(9)][-1] == -4.0
+
+
+def test_a_short_gap_while_the_sign_is_looked_for_leaves_nothing() -> None:
+    """The force before it is that of a pulse; what is permitted afterwards fades in from what a hand may hold."""
+    permission = Permission()
+    limit, hold = bound(permission)
+    permission.proof = lambda force: 0.2
+    limit(-4.0)
+    for number in range(5):
+        hold(number + 1)
+    limit(-4.0)
+    permission.proof = None
+    assert [limit(-4.0) for _ in range(9)][-1] == -4.0
+
+
+@given(st.floats(-3.0, 3.0), st.integers(2, SHORT), st.floats(0.0, 2.0))
+def test_after_a_short_gap_force_goes_on_from_its_value_before(before: float, missing: int, more: float) -> None:
+    """What is asked for is 2 more than before: the force is that before; further in, it grows by what is asked more."""
+    limit, hold = bound(Permission(), limits(effort=10.0, slew=1e9))
+    limit(before)
+    for number in range(missing):
+        hold(number + 1)
+    side = math.copysign(1.0, before)
+    assert limit(before + 2.0 * side) == pytest.approx(before, abs=1e-9)
+    assert limit(before + (2.0 + more) * side) == pytest.approx(before + more * side, abs=1e-9)
+
+
+def test_a_short_gap_into_the_other_direction_begins_at_no_force() -> None:
+    """The handle went through contact unseen, and into another one."""
+    limit, hold = bound(Permission(), limits(slew=1e9))
+    limit(2.0)
+    for number in range(3):
+        hold(number + 1)
+    assert [limit(asked) for asked in (-3.0, -4.0, -1.0, 0.0, -3.0)] == [0.0, -1.0, 0.0, 0.0, -3.0]
+
+
+Moved = tuple[float, int]
+"""How far the handle goes [m], and for how many periods of that time feedback is missing."""
+
+
+@given(st.lists(st.tuples(st.floats(-2e-3, 2e-3), st.sampled_from([0, 0, 2, 5, SHORT])), max_size=60))
+def test_short_gaps_never_give_back_more_than_was_brought_in(moves: list[Moved]) -> None:
+    """A spring of 600 N/m, work by the trapezoid over twentieths; what the held torque does in a gap is left out.
+
+    A force K·x − D stores (K·x − D)²/2K, and a gap ends at a force no larger than the one it began with.
+    """
+    limit, hold = bound(Permission(), limits(effort=math.inf, slew=1e9))
+    place, given, before = 0.0, 0.0, limit(0.0)
+    for way, missing in moves:
+        for number in range(missing):
+            hold(number + 1)
+        parts = 1 if missing else 20
+        for _ in range(parts):
+            place += way / parts
+            force = limit(-600.0 * max(0.0, place))
+            given += 0.0 if missing else 0.5 * (before + force) * way / parts
+            before = force
+    assert given <= 60 * 600.0 * 1e-4**2 / 8.0, "the error of a trapezoid over a corner"
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

@@ -131,19 +131,53 @@ def test_while_nothing_is_seen_the_scene_goes_on_within_what_a_hand_may_hold() -
     assert watched.proof.failures >= 3
 
 
-def test_missing_feedback_begins_the_stage_anew() -> None:
+def decided_with_gaps(sign: float, every: int, steps: int) -> tuple[int, int]:
+    """What is decided about the shipped bench, and after how many periods; gaps of `steps` come every so often."""
+    motion, state, late = held(0.63, 1.6, 1e3, 300.0, 4.0), np.zeros(5), 0.0
     watched = Watched()
-    motion, state, force = held(0.63, 1.6, 1e3, 300.0, 4.0), np.zeros(5), 0.0
-    for period in range(120):
-        force = watched.give(float(state[0]), steps=2 if period == 60 else 1)
-        state[4] = force
+    for period in range(1000):
+        gap = period % every == every - 1
+        for _ in range(steps - 1 if gap else 0):
+            state = motion @ state
+        force = watched.give(float(state[0]), steps=steps if gap else 1)
+        if watched.decided:
+            break
+        state[4], late = sign * late, force
         state = motion @ state
-    assert watched.decided == 0, "90 ms after a gap at 60 ms have not passed"
-    assert watched.proof.broken_off == 1
-    for _ in range(60):
-        state[4] = watched.give(float(state[0]))
-        state = motion @ state
-    assert watched.decided == 1
+    return watched.decided, period
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("steps", [2, 5, 10])
+@pytest.mark.parametrize("every", [50, 70, 100])
+def test_gaps_that_come_sooner_than_a_stage_is_long_spoil_a_pair_and_no_more(
+    sign: float, steps: int, every: int
+) -> None:
+    """A pair takes 30 ms and the handle 15 ms to come to rest, so between two gaps is one whole pair at least."""
+    decided, period = decided_with_gaps(sign, every, steps)
+    assert decided == sign
+    assert period <= 4 * every
+
+
+def test_a_gap_in_every_pair_leaves_the_sign_unseen() -> None:
+    assert decided_with_gaps(1.0, 40, 2) == (0, 999)
+
+
+@pytest.mark.parametrize(("frequency", "power"), [(0.0, 1), (0.0, 2), (0.0, 3), (2.0, 0), (5.0, 0), (10.0, 0)])
+def test_a_hand_that_leads_the_handle_decides_nothing_with_gaps_either(frequency: float, power: int) -> None:
+    """Evenly or to and fro [Hz], at gaps that leave one to three pairs between them."""
+    for seed in range(7):
+        draw, watched = np.random.default_rng(seed), Watched()
+        period = left = 0
+        while period < 900:
+            steps = 1 if left else int(draw.integers(2, 11))
+            left = left - 1 if left else int(draw.integers(46, 110))
+            period += steps
+            time = period * PERIOD
+            swing = 0.03 * float(np.sin(2.0 * np.pi * frequency * time + seed)) if frequency else -0.03 * time**power
+            watched.give(swing, steps=steps)
+        assert watched.decided == 0
+        assert watched.proof.broken_off > 5
 
 
 def test_the_signs_of_the_pulses_cancel_what_grows_evenly() -> None:

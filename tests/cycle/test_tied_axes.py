@@ -59,12 +59,25 @@ def test_axes_that_a_coupling_ties_fade_together(stale_periods: int) -> None:
 def test_back_after_a_gap_neither_is_pushed_harder_than_before_it() -> None:
     shaft = Shaft()
     before, _ = shaft.torques(TURNED)
-    for _ in range(FADING):
+    for _ in range(FADING + 1):
         shaft.torques(TURNED, lost=True)
     for more in range(100):
         left, right = shaft.torques(TURNED + 2 * more)
         assert abs(left) <= abs(before)
         assert abs(right) <= abs(before)
+
+
+def test_after_a_short_gap_both_go_on_from_the_same_force() -> None:
+    """A spring of 400 N/m: with the handles further apart both forces grow by the same, from those before the gap."""
+    shaft = Shaft()
+    before, _ = shaft.torques(TURNED)
+    for _ in range(3):
+        shaft.torques(TURNED, lost=True)
+    assert shaft.torques(TURNED + 8) == pytest.approx((before, -before), abs=1)
+    left, right = shaft.torques(TURNED + 16)
+    assert left == -right
+    whole = Shaft()
+    assert left - before == pytest.approx(whole.torques(TURNED + 8)[0] - before, abs=1)
 
 
 def test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled() -> None:

@@ -57,6 +57,7 @@ def test_every_part_is_read_as_it_stands(tmp_path: Path) -> None:
             "a linear mechanism has no lever",
         ),
         ("stiffness = 20", "stiffness = 0", "coupling.stiffness"),
+        ("torque = 2.0e-3", "torque = 2.0e4", "above 10 kHz"),
         ("periods_per_revolution = 14", "periods_per_revolution = 0", "cogging.periods_per_revolution"),
         ("velocity = 0.5", "speed = 0.5", "stribeck.velocity"),
         ("torque = 0.01, ", "", "gravity.torque"),

@@ -1,5 +1,7 @@
 """Feedback that stays away for 20 ms while a hand leans on a wall: force and energy of the true motion."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,8 @@ CONTACT = 2.0
 """[s] after operation enabled; the pushing hand has come to rest in the wall."""
 RESTING_FORCE = 6.0
 """[N] of the pushing hand, which the wall balances; beside it friction, 2 mN·m of the motor or 0.25 N."""
+ENTERED, SPEED = 0.7221, 0.29
+"""When this hand brings the handle to the wall [s after operation enabled], and how fast it is then [m/s]."""
 FRICTION = 2.0e-3 / (0.05 / (2 * np.pi))
 
 
@@ -58,9 +62,31 @@ def test_a_force_that_a_gap_took_is_told() -> None:
     depth = found.traces[0].position[-1] - 0.02
     assert depth > 0.03, "a wall of 600 N/m would have held 6 N at 0.01"
     (told,) = [text for text in found.warnings if "gap" in text]
-    assert "after a gap in the feedback the force stayed capped at what it was before" in told
+    assert "after a long gap in the feedback the force stayed capped at what it was before" in told
     assert "comes back when the handle leaves contact" in told
     assert not [text for text in found.warnings if "asked for more" in text]
+
+
+@pytest.mark.thorough("two runs of a second and a half", quick=1)
+@pytest.mark.parametrize("missing", [5, 10])
+def test_a_wall_that_a_short_gap_hides_stands_where_the_handle_is_seen_again(missing: int) -> None:
+    """Feedback stays away from just before the handle enters the wall, which then is as much deeper for the hand."""
+    found = run("wall", endless_rig("wall"), duration=2.5, faults=[MissingTpdos("missing_tpdos", 0.721, missing)])
+    whole = run("wall", endless_rig("wall"), duration=2.5)
+    (told,) = [text for text in found.warnings if "gap" in text]
+    below = re.search(r"after a short gap in the feedback the force went on .* up to ([\d.]+) N below", told)
+    assert below is not None
+    hidden = (0.721 + missing * 1e-3 - ENTERED) * SPEED
+    assert float(below.group(1)) / 600.0 == pytest.approx(hidden, abs=1e-3 * SPEED), "to a sample"
+    deeper = found.traces[0].position[-1] - whole.traces[0].position[-1]
+    assert deeper == pytest.approx(float(below.group(1)) / 600.0, abs=2.0 * FRICTION / 600.0)
+
+
+def test_many_short_gaps_leave_a_wall_that_holds() -> None:
+    """Three missing samples in each tenth of a second, as a computer whose host takes it away for a moment."""
+    gaps = [MissingTpdos("missing_tpdos", 0.1 * number, 3) for number in range(1, 80)]
+    found = run("wall", endless_rig("wall"), duration=8.0, faults=gaps)
+    assert found.traces[0].position[-1] - 0.02 == pytest.approx(RESTING_FORCE / 600.0, abs=2e-3)
 
 
 def test_feedback_that_breaks_off_the_proof_of_the_sign_is_named_as_the_reason() -> None:
