@@ -43,11 +43,11 @@ def rounded_limit(limit: float) -> str:
     return rounded(limit, LIMIT_DIGITS)
 
 
-def two_digits_down(value: float) -> float:
-    """Return a number above 0 with two digits, rounded down: what is proposed must not exceed its limit."""
-    # The factor just above 1 keeps rounding from lowering a value that already has two digits.
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.2g}")
+def rounded_down(value: float, digits: int = 2) -> float:
+    """Return a number above 0 with so many digits, rounded down: what is proposed must not exceed its limit."""
+    # The factor just above 1 keeps rounding from lowering a value that already has so few digits.
+    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.{digits}g}")
 
 
 def in_unit(value: float, unit: str) -> str:

@@ -17,8 +17,8 @@ from haptic_fieldbus.numerals import (
     in_unit,
     percent,
     rounded,
+    rounded_down,
     rounded_limit,
-    two_digits_down,
 )
 from tests.number_style import strange_numbers
 
@@ -46,10 +46,10 @@ def test_what_somebody_gave_is_read_back(value: float) -> None:
 
 @given(PLAIN)
 def test_two_digits_are_never_above_and_within_a_tenth(value: float) -> None:
-    found = two_digits_down(value)
+    found = rounded_down(value)
     assert 0.9 * value <= found <= value * (1.0 + 1e-12)
     assert len(f"{found:e}".partition("e")[0].rstrip("0").replace(".", "")) <= 2
-    assert two_digits_down(found) == found
+    assert rounded_down(found) == found
 
 
 @given(FINITE, FINITE, DIGIT_COUNTS)

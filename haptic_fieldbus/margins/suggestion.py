@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import EnvironmentOf
-from haptic_fieldbus.numerals import two_digits_down
+from haptic_fieldbus.numerals import rounded_down
 from haptic_fieldbus.numerics.linear import StateSpace
 
 
@@ -45,7 +45,7 @@ def suggest(
 
     kept, asked = (0.7, 1.2 * stiffness) if cautious is None else (1.0, stiffness)
     least = kept * limit_of(damping or 0.0)
-    softer = two_digits_down(least) if 0.0 < least < math.inf else None
+    softer = rounded_down(least) if 0.0 < least < math.inf else None
     largest = 0.0 if damping is None else loop.largest_damping(damped(damping))
     for candidate in _round_values(largest):
         if (

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.cautious import Cautious, Obstacle
 from haptic_fieldbus.margins.contact import stiffness_of
-from haptic_fieldbus.numerals import in_unit, rounded, rounded_limit, two_digits_down
+from haptic_fieldbus.numerals import in_unit, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER
 from haptic_fieldbus.planning.enabling import enabling_lines
@@ -160,7 +160,7 @@ def obstacle_text(obstacle: Obstacle, workspace: Workspace) -> str:
     return (
         f"none is left for {obstacle.beside}: without it, too, {element.name} is above its cautious limit, "
         f"{rounded_limit(stiffness_of(element))} of {rounded_limit(obstacle.limit)} {per}; inside would be "
-        f"{softer(element, two_digits_down(obstacle.limit))}"
+        f"{softer(element, rounded_down(obstacle.limit))}"
     )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.margins.group import Group
-from haptic_fieldbus.numerals import exactly, rounded, rounded_limit, two_digits_down
+from haptic_fieldbus.numerals import LIMIT_DIGITS, exactly, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import AnyElement, Graded
 from haptic_fieldbus.scenes.parameters import parameters
@@ -63,7 +63,10 @@ def softer(element: AnyElement, stiffness: float) -> str:
     # A list of stiffnesses cannot be written as one setting.
     if not all(isinstance(value, float) for value in changed.values()):
         return f"{element.name} with {rounded(stiffness / element.stiffness)} times its stiffnesses"
-    settings = [f"{name}={exactly(value)}" for name, value in changed.items()]
+    # Several are rounded by less, so that their ratio stays.
+    digits = 2 if len(changed) == 1 else LIMIT_DIGITS
+    smaller = {name: rounded_down(value, digits) if value > 0.0 else value for name, value in changed.items()}
+    settings = [f"{name}={exactly(value)}" for name, value in smaller.items()]
     return " ".join(f"--set {element.name}.{setting}" for setting in settings)
 
 
@@ -84,7 +87,7 @@ def _eased(group: Group) -> Iterator[str]:
     least = group.cautious_limit()
     if least is None or least.obstacle is None:
         return
-    element, stiffness = least.obstacle.element, two_digits_down(least.obstacle.limit)
+    element, stiffness = least.obstacle.element, rounded_down(least.obstacle.limit)
     eased = group.with_stiffness(element, stiffness)
     rest = _hints(eased)[:1] if eased.stability.verdict is Verdict.UNSTABLE else []
     yield " ".join([softer(element, stiffness), *rest])

@@ -12,7 +12,7 @@ from haptic_fieldbus.assessing.rights import rights_texts
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.margins import Stability, Verdict
-from haptic_fieldbus.numerals import DIGITS, exactly, in_unit, percent, rounded, rounded_limit, two_digits_down
+from haptic_fieldbus.numerals import DIGITS, exactly, in_unit, percent, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.explain import delay_text, milliseconds, obstacle_text
@@ -209,7 +209,7 @@ def _cautious_text(stability: Stability, workspace: Workspace) -> str:
     limit = f"cautious limit {rounded_limit(least.stable)}"
     if stability.stiffness <= least.stable:
         return f"; {limit}"
-    return f"; above the {limit}, {exactly(two_digits_down(least.stable))} would be inside"
+    return f"; above the {limit}, {exactly(rounded_down(least.stable))} would be inside"
 
 
 def _passive_text(stability: Stability) -> str:

@@ -121,6 +121,7 @@ def test_where_another_element_leaves_no_stiffness_it_is_named_and_made_softer(
         check_stable(plan_of(load_scene(name, settings)))
     given = {key: float(value) for key, value in re.findall(r"--set (\w+\.\w+)=([.0-9]*[0-9])", str(refused.value))}
     assert f"{held}.stiffness" in given
+    assert all(value == float(f"{value:.4g}") for value in given.values()), "no more digits than one would type"
     mended = plan_of(load_scene(name, settings | given)).stability
     assert mended is not None
     assert mended.cautious is not None

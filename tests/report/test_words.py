@@ -10,7 +10,7 @@ from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import Rig, default_axis
-from haptic_fieldbus.numerals import rounded, rounded_limit, two_digits_down
+from haptic_fieldbus.numerals import rounded, rounded_down, rounded_limit
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.report.words import (
     announcement,
@@ -221,7 +221,7 @@ def test_stability_is_told_with_its_limits_and_margin() -> None:
     assert stability_text(compiled) == (
         f"stable to {rounded_limit(limit.stable)} N/m on this bench (passive to {rounded_limit(limit.passive)}); "
         f"you ask 600: {compiled.stability.verdict.value}, margin {rounded(limit.stable / 600)}; "
-        f"above the cautious limit {rounded_limit(least.stable)}, {two_digits_down(least.stable):g} would be inside"
+        f"above the cautious limit {rounded_limit(least.stable)}, {rounded_down(least.stable):g} would be inside"
     )
 
 
