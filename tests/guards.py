@@ -175,7 +175,7 @@ GUARDS = {
     ),
     "cap after a gap": _cycle(
         "safety",
-        "if permission.blind and not share:",
+        "if permission.blind and missing > soon:",
         "if False:",
         "test_back_in_contact_the_force_stays_below_that_before_the_gap",
         of=SAFETY,

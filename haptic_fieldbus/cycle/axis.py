@@ -244,7 +244,7 @@ class AxisCycle:
         effort_unit, sign = axis.effort_unit, axis.rig.mechanism.sign
         limit, hold = (
             bind_limiter(axis.limits, self._period, permission, effort_unit),
-            bind_hold(self._period, permission, axis.limits.holding),
+            bind_hold(axis.limits, self._period, permission),
         )
         pack_into, output, offset = self._image.output.pack_into, self._output, self._image.outputs[0]
 

@@ -12,10 +12,10 @@ the scene that stays within what a hand may hold for ever. From then on the forc
 
 Feedback that is missing for one period changes nothing: the torque is held, as it is held between any two periods. From
 the second missing period on the held torque fades to zero. Letting it return to any value would do work on the hand
-that the hand never did on the handle. When feedback returns before the torque was zero, force therefore goes on from
-its value before the gap: what the scene asks for beyond it is the deficit, as if the wall stood where the handle is
-now. That is the same law less a constant force, so it gives back no more than the hand brings in. When feedback returns
-later, nobody knows what the hand did meanwhile, and the value before the gap is the cap.
+that the hand never did on the handle. When feedback returns soon, within half of the age at which it ends a run, force
+therefore goes on from its value before the gap: what the scene asks for beyond it is the deficit, as if the wall stood
+where the handle is now. That is the same law less a constant force, so it gives back no more than the hand brings in.
+When feedback returns later, nobody knows what the hand did meanwhile, and the value before the gap is the cap.
 
 A trip is final: torque is zero from that period on, and only a new run enables again.
 """
@@ -25,7 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
-from haptic_fieldbus.planning.limits import EffortLimits, fade_periods
+from haptic_fieldbus.planning.limits import EffortLimits, fade_periods, soon_periods
 from haptic_fieldbus.signals import LinkFlag
 
 
@@ -99,7 +99,7 @@ class GapTally:
     capped: int = 0
     """Periods in which such a cap cut the force."""
     short: int = 0
-    """How often feedback that came back before torque was zero left a deficit, or a larger one."""
+    """How often feedback that came back soon left a deficit, or a larger one."""
     lessened: int = 0
     """Periods in which a deficit took a considerable share of the force."""
     most: float = 0.0
@@ -133,7 +133,7 @@ class Permission:
     asked: float = 0.0
     """Largest force that the scene asked for beyond the effort limit, once force has faded in."""
     blind: bool = False
-    """Whether feedback is missing, or was until now, for so short that torque has not faded to zero."""
+    """Whether feedback is missing, or was until now, but not for long."""
     deficit: float = 0.0
     """What short gaps take from the force until contact is left."""
     gaps: GapTally = field(default_factory=GapTally)
@@ -227,12 +227,12 @@ def bind_limiter(
     return limit
 
 
-def bind_hold(period: float, permission: Permission, holding: float) -> Callable[[int], float]:
+def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Callable[[int], float]:
     """Return what gives the permitted force of a period without feedback, by how many have been missing in a row.
 
-    While the sign is looked for, the cap of a gap is `holding`, because the force before it may be that of a pulse.
+    While the sign is looked for, the cap of a long gap is `limits.holding`, because the force before may be a pulse's.
     """
-    fading = fade_periods(period)
+    fading, soon = fade_periods(period), soon_periods(period, limits.age)
 
     def hold(missing: int) -> float:
         if missing == 1:
@@ -240,11 +240,11 @@ def bind_hold(period: float, permission: Permission, holding: float) -> Callable
             return permission.before
         if missing == 2:
             permission.begin_gap()
-        share = max(0.0, 1.0 - (missing - 1) / fading)
-        if permission.blind and not share:
+        if permission.blind and missing > soon:
             pulses, held = permission.proof is not None, permission.held
             side = 0.0 if pulses or held == 0.0 else math.copysign(1.0, held)
-            permission.cap_after_gap(min(permission.cap, holding if pulses else abs(held)), side)
+            permission.cap_after_gap(min(permission.cap, limits.holding if pulses else abs(held)), side)
+        share = max(0.0, 1.0 - (missing - 1) / fading)
         permission.before = permission.held * share
         return permission.before
 

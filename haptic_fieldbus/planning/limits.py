@@ -42,6 +42,8 @@ ENERGY_LIMIT = 0.005
 """[J] that the loop may give beyond everything that is granted: at a handle of 0.6 kg 0.13 m/s."""
 AGE_SHARE = 0.6
 """Share of the drive's own guard at which feedback is too old."""
+SOON_SHARE = 0.5
+"""Of that age, within which feedback comes back soon: force goes on from where it was."""
 HOLD_FADE = 0.01
 """Time in which the held torque fades to zero, from the second missing period on [s]; longer than the slew time."""
 
@@ -49,6 +51,11 @@ HOLD_FADE = 0.01
 def fade_periods(period: float) -> int:
     """Return in how many periods held torque fades to zero, at least 1."""
     return max(1, round(HOLD_FADE / period))
+
+
+def soon_periods(period: float, age: float) -> int:
+    """Return for how many periods feedback that ends a run at an `age` [s] may be missing and still come back soon."""
+    return math.floor(SOON_SHARE * age / period + 1e-9)
 
 
 def doubt_time(period: float) -> float:

@@ -15,19 +15,20 @@ PERIOD = 0.001
 FADED_IN = 1.0
 HOLDING = 0.25
 """What a hand may hold while the sign is looked for."""
-SHORT = 10
-"""Missing periods after which the held torque has not faded to zero."""
+SOON = 15
+"""Missing periods after which feedback comes back soon: half of the 30 ms that end a run."""
 
 
 def limits(effort: float = 5.0, slew: float = 1e9, fade_in: float = PERIOD) -> EffortLimits:
-    return EffortLimits(effort=effort, speed=1.0, slew=slew, fade_in=fade_in)
+    return EffortLimits(effort=effort, speed=1.0, slew=slew, fade_in=fade_in, holding=HOLDING, age=0.03)
 
 
 def bound(
     permission: Permission, of: EffortLimits | None = None
 ) -> tuple[Callable[[float], float], Callable[[int], float]]:
     """The limiter of an axis, and what it gives without feedback."""
-    return bind_limiter(of or limits(slew=1000.0), PERIOD, permission), bind_hold(PERIOD, permission, HOLDING)
+    of = of or limits(slew=1000.0)
+    return bind_limiter(of, PERIOD, permission), bind_hold(of, PERIOD, permission)
 
 
 def test_the_limit_fades_in_linearly_from_the_first_period() -> None:
@@ -186,7 +187,7 @@ def test_a_short_gap_while_the_sign_is_looked_for_leaves_nothing() -> None:
     assert [limit(-4.0) for _ in range(9)][-1] == -4.0
 
 
-@given(st.floats(-3.0, 3.0), st.integers(2, SHORT), st.floats(0.0, 2.0))
+@given(st.floats(-3.0, 3.0), st.integers(2, SOON), st.floats(0.0, 2.0))
 def test_after_a_short_gap_force_goes_on_from_its_value_before(before: float, missing: int, more: float) -> None:
     """What is asked for is 2 more than before: the force is that before; further in, it grows by what is asked more."""
     limit, hold = bound(Permission(), limits(effort=10.0, slew=1e9))
@@ -211,7 +212,7 @@ Moved = tuple[float, int]
 """How far the handle goes [m], and for how many periods of that time feedback is missing."""
 
 
-@given(st.lists(st.tuples(st.floats(-2e-3, 2e-3), st.sampled_from([0, 0, 2, 5, SHORT])), max_size=60))
+@given(st.lists(st.tuples(st.floats(-2e-3, 2e-3), st.sampled_from([0, 0, 2, 5, SOON])), max_size=60))
 def test_short_gaps_never_give_back_more_than_was_brought_in(moves: list[Moved]) -> None:
     """A spring of 600 N/m, work by the trapezoid over twentieths; what the held torque does in a gap is left out.
 

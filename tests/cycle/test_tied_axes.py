@@ -59,7 +59,7 @@ def test_axes_that_a_coupling_ties_fade_together(stale_periods: int) -> None:
 def test_back_after_a_gap_neither_is_pushed_harder_than_before_it() -> None:
     shaft = Shaft()
     before, _ = shaft.torques(TURNED)
-    for _ in range(FADING + 1):
+    for _ in range(20):
         shaft.torques(TURNED, lost=True)
     for more in range(100):
         left, right = shaft.torques(TURNED + 2 * more)

@@ -68,7 +68,7 @@ def test_a_force_that_a_gap_took_is_told() -> None:
 
 
 @pytest.mark.thorough("two runs of a second and a half", quick=1)
-@pytest.mark.parametrize("missing", [5, 10])
+@pytest.mark.parametrize("missing", [5, 15])
 def test_a_wall_that_a_short_gap_hides_stands_where_the_handle_is_seen_again(missing: int) -> None:
     """Feedback stays away from just before the handle enters the wall, which then is as much deeper for the hand."""
     found = run("wall", endless_rig("wall"), duration=2.5, faults=[MissingTpdos("missing_tpdos", 0.721, missing)])
