@@ -154,21 +154,21 @@ class Permission:
         """A second period passes without feedback."""
         self.blind, self.unchanged = True, False
 
-    def resume(self, force: float) -> float:
-        """Return the force, within limit and cap, of a period with feedback: less the deficit, also a new one."""
+    def resume(self, force: float, risen: float) -> float:
+        """Return the force of a period with feedback less the deficit; `risen` is how far the limit has faded in."""
         if self.blind:
-            self._end_gap(force)
+            self._end_gap(force, min(abs(force), risen))
         taken = min(self.deficit, abs(force))
         if taken:
             self.gaps.note(abs(force), taken)
         return math.copysign(abs(force) - taken, force)
 
-    def _end_gap(self, force: float) -> None:
-        """Feedback is back soon: what the force is beyond that before the gap is the deficit."""
+    def _end_gap(self, force: float, size: float) -> None:
+        """Feedback is back soon: what the force would be beyond that before the gap is the deficit."""
         self.blind = False
         before = abs(self.held) if self.held * force > 0.0 else 0.0
-        if abs(force) - before > self.deficit:
-            self.side, self.deficit = math.copysign(1.0, force), abs(force) - before
+        if size - before > self.deficit:
+            self.side, self.deficit = math.copysign(1.0, force), size - before
             self.gaps.short += 1
 
     def leave_contact(self, asked: float, least: float) -> None:
@@ -216,7 +216,8 @@ def bind_limiter(
             force, permission.blind = bounded(permission.proof(force), effort), False
         else:
             fade = permission.fade = min(1.0, permission.fade + growth)
-            force = permission.resume(bounded(force, effort * fade))
+            # A limit that fades in is no law of the scene: what it keeps back is not missing later.
+            force = bounded(permission.resume(force, effort * fade if fade < 1.0 else math.inf), effort * fade)
             permission.unchanged = fade >= 1.0 and permission.cap == math.inf and not permission.deficit
         before = permission.before
         if not -largest_change <= force - before <= largest_change:

@@ -212,13 +212,16 @@ Moved = tuple[float, int]
 """How far the handle goes [m], and for how many periods of that time feedback is missing."""
 
 
-@given(st.lists(st.tuples(st.floats(-2e-3, 2e-3), st.sampled_from([0, 0, 2, 5, SOON])), max_size=60))
-def test_short_gaps_never_give_back_more_than_was_brought_in(moves: list[Moved]) -> None:
+@given(
+    st.lists(st.tuples(st.floats(-2e-3, 2e-3), st.sampled_from([0, 0, 2, 5, SOON])), max_size=60),
+    st.sampled_from([math.inf, 1.0]),
+)
+def test_short_gaps_never_give_back_more_than_was_brought_in(moves: list[Moved], effort: float) -> None:
     """A spring of 600 N/m, work by the trapezoid over twentieths; what the held torque does in a gap is left out.
 
     A force K·x − D stores (K·x − D)²/2K, and a gap ends at a force no larger than the one it began with.
     """
-    limit, hold = bound(Permission(), limits(effort=math.inf, slew=1e9))
+    limit, hold = bound(Permission(), limits(effort=effort, slew=1e9))
     place, given, before = 0.0, 0.0, limit(0.0)
     for way, missing in moves:
         for number in range(missing):
@@ -229,7 +232,25 @@ def test_short_gaps_never_give_back_more_than_was_brought_in(moves: list[Moved])
             force = limit(-600.0 * max(0.0, place))
             given += 0.0 if missing else 0.5 * (before + force) * way / parts
             before = force
-    assert given <= 60 * 600.0 * 1e-4**2 / 8.0, "the error of a trapezoid over a corner"
+    assert given <= 120 * 600.0 * 1e-4**2 / 8.0, "the error of a trapezoid over a corner"
+
+
+def test_a_gap_while_the_limit_fades_in_takes_nothing_from_the_force_that_is_still_to_come() -> None:
+    limit, hold = bound(Permission(), limits(slew=1e9, fade_in=0.1))
+    for _ in range(20):
+        limit(4.0)
+    for number in range(5):
+        hold(number + 1)
+    assert [limit(4.0) for _ in range(100)][-1] == pytest.approx(4.0, abs=5.0 / 100 + 1e-9)
+
+
+def test_a_gap_at_the_limit_moves_the_spring_behind_it_as_well() -> None:
+    """A limit of 5, 9 asked for: after a gap it is 5 there and deeper, and less as soon as less is asked for."""
+    limit, hold = bound(Permission(), limits(slew=1e9))
+    limit(9.0)
+    for number in range(5):
+        hold(number + 1)
+    assert [limit(asked) for asked in (12.0, 15.0, 11.0, 7.0, 0.0, 9.0)] == [5.0, 5.0, 4.0, 0.0, 0.0, 5.0]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
