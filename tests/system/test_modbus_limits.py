@@ -89,6 +89,7 @@ def growth(times: NDArray[np.float64], swing: NDArray[np.float64], begin: float)
     return float(np.polyfit(times[1:-1][peaks], np.log(heights[peaks]), 1)[0])
 
 
+@pytest.mark.thorough("leaves four drives alone", quick=1)
 @pytest.mark.parametrize("rate", [1000.0, 500.0, 100.0, 50.0])
 def test_a_guard_that_a_write_in_the_next_request_feeds_is_proved_with_a_period_to_spare(
     rate: float, only_23: str
