@@ -6,7 +6,8 @@
 3. The time from our last write to the first look at which a drive is no longer in *operation enabled* is measured.
 4. All drives are stopped, and the fault is cleared into which they went because of this (`Bus.acknowledge`).
 
-A drive has passed when it is seen off in time: its guard, plus two periods and a control tick for what lies between the
+A drive has passed when it is seen off in time: its guard, plus the time in which the last write reaches it (with a way
+that writes before it reads, this is the next period), plus two periods and a control tick for what lies between the
 event and the look at it. The measured time may be shorter than the guard by the time between two proofs of life, as the
 guard runs from the last of them; a drive that is off still sooner was switched off by something else, such as STO.
 Otherwise it has failed. Where nothing was learnt, because it was off too soon or because this computer did not look
@@ -68,7 +69,7 @@ class _Looked:
         self.axis, self.guard = axis, guard
         # Two looks are a period apart, and one that waits for feedback in vain ends nearly a period later.
         self.between = 2.0 * period
-        self.allowed = guard + self.between + axis.profile.timing.control_period
+        self.allowed = guard + axis.delay.transport + self.between + axis.profile.timing.control_period
         self.earliest = guard - BETWEEN_PROOFS * guard - self.between
         self.state = PowerState.UNKNOWN
         self.enabled_ns = 0

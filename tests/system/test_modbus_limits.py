@@ -87,3 +87,16 @@ def growth(times: NDArray[np.float64], swing: NDArray[np.float64], begin: float)
     peaks = (at > before) & (at >= after) & (times[1:-1] > begin)
     heights = at - (after - before) ** 2 / (8.0 * (after - 2.0 * at + before))
     return float(np.polyfit(times[1:-1][peaks], np.log(heights[peaks]), 1)[0])
+
+
+@pytest.mark.thorough("leaves four drives alone", quick=1)
+@pytest.mark.parametrize("rate", [1000.0, 500.0, 100.0, 50.0])
+def test_a_guard_that_a_write_in_the_next_request_feeds_is_proved_with_a_period_to_spare(
+    rate: float, only_23: str
+) -> None:
+    """The last write reaches the drive a period late, and a computer that is a little late is still told from it."""
+    (proof,) = run("damper", drive=only_23, bus="sim-modbus-tcp", rate=rate, duration=0.02, prove=True).proofs
+    assert proof.holds
+    assert proof.off is not None
+    assert proof.off > proof.guard + 1.5 / rate, "the worst case is met"
+    assert proof.allowed - proof.off > 1.0 / rate
