@@ -58,11 +58,19 @@ class Reach:
         for changes, ends in self._ends.items():
             for element in acted[changes]:
                 if isinstance(element, Surfaced):
-                    found = [each for end in ends if (each := element.penetration(end)) is not None]
+                    found = [each for end in ends if (each := _depth_of(element, end)) is not None]
                     if found:
                         depth[element.name] = max(*found, depth.get(element.name, 0.0))
         lowest, highest = (min(low for low, _ in self._ends.values()), max(high for _, high in self._ends.values()))
         return Travel(axis, lowest, highest, depth, workspace)
+
+
+def _depth_of(element: Surfaced, position: float) -> float | None:
+    """Return the depth of the handle in an element; None where it has none to tell, or cannot tell it."""
+    try:
+        return element.penetration(position)
+    except Exception:  # of an element of one's own: it must not hide how the run ended
+        return None
 
 
 class Travels:

@@ -55,6 +55,20 @@ def test_a_hand_that_leans_on_a_wall_is_its_push_over_the_stiffness_deep(stiffne
     assert found.lowest == pytest.approx(0.0, abs=1e-6)
 
 
+class Unsure(Wall):
+    """A wall of one's own whose depth is a bug."""
+
+    def penetration(self, position: float) -> float:
+        return 1.0 / (self.damping - self.damping)
+
+
+def test_an_element_that_fails_to_tell_its_depth_hides_neither_a_trip_nor_a_result() -> None:
+    assert told(run(scene_of(Unsure("handle", 600.0)), duration=0.02, hand="none")).depth == {}
+    with pytest.raises(SafetyTripError) as tripped:
+        run(scene_of(Unsure("handle", 600.0, 1.0)), duration=2.0)
+    assert "position" in str(tripped.value)
+
+
 @pytest.mark.thorough("a whole run")
 def test_on_a_rotary_axis_it_is_told_in_radians() -> None:
     scene = scene_of(Wall("knob", 0.08, 0.2), workspace=Workspace.ROTARY)
