@@ -18,7 +18,7 @@ from haptic_fieldbus.assessing.recording import Array
 from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.spans import first_periods
-from haptic_fieldbus.assessing.travel import Travel, Travels
+from haptic_fieldbus.assessing.travel import Travels
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import GapTally
 from haptic_fieldbus.margins import Verdict
@@ -67,16 +67,17 @@ class Assessment:
         self._begun()
         if self._axes and self._taken is not None and self._taken < self._run.record.pushed:
             self._take(self._run.record.pushed - self._taken)
-        return replace(summarise(self._run, self._axes, elapsed), travel=self.travel())
+        return self.with_travel(summarise(self._run, self._axes, elapsed))
 
-    def travel(self) -> tuple[Travel, ...]:
-        """Return how far each handle went, at the end of a run, one that tripped included."""
+    def with_travel(self, result: Result) -> Result:
+        """Return the result of a run, one that tripped included, with how far each handle went."""
         self._begun()
         if not self._axes:
             self._follow_decoded()
         elif self._taken is not None and self._taken < self._run.record.pushed:
             self._follow(self._part(self._run.record.pushed - self._taken))
-        return self._travels.told()
+        travel = self._travels.told()
+        return replace(result, travel=travel, warnings=(*result.warnings, *self._travels.faults))
 
     def _begun(self) -> None:
         """Find the first row in operation enabled, once there is one."""

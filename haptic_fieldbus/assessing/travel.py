@@ -41,6 +41,8 @@ class Reach:
     def __init__(self) -> None:
         self._ends: dict[int, tuple[float, float]] = {}
         """By the number of changes before."""
+        self.faults: list[str] = []
+        """Sentences about elements that failed to tell a depth."""
 
     def add(self, times_ns: NDArray[np.int64], positions: NDArray[np.float64], changed_ns: Sequence[int]) -> None:
         """Add positions at instants [ns], both `(n,)`; `changed_ns` are the last instants before each change so far."""
@@ -57,20 +59,22 @@ class Reach:
         depth: dict[str, float] = {}
         for changes, ends in self._ends.items():
             for element in acted[changes]:
-                if isinstance(element, Surfaced):
-                    found = [each for end in ends if (each := _depth_of(element, end)) is not None]
-                    if found:
-                        depth[element.name] = max(*found, depth.get(element.name, 0.0))
+                found = [each for end in ends if (each := self._depth(element, end)) is not None]
+                if found:
+                    depth[element.name] = max(*found, depth.get(element.name, 0.0))
         lowest, highest = (min(low for low, _ in self._ends.values()), max(high for _, high in self._ends.values()))
         return Travel(axis, lowest, highest, depth, workspace)
 
-
-def _depth_of(element: Surfaced, position: float) -> float | None:
-    """Return the depth of the handle in an element; None where it has none to tell, or cannot tell it."""
-    try:
-        return element.penetration(position)
-    except Exception:  # of an element of one's own: it must not hide how the run ended
-        return None
+    def _depth(self, element: Element, position: float) -> float | None:
+        """Return the depth of the handle in an element; None where it has none, or fails to tell it."""
+        if not isinstance(element, Surfaced):
+            return None
+        try:
+            return element.penetration(position)
+        except Exception as error:  # of an element of one's own: it must not hide how the run ended
+            fault = f"element {element.name} raised {type(error).__name__} when asked for its depth: {error}"
+            self.faults += [fault] if fault not in self.faults else []
+            return None
 
 
 class Travels:
@@ -83,6 +87,11 @@ class Travels:
     def add(self, axis: str, times_ns: NDArray[np.int64], positions: NDArray[np.float64]) -> None:
         """Add positions of an axis at instants [ns], both `(n,)`."""
         self._reached[axis].add(times_ns, positions, [applied.after_ns for applied in self._report.changes])
+
+    @property
+    def faults(self) -> list[str]:
+        """Return sentences about elements that failed to tell a depth; known after `told`."""
+        return [fault for reached in self._reached.values() for fault in reached.faults]
 
     def told(self) -> tuple[Travel, ...]:
         """Return the travel of each axis of which any position is known."""

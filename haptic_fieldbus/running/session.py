@@ -116,8 +116,9 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
         # A run that fails has a result too: the command line prints it beside the error.
         known = known_before(request.selection, report, cycle.trip, str(error))
         seen = tuple(passivities(plan, cycle, report.cycles))
-        way = assessment.travel() if assessment is not None else ()
-        error.result = prepared.told_with(replace(known, passivity=seen, travel=way), notices(plan, cycle, report))
+        known = replace(known, passivity=seen, warnings=tuple(notices(plan, cycle, report)))
+        known = known if assessment is None else assessment.with_travel(known)
+        error.result = prepared.told_with(known, known.warnings)
         raise
     finally:
         rows.close()
