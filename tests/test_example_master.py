@@ -84,7 +84,7 @@ def test_the_tests_of_the_example_pass(copy: Path) -> None:
     assert "9 passed" in done.stdout
 
 
-@pytest.mark.thorough("waits in real time", quick=("a PDO is mapped while it is valid",))
+@pytest.mark.thorough("waits in real time")
 @pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES)
 def test_a_mistake_of_the_master_is_noticed(mistake: Mistake, copy: Path) -> None:
     master = copy / "master.py"

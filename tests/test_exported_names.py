@@ -11,6 +11,7 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus import errors
+from tests.cases import every
 
 SOURCE = ast.parse(Path(haptic_fieldbus.__file__).read_text(encoding="utf-8"))
 FOR_TYPES = next(node for node in SOURCE.body if isinstance(node, ast.If))
@@ -18,7 +19,7 @@ TYPED = {alias.name: node.module for node in FOR_TYPES.body if isinstance(node, 
 """The module of each name as type checkers read it."""
 
 
-@pytest.mark.parametrize("name", haptic_fieldbus.__all__)
+@every("name", haptic_fieldbus.__all__)
 def test_every_public_name_is_the_one_that_type_checkers_see(name: str) -> None:
     module = TYPED[name]
     assert module is not None

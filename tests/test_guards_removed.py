@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import every
 from tests.checkouts import PROJECT, Checkout, copied
 from tests.guards import GUARDS
 
@@ -17,7 +18,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Checkout:
     return copied(tmp_path_factory.mktemp("guards") / "copy")
 
 
-@pytest.mark.parametrize("name", GUARDS)
+@every("name", GUARDS)
 def test_a_guard_stands_where_the_list_says(name: str) -> None:
     guard = GUARDS[name]
     assert (PROJECT / guard.file).read_text(encoding="utf-8").count(guard.text) == 1

@@ -20,6 +20,7 @@ from haptic_fieldbus.numerals import (
     rounded_down,
     rounded_limit,
 )
+from tests.cases import every
 from tests.number_style import strange_numbers
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -118,6 +119,6 @@ def test_other_styles_are_found(text: str, found: list[str]) -> None:
     assert strange_numbers(text) == found
 
 
-@pytest.mark.parametrize("path", [*GOLDEN_TEXTS, *DOCUMENTS], ids=lambda path: str(path.relative_to(PROJECT)))
+@every("path", [*GOLDEN_TEXTS, *DOCUMENTS], ids=lambda path: str(path.relative_to(PROJECT)))
 def test_no_text_has_numbers_in_another_style(path: Path) -> None:
     assert strange_numbers(path.read_text(encoding="utf-8"), is_prose=path in DOCUMENTS) == []

@@ -26,7 +26,7 @@ def checkout(tmp_path: Path) -> Checkout:
     return copy
 
 
-@pytest.mark.thorough("runs the tests of a kind and its generators in a copy", quick=("estimator",))
+@pytest.mark.thorough("runs the tests of a kind and its generators in a copy")
 @pytest.mark.parametrize("kind", THINGS)
 def test_one_thing_is_added_by_what_the_tests_say(kind: str, checkout: Checkout) -> None:
     thing = THINGS[kind]

@@ -20,6 +20,7 @@ from haptic_fieldbus.api.sites import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.protocols.registry import GROUP
 from haptic_fieldbus.scenes.own import GROUP as ELEMENT_GROUP
+from tests.cases import every
 
 PROJECT = Path(__file__).resolve().parents[1]
 PACKAGE = PROJECT / "haptic_fieldbus"
@@ -123,14 +124,14 @@ def test_every_make_target_in_the_documents_exists() -> None:
             assert command.split()[1] in targets, f"{document.name}: {command}"
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(PROJECT)))
+@every("document", DOCUMENTS, ids=lambda path: str(path.relative_to(PROJECT)))
 def test_every_link_between_documents_leads_somewhere(document: Path) -> None:
     for link in re.findall(r"\]\(([^)#]+)", document.read_text()):
         if not link.startswith(("http://", "https://")):
             assert (document.parent / link).exists(), link
 
 
-@pytest.mark.parametrize("document", CURRENT, ids=lambda path: str(path.relative_to(PROJECT)))
+@every("document", CURRENT, ids=lambda path: str(path.relative_to(PROJECT)))
 def test_every_module_and_file_of_the_package_that_a_document_names_is_there(document: Path) -> None:
     text = document.read_text()
     for name in set(re.findall(r"\bhaptic_fieldbus(?:\.\w+)+", text)) - ENTRY_POINT_GROUPS:

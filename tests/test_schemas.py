@@ -11,6 +11,7 @@ import pytest
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder, profile_names, profile_schema, rig_schema
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names, scene_schema
 from haptic_fieldbus.schemas import main, schema_texts
+from tests.cases import every
 from tests.drive.test_profile_files import COMPLETE as PROFILE
 from tests.drive.test_rig_files import COMPLETE as RIG
 from tests.scenes.test_scene_files import TWO_WALLS as SCENE
@@ -97,13 +98,13 @@ def test_the_command_writes_the_schemas(tmp_path: Path, capsys: pytest.CaptureFi
     assert "usage" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", profile_names())
+@every("name", profile_names())
 def test_a_shipped_profile_conforms(name: str) -> None:
     text = (profile_folder() / f"{name}.toml").read_text(encoding="utf-8")
     assert accepts(profile_schema(load_profile(name).drive.protocol), text)
 
 
-@pytest.mark.parametrize("name", scene_names())
+@every("name", scene_names())
 def test_a_shipped_scene_conforms(name: str) -> None:
     assert accepts(scene_schema(), Path(load_scene(name).source).read_text(encoding="utf-8"))
 

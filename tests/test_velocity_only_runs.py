@@ -115,7 +115,7 @@ def test_the_report_of_a_drive_with_an_encoder_is_as_before() -> None:
     assert result.traces[0].sensor == "encoder"
 
 
-@pytest.mark.thorough("ten runs", quick=2)
+@pytest.mark.thorough("ten runs", quick=1)
 @pytest.mark.parametrize(
     ("unit", "hand"),
     [("rpm", "push"), ("rpm", "guide"), ("0.1 rpm", "sine"), ("counts/s", "tap"), ("counts/s", "push")],

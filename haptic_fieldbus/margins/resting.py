@@ -15,7 +15,7 @@ from haptic_fieldbus.margins.places import Places, Together
 from haptic_fieldbus.margins.terrain import EVERYWHERE, Array, Terrain, survey, terrain
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import discretised, estimated
-from haptic_fieldbus.scenes.element import DynamicElement, Element, Incremental, Phased, Reserving, Varying
+from haptic_fieldbus.scenes.element import Element, Incremental, Phased, Reserving, is_dynamic, is_varying
 from haptic_fieldbus.scenes.local import Interval
 from haptic_fieldbus.signals import Signal
 
@@ -79,7 +79,7 @@ class Axle:
     @cached_property
     def _varies(self) -> bool:
         """Whether the stiffest element has no memory, so that what acts beside the places stays as it is."""
-        return isinstance(self.stiffest, Varying)
+        return is_varying(self.stiffest)
 
     def _ground(self, changes: Mapping[str, float]) -> Terrain | None:
         """Return the terrain of the elements without memory; None without any."""
@@ -91,7 +91,7 @@ class Axle:
         return self._terrain(self._changed(changes))
 
     def _terrain(self, elements: Sequence[Element]) -> Terrain | None:
-        varying = [each for each in elements if isinstance(each, Varying)]
+        varying = [each for each in elements if is_varying(each)]
         return terrain(varying, self.travel, self.effort) if varying else None
 
     @cached_property
@@ -106,10 +106,10 @@ class Axle:
         """
         element: Any = self.stiffest
         nominal = self._nominal
-        if not isinstance(element, Varying) or nominal is None:
+        if not is_varying(element) or nominal is None:
             return None
         doubled = contact.with_parameters(element, {"stiffness": 2.0 * contact.stiffness_of(element)})
-        varying = [each for each in self.elements if isinstance(each, Varying)]
+        varying = [each for each in self.elements if is_varying(each)]
         row = next(place for place, each in enumerate(varying) if each is element)
         other = terrain([doubled if each is element else each for each in varying], self.travel, self.effort)
         slopes = np.unique(nominal.places.most_stiffness[row])
@@ -131,7 +131,7 @@ class Axle:
         return self._beside_of(self.elements)
 
     def _beside_of(self, elements: Sequence[Element]) -> "Beside":
-        others = [each for each in elements if not isinstance(each, Varying)]
+        others = [each for each in elements if not is_varying(each)]
         rest = [self._discrete(each) for each in others]
         options = product(*(_options(each, space) for each, space in zip(others, rest, strict=True) if not space.order))
         sums = list(dict.fromkeys((sum(k for k, _ in each), sum(b for _, b in each)) for each in options))
@@ -176,14 +176,14 @@ class Axle:
         return np.tile(ground.position[within], 2), stiffness, damping
 
     def _discrete(self, element: Element) -> StateSpace:
-        method = self.method if isinstance(element, DynamicElement) else None
+        method = self.method if is_dynamic(element) else None
         return discretised(contact.linearised(element, {}), self.period, method)
 
     def _together(self, elements: Sequence[Element]) -> tuple[Together, ...]:
         """Return the combinations of the elements with states, those with virtual states always among them."""
-        pairs = [(each, self._discrete(each)) for each in elements if not isinstance(each, Varying)]
-        always = [space for each, space in pairs if isinstance(each, DynamicElement)]
-        leaving = [space for each, space in pairs if space.order and not isinstance(each, DynamicElement)]
+        pairs = [(each, self._discrete(each)) for each in elements if not is_varying(each)]
+        always = [space for each, space in pairs if is_dynamic(each)]
+        leaving = [space for each, space in pairs if space.order and not is_dynamic(each)]
         chosen = list(product((True, False), repeat=len(leaving)))
         if len(leaving) > MOST_COMBINED:
             chosen = [chosen[0], chosen[-1]]
@@ -208,7 +208,7 @@ class Axle:
 
     def _is_linear(self, element: Element) -> bool:
         """Return whether the element is linear for any motion: with virtual states, and never cut by a limit."""
-        return isinstance(element, DynamicElement) and math.isinf(self.effort)
+        return is_dynamic(element) and math.isinf(self.effort)
 
     def _swept(self, others: Sequence[Element]) -> StateSpace | None:
         spaces = [self._discrete(each) for each in others if self._is_linear(each)]

@@ -21,7 +21,7 @@ are checked when a file is read (`documents`).
 """
 
 from collections.abc import Callable
-from typing import Annotated, Protocol, Self, runtime_checkable
+from typing import Annotated, Protocol, Self, TypeGuard, runtime_checkable
 
 from annotated_types import Ge, Le, Len
 
@@ -212,3 +212,13 @@ class Graded(Protocol):
 
     def with_stiffness(self, stiffness: float) -> Self:
         """Return the element with its force scaled to this largest local stiffness [N/m or N·m/rad]."""
+
+
+def is_varying(element: object) -> TypeGuard[Varying]:
+    """Return whether the class of an element has the methods of `Varying`; `isinstance` takes 50 µs in Python 3.11."""
+    return hasattr(type(element), "local") and hasattr(type(element), "places")
+
+
+def is_dynamic(element: object) -> TypeGuard[DynamicElement]:
+    """Return whether the class of an element has the property of `DynamicElement`, as fast."""
+    return hasattr(type(element), "dynamics")

@@ -92,6 +92,7 @@ def test_the_object_of_a_plan_is_json(scene: str) -> None:
     assert json.loads(json.dumps(shown, allow_nan=False)) == shown
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("scene", ["wall", "virtual_shaft"])
 def test_a_result_shows_its_figures_on_a_part_of_a_screen(scene: str) -> None:
     result = run(scene, duration=1.2)

@@ -297,6 +297,7 @@ MOVED = math.ceil((math.pi / 2 + 0.4) / ANGULAR / PERIOD) + 2
 """Periods after which the handle of the next test rests."""
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=1)
 @pytest.mark.parametrize("rest", [0, 3000, 30_000])
 def test_rest_does_not_dilute_the_score(rest: int) -> None:
     """The handle comes into the wall by a quarter of a turn, and stays there."""

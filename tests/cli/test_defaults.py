@@ -19,6 +19,7 @@ from haptic_fieldbus.cli.stability import StabilityOptions
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.sim.host_request import HostRequest
+from tests.cases import every
 from tests.cli.command import Command
 
 PACKAGE = Path(defaults.__file__).parent
@@ -80,7 +81,7 @@ def fallbacks(tree: ast.AST) -> Iterator[tuple[int, object]]:
                 yield from ((node.lineno, literal(each)) for each in getattr(value, "elts", [value]))
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
+@every("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_no_module_writes_a_default_of_its_own(path: Path) -> None:
     if path == Path(defaults.__file__):
         return

@@ -13,6 +13,7 @@ from haptic_fieldbus.errors import (
     SafetyTripError,
     UsageError,
 )
+from tests.cases import every
 
 ERRORS = [
     member
@@ -43,12 +44,12 @@ STATUS = {
 }
 
 
-@pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.__name__)
+@every("error", ERRORS, ids=lambda error: error.__name__)
 def test_every_error_has_the_exit_status_of_the_contract(error: type[HapticFieldbusError]) -> None:
     assert outcome_of(error).status == STATUS[error.__name__]
 
 
-@pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.__name__)
+@every("error", ERRORS, ids=lambda error: error.__name__)
 def test_every_error_is_in_the_table_or_has_a_base_there(error: type[HapticFieldbusError]) -> None:
     assert any(kind in OUTCOMES for kind in error.__mro__)
 

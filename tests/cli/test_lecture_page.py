@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import trapezoid
 
 from haptic_fieldbus import run
+from tests.cases import every
 from tests.cli.command import Command
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -105,7 +106,7 @@ ITEMS = {
 SOON = ("natural frequency, matrix form and both forms of the force", "long steps miss fast signals")
 
 
-@pytest.mark.parametrize("item", ITEMS)
+@every("item", ITEMS)
 def test_the_page_has_the_command_of_the_item(item: str) -> None:
     assert f"haptic-fieldbus {ITEMS[item][0]}" in COMMANDS
 

@@ -165,6 +165,7 @@ def test_a_name_stays_what_it_was_when_the_working_folder_changes(
 
 
 class TestRefused:
+    @pytest.mark.thorough("5 cases of one rule", quick=2)
     @pytest.mark.parametrize(
         ("name", "why"),
         [
@@ -289,6 +290,7 @@ class TestHostile:
         assert load_profile("other", folder).name == "other"
         assert profile_file("other", folder) == folder / "other.toml"
 
+    @pytest.mark.thorough("reads a thousand files")
     def test_a_thousand_files_are_listed_and_only_the_one_that_is_named_is_read(self, folder: Path) -> None:
         for number in range(1000):
             (folder / f"broken{number}.toml").write_text("=")

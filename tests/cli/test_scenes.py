@@ -20,7 +20,7 @@ def test_the_json_list_has_the_keys_of_the_contract(command: Command) -> None:
     assert {"wall", "damped_wall", "sprung_mass"} <= set(scene_names())
 
 
-@pytest.mark.thorough("every scene of the library", quick=("wall", "sprung_mass", "virtual_shaft"))
+@pytest.mark.thorough("every scene of the library", quick=("wall",))
 @pytest.mark.parametrize("name", scene_names())
 def test_a_scene_is_shown_with_all_that_can_be_set(name: str, command: Command) -> None:
     shown = json.loads(command("scenes", "show", name, "--json").out)

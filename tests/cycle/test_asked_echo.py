@@ -111,7 +111,7 @@ ANSWERS: dict[str, Callable[[int], int | None]] = {
 }
 
 
-@pytest.mark.thorough("every motion at every rate", quick=3)
+@pytest.mark.thorough("every motion at every rate", quick=2)
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("answers", ["quick", "lost now and then"])
@@ -168,6 +168,7 @@ def test_a_drive_that_never_answers_trips_after_enabling() -> None:
     assert trip.t_ns * 1e-9 == pytest.approx(stated(1000.0), abs=0.002)
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=2)
 @pytest.mark.parametrize("every", [2, 3, 10])
 def test_single_set_points_that_are_lost_all_the_time_are_no_reason_to_stop(every: int) -> None:
     drive = Drive(1000.0, lost=lambda number: number % every == 0)
@@ -195,7 +196,7 @@ def test_torque_that_is_not_what_was_sent_is_told_with_both() -> None:
     st.integers(2, 9),
     st.integers(0, 60),
 )
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(60))
 def test_whatever_is_asked_a_frozen_torque_trips_once_the_targets_stay_away_from_it(
     targets: list[int], answers: list[int], each: int, deaf_after: int
 ) -> None:

@@ -62,8 +62,9 @@ def fields(pair: tuple[Element, Element], sensed: Sensed) -> tuple[Field, Field]
 PLACES = st.lists(st.floats(-0.05, 0.05), min_size=2 * RAMP, max_size=2 * RAMP)
 
 
+@pytest.mark.thorough("5 cases of one rule", quick=3)
 @pytest.mark.parametrize("pair", PAIRS.values(), ids=list(PAIRS))
-@settings(max_examples=examples(50), deadline=None)
+@settings(max_examples=examples(50))
 @given(before=PLACES, after=PLACES)
 def test_no_step_of_the_force_exceeds_those_of_old_and_new_and_an_nth_of_what_lies_between(
     pair: tuple[Element, Element], before: list[float], after: list[float]

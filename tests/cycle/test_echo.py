@@ -139,7 +139,7 @@ MOTIONS: dict[str, Callable[[int], int]] = {
 WAYS: tuple[Way, ...] = ("demand", "actual")
 
 
-@pytest.mark.thorough("every motion at every rate", quick=4)
+@pytest.mark.thorough("every motion at every rate", quick=2)
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", MOTIONS)
@@ -147,7 +147,7 @@ def test_a_drive_that_hears_never_trips(way: Way, rate: float, name: str) -> Non
     assert trip_of(plan_with(MOTIONS[name], rate, profile_of(way)), Drive(way, rate), 3.0) is None
 
 
-@pytest.mark.thorough("every motion", quick=2)
+@pytest.mark.thorough("every motion", quick=1)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", MOTIONS)
 def test_a_drive_that_takes_over_at_a_sync_never_trips(way: Way, name: str) -> None:
@@ -213,6 +213,7 @@ def test_torque_that_the_drive_cuts_trips(way: Way, rate: float) -> None:
         assert words in str(error)
 
 
+@pytest.mark.thorough("6 cases of one rule", quick=3)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("every", [2, 3, 10])
 def test_single_set_points_that_are_lost_all_the_time_are_no_reason_to_stop(way: Way, every: int) -> None:
@@ -220,6 +221,7 @@ def test_single_set_points_that_are_lost_all_the_time_are_no_reason_to_stop(way:
     assert trip_of(plan_with(wave(40.0), 1000.0, profile_of(way)), drive, 4.0) is None
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("way", WAYS)
 def test_feedback_that_is_missing_now_and_then_is_no_reason_to_stop(way: Way) -> None:
     gaps = {number + more for number in range(700, 4000, 97) for more in range(3)}
@@ -240,7 +242,7 @@ def test_noise_of_the_current_within_3_percent_of_rated_is_no_reason_to_stop(noi
 
 
 @given(st.lists(st.integers(-150, 150), min_size=20, max_size=60), st.integers(1, 9), st.integers(0, 60))
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(60))
 def test_whatever_is_asked_a_frozen_torque_trips_once_the_targets_stay_away_from_it(
     asked: list[int], each: int, deaf_after: int
 ) -> None:

@@ -78,7 +78,7 @@ def decided_on(motion: NDArray[np.float64], sign: float, seconds: float = 3.0) -
     return watched.decided
 
 
-@pytest.mark.thorough("draws 300 benches and hands", quick=10)
+@pytest.mark.thorough("draws 300 benches and hands", quick=5)
 @pytest.mark.parametrize("seed", range(300))
 def test_whatever_is_passive_never_shows_the_wrong_sign(seed: int) -> None:
     draw = np.random.default_rng(seed)
@@ -104,6 +104,7 @@ def test_a_hand_that_leads_the_handle_evenly_decides_nothing(power: int, size: f
     assert watched.decided == 0
 
 
+@pytest.mark.thorough("8 cases of one rule", quick=4)
 @pytest.mark.parametrize("frequency", [0.5, 2.0, 5.0, 10.0])
 @pytest.mark.parametrize("amplitude", [0.001, 0.03])
 def test_a_hand_that_goes_to_and_fro_rigidly_decides_nothing(frequency: float, amplitude: float) -> None:
@@ -147,6 +148,7 @@ def decided_with_gaps(sign: float, every: int, steps: int) -> tuple[int, int]:
     return watched.decided, period
 
 
+@pytest.mark.thorough("18 cases of one rule", quick=9)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("steps", [2, 5, 10])
 @pytest.mark.parametrize("every", [50, 70, 100])
@@ -163,6 +165,7 @@ def test_a_gap_in_every_pair_leaves_the_sign_unseen() -> None:
     assert decided_with_gaps(1.0, 40, 2) == (0, 999)
 
 
+@pytest.mark.thorough("6 cases of one rule", quick=3)
 @pytest.mark.parametrize(("frequency", "power"), [(0.0, 1), (0.0, 2), (0.0, 3), (2.0, 0), (5.0, 0), (10.0, 0)])
 def test_a_hand_that_leads_the_handle_decides_nothing_with_gaps_either(frequency: float, power: int) -> None:
     """Evenly or to and fro [Hz], at gaps that leave one to three pairs between them."""

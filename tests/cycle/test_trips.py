@@ -7,9 +7,10 @@ from haptic_fieldbus.cycle.trips import CAUSES, CONSEQUENCES, TRIP_ERRORS, expla
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, PlanError, SafetyTripError
 from haptic_fieldbus.signals import LinkFlag
 from tests.builders import PROFILE, VELOCITY_ONLY, plan_of
+from tests.cases import every
 
 
-@pytest.mark.parametrize("kind", TripKind)
+@every("kind", TripKind)
 def test_every_kind_of_trip_has_an_exception_and_a_cause(kind: TripKind) -> None:
     plan = plan_of(profile=VELOCITY_ONLY if kind is TripKind.DRIFT else PROFILE)
     taken = ", 1.500 s after operation enabled. Torque was taken away"
@@ -51,8 +52,8 @@ def test_limits_are_named_with_their_units_and_the_value_that_passed_them() -> N
     assert str(trip_error(trip, plan_of(), None)) == words
 
 
-@pytest.mark.parametrize("flag", [LinkFlag.EMERGENCY, LinkFlag.BOOT_UP, LinkFlag.BUS_OFF])
-@pytest.mark.parametrize("kind", TripKind)
+@every("flag", [LinkFlag.EMERGENCY, LinkFlag.BOOT_UP, LinkFlag.BUS_OFF])
+@every("kind", TripKind)
 def test_a_trip_that_turns_out_to_come_of_another_fault_of_the_link_names_that(kind: TripKind, flag: LinkFlag) -> None:
     trip = Trip(kind, "handle", 0, 0.0)
     assert explained(trip, {"other": (flag, 0x8130)}) == trip

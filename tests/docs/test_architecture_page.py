@@ -17,6 +17,7 @@ from haptic_fieldbus.planning import verdicts
 from haptic_fieldbus.protocols import catalogue
 from haptic_fieldbus.protocols.registry import GROUP
 from tests.calls import Call, Calls, Function, traced
+from tests.cases import every
 
 pytestmark = pytest.mark.unwatched("looks at who calls whom, and a witness calls too")
 
@@ -94,7 +95,7 @@ def test_the_picture_is_that_of_the_imports() -> None:
     assert script.FILE.read_text(encoding="utf-8") == script.picture(), "run: make docs"
 
 
-@pytest.mark.parametrize("mention", sorted(set(MENTION.findall(TEXT))), ids=": ".join)
+@every("mention", sorted(set(MENTION.findall(TEXT))), ids=": ".join)
 def test_every_file_and_every_name_on_the_page_is_there(mention: tuple[str, str]) -> None:
     path, name = mention
     assert (PACKAGE / path).is_file()
@@ -133,6 +134,7 @@ def _is_wait(call: Call) -> bool:
     return called.name.endswith(".sleep_until") and caller is not None and caller.module == "running.loop"
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("given", ["as an option", "in a scene file"])
 def test_one_parameter_goes_the_way_of_the_page_and_arrives(given: str, tmp_path: Path) -> None:
     scene, options = "wall", ["--set", "wall.stiffness=800"]
@@ -168,6 +170,7 @@ def _first_plan() -> None:
     verdicts._kept.cache_clear()
 
 
+@pytest.mark.thorough("traces every call of a run")
 @pytest.mark.usefixtures("_first_plan")
 def test_no_room_calls_a_higher_one_but_through_what_it_was_handed() -> None:
     """One second: long enough to touch the wall, and to be judged by it."""

@@ -13,7 +13,7 @@ from tests.documents.hostile import READERS, TOML, said_of
 OF_TOML = {name: code for name, code in READERS.items() if name in ("scene", "rig", "profile", "faults")}
 
 
-@pytest.mark.thorough("a process for each kind of text", quick=6)
+@pytest.mark.thorough("a process for each kind of text", quick=2)
 @pytest.mark.parametrize("kind", TOML)
 def test_every_reader_refuses_a_text_that_would_take_minutes(kind: str, tmp_path: Path) -> None:
     text, words = TOML[kind]

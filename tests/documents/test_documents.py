@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 import pytest
 from annotated_types import Ge, Gt, Le, Len, Lt
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.documents import Document, file_of, is_path, nearest, read_document, schema_of, suggestion
@@ -248,7 +248,6 @@ def test_lines_of_nested_keys_are_found() -> None:
     assert positions.duplicates == []
 
 
-@settings(deadline=None)  # the first example imports the validator
 @given(st.recursive(st.integers(0, 9), lambda inner: st.dictionaries(st.text(max_size=3), inner, max_size=3)))
 def test_each_key_of_a_table_is_found_on_its_line(value: object) -> None:
     """Keys of any characters, one line each, dotted."""
@@ -268,14 +267,12 @@ def test_each_key_of_a_table_is_found_on_its_line(value: object) -> None:
         assert positions.line(path) == number
 
 
-@settings(deadline=None)  # the first example imports the validator
 @given(st.text() | st.text(alphabet='ab.[]{}=,"\n#1 '))
 def test_no_text_raises_anything_but_a_document_error(text: str) -> None:
     with contextlib.suppress(DocumentError):
         read(text)
 
 
-@settings(deadline=None)  # the first example imports the validator
 @given(st.text(alphabet='ab.[]{}=,"\n#1 '))
 def test_positions_of_a_broken_text_never_fail(text: str) -> None:
     assert Positions(text).line(("a",)) is None or "a" in text

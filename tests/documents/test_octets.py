@@ -13,6 +13,7 @@ from tests.documents.hostile import DEVICES, READERS, said_of
 SUFFIXES = (".toml", ".eds", ".dcf", ".csv")
 
 
+@pytest.mark.thorough("a process for each kind of device file", quick=2)
 @pytest.mark.parametrize("kind", DEVICES)
 def test_every_reader_refuses_what_is_no_file(kind: str, tmp_path: Path) -> None:
     make, words = DEVICES[kind]

@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.documents.quantities import Quantity, parse_quantity
 from haptic_fieldbus.signals import Workspace
+from tests.cases import every
 
 LINEAR, ROTARY = Workspace.LINEAR, Workspace.ROTARY
 
 
-@pytest.mark.parametrize(
+@every(
     ("text", "quantity", "workspace", "value"),
     [
         ("20 mm", Quantity.LENGTH, LINEAR, 0.02),

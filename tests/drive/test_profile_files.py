@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
@@ -22,6 +22,7 @@ from haptic_fieldbus.protocols.catalogue import (
 )
 from haptic_fieldbus.signals import Signal
 from tests.builders import canopen, shipped
+from tests.cases import every
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get("HAPTIC_FIELDBUS_SHARED", CHECKOUT.parent / "shared"))
@@ -358,8 +359,8 @@ def test_a_profile_that_is_not_usable_loads_whatever_its_units(tmp_path: Path) -
     assert not load_profile(write(tmp_path, text)).drive.usable
 
 
-@pytest.mark.parametrize("old", ['type = "int16"', "object = 0x6071", "value = 2", "[1]", '"canopen"', '"measured"'])
-@pytest.mark.parametrize("new", ["[[1]]", "{ x = 1 }", "true", "nan", "1979-05-27", "[]"])
+@every("old", ['type = "int16"', "object = 0x6071", "value = 2", "[1]", '"canopen"', '"measured"'])
+@every("new", ["[[1]]", "{ x = 1 }", "true", "nan", "1979-05-27", "[]"])
 def test_a_value_of_any_other_kind_is_a_fault(tmp_path: Path, old: str, new: str) -> None:
     key, equals, _ = old.rpartition("=")
     path = write(tmp_path, COMPLETE.replace(old, f"{key}{equals} {new}"))
@@ -367,7 +368,6 @@ def test_a_value_of_any_other_kind_is_a_fault(tmp_path: Path, old: str, new: str
         load_profile(path)
 
 
-@settings(deadline=None)  # the first example imports the validator
 @given(
     st.text()
     | st.text(alphabet='drivetoqu_[]{}=".\n0x')

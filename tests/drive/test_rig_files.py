@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
@@ -253,7 +253,6 @@ def test_a_file_cannot_say_where_it_was_read_from(tmp_path: Path) -> None:
     ]
 
 
-@settings(deadline=None)  # the first example imports the validator
 @given(
     st.text() | st.text(alphabet='axisbu_[]{}=".\n1') | st.lists(st.sampled_from(COMPLETE.splitlines())).map("\n".join)
 )

@@ -77,7 +77,7 @@ def test_the_plain_file_is_a_drive() -> None:
     assert sheet(profile_from_eds(eds)).objects
 
 
-@pytest.mark.thorough("every key with every number", quick=10)
+@pytest.mark.thorough("every key with every number", quick=3)
 @pytest.mark.parametrize("number", NUMBERS, ids=lambda text: text[:12])
 @pytest.mark.parametrize("key", KEYS)
 def test_every_key_with_every_number_gives_a_drive_or_a_sentence(key: str, number: str) -> None:
@@ -87,6 +87,7 @@ def test_every_key_with_every_number_gives_a_drive_or_a_sentence(key: str, numbe
             assert sheet(profile_from_eds(read_eds(text.encode()))).objects
 
 
+@pytest.mark.thorough("80 cases of one rule", quick=27)
 @pytest.mark.parametrize("number", NUMBERS, ids=lambda text: text[:12])
 @pytest.mark.parametrize("key", [*DEVICE, "SupportedObjects", "1", "NodeID"])
 def test_every_key_of_the_device_with_every_number_gives_a_drive_or_a_sentence(key: str, number: str) -> None:

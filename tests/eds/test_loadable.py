@@ -91,6 +91,7 @@ def test_any_sheet_at_all_loads_in_canopen_and_in_dcf_tools(eds: Eds) -> None:
     assert read_eds(eds_text(eds).encode()).objects
 
 
+@pytest.mark.thorough("other readers take a second for each sheet", quick=5)
 @pytest.mark.parametrize(
     "eds",
     [

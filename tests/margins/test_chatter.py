@@ -43,7 +43,7 @@ def test_friction_that_bridges_half_a_count_leaves_none_and_light_damping_no_bou
     assert chatter_speed(Plant(2.0, 0.35, 0.001, STEP, LAG), PERIOD, 0.0, 600.0) == math.inf
 
 
-@pytest.mark.thorough("simulates 10 drawn loops from 9 starts", quick=1)
+@pytest.mark.thorough("simulates 10 drawn loops from 9 starts")
 @pytest.mark.parametrize("seed", range(10))
 def test_no_motion_that_lasts_is_faster_than_the_bound(seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -160,7 +160,7 @@ def told(batch: int, trial: Trial, grows: NDArray[np.bool_], free: NDArray[np.bo
     )
 
 
-@pytest.mark.thorough("simulates 3000 drawn loops with friction and counts", quick=("few",))
+@pytest.mark.thorough("simulates 3000 drawn loops with friction and counts")
 @BATCHES
 def test_hard_knocks_and_slow_traverses_with_friction_and_counts_give_no_energy(
     batch: int, size: int, periods: int

@@ -28,7 +28,7 @@ def equal(plant: Plant, delay: float) -> list[Axis]:
 
 
 class TestLimit:
-    @pytest.mark.thorough("100 searches for a limit", quick=10)
+    @pytest.mark.thorough("100 searches for a limit", quick=3)
     @pytest.mark.parametrize("plants", PLANTS, ids=range(len(PLANTS)))
     @pytest.mark.parametrize("delays", PAIR_DELAYS)
     @pytest.mark.parametrize(("damping", "ratio"), [(0.0, 1.0), (0.2, 1.0), (0.0, -2.5), (0.2, 0.1), (0.0, 30.0)])
@@ -43,6 +43,7 @@ class TestLimit:
         for part in (0.9, 0.5, 0.1, 0.01):
             assert pair.growth(part * limit) < 1.0
 
+    @pytest.mark.thorough("10 cases of one rule", quick=3)
     @pytest.mark.parametrize("delays", PAIR_DELAYS)
     @pytest.mark.parametrize("held", [20.0, 400.0])
     def test_with_a_wall_on_one_end_too(self, delays: tuple[float, float], held: float) -> None:
@@ -51,7 +52,7 @@ class TestLimit:
         assert pair.growth(limit * (1 - 1e-4)) < 1.0 < pair.growth(limit * (1 + 1e-4))
         assert limit == pytest.approx(pair.limit_near(limit), rel=1e-6)
 
-    @pytest.mark.thorough("60 searches for a limit", quick=6)
+    @pytest.mark.thorough("60 searches for a limit", quick=2)
     @pytest.mark.parametrize("delay", DELAYS)
     @pytest.mark.parametrize("plant", [BENCH, LAGGING, HEAVY, LIGHT, Plant(0.0, 1.5)])
     @pytest.mark.parametrize("damping", [0.0, 0.3])
@@ -62,6 +63,7 @@ class TestLimit:
         found = CoupledAxes(equal(plant, delay), PERIOD).limit(shaft(damping))
         assert found == pytest.approx(expected, rel=1e-7)
 
+    @pytest.mark.thorough("18 cases of one rule", quick=6)
     @pytest.mark.parametrize("ratio", [3e-5, 0.02, 0.5, -3.0, 200.0, 3e4])
     @pytest.mark.parametrize("delay", [0.0, 0.33, 1.0])
     def test_of_devices_that_come_to_rest_alike_is_that_of_one_of_their_reduced_mass(
@@ -104,7 +106,7 @@ class TestLimit:
 
 
 class TestPassiveLimit:
-    @pytest.mark.thorough("18 searches for a limit", quick=3)
+    @pytest.mark.thorough("18 searches for a limit", quick=1)
     @pytest.mark.parametrize("delay", DELAYS)
     @pytest.mark.parametrize("plant", [BENCH, LAGGING, HEAVY])
     def test_of_equal_axes_is_half_that_of_one(self, delay: float, plant: Plant) -> None:
@@ -117,7 +119,7 @@ class TestPassiveLimit:
             found = CoupledAxes(equal(BENCH, 0.0), PERIOD).passive_limit(shaft(damping), math.inf)
             assert found == pytest.approx((BENCH.damping - 2 * abs(damping)) / PERIOD, rel=1e-7)
 
-    @pytest.mark.thorough("15 searches for a limit", quick=3)
+    @pytest.mark.thorough("15 searches for a limit", quick=1)
     @pytest.mark.parametrize("delays", PAIR_DELAYS)
     @pytest.mark.parametrize("ratio", [1.0, -0.3, 5.0])
     def test_needs_all_the_damping_there_is(self, delays: tuple[float, float], ratio: float) -> None:
@@ -131,7 +133,7 @@ class TestPassiveLimit:
         assert shares[0] < 1.0 < shares[2]
         assert shares[1] == pytest.approx(1.0, rel=1e-7)
 
-    @pytest.mark.thorough("40 searches for a limit", quick=4)
+    @pytest.mark.thorough("40 searches for a limit", quick=1)
     @pytest.mark.parametrize("plants", PLANTS, ids=range(len(PLANTS)))
     @pytest.mark.parametrize("delays", PAIR_DELAYS)
     @pytest.mark.parametrize("ratio", [1.0, -2.5])
@@ -142,7 +144,7 @@ class TestPassiveLimit:
         passive = CoupledAxes(axes, PERIOD).passive_limit(shaft(0.0, ratio), math.inf)
         assert 0.0 < passive <= CoupledAxes(axes, PERIOD).limit(shaft(0.0, ratio)) * (1 + 1e-9)
 
-    @pytest.mark.thorough("12 searches for a limit", quick=3)
+    @pytest.mark.thorough("12 searches for a limit", quick=1)
     @pytest.mark.parametrize("delays", [(0.0, 0.0), (0.0, 2.0), (1.0, 0.0), (3.0, 1.0)])
     @pytest.mark.parametrize("ratio", [1.0, 0.4, -2.0])
     def test_heavy_hands_in_the_worst_proportion_leave_no_stability_above_it(
@@ -215,6 +217,7 @@ class TestJudgement:
         assert first.margin == pytest.approx(first.stiffness_limit.stable / 40.0)
         assert first.spectral_radius == pytest.approx(1.0, abs=1e-12)
 
+    @pytest.mark.thorough("4 cases of one rule", quick=1)
     @pytest.mark.parametrize(
         ("stiffness", "friction", "verdict"),
         [
@@ -278,6 +281,7 @@ class TestJudgement:
         assert told.stiffness_limit.passive == 0.0
         assert told.verdict is Verdict.STABLE
 
+    @pytest.mark.thorough("3 cases of one rule", quick=1)
     @pytest.mark.parametrize("stiffness", [math.nan, -1.0, math.inf])
     def test_a_stiffness_that_is_none_is_refused_with_the_limit_of_this_pair(self, stiffness: float) -> None:
         with pytest.raises(UsageError, match=r"expected a number from 0 up; this loop is stable to \d"):

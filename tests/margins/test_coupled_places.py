@@ -52,6 +52,7 @@ def test_a_body_that_stiffens_is_judged_at_each_of_its_slopes() -> None:
     assert group.growth() == pytest.approx(worst, rel=1e-6)
 
 
+@pytest.mark.thorough("searches a limit at many places")
 def test_a_crest_between_detents_is_no_reason_to_refuse_a_shaft() -> None:
     assert pair((Detents("a", 0.2, 0.01),), Coupling(AXES, 100.0)).stability.verdict is not Verdict.UNSTABLE
     assert pair((Detents("a", 6.0, 0.01),), Coupling(AXES, 100.0)).stability.verdict is Verdict.UNSTABLE

@@ -48,7 +48,7 @@ def pressed(plant: Plant, delay: float, stiffness: float, damping: float = 0.0) 
 
 
 class TestChatterOverTheEdgeOfACount:
-    @pytest.mark.thorough("simulates until the cycle has settled", quick=2)
+    @pytest.mark.thorough("simulates until the cycle has settled", quick=1)
     @pytest.mark.parametrize(
         ("plant", "delay", "damping"),
         [
@@ -92,6 +92,7 @@ class TestChatterOverTheEdgeOfACount:
 
 
 class TestSaturation:
+    @pytest.mark.thorough("2 cases of one rule", quick=1)
     @pytest.mark.parametrize(("stiffness", "damping"), [(3000.0, 0.0), (6000.0, 2.0)])
     def test_bounds_the_chatter_of_an_unstable_wall(self, stiffness: float, damping: float) -> None:
         plant = Plant(0.63, 1.58)

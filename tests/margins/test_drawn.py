@@ -8,6 +8,7 @@ import pytest
 
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.signals import Signal
+from tests.cases import every
 from tests.margins.drawn import NAMES, PERIOD, Drawn, element, law_of
 
 
@@ -19,8 +20,8 @@ def felt(each: Any) -> Callable[[float, float], float]:
     return lambda x, v: float(law(x))
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("seed", range(3))
+@every("name", NAMES)
+@every("seed", range(3))
 def test_a_path_in_and_out_feels_the_same(name: str, seed: int) -> None:
     random = np.random.default_rng(seed)
     each = element(name, 400.0, 10.0, random)

@@ -37,6 +37,7 @@ def shaft(stiffness: float = 100.0, damping: float = 0.0, ratio: float | None = 
     return Coupling(("a", "b"), stiffness, damping, ratio, **more)  # type: ignore[arg-type]
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=1)
 @pytest.mark.parametrize(("damping", "ratio", "wall"), [(0.0, 1.0, 0.0), (0.3, -2.0, 0.0), (0.3, 0.5, 300.0)])
 def test_the_limit_is_that_of_the_pair_written_by_hand(damping: float, ratio: float, wall: float) -> None:
     found = list(tied(shaft(damping=damping, ratio=ratio), walls=(wall,)).stabilities().values())
@@ -117,6 +118,7 @@ def test_what_is_suggested_is_stable() -> None:
     assert damped.cautious.stable >= 3000.0
 
 
+@pytest.mark.thorough("searches a limit for each damping")
 def test_limits_over_damping_are_those_of_a_coupling_with_that_damping() -> None:
     one, other = tied(shaft(damping=0.1)), tied(shaft(damping=0.4)).stability.stiffness_limit
     stable = one.limit(0.4)

@@ -14,6 +14,7 @@ from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.loops import loops
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant as SimulatedPlant
+from tests.cases import every
 from tests.loops import BENCH, PERIOD, Array, wall, with_damping
 from tests.margins.extended import DIGITS, all_inside, characteristic
 
@@ -27,7 +28,7 @@ def split(delay: float) -> tuple[int, float]:
     return int(delay), (delay - int(delay)) * PERIOD
 
 
-@pytest.mark.thorough("60 digits for each of 10 limits", quick=2)
+@pytest.mark.thorough("60 digits for each of 10 limits", quick=1)
 @pytest.mark.parametrize("delay", DELAYS)
 @pytest.mark.parametrize("virtual", [0.0, 0.4])
 def test_the_limit_is_right_to_a_millionth_in_sixty_digits(delay: float, virtual: float) -> None:
@@ -46,8 +47,8 @@ def test_the_limit_is_right_to_a_millionth_in_sixty_digits(delay: float, virtual
             assert inside == [True, True, False], (mass, damping)
 
 
-@pytest.mark.parametrize("delay", DELAYS)
-@pytest.mark.parametrize("mass", MASSES)
+@every("delay", DELAYS)
+@every("mass", MASSES)
 def test_without_any_damping_the_limit_is_exactly_zero(delay: float, mass: float) -> None:
     assert stiffness_limit(Plant(mass, 0.0), PERIOD, delay * PERIOD, wall) == 0.0
 
@@ -82,7 +83,7 @@ def limit_of(mass: float, damping: float, delay: float, virtual: float) -> tuple
     return plant, stiffness_limit(plant, PERIOD, delay * PERIOD, with_damping(virtual))
 
 
-@pytest.mark.thorough("50 simulated periods", quick=8)
+@pytest.mark.thorough("50 simulated periods", quick=3)
 @pytest.mark.parametrize("delay", DELAYS)
 @pytest.mark.parametrize("virtual", [0.0, 0.4])
 @pytest.mark.parametrize("mass", [*MASSES, 0.63])

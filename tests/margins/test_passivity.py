@@ -20,6 +20,7 @@ from haptic_fieldbus.margins import (
 )
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.passivity import damping_needed
+from tests.cases import every
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, sprung_mass, wall, with_damping
 
 
@@ -47,9 +48,9 @@ class TestPassiveLimit:
         limit = passive_limit(BENCH, PERIOD, delay * PERIOD)
         assert damping_needed(wall(limit), PERIOD, delay * PERIOD) == pytest.approx(BENCH.damping, rel=1e-6)
 
-    @pytest.mark.parametrize("delay", DELAYS)
-    @pytest.mark.parametrize("lag", [0.0, LAG, 2 * PERIOD])
-    @pytest.mark.parametrize("damping", [0.3, -0.3, 1.5])
+    @every("delay", DELAYS)
+    @every("lag", [0.0, LAG, 2 * PERIOD])
+    @every("damping", [0.3, -0.3, 1.5])
     def test_the_limit_with_a_damper_needs_all_the_damping_there_is(
         self, delay: float, lag: float, damping: float
     ) -> None:

@@ -36,6 +36,7 @@ def by_hand(plant: Plant, delay: int, stiffness: float, damping: float, lengths:
     return np.array([run(unit) for unit in np.eye(5 + delay)]).T
 
 
+@pytest.mark.thorough("20 cases of one rule", quick=7)
 @pytest.mark.parametrize("lengths", PATTERNS.values(), ids=PATTERNS)
 @pytest.mark.parametrize("delay", [0, 2])
 @pytest.mark.parametrize("damping", [0.0, 0.5])

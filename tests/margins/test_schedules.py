@@ -48,6 +48,7 @@ def growth_by_hand(pattern: Sequence[Instants], stiffness: float, turns: int = 4
     return float(late)
 
 
+@pytest.mark.thorough("10 cases of one rule", quick=3)
 @pytest.mark.parametrize("delay", [0.2, 0.4, 1.0, 1.3, 2.7])
 @pytest.mark.parametrize("shift", [0.0, 0.3])
 def test_a_constant_delay_is_a_pattern_of_one_period_or_two(delay: float, shift: float) -> None:

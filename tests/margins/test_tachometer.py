@@ -19,6 +19,7 @@ from haptic_fieldbus.numerics.sampled import TACHOMETER, environment
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
+from tests.cases import every
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, Array, ByHand
 
 SEEN = replace(BENCH, tachometer=True)
@@ -65,9 +66,9 @@ def sprung(mass: float, method: str) -> Callable[[float], StateSpace]:
     )
 
 
-@pytest.mark.parametrize("delay", DELAYS)
-@pytest.mark.parametrize("lag", [0.0, LAG])
-@pytest.mark.parametrize("damping", [0.0, 2.0])
+@every("delay", DELAYS)
+@every("lag", [0.0, LAG])
+@every("damping", [0.0, 2.0])
 def test_the_limit_of_a_wall_is_where_the_loop_by_hand_begins_to_grow(delay: float, lag: float, damping: float) -> None:
     plant = replace(SEEN, torque_lag=lag)
     limit = stiffness_limit(plant, PERIOD, delay * PERIOD, wall(damping))
@@ -77,6 +78,7 @@ def test_the_limit_of_a_wall_is_where_the_loop_by_hand_begins_to_grow(delay: flo
     assert above > 1.0
 
 
+@pytest.mark.thorough("12 cases of one rule", quick=4)
 @pytest.mark.parametrize("delay", DELAYS)
 @pytest.mark.parametrize("method", ["exact-foh", "forward-euler"])
 def test_a_sprung_mass_grows_as_it_does_by_hand(delay: float, method: str) -> None:

@@ -65,6 +65,7 @@ class Alone:
         return min(max(force, -most), most)
 
 
+@pytest.mark.thorough("10 cases of one rule", quick=3)
 @pytest.mark.parametrize(
     "options",
     [
@@ -97,7 +98,7 @@ def test_every_loop_is_bit_for_bit_that_of_plain_floats(options: dict[str, Any],
         assert (found.position[row], found.velocity[row]) == (state[0], state[1])
 
 
-@pytest.mark.thorough("many loops for each delay", quick=1)
+@pytest.mark.thorough("many loops for each delay")
 @pytest.mark.parametrize("delay", [0.0, 0.4, 2.0])
 def test_loops_decay_below_their_limit_and_grow_above_it(delay: float) -> None:
     limit = stiffness_limit(Plant(0.1, 2.0), PERIOD, delay * PERIOD, with_damping(0.3))

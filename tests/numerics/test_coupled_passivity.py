@@ -11,6 +11,7 @@ from haptic_fieldbus.numerics.coupled import embedded
 from haptic_fieldbus.numerics.coupled_passivity import PassivityPort, damping_share, stores
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.passivity import damping_needed, hold
+from tests.cases import every
 from tests.loops import DELAYS, LAG, PERIOD, Array, sprung_mass, wall
 from tests.pairs import shaft
 
@@ -67,7 +68,7 @@ class TestAgainstTheEnergyOfEveryPeriodicMotion:
         basis = scipy.linalg.null_space(means)
         return float(scipy.linalg.eigh(basis.T @ work @ basis, basis.T @ dissipated @ basis, eigvals_only=True)[-1])
 
-    @pytest.mark.thorough("searches for the worst motion of 15 shafts", quick=2)
+    @pytest.mark.thorough("searches for the worst motion of 15 shafts", quick=1)
     @pytest.mark.parametrize(("dampings", "delays", "ratio"), PAIRS)
     @pytest.mark.parametrize("damping", [0.0, 0.3, -0.3])
     def test_a_shaft_needs_what_its_worst_motion_needs(
@@ -135,9 +136,9 @@ class TestAgainstTheFormula:
         found = damping_share(shaft(damping, ratio)(250.0), ports((1.5, 0.4), (0.0, 0.0)), PERIOD)
         assert found == pytest.approx(expected, rel=1e-9)
 
-    @pytest.mark.parametrize("delay", DELAYS)
-    @pytest.mark.parametrize("lag", [0.0, LAG])
-    @pytest.mark.parametrize("ratio", [1.0, 0.1, -3.0])
+    @every("delay", DELAYS)
+    @every("lag", [0.0, LAG])
+    @every("ratio", [1.0, 0.1, -3.0])
     def test_with_equal_delays_a_shaft_is_one_device_of_the_dampings_in_series(
         self, delay: float, lag: float, ratio: float
     ) -> None:

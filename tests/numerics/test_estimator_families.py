@@ -51,6 +51,7 @@ class TestFilteredDerivative:
         for z in np.exp(1j * np.array([0.01, 0.5, 3.0])):
             assert ours(z) == pytest.approx(np.polyval(num[0], z) / np.polyval(den, z), rel=1e-10)
 
+    @pytest.mark.thorough("4 cases of one rule", quick=1)
     @pytest.mark.parametrize("mapping", POLES)
     def test_the_lectures_noise_is_filtered_as_the_continuous_filter_does_it(self, mapping: str) -> None:
         """y = sin t + 0.1·sin 10t: the tenth of noise is as large as the signal once differentiated."""
@@ -100,7 +101,7 @@ class TestFoaw:
             slope = tried
         return slope
 
-    @settings(derandomize=True, max_examples=examples(60), deadline=None)
+    @settings(derandomize=True, max_examples=examples(60))
     @given(ways=WALK, best=st.booleans())
     def test_is_the_longest_window_that_is_straight_within_the_band(self, ways: list[float], best: bool) -> None:
         band, longest = 1.234567e-5, 12
@@ -111,6 +112,7 @@ class TestFoaw:
             before = [position, *before[:longest]]
             assert step(position) == pytest.approx(self.by_definition(before, band, best, longest), rel=1e-6, abs=1e-8)
 
+    @pytest.mark.thorough("2 cases of one rule", quick=1)
     @pytest.mark.parametrize("fit", ["foaw-end-fit", "foaw-best-fit"])
     def test_slow_motions_have_less_noise_and_fast_ones_less_delay_than_a_fixed_window(self, fit: str) -> None:
         slow = [in_counts(0.002 * n * PERIOD) for n in range(3000)]
@@ -120,6 +122,7 @@ class TestFoaw:
         assert measured_delay(bind(fit, PERIOD, COUNT), PERIOD, COUNT, speed=0.02, acceleration=20.0) < 2.5 * PERIOD
         assert measured_delay(bind("moving-average:window=16", PERIOD), PERIOD, COUNT, 0.02, 20.0) > 7 * PERIOD
 
+    @pytest.mark.thorough("8 cases of one rule", quick=3)
     @pytest.mark.parametrize("fit", ["foaw-end-fit", "foaw-best-fit"])
     @pytest.mark.parametrize("damping", [2.0, 20.0, 100.0, 400.0])
     def test_no_window_of_it_has_a_lower_limit_of_stability_than_the_one_it_is_judged_by(
@@ -138,6 +141,7 @@ class TestFoaw:
 
         return stiffness_limit(BENCH, PERIOD, 0.4e-3, contact)
 
+    @pytest.mark.thorough("2 cases of one rule", quick=1)
     @pytest.mark.parametrize("fit", ["foaw-end-fit", "foaw-best-fit"])
     def test_noise_within_the_band_is_that_of_the_longest_window(self, fit: str) -> None:
         """A band wide enough: √2/(16·T) for the chord, the least squares of 17 positions for the slope."""
@@ -162,6 +166,7 @@ class TestKalman:
         alpha, beta, _ = velocity_gains(1e6)
         assert (alpha, beta) == pytest.approx((1.0, 2.0), rel=1e-2)
 
+    @pytest.mark.thorough("filters a long signal many times")
     def test_it_does_better_than_any_low_pass_on_what_it_is_made_for(self) -> None:
         """A random acceleration from period to period, seen through an encoder."""
         rng, index = np.random.default_rng(5), 0.1
@@ -181,7 +186,7 @@ class TestKalman:
 
 
 class TestLevant:
-    @settings(derandomize=True, max_examples=examples(60), deadline=None)
+    @settings(derandomize=True, max_examples=examples(60))
     @given(ways=WALK)
     def test_each_step_solves_the_implicit_inclusion(self, ways: list[float]) -> None:
         """e = b − T·λ1·√L·√|e|·ξ − T²·λ0·L·ξ with ξ in Sgn(e), and v′ = v − T·λ0·L·ξ."""

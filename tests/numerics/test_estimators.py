@@ -24,6 +24,7 @@ from haptic_fieldbus.numerics.estimators import (
     linear_stand_in,
 )
 from haptic_fieldbus.numerics.linear import StateSpace
+from tests.cases import every
 from tests.lanes import examples
 from tests.numerics.estimator_figures import delay, measured_delay, measured_noise_gain, noise_gain
 
@@ -57,12 +58,12 @@ class TestEveryEstimator:
         assert estimator.name in ESTIMATORS
         assert estimator.summary
 
-    @pytest.mark.parametrize("where", [0.0, 0.7, -1024.3])
+    @every("where", [0.0, 0.7, -1024.3])
     def test_says_zero_while_the_handle_stands(self, spec: str, where: float) -> None:
         step = bind(spec, PERIOD, COUNT)
         assert {step(where) for _ in range(50)} == {0.0}
 
-    @pytest.mark.parametrize("speed", [0.25, -1.5, 0.02])
+    @every("speed", [0.25, -1.5, 0.02])
     def test_finds_a_constant_speed(self, spec: str, speed: float) -> None:
         step = bind(spec, PERIOD, COUNT)
         found = [step(0.3 + speed * PERIOD * period) for period in range(600)]
@@ -96,7 +97,7 @@ class TestEveryEstimator:
         step = bind(spec, PERIOD)
         assert math.isfinite(sum(step(0.001 * math.sin(0.1 * period)) for period in range(200)))
 
-    @pytest.mark.parametrize("period", [0.0, -1.0, math.nan, math.inf])
+    @every("period", [0.0, -1.0, math.nan, math.inf])
     def test_a_period_that_is_none_is_refused(self, spec: str, period: float) -> None:
         with pytest.raises(UsageError, match="above 0"):
             bind(spec, period)
@@ -104,7 +105,7 @@ class TestEveryEstimator:
 
 @pytest.mark.parametrize("spec", LINEAR)
 class TestEveryLinearEstimator:
-    @settings(derandomize=True, max_examples=examples(25), deadline=None)
+    @settings(derandomize=True, max_examples=examples(25))
     @given(positions=st.lists(st.floats(-1, 1), min_size=1, max_size=40))
     def test_runs_as_the_linear_system_that_stability_is_judged_by(self, spec: str, positions: list[float]) -> None:
         step, system = bind(spec, PERIOD), self.system(spec)

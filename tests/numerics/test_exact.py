@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.numerics.exact import expm, expm1, foh, polynomial_step, polynomial_system, zoh
 from haptic_fieldbus.numerics.linear import Matrix
+from tests.cases import every
 from tests.lanes import examples
 
 SQUARES = [-1e12, -1e6, -4.0, -1e-3, 0.0, 25.0]
@@ -26,8 +27,8 @@ def reference_expm1(x: Matrix) -> Matrix:
         return np.array(exponential.tolist(), dtype=float)
 
 
-@pytest.mark.parametrize("phase", [1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0, 100.0, 1e3])
-@pytest.mark.parametrize("natural", [1e-2, 1.0, 1e3, 1e6])
+@every("phase", [1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0, 100.0, 1e3])
+@every("natural", [1e-2, 1.0, 1e3, 1e6])
 def test_an_oscillator_keeps_its_digits_for_every_step_and_stiffness(natural: float, phase: float) -> None:
     step = phase / natural
     found = expm1(oscillator(-(natural**2)) * step) * np.array([[1.0, natural], [1.0 / natural, 1.0]])
@@ -41,7 +42,7 @@ def test_an_oscillator_keeps_its_digits_for_every_step_and_stiffness(natural: fl
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * max(1.0, phase / 100))
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(60))
+@settings(derandomize=True, max_examples=examples(60))
 @given(
     st.integers(1, 4).flatmap(
         lambda n: st.lists(st.lists(st.floats(-20, 20), min_size=n, max_size=n), min_size=n, max_size=n)
@@ -119,8 +120,8 @@ BADLY_SCALED = {
 """Of which scipy's expm errs by 1e-11, or whose eigenvectors are parallel."""
 
 
-@pytest.mark.parametrize("name", BADLY_SCALED)
-@pytest.mark.parametrize("h", [1e-6, 1e-3, 0.1, 1.0, 30.0, 1e3])
+@every("name", BADLY_SCALED)
+@every("h", [1e-6, 1e-3, 0.1, 1.0, 30.0, 1e3])
 def test_badly_scaled_and_repeated_modes_agree_with_fifty_digits(name: str, h: float) -> None:
     """Transition and both inputs of the exact step, positions in units of velocity/ω: 1e-12·max(1, h/100)."""
     a = np.array(BADLY_SCALED[name])

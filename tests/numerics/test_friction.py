@@ -5,6 +5,7 @@ import pytest
 import scipy.integrate
 
 from haptic_fieldbus.numerics.friction import SampledMass, slide
+from tests.cases import every
 
 SPAN = 1e-3
 
@@ -33,9 +34,9 @@ def by_scipy(mass: float, damping: float, coulomb: float, x: float, v: float, fo
     return float(state[0]), float(state[1])
 
 
-@pytest.mark.parametrize("mass", [0.01, 0.6])
-@pytest.mark.parametrize("damping", [0.0, 1e-6, 1.5, 40.0])
-@pytest.mark.parametrize(
+@every("mass", [0.01, 0.6])
+@every("damping", [0.0, 1e-6, 1.5, 40.0])
+@every(
     ("velocity", "force"),
     [
         (0.1, 3.0),
@@ -58,8 +59,8 @@ def test_a_step_is_what_scipy_finds(mass: float, damping: float, velocity: float
     assert float(found[1][0]) == pytest.approx(expected[1], rel=1e-6, abs=1e-11)
 
 
-@pytest.mark.parametrize("velocity", [0.3, -2e-4, 0.0])
-@pytest.mark.parametrize("damping", [0.0, 1e-9, 1e-3, 0.0119, 0.0121, 5.0])
+@every("velocity", [0.3, -2e-4, 0.0])
+@every("damping", [0.0, 1e-9, 1e-3, 0.0119, 0.0121, 5.0])
 def test_two_halves_are_one_step_whatever_formula_is_taken(velocity: float, damping: float) -> None:
     """Series and closed form meet."""
     device = SampledMass(np.array([0.6]), np.array([damping]), np.array([0.4]))

@@ -13,6 +13,7 @@ from haptic_fieldbus.numerics.integrators import METHODS, bind, discrete, discre
 from haptic_fieldbus.numerics.integrators.trajectory import follow
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
+from tests.cases import every
 from tests.numerics.systems import DAMPED, SPACES, Array, run, sprung_mass
 from tests.numerics.textbook import TEXTBOOK, Number, free_motion
 
@@ -86,7 +87,7 @@ class TestOrder:
         found = np.array(run(space, method, end / steps, position))
         return float(np.abs(found - stiffness * (mass - position)).max())
 
-    @pytest.mark.thorough("up to a million steps for each of 18 cases", quick=3)
+    @pytest.mark.thorough("up to a million steps for each of 18 cases", quick=1)
     @pytest.mark.parametrize("name", ["sprung mass", "damped"])
     def test_of_a_free_motion_is_the_one_claimed(self, method: str, name: str) -> None:
         """From a state with an acceleration, so that a wrong start would be seen."""
@@ -184,8 +185,8 @@ class TestSpectralRadius:
         else:
             assert decay(limit * (1 - 1e-9)) < 1.0 < decay(limit * (1 + 1e-9))
 
-    @pytest.mark.parametrize("name", ["sprung mass", "damped", "grounded", "two at once"])
-    @pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2])
+    @every("name", ["sprung mass", "damped", "grounded", "two at once"])
+    @every("period", [1e-4, 1e-3, 1e-2])
     def test_of_any_system_is_the_growth_of_its_modes(self, method: str, name: str, period: float) -> None:
         growth, space = METHODS[method].growth, SPACES[name]
         if growth is None:
@@ -213,7 +214,7 @@ def test_forward_euler_with_a_damper_of_stiffness_times_period_neither_grows_nor
     np.testing.assert_allclose(np.abs(np.linalg.eigvals(discrete(damped, period, "forward-euler").a)), 1.0, rtol=1e-12)
 
 
-@pytest.mark.thorough("a million steps for each method", quick=1)
+@pytest.mark.thorough("a million steps for each method")
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("h", "steps", "tolerance"), [(1e-6, 1_000_000, 1e-12), (1e-3, 20_000, 1e-12)])
 def test_tiny_steps_lose_no_digits(method: str, h: float, steps: int, tolerance: float) -> None:

@@ -19,6 +19,7 @@ from haptic_fieldbus.numerics.integrators.staggered import positions
 from haptic_fieldbus.numerics.integrators.trajectory import follow
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
+from tests.cases import every
 from tests.numerics.systems import DAMPED, GROUNDED, SPACES, Array, run, sprung_mass
 from tests.numerics.textbook import TEXTBOOK
 
@@ -45,15 +46,15 @@ class TestEveryMethod:
     def test_is_listed_under_its_name(self, method: str) -> None:
         assert METHODS[method].name == method
 
-    @pytest.mark.parametrize("name", SPACES)
-    @pytest.mark.parametrize("where", [0.0, 0.3, -7.0])
+    @every("name", SPACES)
+    @every("where", [0.0, 0.3, -7.0])
     def test_gives_exactly_the_force_of_rest_while_the_handle_stands(
         self, method: str, name: str, where: float
     ) -> None:
         forces = set(run(SPACES[name], method, 1e-3, np.full(200, where)))
         assert forces == {rest(SPACES[name])[1] * where}
 
-    @pytest.mark.parametrize("h", [1e-3, 0.05, 0.9, 1.9])
+    @every("h", [1e-3, 0.05, 0.9, 1.9])
     def test_is_its_textbook(self, method: str, h: float) -> None:
         period, mass = 1e-3, 0.5
         position = 0.01 * np.sin(np.arange(300) * 0.07) + 0.003 * np.sin(np.arange(300) * 1.1)
@@ -65,7 +66,7 @@ class TestEveryMethod:
         found = run(sprung_mass(h, period, mass), method, period, position)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * max(map(abs, expected)))
 
-    @pytest.mark.parametrize("name", SPACES)
+    @every("name", SPACES)
     def test_runs_as_the_linear_system_that_stability_is_judged_by(self, method: str, name: str) -> None:
         space, period = SPACES[name], 1e-3
         system = discrete(space, period, method)
@@ -95,7 +96,7 @@ class TestEveryMethod:
         alone = np.sum([run(part, method, 1e-3, way) for part in parts], axis=0)
         np.testing.assert_allclose(together, alone, rtol=1e-9, atol=1e-9)
 
-    @pytest.mark.parametrize("space", [DAMPED, GROUNDED], ids=["damped", "grounded"])
+    @every("space", [DAMPED, GROUNDED], ids=["damped", "grounded"])
     def test_a_trajectory_from_rest_is_what_the_loop_runs(self, method: str, space: StateSpace) -> None:
         position = 0.01 * np.sin(np.arange(200) * 0.05) ** 2
         velocity = np.gradient(position, 1e-3)
@@ -128,12 +129,12 @@ class TestEveryMethod:
         assert found.diverged_at == len(found.outputs) == len(found.states) > 300
         assert np.isfinite(found.outputs).all()
 
-    @pytest.mark.parametrize("period", [0.0, -1e-3, math.nan, math.inf])
+    @every("period", [0.0, -1e-3, math.nan, math.inf])
     def test_a_period_that_is_none_is_refused(self, method: str, period: float) -> None:
         with pytest.raises(UsageError, match=r"period .* expected a finite number above 0"):
             bind(GROUNDED, period, method)
 
-    @pytest.mark.parametrize("value", [math.nan, math.inf])
+    @every("value", [math.nan, math.inf])
     def test_a_system_with_an_entry_that_is_no_number_is_refused(self, method: str, value: float) -> None:
         broken = StateSpace(np.array([[0.0, 1.0], [value, 0.0]]), DAMPED.b, DAMPED.c, DAMPED.d)
         with pytest.raises(UsageError, match=r"A\[1, 0\] of the virtual states is (nan|inf).* above 0"):

@@ -43,7 +43,7 @@ def test_after_a_press_it_relaxes_as_the_closed_form_in_every_branch() -> None:
         assert push(1e-3) == pytest.approx(1e-3 * exact, rel=1e-12)
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(30))
+@settings(derandomize=True, max_examples=examples(30))
 @given(branches=some_branches, speed=st.floats(1e-3, 2.0))
 def test_pressed_on_at_constant_speed_each_branch_lags_by_its_time(
     branches: list[tuple[float, float]], speed: float
@@ -72,6 +72,7 @@ def in_small_steps(branches: tuple[tuple[float, float], ...], depth: list[float]
     return pushes
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("turn", [15.0, 60.0])
 def test_let_go_and_met_again_it_is_where_its_surface_has_come_to(turn: float) -> None:
     """A tool that taps faster than the tissue recovers, against two hundred small steps a period."""
@@ -99,7 +100,7 @@ def test_a_dent_that_is_left_comes_back_as_its_differential_equation_says() -> N
         assert push(1.05 * left) > 0.0
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(200))
+@settings(derandomize=True, max_examples=examples(200))
 @given(branches=some_branches, depths=st.lists(st.floats(-0.02, 0.02), min_size=2, max_size=40))
 def test_it_never_pulls_and_gives_no_more_than_the_stated_leak(
     branches: list[tuple[float, float]], depths: list[float]
@@ -113,7 +114,7 @@ def test_it_never_pulls_and_gives_no_more_than_the_stated_leak(
     assert given_away <= 0.5 * REST * max(0.0, depths[0]) ** 2 + leak + 1e-12
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(60))
+@settings(derandomize=True, max_examples=examples(60))
 @given(branches=some_branches, depth=st.floats(1e-4, 0.02), period=st.floats(1e-5, 0.1))
 def test_it_neither_explodes_nor_rings(branches: list[tuple[float, float]], depth: float, period: float) -> None:
     """Held at a depth it only ever relaxes, towards the spring that stays, whatever the period."""

@@ -22,6 +22,7 @@ from haptic_fieldbus.numerics.transfer import (
     substituted,
     transfer_function,
 )
+from tests.cases import every
 from tests.lanes import examples
 from tests.numerics.systems import DAMPED, GROUNDED, SPACES, sprung_mass
 
@@ -41,8 +42,8 @@ def motion(steps: int = 300) -> list[float]:
     return way
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", ["sprung mass", "damped", "grounded", "two at once"])
+@every("method", METHODS)
+@every("name", ["sprung mass", "damped", "grounded", "two at once"])
 def test_the_transfer_function_of_a_method_is_that_of_its_matrices(method: str, name: str) -> None:
     system = discrete(SPACES[name], 1e-2, method)
     function = transfer_function(system)
@@ -52,8 +53,8 @@ def test_the_transfer_function_of_a_method_is_that_of_its_matrices(method: str, 
     np.testing.assert_allclose(np.sort(np.abs(function.poles)), np.sort(np.abs(np.linalg.eigvals(system.a))), rtol=1e-9)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("h", [0.2, 0.7, 1.5])
+@every("method", METHODS)
+@every("h", [0.2, 0.7, 1.5])
 def test_the_difference_equation_gives_what_the_loop_gives(method: str, h: float) -> None:
     space = sprung_mass(h)
     step, equation = (
@@ -86,7 +87,7 @@ def test_an_integrator_becomes_what_the_rules_say() -> None:
     assert {rule: substituted(integrator, period, rule) for rule in RULES} == expected
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(50))
+@settings(derandomize=True, max_examples=examples(50))
 @given(
     den=st.lists(st.floats(-5, 5), min_size=1, max_size=4),
     num=st.lists(st.floats(-5, 5), min_size=1, max_size=4),
@@ -105,7 +106,7 @@ def test_a_substituted_function_is_the_function_at_the_substituted_s(
             assert substituted(continuous, period, rule)(z) == pytest.approx(continuous(s), rel=1e-8, abs=1e-12)
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(50))
+@settings(derandomize=True, max_examples=examples(50))
 @given(rows=st.lists(st.lists(st.floats(-2, 2), min_size=5, max_size=5), min_size=5, max_size=5))
 def test_matrices_of_any_kind_have_the_coefficients_that_scipy_finds(rows: list[list[float]]) -> None:
     table = np.array(rows)

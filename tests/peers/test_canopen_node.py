@@ -88,6 +88,7 @@ class TestBlockTransfer:
 
     DATA = bytes(range(256)) * 39 + b"sixteen and more"
 
+    @pytest.mark.thorough("4 cases of one rule", quick=1)
     @pytest.mark.parametrize("crc", [True, False], ids=["with CRC", "without CRC"])
     def test_there_and_back(self, node: canopen.RemoteNode, crc: bool) -> None:
         """canopen can send without CRC; to read it takes the server's word that there is one for its own wish."""
@@ -246,6 +247,7 @@ class TestNmt:
 class TestEmergency:
     """Emergencies reach canopen's consumer."""
 
+    @pytest.mark.thorough("waits in real time", quick=1)
     def test_a_master_that_falls_silent_is_reported(self, node: canopen.RemoteNode, network: canopen.Network) -> None:
         said: list[EmcyError] = []
         node.emcy.add_callback(said.append)

@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 
-import pytest
-
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.api.judging import Inquiry, judge_scene
 from haptic_fieldbus.planning.assumed import assumed_words
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from tests.builders import PROFILE
+from tests.cases import every
 
 TIMES = "torque loop 1000 Hz, control period 0.5 ms"
 OF_PROFILE = ("torque loop 1000 Hz", "control period 0.4 ms")
@@ -33,7 +32,7 @@ def test_nothing_is_told_of_a_drive_that_was_measured() -> None:
     assert assumed_words(measured) == ()
 
 
-@pytest.mark.parametrize("name", profile_names())
+@every("name", profile_names())
 def test_every_shipped_profile_assumes_its_torque_loop(name: str) -> None:
     assert assumed_words(load_profile(name))[0] == "torque loop 1000 Hz"
 

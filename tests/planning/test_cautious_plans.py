@@ -64,6 +64,7 @@ def test_an_assumed_bandwidth_has_the_wider_range(source: str, shares: tuple[flo
     assert lags == pytest.approx(tuple(share * profile.torque_lag for share in shares))
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("stiffness", [0.02, 1.0])
 def test_a_compliant_coupling_is_judged_as_one(stiffness: float) -> None:
     coupling = CompliantCoupling(stiffness=stiffness, load_inertia=3e-5, damping=1e-6)

@@ -40,6 +40,7 @@ def told(plan: Plan) -> dict[str, float]:
     return {name: row.value for name, row in rows if row.name == "energy of its own"}
 
 
+@pytest.mark.thorough("4 cases of one rule", quick=2)
 @pytest.mark.parametrize(
     ("elements", "judged"),
     [

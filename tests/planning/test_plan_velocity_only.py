@@ -40,6 +40,7 @@ def reasons(plan: Plan) -> dict[str, str]:
     return {left.what: left.why for left in plan.left_out}
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=2)
 @pytest.mark.parametrize("scene", [WALL, DAMPED, SPRUNG])
 def test_the_velocity_is_mapped_in_the_place_of_the_position(scene: Scene) -> None:
     plan = plan_of(scene, profile=VELOCITY_ONLY)

@@ -44,6 +44,7 @@ def proposed(element: AnyElement, text: str) -> AnyElement:
     return changed
 
 
+@pytest.mark.thorough("9 cases of one rule", quick=3)
 @pytest.mark.parametrize("name", GRADED)
 def test_an_element_that_is_too_steep_is_refused_with_parameters_that_it_has(name: str) -> None:
     scene = load_scene(name)
@@ -65,6 +66,7 @@ def test_scenes_of_every_steepness_were_looked_at() -> None:
     assert {"detents", "texture", "magnet", "hunt_crossley", "pendulum"} <= set(GRADED)
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=2)
 @pytest.mark.parametrize("stiffness", [3000.0, 12_000.0, 1e6])
 def test_what_is_proposed_is_inside_the_cautious_limit(stiffness: float) -> None:
     """Each proposal, the softer wall and the one with damping, is planned again and judged over all ranges."""
@@ -109,6 +111,7 @@ def test_what_has_no_stiffness_is_refused_without_a_proposal() -> None:
     assert "Would be stable" not in str(refused.value)
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize(
     ("name", "settings", "held"),
     [("detents", {"end_stop.stiffness": 5000.0, "detents.amplitude": 12.0}, "end_stop"),

@@ -62,6 +62,7 @@ def test_each_request_stands_on_those_before_though_they_wait() -> None:
     assert changes.request({"wall.position": 0.01}).plan.scene.elements == (Wall("handle", 800.0, position=0.01),)
 
 
+@pytest.mark.thorough("4 cases of one rule", quick=1)
 @pytest.mark.parametrize(
     ("settings", "error"),
     [

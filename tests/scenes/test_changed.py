@@ -13,6 +13,7 @@ from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
 from tests.builders import scene_of
+from tests.cases import every
 
 TWO = scene_of(Wall("handle", 300.0), Wall("handle", 400.0, name="other"))
 
@@ -24,7 +25,7 @@ def test_what_no_setting_names_stays_the_same_object() -> None:
     assert (found.name, found.axes) == (TWO.name, TWO.axes)
 
 
-@pytest.mark.parametrize("name", scene_names())
+@every("name", scene_names())
 def test_every_scene_of_the_library_takes_its_own_values_and_gives_itself(name: str) -> None:
     scene = load_scene(name)
     settings = {

@@ -22,6 +22,7 @@ from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
+from tests.cases import every
 
 PERIOD = 1e-3
 ENTRANCES: dict[str, Callable[[Scene], object]] = {
@@ -44,15 +45,15 @@ def refusal(scene: Scene, method: str | None = None) -> str:
     return "\n".join(str(fault) for fault in refused.value.faults)
 
 
-@pytest.mark.parametrize("entrance", ENTRANCES)
-@pytest.mark.parametrize("mass", [0.0, -0.0, -1.0, math.nan, math.inf])
+@every("entrance", ENTRANCES)
+@every("mass", [0.0, -0.0, -1.0, math.nan, math.inf])
 def test_a_virtual_mass_that_cannot_be_is_refused_at_every_entrance(entrance: str, mass: float) -> None:
     with pytest.raises(SceneError, match=r"made: sprung_mass\.mass: .*; expected a number above 0"):
         ENTRANCES[entrance](made(SprungMass("handle", 200.0, mass)))
 
 
-@pytest.mark.parametrize("entrance", ENTRANCES)
-@pytest.mark.parametrize("stiffness", [-1.0, 0.0, math.nan, math.inf])
+@every("entrance", ENTRANCES)
+@every("stiffness", [-1.0, 0.0, math.nan, math.inf])
 def test_a_stiffness_that_cannot_be_is_refused_at_every_entrance(entrance: str, stiffness: float) -> None:
     with pytest.raises(SceneError, match=r"made: wall\.stiffness: .*; expected a number above 0"):
         ENTRANCES[entrance](made(Wall("handle", stiffness)))
@@ -125,12 +126,12 @@ def test_numbers_of_numpy_are_numbers() -> None:
     check_elements(made(*(Wall("handle", stiffness) for stiffness in stiffnesses)), PERIOD, None)
 
 
-@pytest.mark.parametrize("name", scene_names())
+@every("name", scene_names())
 def test_every_shipped_scene_holds(name: str) -> None:
     check_elements(load_scene(name), PERIOD, None)
 
 
-@pytest.mark.parametrize("kind", ELEMENTS)
+@every("kind", ELEMENTS)
 def test_every_kind_is_refused_with_any_number_that_is_none(kind: str) -> None:
     for example in import_module(f"tests.scenes.sheets.{kind}").SHEET.examples:
         check_elements(made(example), PERIOD, None)

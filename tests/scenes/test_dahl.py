@@ -35,6 +35,7 @@ def test_it_is_the_differential_equation_at_any_period_when_samples_meet_the_rev
     np.testing.assert_allclose(forces(DAHL, motion), exact, atol=1e-8)
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=1)
 @pytest.mark.parametrize("amplitude", [2e-4, 2e-3, 2e-2])
 def test_a_cycle_costs_what_the_closed_form_says(amplitude: float) -> None:
     """4·fc·(a − L·tanh(a/L)), once the first cycles are over."""
@@ -47,6 +48,7 @@ def test_a_cycle_costs_what_the_closed_form_says(amplitude: float) -> None:
     assert work == pytest.approx(4.0 * 1.5 * (amplitude - STEADY * math.tanh(amplitude / STEADY)), rel=1e-5)
 
 
+@pytest.mark.thorough("4 cases of one rule", quick=1)
 @pytest.mark.parametrize("speed", [1e-3, 1.0, 1e3, 1e9])
 def test_it_slides_at_its_friction_at_any_speed(speed: float) -> None:
     found = forces(DAHL, passing(0.0, 0.1 if speed < 1.0 else speed * 0.05, speed))

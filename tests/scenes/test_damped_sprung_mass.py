@@ -55,7 +55,7 @@ def test_it_follows_the_ordinary_differential_equation(damping: float, drag: flo
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(50))
+@settings(derandomize=True, max_examples=examples(50))
 @given(
     k=st.floats(1.0, 1e4),
     m=st.floats(1e-3, 10.0),

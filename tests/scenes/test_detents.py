@@ -20,6 +20,7 @@ ENDLESS = Detents("handle", amplitude=1.5, pitch=0.008, position=0.003)
 THREE = Detents("handle", amplitude=1.2, pitch=0.02, position=-0.02, count=3)
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=1)
 @pytest.mark.parametrize("swing", [0.01, 0.5, 2.5])
 def test_a_handle_swings_in_a_valley_as_a_pendulum(swing: float) -> None:
     """With θ = 2π·x/p the period is 4·K(sin²(θ₀/2))/ω, ω = √(2π·A/(p·m)); the first comes to rest 1/2 of it later."""
@@ -50,6 +51,7 @@ def test_a_ridge_costs_as_much_as_it_says() -> None:
     assert -quad(ENDLESS.force, 0.003, 0.007)[0] == pytest.approx(1.5 * 0.008 / math.pi, rel=1e-9)
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("detents", [ENDLESS, THREE])
 def test_no_slope_is_steeper_than_the_stiffness_that_it_is_judged_by(detents: Detents) -> None:
     place = np.linspace(-0.05, 0.05, 100_001)

@@ -27,6 +27,7 @@ from haptic_fieldbus.scenes.element import (
 )
 from haptic_fieldbus.scenes.registry import ELEMENTS
 from haptic_fieldbus.signals import Signal
+from tests.cases import Test, every
 from tests.lanes import examples
 from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand
 
@@ -50,10 +51,13 @@ SMOOTH = 2e-5
 """[s]; the period that stands for continuous time."""
 
 
-def each_example(claims: Callable[[str, AnyElement], object]) -> pytest.MarkDecorator:
-    """A case for each example that `claims` is true of, so that none passes for want of anything to hold it to."""
+def each_example(claims: Callable[[str, AnyElement], object]) -> Callable[[Test], Test]:
+    """Run a test for each example that `claims` is true of, so that none passes for want of anything to hold it to."""
     chosen = {name: case for name, case in EXAMPLES.items() if claims(*case)}
-    return pytest.mark.parametrize(("kind", "element"), chosen.values(), ids=chosen)
+    return every(("kind", "element"), chosen.values(), ids=list(chosen))
+
+
+of_every_example = each_example(lambda kind, element: True)
 
 
 @st.composite
@@ -123,17 +127,19 @@ def test_one_element_never_imports_another() -> None:
         assert graph.find_upstream_modules(element).isdisjoint(elements), element
 
 
-@each_example(lambda kind, element: True)
 class TestEveryElement:
+    @of_every_example
     def test_is_what_the_registry_names(self, kind: str, element: AnyElement) -> None:
         module, name = ELEMENTS[kind]
         assert type(element) is getattr(import_module(module), name)
 
+    @of_every_example
     def test_is_a_frozen_dataclass_named_as_its_kind_unless_told(self, kind: str, element: AnyElement) -> None:
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(element, "name", "another")  # noqa: B010 - an assignment would not pass the type checker
         assert element.name == kind
 
+    @of_every_example
     def test_can_be_written_in_a_file_and_nothing_else_can(self, kind: str, element: AnyElement) -> None:
         adapter = TypeAdapter(type(element))
         values = adapter.dump_python(element)
@@ -141,14 +147,17 @@ class TestEveryElement:
         with pytest.raises(ValueError, match="unheard_of"):
             adapter.validate_python({**values, "unheard_of": 1})
 
+    @of_every_example
     def test_is_of_one_kind_of_law(self, kind: str, element: AnyElement) -> None:
         kinds = (StaticElement, MemoryElement, DynamicElement, CouplingElement)
         assert sum(isinstance(element, each) for each in kinds) == 1
 
+    @of_every_example
     def test_needs_signals_of_motion_only_and_each_once(self, kind: str, element: AnyElement) -> None:
         assert set(element.needs) <= {Signal.POSITION, Signal.VELOCITY, Signal.ELAPSED_NS}
         assert len(set(element.needs)) == len(element.needs)
 
+    @of_every_example
     def test_is_linearised_to_forces_from_positions_and_velocities(self, kind: str, element: AnyElement) -> None:
         space, axes = element.linearised(), axes_of(element)
         assert (space.b.shape, space.c.shape, space.d.shape) == (
@@ -158,6 +167,7 @@ class TestEveryElement:
         )
         assert Signal.VELOCITY in element.needs or not space.uses_velocity
 
+    @of_every_example
     def test_is_linearised_to_the_slopes_that_its_force_has_there(self, kind: str, element: AnyElement) -> None:
         """What stability is judged by, beside difference quotients of the law; states have no time to move."""
         motion, way = SHEETS[kind].stiffest(element)
@@ -169,6 +179,7 @@ class TestEveryElement:
             expected = element.linearised().d[:, column]
             np.testing.assert_allclose(found, expected, rtol=2e-4, atol=1e-4)
 
+    @of_every_example
     def test_gives_finite_plain_floats_at_any_finite_motion(self, kind: str, element: AnyElement) -> None:
         call = law(element)
         for values in feedback(element, [-1e3, -0.1, 0.0, 5e-324, 0.1, 1e3]):
@@ -177,14 +188,18 @@ class TestEveryElement:
                 assert type(force) is float
                 assert math.isfinite(force)
 
+    @of_every_example
     def test_starts_afresh_each_time(self, kind: str, element: AnyElement) -> None:
         first = [law(element)(*values) for values in feedback(element, [-0.01, 0.02])]
         assert first == [law(element)(*values) for values in feedback(element, [-0.01, 0.02])]
         again = law(element)
         assert again(*next(iter(feedback(element, [-0.01, 0.02])))) == first[0]
 
-    @EVERY_EXAMPLE
-    @settings(max_examples=examples(15), deadline=None)
+
+@EVERY_EXAMPLE
+@pytest.mark.parametrize(("kind", "element"), EXAMPLES.values(), ids=EXAMPLES)
+class TestEveryMotion:
+    @settings(max_examples=examples(15))
     @given(data=st.data())
     def test_jumps_by_no_more_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
         sheet = SHEETS[kind]
@@ -197,8 +212,7 @@ class TestEveryElement:
         allowed = smooth + sheet.jump(element, float(np.abs(motion.velocity).max()))
         assert (changes.reshape(len(changes), -1).max(axis=1) <= allowed * (1.0 + 1e-9) + 1e-9).all()
 
-    @EVERY_EXAMPLE
-    @settings(max_examples=examples(15), deadline=None)
+    @settings(max_examples=examples(15))
     @given(data=st.data())
     def test_gives_no_more_energy_than_it_says(self, kind: str, element: AnyElement, data: st.DataObject) -> None:
         sheet = SHEETS[kind]
@@ -208,8 +222,7 @@ class TestEveryElement:
         given_away = given_to_the_hand(motion, force, held=False)
         assert given_away <= sheet.continuous(element, motion) + 1e-3 * exchanged + 1e-12
 
-    @EVERY_EXAMPLE
-    @settings(max_examples=examples(15), deadline=None)
+    @settings(max_examples=examples(15))
     @given(data=st.data())
     def test_gives_no_more_energy_than_it_says_when_sampled(
         self, kind: str, element: AnyElement, data: st.DataObject

@@ -32,6 +32,7 @@ def test_it_slides_at_its_friction_whatever_the_speed() -> None:
     assert [law(place) for place in (0.0, 0.1, 1e6, 1e6 - 1.0, -1e12)] == [0.0, -1.0, -1.0, 1.0, 1.0]
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=1)
 @pytest.mark.parametrize("amplitude", [5e-4, 2e-3, 5e-2])
 def test_a_cycle_costs_what_the_closed_form_says(amplitude: float) -> None:
     """4·fc·(a − fc/K) where it slides, nothing where it only sticks."""

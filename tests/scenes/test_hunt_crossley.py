@@ -17,14 +17,14 @@ BODY = HuntCrossley("handle", effort=100.0, depth=0.01, exponent=1.5, loss=0.6)
 """k = 1e5 N/m^1.5."""
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(depth=st.floats(0.0, 1.0), speed=st.floats(-100.0, 100.0))
 def test_it_is_the_published_law(depth: float, speed: float) -> None:
     expected = max(0.0, 1e5 * depth**1.5 * (1.0 + 0.6 * speed))
     assert BODY.force(depth, speed) == pytest.approx(-expected, rel=1e-9, abs=1e-300)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(
     position=st.floats(-1e308, 1e308),
     speed=st.floats(-1e100, 1e100),
@@ -61,7 +61,7 @@ def test_a_thrown_mass_leaves_with_the_speed_of_the_closed_form(speed: float) ->
     assert -end < min(speed, 1.0 / 0.6)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(depth=st.floats(0.0, 0.1), speed=st.floats(-10.0, 10.0))
 def test_it_takes_power_whenever_its_spring_does_not_give_it_back(depth: float, speed: float) -> None:
     spring = HuntCrossley("handle", 100.0, 0.01)

@@ -46,7 +46,7 @@ def test_a_tool_that_leaves_slowly_is_followed_and_one_that_leaves_fast_is_not()
         assert (force(0.01 - speed * PERIOD, -speed) < 0.0) is pushed
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(200))
+@settings(derandomize=True, max_examples=examples(200))
 @given(
     depths=st.lists(st.floats(-0.02, 0.02), min_size=2, max_size=40), speeds=st.lists(st.floats(-5.0, 5.0), min_size=40)
 )
@@ -59,7 +59,7 @@ def test_it_never_pulls_whatever_the_estimator_says(depths: list[float], speeds:
         assert mirrored(-depth, -speed) == -found
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(100))
+@settings(derandomize=True, max_examples=examples(100))
 @given(
     sizes=st.lists(st.floats(0.0, 0.01), min_size=3, max_size=3),
     turns=st.lists(st.floats(5.0, 250.0), min_size=3, max_size=3),

@@ -27,7 +27,7 @@ def moved(needle: Needle, *places: float, speed: float = 0.01, period: float = P
     return Motion(period, position, np.append(np.diff(position), 0.0) / period)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(part=st.floats(0.0, 0.999), curvature=st.floats(0.0, 1.0))
 def test_before_puncture_it_is_a_spring_of_second_order(part: float, curvature: float) -> None:
     """a₁·d + a₂·d², with a₁ = P·(1 − c)/D and a₂ = P·c/D²."""
@@ -101,7 +101,7 @@ def test_a_whole_insertion_costs_what_the_closed_form_says() -> None:
     assert quad(lambda d: -NEEDLE.begin(PERIOD)(d), 0.0, 0.006 * (1 - 1e-12))[0] == pytest.approx(capsule)
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(300))
+@settings(derandomize=True, max_examples=examples(300))
 @given(
     places=st.lists(st.floats(-0.01, 0.04), min_size=2, max_size=40),
     friction=st.floats(0.0, 3.0),

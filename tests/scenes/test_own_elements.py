@@ -84,6 +84,7 @@ class TestUsedLikeOurs:
         answer = haptic_fieldbus.response(path, input="ramp", amplitude=0.1)
         assert answer.force.min() == pytest.approx(-3.0)
 
+    @pytest.mark.thorough("2 cases of one rule", quick=1)
     @pytest.mark.parametrize(
         ("text", "verdict"),
         [
@@ -181,6 +182,7 @@ class TestBroken:
     def test_that_cannot_be_imported(self, broken: Broken, module: str, told: str) -> None:
         assert broken.refused(module).startswith(f"it cannot be imported: {told}")
 
+    @pytest.mark.thorough("15 cases of one rule", quick=5)
     @pytest.mark.parametrize(
         ("old", "new", "told"),
         [

@@ -23,7 +23,7 @@ WALL = PredictedWall("handle", stiffness=600.0)
 places, speeds = st.floats(-3e-3, 3e-3), st.floats(-2.0, 2.0)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(position=places, speed=speeds)
 def test_its_force_is_the_mean_of_the_walls_over_the_coming_period(position: float, speed: float) -> None:
     """By quadrature of a plain wall along the straight way."""
@@ -33,14 +33,14 @@ def test_its_force_is_the_mean_of_the_walls_over_the_coming_period(position: flo
     assert WALL.force(position, speed) == pytest.approx(mean, abs=1e-9)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(position=st.floats(2e-3, 0.1), speed=speeds)
 def test_inside_it_looks_half_a_sample_ahead(position: float, speed: float) -> None:
     """F = −K·(x + v·T/2), Gillespie and Cutkosky."""
     assert WALL.force(position, speed) == pytest.approx(-600.0 * (position + speed * PERIOD / 2.0), rel=1e-12)
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(40))
+@settings(derandomize=True, max_examples=examples(40))
 @given(phase=st.floats(0.0, 1.0), speed=st.floats(0.01, 2.0), side=st.sampled_from([-1.0, 1.0]))
 def test_a_visit_at_constant_speed_gives_no_energy_and_takes_none(phase: float, speed: float, side: float) -> None:
     """In and out, crossing at any phase of the sample; a plain wall leaks K·(v·T)²/2 and more."""
@@ -78,7 +78,7 @@ def test_the_leak_of_a_swing_shrinks_with_the_square_of_the_period(period: float
     assert leak(ahead(period), period) < 0.02 * leak(plain, period)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(depth=st.floats(1e-5, 1.9e-3), speed=st.floats(-2.0, -0.01))
 def test_deadbeat_release_drops_the_force_of_a_handle_that_will_be_out(depth: float, speed: float) -> None:
     """Else it is the same wall; what it keeps is what the spring has stored there."""
@@ -95,7 +95,7 @@ def test_deadbeat_release_still_meets_a_handle_that_comes() -> None:
     assert dead.force(-1e-4, 0.5) == WALL.force(-1e-4, 0.5) < 0.0
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(position=st.floats(-0.1, 0.1), speed=st.floats(-5.0, 5.0), damping=st.floats(0.0, 20.0))
 def test_it_never_pulls(position: float, speed: float, damping: float) -> None:
     wall = PredictedWall("handle", stiffness=600.0, damping=damping)
@@ -147,6 +147,7 @@ def test_a_thrown_mass_comes_back_as_fast_as_it_went_with_the_true_velocity() ->
     assert predicted < 0.1 * plain
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=1)
 @pytest.mark.parametrize("rate", [500.0, 1000.0, 2000.0])
 def test_in_a_loop_it_looks_ahead_by_half_a_period_unless_told_otherwise(rate: float) -> None:
     """F = −K·(x + v·T/2) inside: the damping that stability sees is K·T/2."""

@@ -14,7 +14,7 @@ PROXY = Proxy("handle", stiffness=600.0, position=0.02)
 places = st.floats(-1e3, 1e3)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(first=places, rest=st.lists(places, max_size=20))
 def test_it_is_for_ever_the_wall_of_the_side_that_it_was_begun_from(first: float, rest: list[float]) -> None:
     """However far and fast the handle goes: no push through, even by jumps of a kilometre."""
@@ -33,7 +33,7 @@ def test_a_handle_that_begins_on_the_surface_belongs_to_where_it_goes_first(side
     assert force(0.02 - side * 0.01) == pytest.approx(side * 6.0)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(
     depth=st.floats(0.0, 0.1),
     speed=st.floats(-5.0, 5.0),

@@ -11,11 +11,12 @@ from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
 from haptic_fieldbus.scenes.renamed import with_axes
 from haptic_fieldbus.scenes.scene import axes_of
+from tests.cases import every
 
 TWO_AXES = next(name for name in scene_names() if len(load_scene(name).axes) == 2)
 
 
-@pytest.mark.parametrize("name", scene_names())
+@every("name", scene_names())
 def test_every_element_follows_its_axis_and_nothing_else_changes(name: str) -> None:
     scene = load_scene(name)
     names = {axis.name: f"{axis.name}_of_rig" for axis in scene.axes}

@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.errors import DocumentError, SceneError, UsageError
@@ -18,6 +18,7 @@ from haptic_fieldbus.scenes.scene import SceneAxis, axes_of
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
+from tests.cases import every
 
 TWO_WALLS = """\
 description = "Between two walls"
@@ -55,7 +56,7 @@ def faults_of(folder: Path, *replacements: tuple[str, str]) -> list[str]:
     return [str(fault) for fault in caught.value.faults]
 
 
-@pytest.mark.parametrize("name", scene_names())
+@every("name", scene_names())
 def test_a_shipped_scene_loads_and_says_what_it_is(name: str) -> None:
     scene = load_scene(name)
     assert scene.name == name
@@ -98,14 +99,14 @@ def test_a_scene_file_gives_axes_and_elements_in_its_order(tmp_path: Path) -> No
     assert isinstance(scene.elements[0].stiffness, float)
 
 
-@pytest.mark.parametrize("kind", ELEMENTS)
+@every("kind", ELEMENTS)
 def test_each_kind_of_element_has_an_axis_and_its_kind_as_its_name(kind: str) -> None:
     found = {field.name: field.default for field in fields(element_type(kind))}  # type: ignore[arg-type]  # a dataclass
     assert {"axis", "axes"} & set(found)
     assert found["name"] == kind
 
 
-@pytest.mark.parametrize("kind", ELEMENTS)
+@every("kind", ELEMENTS)
 def test_each_kind_of_element_refuses_a_key_that_it_does_not_know(tmp_path: Path, kind: str) -> None:
     text = f'[axis.a]\nworkspace = "linear"\n[[element]]\nkind = "{kind}"\nnonsense = 1\n'
     with pytest.raises(SceneError) as caught:
@@ -276,7 +277,6 @@ def test_only_the_modules_of_the_kinds_in_use_are_imported() -> None:
     assert done.returncode == 0, done.stderr
 
 
-@settings(deadline=None)  # the first example imports the validator
 @given(
     st.text() | st.text(alphabet='axisel_[]{}=".\n1') | st.lists(st.sampled_from(TWO_WALLS.splitlines())).map("\n".join)
 )

@@ -38,7 +38,7 @@ def test_it_is_the_generalised_maxwell_tissue_of_one_branch() -> None:
         assert one(x) == two(x)
 
 
-@settings(derandomize=True, deadline=None, max_examples=examples(100))
+@settings(derandomize=True, max_examples=examples(100))
 @given(depths=st.lists(st.floats(-1e3, 1e3), max_size=30), time=st.floats(1e-9, 1e3))
 def test_it_never_pulls(depths: list[float], time: float) -> None:
     left = StandardLinearSolid("handle", rest=150.0, branch=300.0, time=time).begin(PERIOD)

@@ -21,6 +21,7 @@ from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.scenes.texture import Texture
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
+from tests.cases import every
 
 REMEMBERS = {"sprung_mass", "damped_sprung_mass", "free_puck", "virtual_coupling", "inertia"}
 """Kinds whose energy does not follow from where the handle is, and is not bounded."""
@@ -43,7 +44,7 @@ def of_kind(kind: Any) -> list[str]:
     return [name for name, element in {**LIBRARY, **MORE}.items() if isinstance(element, kind)]
 
 
-@pytest.mark.parametrize("kind", ELEMENTS)
+@every("kind", ELEMENTS)
 def test_each_kind_states_its_energy_or_is_known_to_remember(kind: str) -> None:
     found = [element for element in LIBRARY.values() if kind_of(type(element)) == kind]
     assert found, f"no scene of the library has a {kind}; add one, so that its energy is tested"

@@ -18,6 +18,7 @@ from haptic_fieldbus.scenes.standard_linear_solid import StandardLinearSolid
 from haptic_fieldbus.scenes.virtual_coupling import VirtualCoupling
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
+from tests.cases import every
 
 EVERYWHERE = {
     "braking_pulse", "constant", "coupling", "dahl", "damped_sprung_mass", "damper", "detents", "free_puck", "friction",
@@ -50,7 +51,7 @@ def resting_force(element: AnyElement, position: float) -> float:
     return law(*(position if signal is Signal.POSITION else 0.0 for signal in element.needs))
 
 
-@pytest.mark.parametrize("kind", ELEMENTS)
+@every("kind", ELEMENTS)
 def test_each_kind_has_a_depth_or_is_known_to_have_no_surface(kind: str) -> None:
     assert hasattr(element_type(kind), "penetration") == (kind not in NO_SURFACE), (
         f"{kind}: give it `penetration`, so that a run tells how deep the handle went, or say here why it has none"

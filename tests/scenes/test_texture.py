@@ -32,6 +32,7 @@ def test_a_sine_is_one() -> None:
         assert SINE.force(place) == pytest.approx(-0.5 * math.sin(2.0 * math.pi * place / 0.004), abs=1e-12)
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=1)
 @pytest.mark.parametrize("texture", ALL)
 def test_no_slope_is_steeper_than_the_stiffness_that_it_is_judged_by(texture: Texture) -> None:
     place = np.linspace(-0.01, 0.01, 50_001)

@@ -26,7 +26,7 @@ def test_every_case_is_there_under_its_name() -> None:
     assert sorted(CASES) == sorted(SLUGS.split())
 
 
-@pytest.mark.thorough("all cases of the report", quick=8)
+@pytest.mark.thorough("all cases of the report", quick=3)
 @pytest.mark.parametrize("name", CASES)
 def test_it_behaves_as_theory_says(name: str) -> None:
     found, _ = run_case(CASES[name], True)

@@ -17,6 +17,7 @@ def test_motions_of_one_size_end_as_describing_functions_say(start: float) -> No
     assert set(np.unique(found.outcome)) == set(Ending)
 
 
+@pytest.mark.thorough("simulates until the motion has settled")
 def test_large_motions_know_the_quadrants_alone() -> None:
     found = plane(1e5, 12, 3000)
     beta, sigma = np.meshgrid(found.axis, found.axis)

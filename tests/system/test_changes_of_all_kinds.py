@@ -35,7 +35,7 @@ def is_possible(running: Plan, settings: dict[str, float]) -> bool:
     return True
 
 
-@pytest.mark.thorough("every number of every scene", quick=1)
+@pytest.mark.thorough("every number of every scene")
 @pytest.mark.parametrize("scene", scene_names())
 def test_changes_end_no_run(scene: str) -> None:
     possible = list(accepted(plan(scene)))

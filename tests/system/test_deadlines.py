@@ -23,7 +23,7 @@ def test_every_cause_is_measured_on_a_drive_of_the_standard_and_on_one_of_a_vend
     assert set(MEASURED) == set(EndCause)
 
 
-@pytest.mark.thorough("160 rows of a table", quick=2)
+@pytest.mark.thorough("160 rows of a table", quick=1)
 @pytest.mark.parametrize(("profile", "rate"), [(name, rate) for name, rates in PROFILES.items() for rate in rates])
 @pytest.mark.parametrize("cause", MEASURED, ids=lambda cause: cause.name.lower())
 def test_torque_is_zero_within_the_stated_time(cause: EndCause, rate: float, profile: str) -> None:
@@ -31,6 +31,7 @@ def test_torque_is_zero_within_the_stated_time(cause: EndCause, rate: float, pro
     assert 0.0 < longest < stated(profile, rate)[cause]
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=1)
 @pytest.mark.parametrize("cause", [EndCause.DISCONNECTED, EndCause.KILLED, EndCause.STOPPED])
 def test_the_guard_alone_leaves_little_to_spare(cause: EndCause) -> None:
     """The stated time is the guard and what comes after it, not a guess far above."""

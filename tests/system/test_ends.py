@@ -185,7 +185,7 @@ print(json.dumps({"kib": memory, "cycles": result.cycles, "points": len(result.t
 @pytest.mark.parametrize(
     "seconds",
     [
-        pytest.param(60, id="a minute"),
+        pytest.param(60, id="a minute", marks=pytest.mark.thorough("renders a minute")),
         pytest.param(300, id="five minutes", marks=pytest.mark.thorough("renders minutes")),
         pytest.param(1800, id="half an hour", marks=pytest.mark.soak("renders half an hour")),
     ],

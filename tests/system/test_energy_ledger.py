@@ -103,6 +103,7 @@ def scene_with(*elements: AnyElement) -> Scene:
     return Scene("planted", "for tests", LINEAR, elements)
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize(
     ("kind", "hand"),
     [

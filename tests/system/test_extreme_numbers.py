@@ -161,7 +161,7 @@ TABLES = (("simulation", "objects"), ("commissioning", "shown"))
 RIG_KEYS = list(dict.fromkeys(path for path, _ in cases(rig_with("maxon_epos4"))))
 
 
-@pytest.mark.thorough("plans and runs a dozen rigs for each key", quick=3)
+@pytest.mark.thorough("plans and runs a dozen rigs for each key", quick=1)
 @pytest.mark.parametrize("key", RIG_KEYS, ids=lambda key: ".".join(map(str, key)))
 def test_every_number_of_a_rig_gives_a_sentence_or_a_run(key: Key, tmp_path: Path) -> None:
     table, path = rig_with("maxon_epos4"), tmp_path / "rig.toml"
@@ -185,6 +185,7 @@ def test_every_number_of_a_profile_gives_a_sentence_or_a_run(name: str, tmp_path
         tried(rig)
 
 
+@pytest.mark.thorough("plans and runs with every profile")
 def test_the_rig_and_the_profiles_of_these_tests_are_sound(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     for name in (each for each in shipped() if load_profile(each).drive.usable):
@@ -193,6 +194,7 @@ def test_the_rig_and_the_profiles_of_these_tests_are_sound(tmp_path: Path) -> No
         assert not haptic_fieldbus.run("damper", rig=rig, duration=0.002, force=True).trips
 
 
+@pytest.mark.thorough("5 cases of one rule", quick=2)
 @pytest.mark.parametrize("option", ["mass", "damping", "coulomb", "resolution", "delay"])
 def test_every_value_of_a_device_gives_a_sentence_or_limits(option: str) -> None:
     for value in (*BEYOND, *EDGES):

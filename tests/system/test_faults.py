@@ -57,7 +57,7 @@ def set_points(log: Path) -> list[int]:
     return [struct.unpack("<Hh", octets)[1] for octets in data]
 
 
-@pytest.mark.thorough("a run for each of 8 faults", quick=2)
+@pytest.mark.thorough("a run for each of 8 faults", quick=1)
 @pytest.mark.parametrize("name", DURING_THE_RUN)
 def test_a_fault_in_contact_ends_torque_free_with_cause_and_time(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -12,6 +12,7 @@ from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.sim import faults
 from tests.builders import endless_rig
+from tests.cases import every
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGE = PROJECT / "docs" / "reference" / "fmea.md"
@@ -60,14 +61,14 @@ def _kind_of(name: type) -> str:
     return f"kind: {getattr(name, '__annotations__', {}).get('kind', '')}"
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.fault)
+@every("row", ROWS, ids=lambda row: row.fault)
 def test_the_test_of_each_row_exists(row: Row) -> None:
     file, _, function = row.test.partition("::")
     assert (PROJECT / file).is_file()
     assert not function or f"def {function}(" in (PROJECT / file).read_text(encoding="utf-8")
 
 
-@pytest.mark.thorough("a run for each row", quick=2)
+@pytest.mark.thorough("a run for each row", quick=1)
 @pytest.mark.parametrize("fault", RUN)
 def test_each_fault_ends_as_its_row_says(fault: str, tmp_path: Path) -> None:
     row = RUN[fault]

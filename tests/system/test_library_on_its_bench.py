@@ -10,6 +10,7 @@ from haptic_fieldbus.errors import SafetyTripError
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.scenes.end_stop import EndStop
 from haptic_fieldbus.signals import Workspace
+from tests.cases import every
 
 TRAVEL = 0.1
 """[m] to each side of the middle, the free way of the shipped bench."""
@@ -17,7 +18,7 @@ FELT = 0.01
 """Share of the rated force; ten steps of the target torque. A scene that gives less is not shown by its hand."""
 
 
-@pytest.mark.parametrize("scene", scene_names())
+@every("scene", scene_names())
 def test_the_shipped_bench_has_a_limited_way_where_it_is_linear(scene: str) -> None:
     for axis in plan(scene).axes:
         assert axis.limits.position == ((-TRAVEL, TRAVEL) if axis.workspace is Workspace.LINEAR else None)

@@ -29,6 +29,7 @@ def test_torque_is_zero_within_the_stated_time(cause: EndCause, rate: float) -> 
     assert 0.0 < measured(GUARDED, rate, cause) < stated[cause]
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("cause", [EndCause.DISCONNECTED, EndCause.KILLED])
 def test_the_life_time_alone_leaves_little_to_spare(cause: EndCause) -> None:
     at = next(each.seconds for each in planned(GUARDED, 1000.0).deadlines if each.cause is cause)

@@ -46,7 +46,7 @@ def running(bus: str, rig: Path, seconds: float) -> "subprocess.Popen[str]":
     return start("run", "wall", "--rig", str(rig), *words, port=None)
 
 
-@pytest.mark.thorough("seconds of real time", quick=("modbus-tcp:127.0.0.1:0",))
+@pytest.mark.thorough("seconds of real time")
 @pytest.mark.parametrize("bus", [TCP, RTU])
 def test_a_wall_is_rendered_with_the_rig_that_simulate_writes(bus: str, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"

@@ -21,7 +21,7 @@ def test_a_sprung_mass_is_rendered_by_every_method(method: str) -> None:
     assert result.torque_error.rms < 0.5
 
 
-@pytest.mark.thorough("a run for every estimator", quick=2)
+@pytest.mark.thorough("a run for every estimator", quick=1)
 @pytest.mark.parametrize("estimator", [*ESTIMATORS, "least-squares:window=6,order=2", "foaw-best-fit:window=8"])
 def test_a_wall_that_damps_is_rendered_by_every_estimator(estimator: str) -> None:
     result = run("damped_wall", estimator=estimator, duration=DURATION)

@@ -51,7 +51,7 @@ def forces(plan: Plan) -> list[list[float]]:
     return found
 
 
-@pytest.mark.thorough("renders every scene twice", quick=4)
+@pytest.mark.thorough("renders every scene twice", quick=1)
 @pytest.mark.parametrize("name", SCENES)
 def test_a_scene_is_the_same_on_a_line_and_on_a_lever_of_one_metre(name: str) -> None:
     versions = [in_workspace(load_scene(name), workspace) for workspace in Workspace]

@@ -95,7 +95,7 @@ def test_the_feedback_is_as_old_as_the_bus_and_the_plan_say(pushed: Result) -> N
     assert pushed.timing.period_us.max == pytest.approx(1000.0, abs=1.0)
 
 
-@pytest.mark.thorough("four long runs", quick=2)
+@pytest.mark.thorough("four long runs", quick=1)
 @pytest.mark.parametrize(("factor", "grows"), [(0.9, False), (0.97, False), (1.03, True), (1.1, True)])
 def test_the_bench_decays_below_the_limit_and_grows_above_it_at_the_predicted_rate(factor: float, grows: bool) -> None:
     """The envelope of a free oscillation changes by the spectral radius of the predicted loop each period."""

@@ -124,6 +124,7 @@ def test_answers_that_are_lost_now_and_then_are_no_reason_to_stop() -> None:
     assert rack.answered > 50
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=1)
 @pytest.mark.parametrize("late_ms", [3, 12, 25])
 def test_answers_that_are_late_are_no_reason_to_stop(late_ms: int) -> None:
     """The hand moves all the time, so each target is another one."""

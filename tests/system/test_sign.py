@@ -197,6 +197,7 @@ TURNED: tuple[faults.Fault, ...] = (
 )
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("fault", TURNED, ids=lambda fault: fault.kind)
 def test_a_sign_that_turns_in_contact_ends_the_run(fault: faults.Fault) -> None:
     """Another tool reverses the drive two seconds later, when the motor holds the handle at its end stop."""
@@ -212,7 +213,7 @@ def test_a_virtual_mass_that_is_knocked_is_no_contradiction(mass: float) -> None
     assert run("inertia", rig, hand="tap", duration=5.0, force=True, settings={"inertia.mass": mass}).trips == ()
 
 
-@pytest.mark.thorough("a run each", quick=3)
+@pytest.mark.thorough("a run each", quick=1)
 @pytest.mark.parametrize("lasting", [0.005, 0.02, 0.05])
 @pytest.mark.parametrize("force", [-150.0, -60.0, 20.0, 60.0, 150.0])
 @pytest.mark.parametrize("scene", ["wall", "spring", "kelvin_voigt"])

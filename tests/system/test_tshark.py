@@ -144,6 +144,7 @@ class TestServicesThatARunDoesNotUse:
         with SimulatedBus(f"maxon_epos4@{NODE}", clock=VirtualClock()) as bus:
             yield bus
 
+    @pytest.mark.thorough("2 cases of one rule", quick=1)
     @pytest.mark.parametrize("suffix", SUFFIXES)
     def test_they_are_dissected_as_well(self, tshark: str, tmp_path: Path, bus: SimulatedBus, suffix: str) -> None:
         path = tmp_path / f"services{suffix}"

@@ -105,7 +105,7 @@ def bench() -> Iterator[Bench]:
 FORGED = [name for name in COMMANDS if "boot-up" not in name and "without" not in name]
 
 
-@pytest.mark.thorough("a run for each frame", quick=4)
+@pytest.mark.thorough("a run for each frame", quick=1)
 @pytest.mark.parametrize("name", FORGED)
 def test_a_forged_command_in_contact_takes_the_torque_away(bench: Bench, name: str) -> None:
     bus, cycle = bench.master(), Cycle(bench.plans[1])

@@ -12,6 +12,7 @@ import pytest
 
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, TABLE, is_queue_full, translate
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError
+from tests.cases import every
 
 
 def _defined_in_canopen() -> list[type[Exception]]:
@@ -48,7 +49,7 @@ def test_special_rows_stand_above_general_ones() -> None:
         assert not any(issubclass(row.foreign, above.foreign) for above in TABLE[:at]), row.foreign
 
 
-@pytest.mark.parametrize("code", canopen.SdoAbortedError.CODES)
+@every("code", canopen.SdoAbortedError.CODES)
 def test_every_abort_code_of_the_standard_is_put_in_words(code: int) -> None:
     error = translate(canopen.SdoAbortedError(code), "node 5")
     assert isinstance(error, BusConfigurationError)

@@ -94,6 +94,7 @@ def test_a_full_disk_is_told_when_the_log_ends(tmp_path: Path) -> None:
         record()
 
 
+@pytest.mark.thorough("4 cases of one rule", quick=1)
 @SUFFIXES
 @pytest.mark.parametrize("buses", [["can0"], ["left arm", "right"]], ids=["one bus", "two buses"])
 def test_another_process_writes_the_same_file_as_this_one(suffix: str, buses: list[str], tmp_path: Path) -> None:

@@ -69,6 +69,7 @@ def test_a_channel_that_does_not_exist_is_named() -> None:
         open_can(CanSection("socketcan", "no_such_channel"))
 
 
+@pytest.mark.thorough("110 cases of one rule", quick=37)
 @pytest.mark.parametrize("channel", ["0", "can0", "/dev/null", "", "1" * 400])
 @pytest.mark.parametrize("interface", CLOSED)
 def test_every_interface_that_cannot_be_opened_says_what_to_install_or_type(interface: str, channel: str) -> None:
@@ -85,6 +86,7 @@ def test_every_interface_of_python_can_has_its_advice() -> None:
     assert all("install" in advice or "type" in advice for advice in ADVICE.values())
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("interface", ["kvaser", "neousys"])
 def test_the_command_says_it_in_one_line_and_nothing_else(interface: str) -> None:
     done = subprocess.run(

@@ -315,6 +315,7 @@ def test_types_without_a_name_in_profiles_have_none() -> None:
     assert data_type(EdsEntry(0x2000, 0, "gain", None, "rw")) is None
 
 
+@pytest.mark.thorough("3 cases of one rule", quick=2)
 @pytest.mark.parametrize("suffix", [".eds", ".EDS", ".dcf"])
 def test_a_profile_is_loaded_from_the_path_of_an_eds(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"Push 1{suffix}"

@@ -86,6 +86,7 @@ def test_a_way_without_a_limit_is_told_with_its_delay_alone() -> None:
     assert "ways       FC3 then FC16 at 1000 Hz, delay 0.659 ms, chosen\n" in explain(plan)
 
 
+@pytest.mark.thorough("8 cases of one rule", quick=4)
 @pytest.mark.parametrize(
     ("flag", "code", "words"),
     [

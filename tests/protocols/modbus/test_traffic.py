@@ -122,7 +122,7 @@ class TestTimes:
 
 
 class TestChoice:
-    @pytest.mark.thorough("every bench by every line", quick=2)
+    @pytest.mark.thorough("every bench by every line", quick=1)
     @pytest.mark.parametrize("bus", [TCP, RTU, "sim-modbus-rtu@1000000", "sim-modbus-rtu@9600"])
     @pytest.mark.parametrize("answer_time", [1e-4, 1e-3, 4e-3])
     def test_is_the_way_with_the_highest_stiffness_limit(self, bus: str, answer_time: float) -> None:

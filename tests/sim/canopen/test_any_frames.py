@@ -53,7 +53,7 @@ frames = st.builds(
 )
 
 
-@settings(max_examples=examples(100), deadline=None)
+@settings(max_examples=examples(100))
 @given(st.lists(frames, max_size=60), st.integers(0, 3))
 def test_any_frames_leave_a_world_that_answers(sequence: list[can.Message], gap_ms: int) -> None:
     with SimulatedBus(CHANNEL, clock=VirtualClock()) as bus:
@@ -63,7 +63,7 @@ def test_any_frames_leave_a_world_that_answers(sequence: list[can.Message], gap_
         assert_alive(bus)
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(st.lists(frames, min_size=100, max_size=100))
 def test_any_frames_of_several_threads_leave_a_paced_world_that_answers(sequence: list[can.Message]) -> None:
     with SimulatedBus(CHANNEL) as bus, ThreadPoolExecutor(3) as threads:

@@ -68,6 +68,7 @@ def foreign(monkeypatch: pytest.MonkeyPatch) -> Iterator[Foreign]:
     subject.bus.shutdown()
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("crc", [True, False])
 def test_ten_kilobytes_go_there_and_back_in_blocks(foreign: Foreign, crc: bool) -> None:
     sdo = foreign.node.sdo

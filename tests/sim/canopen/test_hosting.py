@@ -125,6 +125,7 @@ def _refuse(sentence: str) -> Callable[[can.Message, float | None], None]:
 class TestWhatIsBuiltBeforeReady:
     """Nothing that takes long is left for the time when a master waits for an answer."""
 
+    @pytest.mark.thorough("hosts drives in another process")
     def test_no_matrix_exponential_is_computed_afterwards(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Through all that a shaft does: pushed, held, turned back, let go, stopped, at instants that never repeat."""
         hosted = Hosted(5, hand="release")

@@ -164,7 +164,7 @@ def _storm(seed: int, count: int) -> Watched:
 
 
 @given(st.integers(0, 2**63))
-@settings(max_examples=examples(RUNS), deadline=None)
+@settings(max_examples=examples(RUNS))
 def test_a_storm_of_frames_leaves_a_node_that_works(seed: int) -> None:
     _storm(seed, FRAMES)
 
@@ -179,7 +179,7 @@ FRAME = st.builds(
 
 
 @given(st.lists(FRAME, max_size=40))
-@settings(max_examples=examples(100), deadline=None)
+@settings(max_examples=examples(100))
 def test_any_short_sequence_of_octets_does_no_harm(frames: list[Frame]) -> None:
     watched = Watched()
     for frame in frames:

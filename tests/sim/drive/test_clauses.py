@@ -240,6 +240,7 @@ def test_power_on_ends_in_switch_on_disabled() -> None:
     clause("transitions 0 and 1", state("switch on disabled")).show()
 
 
+@pytest.mark.thorough("7 cases of one rule", quick=2)
 @pytest.mark.parametrize("number", [PP, PV, TQ, HM, CSP, CSV, CST])
 def test_a_quick_stop_slows_down_in_every_mode_and_operation_goes_on(number: int) -> None:
     turning(f"mode {number}", *RAMPS, STAYING_STOP, enabled(number), control(QUICK_STOP), run(400),

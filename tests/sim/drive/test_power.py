@@ -3,6 +3,7 @@
 import pytest
 
 from haptic_fieldbus.sim.drive.power import STATUS_BITS, TRANSITIONS, Cause, PowerAutomaton, State, commands_of
+from tests.cases import every
 
 S = State
 SHUTDOWN, SWITCH_ON, ENABLE, VOLTAGE_OFF, QUICK_STOP, RESET = 0x06, 0x07, 0x0F, 0x00, 0x02, 0x80
@@ -54,8 +55,8 @@ def _in(state: State) -> PowerAutomaton:
     return automaton
 
 
-@pytest.mark.parametrize("state", State)
-@pytest.mark.parametrize("controlword", COMMANDS)
+@every("state", State)
+@every("controlword", COMMANDS)
 def test_each_command_leads_where_the_figure_says(state: State, controlword: int) -> None:
     automaton = _in(state)
     automaton.controlword(controlword)

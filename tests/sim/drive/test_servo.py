@@ -8,6 +8,7 @@ from haptic_fieldbus.sim.drive.servo import FirmwareTimes, Servo
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
+from tests.cases import every
 
 SHAFT = Shaft(4e-5, 0.0, 0.0, 1e-4)
 TICK = 400_000
@@ -86,8 +87,8 @@ def test_cutting_the_torque_acts_at_once_and_forgets_what_waits() -> None:
 class TestEncoder:
     """counts = floor(N·θ/2π + phase + 1/2), 32 bits."""
 
-    @pytest.mark.parametrize("phase", [-0.5, -0.2, 0.0, 0.3, 0.49])
-    @pytest.mark.parametrize("counts", [-1000.6, -1.0, -0.5, 0.0, 0.49, 0.5, 12.3, 4095.999])
+    @every("phase", [-0.5, -0.2, 0.0, 0.3, 0.49])
+    @every("counts", [-1000.6, -1.0, -0.5, 0.0, 0.49, 0.5, 12.3, 4095.999])
     def test_it_rounds_down_to_whole_counts(self, counts: float, phase: float) -> None:
         servo = _servo(position=counts * 2 * math.pi / 4096, phase=phase)
         angle = servo.plant.position

@@ -97,6 +97,7 @@ class TestTorqueStep:
 class TestSpeedLoop:
     """A step in cyclic synchronous velocity mode."""
 
+    @pytest.mark.thorough("7 cases of one rule", quick=2)
     @pytest.mark.parametrize("rig", RIGS)
     def test_a_step_is_followed_without_overshoot_and_without_lasting_error_on_any_rig(self, rig: str) -> None:
         bench = _bench(rig)
@@ -141,6 +142,7 @@ class TestSpeedLoop:
 class TestPositionLoop:
     """In profile position and cyclic synchronous position mode."""
 
+    @pytest.mark.thorough("7 cases of one rule", quick=2)
     @pytest.mark.parametrize("rig", RIGS)
     def test_a_positioning_ends_on_its_count_on_any_rig(self, rig: str) -> None:
         """It overshoots by what the torque loop is late: a speed error of a·T, made good in 1/bandwidth."""

@@ -35,7 +35,7 @@ TARGETS = 250
 """In 60 s."""
 
 
-@pytest.mark.thorough("simulates 60 s with every part", quick=("nothing",))
+@pytest.mark.thorough("simulates 60 s with every part")
 @pytest.mark.parametrize("name", PARTS)
 def test_the_energy_of_60_seconds_adds_up(name: str) -> None:
     mechanics, lever, grip = PARTS[name]

@@ -78,6 +78,7 @@ def test_two_masses_and_a_spring_answer_a_torque_step_as_the_closed_form_says() 
     assert z[ANGLE] == pytest.approx(centre + coupling.load_inertia / SMOOTH.inertia * twist, rel=1e-10)
 
 
+@pytest.mark.thorough("6 cases of one rule", quick=2)
 @pytest.mark.parametrize("lever", [0.5, -2.0])
 @pytest.mark.parametrize("amplitude", [0.01, 2.0, 3.1])
 def test_a_weight_on_a_lever_swings_as_the_elliptic_functions_say(amplitude: float, lever: float) -> None:
@@ -94,6 +95,7 @@ def test_a_weight_on_a_lever_swings_as_the_elliptic_functions_say(amplitude: flo
     assert lever * position == pytest.approx([gravity.hanging_at] * 2, abs=1e-7)
 
 
+@pytest.mark.thorough("4 cases of one rule", quick=1)
 @pytest.mark.parametrize("speed", [0.001, 3.0, 5.5, 50.0])
 def test_cogging_lets_the_shaft_swing_or_pass_as_the_elliptic_functions_say(speed: float) -> None:
     n = COGGING.periods_per_revolution
@@ -132,6 +134,7 @@ def test_a_weight_that_friction_holds_stays_where_it_is() -> None:
     assert plant.position == plant.velocity == 0.0
 
 
+@pytest.mark.thorough("2 cases of one rule", quick=1)
 @pytest.mark.parametrize("torque", [4e-3, -4e-3])
 def test_a_load_that_falls_through_its_play_bounces_as_the_closed_form_says(torque: float) -> None:
     """The motor sticks. The load falls half the play, presses the spring for part of a sine, and comes back."""
@@ -191,7 +194,7 @@ SYSTEMS = {
 }
 
 
-@pytest.mark.thorough("integrates nine systems with a general solver", quick=2)
+@pytest.mark.thorough("integrates nine systems with a general solver", quick=1)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_the_motion_is_the_one_of_a_general_solver_with_events(name: str) -> None:
     mechanics, lever, grip, velocity, target = SYSTEMS[name]
@@ -215,6 +218,7 @@ def test_the_motion_is_the_one_of_a_general_solver_with_events(name: str) -> Non
 # How it is done changes nothing.
 
 
+@pytest.mark.thorough("9 cases of one rule", quick=3)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_how_often_the_shaft_is_looked_at_changes_nothing(name: str) -> None:
     mechanics, lever, grip, velocity, target = SYSTEMS[name]
@@ -231,6 +235,7 @@ def test_how_often_the_shaft_is_looked_at_changes_nothing(name: str) -> None:
     assert often.state == seldom.state
 
 
+@pytest.mark.thorough("9 cases of one rule", quick=3)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_how_long_the_legs_are_changes_nothing_beyond_the_tolerance(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mechanics, lever, grip, velocity, target = SYSTEMS[name]
@@ -245,6 +250,7 @@ def test_how_long_the_legs_are_changes_nothing_beyond_the_tolerance(name: str, m
     assert found[0] == pytest.approx(found[1], rel=1e-9, abs=1e-11)
 
 
+@pytest.mark.thorough("9 cases of one rule", quick=3)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_a_sample_at_any_time_is_what_the_plant_was_at(name: str) -> None:
     mechanics, lever, grip, velocity, _ = SYSTEMS[name]
