@@ -12,7 +12,7 @@ from xdist.scheduler import LoadGroupScheduling
 
 from tests import telling
 from tests.invariants.plugin import Invariants
-from tests.lanes import Lane, Part, slow_markers
+from tests.lanes import VENDOR_FILES, Lane, Part, slow_markers, vendor_files
 from tests.vcan import plugin as vcan
 
 # The folder of whoever runs the tests is no part of them. Nothing of the package is imported here: what is imported
@@ -38,6 +38,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("lane") == Lane.VENDOR.value and not vendor_files():
+        raise pytest.UsageError(f"no vendors' files: set {VENDOR_FILES} to a folder with EDS or DCF files of vendors")
     config.pluginmanager.register(Invariants())
     config.option.loadscopereorder = False  # xdist begins with the files that have the most tests
     vcan.pytest_configure(config)
