@@ -146,7 +146,8 @@ SHEETS = {
     ),
     "capitals.eds": Sheet(
         ("access types in capitals", "a limit beyond its type", "no torque demand",
-         "an interpolation time that is read-only", "transmission types 0 and 253", "a torque limit of zero"),
+         "an interpolation time that is read-only", "transmission types 0 and 253", "a torque limit of zero",
+         "supported modes without a value"),
         mode=10,
     ),
     "fixed_mappings.eds": Sheet(
@@ -155,8 +156,8 @@ SHEETS = {
         lack=NO_TARGET, end="\r\n", encoding="cp1252",
     ),
     "positions.eds": Sheet(
-        ("no torque", "gaps between PDOs", "a fault reaction that is read-only", "supported modes without a value",
-         "reals in hexadecimal", "an object in no list", "fewer sub-indices than SubNumber"),
+        ("no torque", "gaps between PDOs", "a fault reaction that is read-only", "reals in hexadecimal",
+         "an object in no list", "fewer sub-indices than SubNumber"),
         lack=NO_TARGET,
     ),
     "no_drive.eds": Sheet(("no drive of CiA 402",), lack="there is no 6040h controlword"),

@@ -12,7 +12,7 @@ from canopen.objectdictionary import ODVariable
 
 from haptic_fieldbus.eds import EdsEntry, EdsType, NodeOffset, eds_text, read_eds
 from haptic_fieldbus.eds.model import EdsValue
-from tests.eds.peculiar import SHEETS
+from tests.eds.peculiar import PECULIARITIES, SHEETS
 from tests.eds.vendor_files import FILES, both, eds_of, facts_of, needs_files, path_of
 
 NODE = 5
@@ -32,6 +32,10 @@ FAULTS = {name: sheet.faults for name, sheet in SHEETS.items()} | {
 
 def at_node(value: EdsValue | None) -> object:
     return value.at(NODE) if isinstance(value, NodeOffset) else value
+
+
+def test_every_peculiarity_stands_in_a_file() -> None:
+    assert {each for sheet in SHEETS.values() for each in sheet.peculiarities} == PECULIARITIES.keys()
 
 
 @pytest.mark.parametrize("name", EVERY)
