@@ -7,6 +7,7 @@ from argparse import ArgumentTypeError
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tests.conftest import pytest_configure
 from tests.coverage_gates import PROJECT
@@ -152,6 +153,11 @@ def test_a_part_that_is_none_is_refused(text: str) -> None:
 def test_a_lane_never_has_more_examples_than_asked_for_nor_fewer_than_three() -> None:
     assert [examples(count) <= count for count in (1, 5, 15, 100, 300)] == [True] * 5
     assert all(examples(count) >= 3 for count in (5, 15, 300))
+
+
+def test_no_example_is_judged_by_its_time() -> None:
+    assert settings().deadline is None
+    assert HealthCheck.too_slow in settings().suppress_health_check
 
 
 def test_every_kind_of_test_is_in_the_quick_lane() -> None:
