@@ -3,6 +3,7 @@
 # Before a commit:             make check     style, types, import contracts
 # After one thing is added:   make docs      pages, tables, schemas and the picture that follow from the code
 # Before a release:            make test-all  every test
+#                              make test-vendor   the tests that read vendors' EDS files
 #                              make soak      ten thousand seeded faulty runs, and more, within 90 minutes
 
 VENV := .venv
@@ -38,7 +39,7 @@ PYTEST := $(BIN)/python -m pytest -n 2 --dist loadgroup
 # Of the thorough lane, for `make test-part`.
 PART ?= 0/1
 
-.PHONY: demo test test-all test-part soak check docs setup system-packages format clean
+.PHONY: demo test test-all test-part test-vendor soak check docs setup system-packages format clean
 
 demo: $(DEMO_STAMP)
 	$(BIN)/haptic-fieldbus run wall --drive maxon_epos4 --hand release --duration 3 --plot demo.png
@@ -54,6 +55,10 @@ test-all: setup
 # A share of what `make test` leaves out, as .ci/run takes it.
 test-part: setup
 	@$(PYTEST) --lane thorough --part $(PART) --junit-xml=build/part.xml
+
+# With HAPTIC_FIELDBUS_VENDOR_FILES=/path/to/folder: EDS and DCF files of vendors, which may not be distributed.
+test-vendor: setup
+	@$(PYTEST) --lane vendor --junit-xml=build/vendor.xml
 
 # Seeded faults, damaged frames and files, an hour of virtual time; SOAK_RUNS=100 is a small one. It goes on where it was
 # ended.

@@ -12,7 +12,7 @@ from xdist.scheduler import LoadGroupScheduling
 
 from tests import telling
 from tests.invariants.plugin import Invariants
-from tests.lanes import Lane, Part, slow_markers
+from tests.lanes import VENDOR_FILES, Lane, Part, slow_markers, vendor_files
 from tests.vcan import plugin as vcan
 
 # The folder of whoever runs the tests is no part of them. Nothing of the package is imported here: what is imported
@@ -21,11 +21,10 @@ os.environ.pop("HAPTIC_FIELDBUS_PROFILES", None)
 STATE = tempfile.TemporaryDirectory(prefix="haptic-fieldbus-state-")
 os.environ["XDG_STATE_HOME"] = STATE.name
 
-# What hypothesis says about time is said about the machine: a busy one is no reason to fail.
-UNTIMED = settings(settings.get_profile("default"), deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("thorough", UNTIMED)
+# No example is judged by how long it takes: a busy machine is no fault of a test.
+settings.register_profile("thorough", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 # The same examples each time: which lines are covered must not be a matter of luck.
-settings.register_profile("quick", UNTIMED, max_examples=15, derandomize=True)
+settings.register_profile("quick", settings.get_profile("thorough"), max_examples=15, derandomize=True)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -40,6 +39,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("lane") == Lane.VENDOR.value and not vendor_files():
+        raise pytest.UsageError(f"no vendors' files: set {VENDOR_FILES} to a folder with EDS or DCF files of vendors")
     config.pluginmanager.register(Invariants())
     config.option.loadscopereorder = False  # xdist begins with the files that have the most tests
     vcan.pytest_configure(config)

@@ -1,22 +1,32 @@
-"""Two lanes of tests: `make test` runs the quick one, `make test-all` both.
+"""Lanes of tests: `make test` runs the quick one, `make test-all` the thorough one too, `make test-vendor` a third.
 
 A test is quick unless it, its class or its module is marked: `@pytest.mark.thorough("compares 700 seeds")`. The reason
 is required. `quick=2` leaves two of its parametrisations, evenly spread, in the quick lane; `quick=("wall",)` leaves
 those of these IDs; one parameter alone is marked by `pytest.param`. A marker of a test counts more than one of its
-class. The thorough lane also runs every hypothesis test again, with all of its examples, and can be split into parts
-that are the same on every machine.
+class. The thorough lane also runs every hypothesis test again, with all of its examples. Any lane can be split into
+parts that are the same on every machine.
+
+Tests that read real vendors' EDS files are marked `vendor` and run in the vendor lane alone; see
+tests/eds/vendor_files.py. No other test reads a file outside of the checkout.
 """
 
+import os
 from argparse import ArgumentTypeError
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from hashlib import sha256
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
-SLOW = ("soak", "thorough")
+VENDOR_FILES = "HAPTIC_FIELDBUS_VENDOR_FILES"
+"""Environment variable: a folder with EDS and DCF files of vendors. Nothing is read where it is not set."""
+
+ON_REQUEST = ("soak", "vendor")
+"""Lanes that no other lane includes."""
+SLOW = (*ON_REQUEST, "thorough")
 """Markers of what is not in the quick lane, by the lane that takes it; the first counts more."""
 USUAL_EXAMPLES = 100
 """How many a hypothesis test has when it says nothing."""
@@ -30,11 +40,12 @@ class Lane(Enum):
     THOROUGH = "thorough"
     ALL = "all"
     SOAK = "soak"
+    VENDOR = "vendor"
 
     def takes(self, item: pytest.Item, slow: str | None) -> bool:
         """Whether a test runs in this lane; `slow` is its marker, if it has one."""
         if self is Lane.ALL:
-            return slow != Lane.SOAK.value
+            return slow not in ON_REQUEST
         if slow is None:
             return self is Lane.QUICK or (self is Lane.THOROUGH and has_examples(item))
         return self is Lane(slow)
@@ -60,6 +71,12 @@ class Part:
         group = item.get_closest_marker("xdist_group")
         name = item.nodeid if group is None else str(group.args[0])
         return int.from_bytes(sha256(name.encode()).digest()[:8]) % self.count == self.number
+
+
+def vendor_files() -> list[Path]:
+    """Return the EDS and DCF files of vendors in the folder that the environment names, none where it names none."""
+    folder = os.environ.get(VENDOR_FILES)
+    return sorted(path for path in Path(folder).glob("*") if path.suffix.lower() in (".eds", ".dcf")) if folder else []
 
 
 def slow_markers(items: Iterable[pytest.Item]) -> dict[pytest.Item, str]:

@@ -7,10 +7,11 @@ from argparse import ArgumentTypeError
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tests.conftest import pytest_configure
 from tests.coverage_gates import PROJECT
-from tests.lanes import Part, examples
+from tests.lanes import VENDOR_FILES, Part, examples
 
 pytest_plugins = ["pytester"]
 
@@ -28,6 +29,17 @@ def test_long(): pass
 
 @pytest.mark.soak("runs over night")
 def test_endless(): pass
+
+@pytest.mark.vendor("reads a vendor's file")
+def test_file(): pass
+
+@pytest.mark.thorough("every file", quick=("own",))
+@pytest.mark.parametrize("name", ["own", "other", pytest.param("bought", marks=pytest.mark.vendor("reads a file"))])
+def test_files(name): pass
+
+@pytest.mark.vendor("reads a vendor's file")
+@pytest.mark.parametrize("name", [])
+def test_no_files(name): pass
 
 @pytest.mark.thorough("compares 10 seeds", quick=3)
 @pytest.mark.parametrize("seed", range(10))
@@ -50,10 +62,11 @@ class TestRun:
     def test_some(self, n): pass
 """
 EXPECTED = {
-    "quick": "quick property seeds[0] seeds[3] seeds[6] scene[wall] hand[left] some[1]",
-    "thorough": "property long seeds[1] seeds[2] seeds[4] seeds[5] seeds[7] seeds[8] seeds[9] scene[spring] "
-    "hand[right] one some[2]",
+    "quick": "quick property files[own] seeds[0] seeds[3] seeds[6] scene[wall] hand[left] some[1]",
+    "thorough": "property long files[other] seeds[1] seeds[2] seeds[4] seeds[5] seeds[7] seeds[8] seeds[9] "
+    "scene[spring] hand[right] one some[2]",
     "soak": "endless scene[mass]",
+    "vendor": "file files[bought] no_files[NOTSET]",
 }
 KINDS = {
     "the wheel": ("tests/system/test_wheel.py", "test_a_wall_is_rendered_from_the_wheel"),
@@ -79,9 +92,13 @@ def names(pytester: pytest.Pytester, *options: str) -> list[str]:
 
 
 @pytest.fixture
-def _beside(request: pytest.FixtureRequest, pytester: pytest.Pytester) -> Iterator[None]:
+def _beside(
+    request: pytest.FixtureRequest, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
     """A project beside ours, run in this process; what it told hypothesis is taken back."""
-    pytester.makeini("[pytest]\nmarkers =\n    thorough(reason)\n    soak(reason)\n")
+    pytester.path.joinpath("drive.EDS").touch()
+    monkeypatch.setenv(VENDOR_FILES, str(pytester.path))
+    pytester.makeini("[pytest]\nmarkers =\n    thorough(reason)\n    soak(reason)\n    vendor(reason)\n")
     yield
     pytest_configure(request.config)
 
@@ -92,8 +109,18 @@ class TestLanes:
     def test_takes_its_tests(self, pytester: pytest.Pytester, lane: str) -> None:
         assert names(pytester, "--lane", lane) == EXPECTED[lane].split()
 
-    def test_all_takes_everything_but_the_soak(self, pytester: pytest.Pytester) -> None:
+    def test_all_takes_everything_but_the_soak_and_vendors_files(self, pytester: pytest.Pytester) -> None:
         assert set(names(pytester)) == {*EXPECTED["quick"].split(), *EXPECTED["thorough"].split()}
+
+    def test_the_lane_of_vendors_files_says_what_to_set_where_there_are_none(
+        self, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        pytester.makepyfile(MODULE)
+        for folder in ("", "/nowhere", str(pytester.mkdir("empty"))):
+            monkeypatch.setenv(VENDOR_FILES, folder)
+            result = pytester.runpytest_inprocess("-p", "tests.conftest", f"--rootdir={pytester.path}", "--lane=vendor")
+            assert result.ret == pytest.ExitCode.USAGE_ERROR
+            result.stderr.fnmatch_lines([f"*no vendors' files: set {VENDOR_FILES} to a folder with EDS or DCF files*"])
 
     def test_parts_are_disjoint_and_everything_together(self, pytester: pytest.Pytester) -> None:
         parts = [names(pytester, "--part", f"{number}/3") for number in range(3)]
@@ -109,6 +136,14 @@ class TestLanes:
         result.stderr.fnmatch_lines(["*::test_it: say why this test is not in the quick lane, as in @pytest.mark.*"])
 
 
+@pytest.mark.usefixtures("_beside")
+def test_each_missing_package_is_named_once_at_the_end(pytester: pytest.Pytester) -> None:
+    reasons = ("no tshark: apt-get install tshark", "apt-get install ip tshark: not found", "no network")
+    pytester.makepyfile("import pytest" + "".join(f"\ndef test_{n}(): pytest.skip({reasons[n]!r})" for n in range(3)))
+    result = pytester.runpytest_inprocess("-p", "tests.conftest", f"--rootdir={pytester.path}", "-n", "1")
+    result.stdout.fnmatch_lines(["packages are missing for 2 skipped tests: apt-get install ip tshark"])
+
+
 @pytest.mark.parametrize("text", ["", "1", "1/0", "a/2", "-1/2", "1/"])
 def test_a_part_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(ArgumentTypeError, match="expected a number and a count, as in 2/4"):
@@ -118,6 +153,11 @@ def test_a_part_that_is_none_is_refused(text: str) -> None:
 def test_a_lane_never_has_more_examples_than_asked_for_nor_fewer_than_three() -> None:
     assert [examples(count) <= count for count in (1, 5, 15, 100, 300)] == [True] * 5
     assert all(examples(count) >= 3 for count in (5, 15, 300))
+
+
+def test_no_example_is_judged_by_its_time() -> None:
+    assert settings().deadline is None
+    assert HealthCheck.too_slow in settings().suppress_health_check
 
 
 def test_every_kind_of_test_is_in_the_quick_lane() -> None:

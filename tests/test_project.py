@@ -5,6 +5,7 @@ import importlib.util
 import os
 import pkgutil
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -154,8 +155,55 @@ def test_github_and_ci_run_what_a_person_runs() -> None:
     assert "run: .ci/run" in (PROJECT / ".github" / "workflows" / "ci.yml").read_text()
 
 
+CI_MAKE = """#!/bin/sh
+echo "make $* | $(pwd -P) | $(env | grep ^HAPTIC_) | $(ls)" >> "$STEPS"
+mkdir -p .venv/bin build
+printf '#!/bin/sh\\necho summary "$@"\\n' > .venv/bin/python
+chmod +x .venv/bin/python
+echo "$*" > build/last.xml
+"""
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_ci_runs_in_a_clone_that_stands_alone(tmp_path: Path, given: bool) -> None:
+    """The programs that it starts tell where they are: vendors' files are named to their lane alone."""
+    checkout, programs, files, steps = (tmp_path / name for name in ("checkout", "bin", "files", "steps"))
+    for folder in (checkout / ".ci", programs, files):
+        folder.mkdir(parents=True)
+    shutil.copy(PROJECT / ".ci" / "run", checkout / ".ci")
+    (programs / "make").write_text(CI_MAKE)
+    (programs / "make").chmod(0o755)
+    for words in ("init -q", "add .ci", "-c user.name=n -c user.email=e commit -q -m first"):
+        subprocess.run(["git", *words.split()], cwd=checkout, check=True)
+    (checkout / "not_committed").touch()
+    own = {name: value for name, value in os.environ.items() if not name.startswith(("GIT_", "HAPTIC_"))}
+    own |= {"PATH": f"{programs}:{own['PATH']}", "STEPS": str(steps), "HAPTIC_FIELDBUS_PROFILES": "/elsewhere"}
+    own |= {"HAPTIC_FIELDBUS_VENDOR_FILES": str(files)} if given else {}
+    done = subprocess.run([checkout / ".ci" / "run"], env=own, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "not committed, so not tested: ?? not_committed" in done.stdout
+    reports = ["build/tests.xml", "build/part.xml", *["build/vendor.xml"] * given]
+    assert done.stdout.splitlines()[-1] == f"summary -m tests.ci_summary build/ci/times.txt {' '.join(reports)}"
+    told = [line.split(" | ") for line in steps.read_text().splitlines()]
+    assert [line[0].split()[1] for line in told] == ["setup", "check", "test", "test-part", *["test-vendor"] * given]
+    assert {line[1] for line in told}.isdisjoint([str(checkout)])
+    assert [line[2] for line in told[:4]] == [""] * 4
+    assert [line[2] for line in told[4:]] == [f"HAPTIC_FIELDBUS_VENDOR_FILES={files}"] * given
+    assert not Path(told[0][1]).exists()
+    assert (checkout / "build" / "last.xml").exists()
+
+
+def test_no_test_looks_for_files_outside_of_the_checkout() -> None:
+    """Vendors' files stand where an environment variable says, and are read in a lane of their own."""
+    beside = re.compile(r"\b(?:CHECKOUT|PROJECT|ROOT)\.parent\b|parents\[\d+\]\.parent|(?:Path|open)\(f?[\"']\.\./")
+    for path in (PROJECT / "tests").rglob("*.py"):
+        name, text = path.relative_to(PROJECT), path.read_text(encoding="utf-8")
+        assert not beside.findall(text), name
+        assert all(int(count) < len(name.parts) for count in re.findall(r"__file__\).*\.parents\[(\d+)\]", text)), name
+
+
 def test_make_makes_the_environment_before_it_uses_it() -> None:
-    for target in ("test", "test-all", "test-part", "check", "docs", "format"):
+    for target in ("test", "test-all", "test-part", "test-vendor", "check", "docs", "format"):
         assert re.search(rf"^{target}: setup$", MAKEFILE, re.MULTILINE)
 
 

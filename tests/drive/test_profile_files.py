@@ -1,7 +1,6 @@
 """Profile files: the shipped ones hold, and each way to be wrong is told."""
 
 import math
-import os
 import tomllib
 from pathlib import Path
 
@@ -25,16 +24,6 @@ from tests.builders import canopen, shipped
 from tests.cases import every
 
 CHECKOUT = Path(__file__).resolve().parents[2]
-SHARED = Path(os.environ.get("HAPTIC_FIELDBUS_SHARED", CHECKOUT.parent / "shared"))
-EDS_TYPES = {
-    2: DataType.INT8,
-    3: DataType.INT16,
-    4: DataType.INT32,
-    5: DataType.UINT8,
-    6: DataType.UINT16,
-    7: DataType.UINT32,
-}
-"""CiA 301 4.2.0, 7.4.7.1: the data types by the index of their definition."""
 
 COMPLETE = """\
 schema = 1

@@ -28,8 +28,9 @@ from haptic_fieldbus.eds import (
     read_eds,
 )
 from haptic_fieldbus.eds.model import ACCESS_TYPES
+from tests.eds.peculiar import SHEETS
 from tests.eds.sheets import changed, generic, without, without_member
-from tests.eds.vendor_files import FILES, needs_files, vendor_eds
+from tests.eds.vendor_files import FILES, both, eds_of
 
 NODE = 5
 NUMBERS = st.integers(-(1 << 63), (1 << 64) - 1) | st.integers(-200, 300)
@@ -133,21 +134,18 @@ def test_a_negative_offset_to_the_node_id_is_read_by_all() -> None:
         assert theirs.default == NODE - 7
 
 
-@needs_files
-@pytest.mark.thorough("every vendor's file", quick=2)
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", both(SHEETS, FILES))
 def test_every_vendors_file_loads_everywhere_once_it_is_written_here(name: str) -> None:
-    eds = vendor_eds(name)
+    eds = eds_of(name)
     with written(eds) as path:
         device = load(path)
     assert {index for index in eds.objects if index >= 0x1000} <= device.keys() | {0x1018}
 
 
-@needs_files
-@pytest.mark.thorough("dcfgen for vendors' files", quick=1)
-@pytest.mark.parametrize("name", FILES[::4])
+@pytest.mark.thorough("a process for each file", quick=("profile_torque.eds",))
+@pytest.mark.parametrize("name", both(SHEETS, FILES[::4]))
 def test_dcfgen_makes_a_network_of_a_vendors_file(name: str) -> None:
-    with written(vendor_eds(name)) as path:
+    with written(eds_of(name)) as path:
         network = path.with_name("network.yml")
         network.write_text(f"master:\n  node_id: 1\ndrive:\n  dcf: {path}\n  node_id: {NODE}\n")
         program = str(Path(sys.executable).with_name("dcfgen"))

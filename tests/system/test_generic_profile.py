@@ -1,4 +1,4 @@
-"""The generic profile on the simulated drive of every vendor's file: as it stands, mended by `check`, and made anew.
+"""The generic profile on the simulated drive of every file: as it stands, mended by `check`, and made anew.
 
 No drive has all of the standard and nothing else. A run therefore asks the drive what it has. And what `profiles check
 generic_cia402 --eds FILE` says is all that a person needs to turn the generic profile into one of this drive.
@@ -33,19 +33,19 @@ from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import HANDS
 from tests.builders import WALL, can_traffic, canopen, endless_rig, rig_of
 from tests.cli.test_beside_guide import TOO_SLOW
-from tests.eds.vendor_files import FILES, FOLDER, needs_files, vendor_eds
+from tests.eds.peculiar import DRIVES, FORCE
+from tests.eds.vendor_files import both, eds_of, path_of
 from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, line_of, require_multicast, start
+from tests.protocols.canopen.test_from_eds import NO_DRIVE, UNUSABLE, USABLE, of_vendors
 
 GENERIC = "generic_cia402"
-WITHOUT_GUARD = {"ingenia_everest_xcr.eds"}
+WITHOUT_GUARD = ["no_option_codes.eds", "ingenia_everest_xcr.eds"]
 """Files of drives that have neither 6007h nor 605Eh, so nothing says that they let go of the shaft."""
 TOGETHER = {"torque.demand": ("torque.echo",), "torque.mode_of_operation": ("torque.slope", "torque.echo")}
 """Keys that a person changes with another one: what comes back, and the slope of profile torque mode."""
 ROUNDS = 3
 SECONDS = 1.5
-
-
-USABLE = [name for name in FILES if name != "roboteq_v60.eds" and profile_from_eds(vendor_eds(name)).drive.usable]
+EVERY = both(FORCE, of_vendors(USABLE))
 """Files whose drive takes torque."""
 
 
@@ -80,12 +80,6 @@ def force_on(profile: CanopenProfile, eds: Eds, seconds: float) -> tuple[Plan, n
     return plan, world.trajectory(axis.node).targets()[1] / axis.rig.mechanism.ratio
 
 
-@needs_files
-def test_there_are_files_of_fourteen_drives_that_take_torque() -> None:
-    assert len(USABLE) == 14
-    assert set(USABLE) >= WITHOUT_GUARD
-
-
 def asked(eds: Eds) -> CanopenProfile:
     """The generic profile as it stands, after the drive of a file was asked what it has; nothing was written."""
     rig, clock = rig_of(WALL, profile=GENERIC), VirtualClock()
@@ -101,11 +95,10 @@ def asked(eds: Eds) -> CanopenProfile:
     return profile
 
 
-@needs_files
-@pytest.mark.thorough("a run on every drive", quick=1)
-@pytest.mark.parametrize("file", USABLE)
+@pytest.mark.thorough("a run on every drive", quick=("capitals.eds",))
+@pytest.mark.parametrize("file", EVERY)
 def test_the_generic_profile_as_it_stands_runs_the_wall(file: str) -> None:
-    eds = vendor_eds(file)
+    eds = eds_of(file)
     profile = asked(eds)
     plan, force = force_on(profile, eds, SECONDS)
     limits = plan.axes[0].limits
@@ -120,10 +113,9 @@ def test_the_generic_profile_as_it_stands_runs_the_wall(file: str) -> None:
     }
 
 
-@needs_files
-def test_a_drive_without_a_guard_is_refused_unless_its_power_can_be_cut() -> None:
-    (file,) = WITHOUT_GUARD
-    profile = asked(vendor_eds(file))
+@pytest.mark.parametrize("file", both(WITHOUT_GUARD[:1], WITHOUT_GUARD[1:]))
+def test_a_drive_without_a_guard_is_refused_unless_its_power_can_be_cut(file: str) -> None:
+    profile = asked(eds_of(file))
     with pytest.raises(PlanError, match=r"offers no watch on its master.*emergency_stop"):
         compile_plan(WALL, rig_of(WALL, profile=GENERIC), {GENERIC: profile}, 1000.0)
     rig = rig_of(WALL, profile=GENERIC, emergency_stop="power")
@@ -131,11 +123,10 @@ def test_a_drive_without_a_guard_is_refused_unless_its_power_can_be_cut() -> Non
     assert "within 5 % of rated" in next(left.why for left in plan.left_out if left.what == "guard")
 
 
-@needs_files
-@pytest.mark.thorough("a run on every drive", quick=1)
-@pytest.mark.parametrize("file", USABLE)
+@pytest.mark.thorough("a run on every drive", quick=("profile_torque.eds",))
+@pytest.mark.parametrize("file", EVERY)
 def test_mended_by_what_check_says_it_runs_the_wall(file: str) -> None:
-    eds = vendor_eds(file)
+    eds = eds_of(file)
     profile = mended(canopen(GENERIC), eds)
     assert [str(fault) for fault in proof_of(profile, eds).faults] == []
     plan, force = force_on(profile, eds, SECONDS)
@@ -144,11 +135,10 @@ def test_mended_by_what_check_says_it_runs_the_wall(file: str) -> None:
     assert 0.9 * expected < np.abs(force).max() < 2.5 * expected
 
 
-@needs_files
-@pytest.mark.thorough("a run on every drive", quick=1)
-@pytest.mark.parametrize("file", USABLE)
+@pytest.mark.thorough("a run on every drive", quick=("cyclic_torque.dcf",))
+@pytest.mark.parametrize("file", EVERY)
 def test_the_profile_that_is_made_from_a_file_runs_the_wall_too(file: str) -> None:
-    rig = endless_rig("wall", str(FOLDER / file))
+    rig = endless_rig("wall", str(path_of(file)))
     # A drive without a watch that is known to let go is refused, unless a person can cut the power of its motor.
     axes = {name: replace(axis, emergency_stop="power") for name, axis in rig.axis.items()}
     settings: dict[str, float | str | bool] = {"wall.stiffness": "max/2", "wall.position": 0.01}
@@ -157,25 +147,27 @@ def test_the_profile_that_is_made_from_a_file_runs_the_wall_too(file: str) -> No
     assert np.abs(result.traces[0].force).max() > 2.0
 
 
-@needs_files
-@pytest.mark.thorough("a plan for every other file", quick=2)
-@pytest.mark.parametrize("file", [name for name in FILES if name not in (*USABLE, "roboteq_v60.eds")])
+@pytest.mark.parametrize(
+    "file",
+    both([name for name in DRIVES if name not in FORCE], sorted(of_vendors(UNUSABLE.keys() - NO_DRIVE))),
+)
 def test_a_drive_without_torque_is_refused_before_torque(file: str) -> None:
     with pytest.raises(HapticFieldbusError):
-        force_on(canopen(GENERIC), vendor_eds(file), SECONDS)
+        force_on(canopen(GENERIC), eds_of(file), SECONDS)
     with pytest.raises(PlanError, match=r"not usable for force: "):
-        compile_plan(WALL, rig_of(WALL, profile=GENERIC), {GENERIC: asked(vendor_eds(file))}, 1000.0)
+        compile_plan(WALL, rig_of(WALL, profile=GENERIC), {GENERIC: asked(eds_of(file))}, 1000.0)
 
 
-@needs_files
 @pytest.mark.xdist_group("peers")
 @pytest.mark.thorough("real time beside a drive in another process")
-@pytest.mark.parametrize("file", ["zeroerr_erob_v1_5.eds", *WITHOUT_GUARD])
+@pytest.mark.parametrize(
+    "file", both(["profile_torque.eds", WITHOUT_GUARD[0]], ["zeroerr_erob_v1_5.eds", WITHOUT_GUARD[1]])
+)
 def test_beside_the_drive_of_a_file_a_run_says_what_the_drive_lacks(file: str, tmp_path: Path) -> None:
     port, rig = free_port(), tmp_path / "rig.toml"
     require_multicast(port)
     bus = f"udp_multicast:{GROUP}@1000000"
-    words = ("--drive", f"{FOLDER / file}@5", "--hand", "tap", "--bus", bus, "--write-rig", str(rig))
+    words = ("--drive", f"{path_of(file)}@5", "--hand", "tap", "--bus", bus, "--write-rig", str(rig))
     hosting = start("simulate", *words, port=port)
     try:
         line_of(hosting)

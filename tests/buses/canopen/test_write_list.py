@@ -25,7 +25,7 @@ from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.sim.canopen.sheet import sheet
 from tests.builders import WALL, can_traffic, canopen, pdos_of, rig_of, unproved
 from tests.eds.sheets import generic
-from tests.eds.vendor_files import needs_files, vendor_eds
+from tests.eds.vendor_files import eds_of, needs_files
 
 NODE, MASTER = 1, 127
 INVALID = 1 << 31
@@ -127,15 +127,20 @@ def check_order(writes: list[Write]) -> None:
         assert all(value & INVALID for at, _, value in steps[:-1] if at != index)
 
 
-def vendor_sheet(name: str) -> Eds:
-    return sheet(profile_from_eds(vendor_eds(name)))
+def sheet_of(name: str) -> Eds:
+    """Return the sheet of the simulated drive of a file."""
+    return sheet(profile_from_eds(eds_of(name)))
 
 
 CASES = [
     pytest.param(lambda: generic(), id="generic"),
     pytest.param(lambda: sheet(canopen("zeroerr_erob")), id="erob", marks=pytest.mark.thorough("another drive")),
     *(
-        pytest.param(lambda name=name: vendor_sheet(name), id=name, marks=[needs_files, pytest.mark.thorough("more")])
+        pytest.param(lambda name=name: sheet_of(name), id=name, marks=pytest.mark.thorough("another drive"))
+        for name in ("cyclic_torque.dcf", "profile_torque.eds", "capitals.eds")
+    ),
+    *(
+        pytest.param(lambda name=name: sheet_of(name), id=name, marks=needs_files)
         for name in ("maxon_epos4_70_15.eds", "elmo_gold_drive.dcf", "zeroerr_erob_v1_5.eds", "delta_asda_a2.eds")
     ),
 ]
@@ -147,7 +152,7 @@ def test_the_write_list_is_that_of_dcfgen(made, tmp_path: Path) -> None:  # type
     path = tmp_path / "drive.eds"
     path.write_text(eds_text(eds), encoding="utf-8", newline="")
     profile = canopen(path)
-    rig = rig_of(WALL, profile="drive", raise_max_torque=True)
+    rig = rig_of(WALL, profile="drive", raise_max_torque=True, emergency_stop="power")
     plan = unproved(compile_plan(WALL, rig, {"drive": profile}, 1000.0))
     ours = written_by_master(path, plan)
     theirs = written_by_dcfgen(tmp_path, network(path, plan, eds))

@@ -19,16 +19,15 @@ from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.sim.canopen.sheet import dictionary_of, sheet
 from haptic_fieldbus.sim.drive.dictionary import AbortCode
 from tests.builders import shipped
-from tests.eds.vendor_files import FOLDER, needs_files
+from tests.eds.vendor_files import both, path_of
 from tests.sim.bench import NODE
 from tests.sim.canopen.test_canopen_peer import Bench
 
 pytestmark = pytest.mark.thorough(
-    "the sheets of all shipped drives", quick=("generic_cia402", "maxon_epos4", "technosoft_ipos", "vendor")
+    "the sheets of all shipped drives", quick=("generic_cia402", "maxon_epos4", "technosoft_ipos", "profile_torque.eds")
 )
 NAMES = [name for name in shipped() if load_profile(name).drive.usable]
-VENDOR = "maxon_epos4_70_15.eds"
-EVERY = [*NAMES, pytest.param(str(FOLDER / VENDOR), id="vendor", marks=needs_files)]
+EVERY = both([*NAMES, "profile_torque.eds"], ["maxon_epos4_70_15.eds"])
 NAMELESS = ("delta_asda_a2", "zeroerr_erob")
 """Drives without 1008h, by their files."""
 DCFCHK = Path(sys.executable).with_name("dcfchk")
@@ -37,7 +36,8 @@ DCFCHK = Path(sys.executable).with_name("dcfchk")
 
 @pytest.fixture(params=EVERY)
 def name(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
+    chosen = str(request.param)
+    return chosen if chosen in NAMES else str(path_of(chosen))
 
 
 @pytest.fixture

@@ -11,8 +11,9 @@ from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.canopen.vendor.draft import draft_of
 from haptic_fieldbus.protocols.catalogue import load_profile
+from tests.eds.peculiar import DRIVES
 from tests.eds.sheets import changed, generic, without, without_member
-from tests.eds.vendor_files import FILES, needs_files, vendor_eds
+from tests.eds.vendor_files import FILES, both, eds_of
 
 LOADED = ("name", "source", "sources", "eds", "lacks")
 """Fields that a file of its own has otherwise."""
@@ -70,8 +71,6 @@ def test_the_draft_of_a_drive_without_torque_says_so_first() -> None:
     assert tomllib.loads(text)["drive"]["usable"] is False
 
 
-@needs_files
-@pytest.mark.thorough("a draft of every vendor's file", quick=3)
-@pytest.mark.parametrize("name", sorted({*FILES} - {"roboteq_v60.eds"}))
+@pytest.mark.parametrize("name", both(DRIVES, sorted({*FILES} - {"roboteq_v60.eds"})))
 def test_a_draft_of_every_vendors_file_loads(name: str, tmp_path: Path) -> None:
-    check(profile_from_eds(vendor_eds(name)), tmp_path)
+    check(profile_from_eds(eds_of(name)), tmp_path)

@@ -20,9 +20,10 @@ from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.model.vendor import BENCH_VALUES
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Entry, Refused
 from haptic_fieldbus.sim.drive.settings import DriveSettings
+from tests.eds.peculiar import DRIVES, FORCE
 from tests.eds.sheets import changed, generic, own, without, without_member
-from tests.eds.vendor_files import FOLDER, facts, needs_files, vendor_eds
-from tests.protocols.canopen.test_from_eds import NO_DRIVE, UNUSABLE, USABLE
+from tests.eds.vendor_files import both, eds_of, facts_of, path_of
+from tests.protocols.canopen.test_from_eds import NO_DRIVE, UNUSABLE, USABLE, of_vendors
 from tests.sim.bench import NODE, DriveBench, Refusal
 
 INVALID = 1 << 31
@@ -353,17 +354,15 @@ def enable_by_sdo(bench: DriveBench) -> None:
 # Vendors' files.
 
 
-EVERY_FILE = pytest.mark.thorough("a drive for each vendor's file", quick=5)
+EVERY = both(FORCE, of_vendors(USABLE))
 
 
-@pytest.fixture(scope="module", params=USABLE)
+@pytest.fixture(scope="module", params=EVERY)
 def vendor(request: pytest.FixtureRequest) -> tuple[Eds, DriveBench]:
-    eds = vendor_eds(request.param)
+    eds = eds_of(request.param)
     return eds, bench_of(eds)
 
 
-@needs_files
-@EVERY_FILE
 def test_a_vendors_drive_has_every_object_of_its_file_and_no_other(vendor: tuple[Eds, DriveBench]) -> None:
     eds, bench = vendor
     theirs = {(entry.index, entry.subindex): entry for entry in eds}
@@ -377,8 +376,6 @@ def test_a_vendors_drive_has_every_object_of_its_file_and_no_other(vendor: tuple
         )
 
 
-@needs_files
-@EVERY_FILE
 def test_a_vendors_drive_answers_with_the_values_and_lengths_of_its_file(vendor: tuple[Eds, DriveBench]) -> None:
     eds, bench = vendor
     for described in eds:
@@ -408,8 +405,6 @@ def _number(described: EdsEntry) -> int:
     return value % (1 << 8 * (described.type.size or 0))
 
 
-@needs_files
-@EVERY_FILE
 def test_a_vendors_drive_is_enabled_in_its_torque_mode_and_makes_torque(vendor: tuple[Eds, DriveBench]) -> None:
     _, bench = vendor
     bench = DriveBench(profile_from_eds(vendor[0]))
@@ -431,13 +426,22 @@ def test_a_vendors_drive_is_enabled_in_its_torque_mode_and_makes_torque(vendor: 
 
 
 PDO = re.compile(r"([RT])(\d+) ([0-9A-F]+) (\(off\) )?tt=(\d+) \[(.*?)\]")
+PDOS = {
+    "cyclic_torque.dcf": "R1 205 tt=1 [6040:0 6060:0]; R2 0 (off) tt=255 [6040:0 6071:0]; R3 405 (off) tt=255 []; "
+    "T1 185 tt=255 [6041:0 6064:0]; T2 0 (off) tt=255 []; T3 385 (off) tt=255 []",
+    "profile_torque.eds": "R1 205 tt=255 [6040:0]; R2 305 (off) tt=255 [6040:0 6071:0]; T1 185 tt=255 [6041:0]",
+    "no_option_codes.eds": "R1 205 (off) tt=255 [6040:0]; T1 185 tt=255 [6041:0]",
+    "capitals.eds": "T1 185 tt=0 [6041:0]; T2 285 (off) tt=253 [6041:0 6064:0]",
+    "fixed_mappings.eds": "R1 205 tt=255 [6040:0]; R2 305 (off) tt=255 [6040:0]; T2 285 (off) tt=255 [6041:0 6064:0]",
+    "positions.eds": "R1 205 tt=255 [6040:0]; R3 405 (off) tt=255 []; T3 385 (off) tt=255 []",
+}
+"""After power-on as node 5, in the files of our own."""
 
 
-@needs_files
-@pytest.mark.parametrize("name", USABLE)
+@pytest.mark.parametrize("name", both(PDOS, of_vendors(USABLE)))
 def test_pdos_after_power_on_are_those_another_reader_found_in_the_file(name: str) -> None:
-    bench = bench_of(vendor_eds(name))
-    found = PDO.findall(facts()[name].line("Default"))
+    bench = bench_of(eds_of(name))
+    found = PDO.findall(PDOS.get(name) or facts_of(name).line("Default"))
     assert found
     for way, number, cob_id, off, type, mapped in found:
         communication = (0x1400 if way == "R" else 0x1800) + int(number) - 1
@@ -478,15 +482,13 @@ def test_a_drive_without_torque_is_refused_for_force_alone(tmp_path: Path) -> No
 
 
 PROFILE_POSITION = 1
-DRIVES = {*USABLE, *UNUSABLE} - NO_DRIVE
+VENDORS = sorted({*of_vendors([*USABLE, *UNUSABLE])} - NO_DRIVE)
 
 
-@needs_files
-@pytest.mark.thorough("a drive for each vendor's file", quick=3)
-@pytest.mark.parametrize("name", sorted(DRIVES))
+@pytest.mark.parametrize("name", both(DRIVES, VENDORS))
 def test_every_vendors_drive_can_be_positioned_if_the_vendor_says_so(name: str) -> None:
     """A position master, by SDO: mode 1, a target, the new set-point bit; the shaft goes there."""
-    bench = bench_of(vendor_eds(name))
+    bench = bench_of(eds_of(name))
     assert bench.slave.not_taken_over == ()
     assert PROFILE_POSITION in bench.drive.objects.modes
     assert bench.write(0x6060, 0, PROFILE_POSITION, "b") is None
@@ -505,7 +507,7 @@ def signed(value: int | Refusal) -> int:
     return value - (1 << 32) * (value >> 31)
 
 
-GUARDLESS = {"ingenia_everest_xcr.eds"}
+GUARDLESS = {"no_option_codes.eds", "ingenia_everest_xcr.eds"}
 """Without a reaction to a lost master: force needs an emergency stop that cuts the power, and stays small."""
 SOFT = {"wall.stiffness": "400"}
 """For a drive in profile torque mode, whose slope delays."""
@@ -513,14 +515,13 @@ SOFT = {"wall.stiffness": "400"}
 
 def rig_with(name: str, **changes: object) -> Rig:
     """The shipped bench with a vendor's drive, and an endless way for one that gives little force."""
-    axis = default_axis(Workspace.LINEAR, bus="bus", node=NODE, profile=str(FOLDER / name))
+    axis = default_axis(Workspace.LINEAR, bus="bus", node=NODE, profile=str(path_of(name)))
     axis = replace(axis, limits=replace(axis.limits, position=None))
     return Rig({"bus": CanSection("haptic_sim", "sim")}, {"handle": replace(axis, **changes)})  # type: ignore[arg-type]
 
 
-@needs_files
-@pytest.mark.thorough("a run on every drive", quick=1)
-@pytest.mark.parametrize("name", USABLE)
+@pytest.mark.thorough("a run on every drive", quick=("profile_torque.eds",))
+@pytest.mark.parametrize("name", EVERY)
 def test_a_wall_is_felt_on_every_vendors_drive_with_a_torque_mode(name: str) -> None:
     guardless = name in GUARDLESS
     rig = rig_with(name, **{"emergency_stop": "power"} if guardless else {})
@@ -532,14 +533,7 @@ def test_a_wall_is_felt_on_every_vendors_drive_with_a_torque_mode(name: str) -> 
     assert result.verdict.startswith("Feels like the ideal wall") or guardless, result.verdict
 
 
-@needs_files
-@pytest.mark.thorough("three starts of the master", quick=1)
-@pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        ("ingenia_everest_xcr.eds", "offers no watch on its master"),
-    ],
-)
-def test_a_vendors_drive_that_cannot_be_trusted_is_refused_with_a_sentence(name: str, sentence: str) -> None:
-    with pytest.raises((BusConfigurationError, PlanError), match=sentence):
+@pytest.mark.parametrize("name", both(["no_option_codes.eds"], ["ingenia_everest_xcr.eds"]))
+def test_a_vendors_drive_that_cannot_be_trusted_is_refused_with_a_sentence(name: str) -> None:
+    with pytest.raises((BusConfigurationError, PlanError), match="offers no watch on its master"):
         haptic_fieldbus.run("wall", rig=rig_with(name, raise_max_torque=False), duration=0.1)
