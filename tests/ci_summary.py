@@ -1,14 +1,14 @@
 """The end of `.ci/run`: `python -m tests.ci_summary TIMES JUNIT …`.
 
-Prints how long each step took, how fast the machine was beside it, which tests took longest, and, as the last line, how
-many passed and failed in all runs.
+Prints how long each step took, which tests took longest, and, as the last line, how many passed and failed in all runs.
+Processor time is told in units of a fixed computation that is measured beside it, so that machines can be compared.
 """
 
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,17 +24,20 @@ class Step:
     """One command of `.ci/run`."""
 
     seconds: int
+    processor: float
+    """Processor time of all its processes [s]."""
     status: int
     command: str
 
     @classmethod
     def read(cls, line: str) -> "Step":
-        seconds, status, command = line.split("\t", 2)
-        return cls(int(seconds), int(status), command)
+        seconds, hundredths, status, command = line.split("\t", 3)
+        return cls(int(seconds), int(hundredths) / 100, int(status), command)
 
-    def line(self) -> str:
+    def line(self, unit: float) -> str:
+        """Return what is printed of it; `unit` is the processor time of the fixed computation [s]."""
         outcome = "ok" if self.status == 0 else f"FAILED with {self.status}"
-        return f"{self.seconds:5d} s  {self.command}: {outcome}"
+        return f"{self.seconds:5d} s {self.processor:6.0f} s {self.processor / unit:8.0f}  {self.command}: {outcome}"
 
 
 def counted() -> int:
@@ -58,9 +61,9 @@ def best_ms(work: Callable[[], object]) -> float:
     """The shortest of several repetitions [ms]: what disturbs only makes it longer."""
     times = []
     for _ in range(REPEATS):
-        begin = perf_counter()
+        begin = process_time()
         work()
-        times.append(1e3 * (perf_counter() - begin))
+        times.append(1e3 * (process_time() - begin))
     return min(times)
 
 
@@ -77,11 +80,12 @@ def main(times: Path, files: list[Path]) -> int:
     print("\nthe slowest tests")
     for seconds, name in slowest(there):
         print(f"{seconds:7.2f} s  {name}")
-    print("\ntimes")
+    unit = best_ms(counted)
+    print("\ntime, processor time, and that in units of a fixed computation")
     for step in steps:
-        print(step.line())
-    print(f"{sum(step.seconds for step in steps):5d} s  in all")
-    print(f"speed of this machine: {best_ms(counted):.0f} ms of Python, {best_ms(multiplied):.0f} ms of numpy")
+        print(step.line(1e-3 * unit))
+    print(f"{sum(step.seconds for step in steps):5d} s {sum(step.processor for step in steps):6.0f} s in all")
+    print(f"the fixed computation on this machine: {unit:.0f} ms; {best_ms(multiplied):.0f} ms of numpy")
     for file in set(files) - set(there):
         print(f"FAILED: {file} was not written")
     print(summary_line(*there))
