@@ -32,6 +32,7 @@ SECTIONS = (
 IN_HEXADECIMAL = (
     "object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes", "absent",
     "supported_modes", "controlword", "address", "mask", "bits", "readable",
+    "maps",
 )  # fmt: skip
 """Keys whose whole numbers are written as in vendors' manuals: indices, identities and bit fields."""
 

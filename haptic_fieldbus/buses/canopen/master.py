@@ -27,7 +27,7 @@ from haptic_fieldbus.buses.canopen.asking import Asking
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
-from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Link, statusword_places, traffic_of
+from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Link, SetPoint, statusword_places, traffic_of
 from haptic_fieldbus.buses.canopen.listening import listen
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.release import Parting, Release
@@ -77,7 +77,7 @@ class CanopenBus(InSteps):
         self._links: tuple[Link, ...] = ()
         self._exchange = Exchange()
         self._image = bytearray()
-        self._outputs: tuple[tuple[int, int, int], ...] = ()
+        self._outputs: tuple[SetPoint, ...] = ()
         self._askings: tuple[Asking, ...] = ()
         self._release: Release | None = None
         self._synced = False
@@ -114,6 +114,8 @@ class CanopenBus(InSteps):
         for setup, link in zip(self._setups, self._links, strict=True):
             link.forget()
             setup.configure()
+        for output, node in zip(self._outputs, self._receivers, strict=True):
+            output.hold(node)
 
     def start(self) -> None:
         """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
@@ -145,11 +147,13 @@ class CanopenBus(InSteps):
         self._exchange = Exchange()
         for link in self._links:
             link.listen(self._wire, self._exchange)
-        self._outputs = tuple(
-            (pdo.cob_id, offset, offset + pdo.size)
+        outputs = [
+            (setup.node, SetPoint(pdo, offset))
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
             for pdo, offset in placed(setup.member.traffic.rpdos, places.outputs[0])
-        )
+        ]
+        self._receivers = tuple(node for node, _ in outputs)
+        self._outputs = tuple(output for _, output in outputs)
         self._release = self._release_of(plan, traffic)
         self._askings = tuple(
             self._asking_of(setup, places.inputs[0], plan.period)
@@ -166,7 +170,7 @@ class CanopenBus(InSteps):
 
     def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:
         """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
-        offset = start + sum(pdo.size for pdo in setup.member.traffic.tpdos)
+        offset = start + sum(pdo.image_size for pdo in setup.member.traffic.tpdos)
         target = setup.member.profile.torque.target.entry
         return Asking(setup.node, self._wire, target, self._image, offset, period=period, warn=self.warnings.append)
 
@@ -176,7 +180,7 @@ class CanopenBus(InSteps):
             Parting(setup.node, self._wire, link, self._word_at(place), setup.parting)
             for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
         ]
-        set_points = [(cob_id, end - start) for cob_id, start, end in self._outputs]
+        set_points = [(output.cob_id, output.torque_free) for output in self._outputs]
         guard = max(traffic.guard(axis.name) for axis in plan.axes)
         return Release(
             self._wire, partings, set_points, self._sync_once, feedback_time=traffic.feedback_time, guard=guard
@@ -231,8 +235,8 @@ class CanopenBus(InSteps):
     def write(self, image: bytes | bytearray) -> None:
         """Send the RPDOs, then the proofs of our life that are due; raises BusError only when the bus is dead."""
         accepted = True
-        for cob_id, start, end in self._outputs:
-            accepted &= self._wire.offer(cob_id, image[start:end])
+        for output in self._outputs:
+            accepted &= self._wire.offer(output.cob_id, output.payload(image))
         self._refused_writes = 0 if accepted else self._refused_writes + 1
         for proof in self._proofs.due(self.latch_ns):
             self._wire.offer(*proof)

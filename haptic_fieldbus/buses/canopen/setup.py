@@ -6,14 +6,15 @@ part of the configuration: a drive that does not confirm it is not started.
 Reference: CiA 301 7.5.2 (communication objects); IEC 61800-7-201 (CiA 402-2), 6007h, 6060h, 6061h, 605Eh.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
 from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
-from haptic_fieldbus.buses.canopen.preparing import check_rated_torque, commissioned, prepare
+from haptic_fieldbus.buses.canopen.preparing import check_rated_torque, commissioned, ensure, prepare
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
@@ -242,7 +243,7 @@ class Setup:
             (Direction.RPDO, self.member.traffic.rpdos),
         ):
             used = {pdo.number: pdo for pdo in pdos}
-            for number, room in self.member.profile.pdo.room(direction).items():
+            for number, room in sorted(self.member.profile.pdo.room(direction).items()):
                 # A PDO without room for a mapping may not be there at all.
                 read = self.node.read if room else self.node.optional
                 cob_id = self._switch_off(direction, number, read)
@@ -259,17 +260,35 @@ class Setup:
         return cob_id
 
     def _map(self, pdo: Pdo, cob_id: int) -> None:
-        """Map a PDO in the order of CiA 301 7.5.2: invalid (done), no entries, entries, their number, type, valid."""
-        self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), 0)
-        for subindex, entry in enumerate(pdo.entries, start=1):
-            self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT32, subindex), entry.mapping)
-        self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), len(pdo.entries))
-        self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT8, 2), pdo.transmission_type)
+        """Map a PDO in the order of CiA 301 7.5.2: invalid (done), no entries, entries, their number, type, valid.
+
+        A fixed mapping is read instead, and of the rest only that is written which is otherwise.
+        """
+        write = partial(ensure, self.node) if pdo.fixed else self.node.write
+        if pdo.fixed:
+            self._check_fixed(pdo)
+        else:
+            self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), 0)
+            for subindex, entry in enumerate(pdo.entries, start=1):
+                self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT32, subindex), entry.mapping)
+            self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), len(pdo.entries))
+        write(_communication(pdo.direction, pdo.number, DataType.UINT8, 2), pdo.transmission_type)
         # By CiA 301 an inhibit time does not delay a synchronous TPDO; not every drive is known to keep to it.
         if pdo.direction is Direction.TPDO and (not pdo.synchronous or self.member.profile.pdo.inhibit_time_default):
-            self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)
+            write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)
         valid = pdo.cob_id | (cob_id & COB_ID_NO_RTR)
         self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT32, 1), valid)
+
+    def _check_fixed(self, pdo: Pdo) -> None:
+        """Raise BusConfigurationError when the drive maps otherwise than its profile says."""
+        count = self.node.read(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0))
+        places = [ObjectEntry(pdo.mapping_index, DataType.UINT32, each) for each in range(1, count + 1)]
+        held, said = [self.node.read(place) for place in places], [entry.mapping for entry in pdo.entries]
+        if held != said:
+            raise BusConfigurationError(
+                f"{self.node.label}: {pdo.mapping_index:04X}h maps {_mappings(held)} into {pdo.name}; the profile says "
+                f"{_mappings(said)}. Correct pdo.{pdo.direction.value.lower()}_fixed in the profile"
+            )
 
     def _poll(self, reached: Callable[[], bool], timeout: float, complaint: Callable[[], str]) -> None:
         deadline_ns = self.node.now_ns() + round(timeout * 1e9)
@@ -277,6 +296,10 @@ class Setup:
             if self.node.now_ns() >= deadline_ns:
                 raise BusConfigurationError(f"{self.node.label} {complaint()} (waited {exactly(timeout)} s)")
             self.node.wait(POLL_NS)
+
+
+def _mappings(values: Sequence[int]) -> str:
+    return ", ".join(f"{value:08X}h" for value in values) or "nothing"
 
 
 def _communication(direction: Direction, number: int, kind: DataType, subindex: int) -> ObjectEntry:

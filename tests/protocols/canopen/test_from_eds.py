@@ -297,11 +297,16 @@ def test_the_number_of_entries_may_be_limited() -> None:
     assert profile_from_eds(changed(generic(), 0x1A01, 0, high=2)).pdo.tpdo_entries == (8, 2, 8, 8)
 
 
-def test_a_drive_whose_mappings_are_all_fixed_is_not_usable_for_force() -> None:
+def test_a_drive_whose_mappings_are_all_fixed_is_usable_when_they_carry_what_force_needs() -> None:
+    """After power-on the simulated drive has the statusword in TPDO1 and both in TPDO2, and the others are empty."""
     eds = generic()
     for number in range(4):
         eds = changed(eds, 0x1A00 + number, 0, access="const")
-    assert refusals(eds) == ["no TPDO can be mapped anew: its records are not writable (1800h and 1A00h and on)"]
+    assert refusals(eds) == []
+    assert refusals(changed(eds, 0x1A01, 0, default=1)) == [
+        "no TPDO that can be switched on carries 6064h position actual value, and none can be mapped anew: their "
+        "records are not writable (1800h and 1A00h and on)"
+    ]
 
 
 def test_transmission_types_are_those_of_the_standard_within_the_limits_and_those_of_the_file() -> None:
