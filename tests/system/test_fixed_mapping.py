@@ -66,6 +66,7 @@ def test_a_sufficient_fixed_mapping_renders_the_wall(suffix: str, tmp_path: Path
         path.write_text(draft_of(fixed_profile(), "own.eds").text, encoding="utf-8")
     result = run("wall", drive=str(path), duration=1.5)
     assert result.trips == ()
+    assert result.torque_error is not None
     assert result.torque_error.rms < 0.2
     (travel,) = result.travel
     assert 0.010 < travel.depth["wall"] < 0.020

@@ -102,23 +102,24 @@ class Link:
         AXIS_HEADER.pack_into(self._image, self._header, age_ns, flags, code)
 
 
-class SetPoint:
+class OutgoingPdo:
     """One RPDO: where its octets are in the output image, and what a fixed mapping sends beside them.
 
     Objects that nobody asked for keep what they hold: it is read before the first set-point, and sent in each.
     """
 
-    def __init__(self, pdo: Pdo, offset: int) -> None:
+    def __init__(self, node: Node, pdo: Pdo, offset: int) -> None:
         self.cob_id = pdo.cob_id
+        self._node = node
         self.torque_free = bytearray(pdo.size)
         """Payload with target torque 0 and controlword *disable voltage*, which both consist of zero octets."""
         self._start, self._end = offset, offset + pdo.image_size
         self._wanted, self._unneeded = _wanted(pdo), pdo.unneeded
 
-    def hold(self, node: Node) -> None:
+    def hold(self) -> None:
         """Read what the objects hold that nobody asked for; raises BusError."""
         for entry, place in self._unneeded:
-            self.torque_free[place] = entry.type.pack(node.read(entry))
+            self.torque_free[place] = entry.type.pack(self._node.read(entry))
 
     def payload(self, image: bytes | bytearray) -> bytes | bytearray:
         """Return the payload with the values of the output image."""

@@ -252,8 +252,13 @@ def placed(pdos: Sequence[Pdo], offset: int) -> tuple[tuple[Pdo, int], ...]:
     return tuple(zip(pdos, sizes, strict=False))
 
 
-def worst_case_bits(octets: int) -> int:
-    """Return the bits of a data frame with 11-bit identifier and worst-case stuffing, interframe space included."""
+def worst_case_bits(octets: int, *, extended: bool = False) -> int:
+    """Return the bits of a frame with worst-case stuffing, interframe space included.
+
+    The identifier has 11 bits, `extended` 29.
+    """
+    if extended:  # 20 bits more, all of them stuffed
+        return 8 * octets + 64 + INTERFRAME_SPACE_BITS + (53 + 8 * octets) // 4
     # A frame has 44 bits beside its data. Stuffing covers 34 of them and the data, and adds at worst one bit for every
     # four bits after the first.
     return 8 * octets + 44 + INTERFRAME_SPACE_BITS + (33 + 8 * octets) // 4

@@ -136,6 +136,21 @@ def test_a_position_that_cannot_be_sent_is_told() -> None:
     ]
 
 
+def test_axes_in_sub_indices_are_recognised_and_the_key_for_them_is_named() -> None:
+    """As in a node with two motors, whose positions are 6064h:01 and 6064h:02."""
+    eds = generic()
+    for subindex in (1, 2):
+        eds = changed(eds, 0x6064, subindex, type=EdsType.INTEGER32, access="ro", mappable=True)
+    eds = changed(eds, 0x6064, 0, type=EdsType.UNSIGNED8, access="const", default=2, mappable=False)
+    first, second = refusals(eds)
+    assert first.startswith("6064h position actual value is UNSIGNED8")
+    assert second == (
+        "several axes share this node, each in a sub-index of its own (6064h:01 and :02): write a profile for each "
+        "axis, with subindex = 1, 2 … in position.actual, torque.target and torque.actual"
+    )
+    assert not any("several axes" in each for each in refusals(without(generic(), 0x6064)))
+
+
 @pytest.mark.parametrize(
     ("code", "unit"),
     [

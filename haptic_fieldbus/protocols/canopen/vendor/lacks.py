@@ -9,6 +9,8 @@ from haptic_fieldbus.protocols.canopen.vendor.pdos import COMMUNICATION, MAPPING
 from haptic_fieldbus.protocols.canopen.vendor.values import (
     RECEIVED,
     SENT,
+    axes_in,
+    axes_words,
     is_mappable,
     number_of,
     object_name,
@@ -57,6 +59,9 @@ def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) ->
     if velocity is None and position_unit(eds) is None:
         code = (number_of(eds, 0x60A8) or 0) & 0xFFFF_FFFF
         yield f"60A8h SI unit position is {code:08X}h, expected 00B50000h (counts) or FF410000h (0.1 degrees)", None
+    several = axes_in(eds)
+    if several:
+        yield axes_words(several), eds.objects[several[0]].line
     for direction in (Direction.RPDO, Direction.TPDO):
         yield from _pdo_lacks(eds, direction)
     if not mode and not torque_mode(eds):
