@@ -1,5 +1,6 @@
 """Notes that the loop takes during a run: counts, instants, and four times of each period."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -38,6 +39,8 @@ class LoopReport:
     """True when Ctrl-C, SIGTERM or SIGHUP ended the run."""
     released: bool = False
     """True when every drive confirmed at the end that its motor is off."""
+    foreign_load: Mapping[str, float] = field(default_factory=dict)
+    """By axis, the share of its bus that frames of other devices took."""
     changes: "list[Applied]" = field(default_factory=list)
     # A capacity of 1 is a placeholder: the loop replaces this record once it knows the number of periods.
     samples: Record = field(default_factory=lambda: Record(SAMPLES, 1), repr=False)

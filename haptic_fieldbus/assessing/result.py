@@ -170,6 +170,7 @@ class Result:
     duration: float | None = None
     """Time from *operation enabled* to the end of the last period [s]."""
     bus_load: float | None = None
+    """Load of the fullest bus as a share of its capacity: our frames and those of other devices, worst case."""
     plan: Plan | None = None
     timing: Timing | None = None
     torque_error: TorqueError | None = None
@@ -264,8 +265,11 @@ def known_before(
     )
     if report is None:
         return result
+    foreign = report.foreign_load
+    loads = [bus.traffic.load + max(foreign.get(axis, 0.0) for axis in bus.axes) for bus in plan.buses]
     return replace(
         result,
+        bus_load=max(loads),
         trips=tuple(_trips(report, trip, message)),
         changes=tuple(Changed(applied.time, applied.change.settings) for applied in report.changes),
         timing=_timing(report),

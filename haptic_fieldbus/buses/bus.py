@@ -55,6 +55,10 @@ class Bus(Protocol):
         """
 
     @property
+    def foreign_load(self) -> Mapping[str, float]:
+        """By axis, the share of its bus that frames of other devices took; empty where none can be heard."""
+
+    @property
     def fresh(self) -> bool:
         """True when all feedback of the last exchange arrived."""
 
@@ -132,6 +136,11 @@ class Bus(Protocol):
 
 class InSteps:
     """Mixin with `open`, `read` and `stop`, composed of the parts that a group calls one by one."""
+
+    @property
+    def foreign_load(self) -> Mapping[str, float]:
+        """Nothing is known of other devices, unless a bus says more."""
+        return {}
 
     def open(self: Bus, plan: Plan) -> None:
         """Inspect the drives, configure them and start them; raises BusError or DriveFaultError after `stop`."""

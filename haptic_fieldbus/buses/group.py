@@ -53,6 +53,10 @@ class BusGroup(InSteps):
         return {axis: cause for bus in self._buses for axis, cause in bus.causes.items()}
 
     @property
+    def foreign_load(self) -> dict[str, float]:
+        return {axis: load for bus in self._buses for axis, load in bus.foreign_load.items()}
+
+    @property
     def fresh(self) -> bool:
         return all(bus.fresh for bus in self._buses)
 

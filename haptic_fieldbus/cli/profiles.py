@@ -32,6 +32,7 @@ SECTIONS = (
 IN_HEXADECIMAL = (
     "object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes", "absent",
     "supported_modes", "controlword", "address", "mask", "bits", "readable",
+    "maps",
 )  # fmt: skip
 """Keys whose whole numbers are written as in vendors' manuals: indices, identities and bit fields."""
 
@@ -143,12 +144,17 @@ def new_profile(
     eds: Annotated[Path, typer.Option(metavar="FILE", help="The EDS or DCF of the drive's vendor.")],
     name: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Name of the profile, and of its file here; from the EDS if left out."),
+        typer.Option(metavar="NAME", help="Name of the profile; that of --output, else from the EDS, if left out."),
     ] = None,
-    output: Annotated[Path | None, typer.Option(metavar="FILE", help="The file to write instead.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The .toml file to write; NAME.toml here unless given.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Draft a profile from a vendor's EDS: each value with its section, and what no EDS can know marked assumed."""
+    """Draft a profile from a vendor's EDS: each value with its section, and what no EDS can know marked assumed.
+
+    The exit status is 4 when the drive cannot be used for force; the reason is told, and the draft is written.
+    """
     write_draft(eds, name, output, as_json)
 
 

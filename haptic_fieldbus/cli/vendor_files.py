@@ -11,6 +11,9 @@ from haptic_fieldbus.cli.checking import FAULTY, faults_to_json
 from haptic_fieldbus.cli.screen import plain, print_json, show, show_table
 from haptic_fieldbus.errors import UsageError
 
+UNUSABLE = 4
+"""Exit status for a drive that cannot be used for force: refused before torque."""
+
 if TYPE_CHECKING:
     from haptic_fieldbus.protocols.canopen.vendor.check import Comparison
     from haptic_fieldbus.protocols.canopen.vendor.draft import Draft
@@ -64,7 +67,8 @@ def _count(count: int, noun: str) -> str:
 def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool) -> None:
     """Write the profile that a vendor's file describes, and print what the file cannot know.
 
-    Raises UsageError for a name that is none, and when the file is there already or cannot be written.
+    Raises UsageError for a name that is none, and when the file is there already or cannot be written, and `typer.Exit`
+    with status 4 for a drive that cannot be used for force.
     """
     from haptic_fieldbus.documents import is_path
     from haptic_fieldbus.eds import load_eds
@@ -72,8 +76,8 @@ def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool)
     from haptic_fieldbus.protocols.canopen.vendor.draft import draft_of
 
     profile = profile_from_eds(load_eds(eds))
-    if name is not None and (is_path(name) or not name or output is not None):
-        raise UsageError(f'--name "{name}": expected a name such as {_name(profile.title)}, and then no --output')
+    if name is not None and (is_path(name) or not name or (output is not None and output.stem != name)):
+        raise UsageError(f'--name "{name}": expected a name such as {_name(profile.title)}, and that of --output')
     path = output or Path(f"{name or _name(profile.title)}.toml")
     if path.suffix != ".toml":
         raise UsageError(f"--output {path}: expected the path of a .toml file")
@@ -83,8 +87,11 @@ def write_draft(eds: Path, name: str | None, output: Path | None, as_json: bool)
         assumed = [{"key": each.key, "value": each.value, "why": each.why} for each in draft.assumed]
         usable = profile.drive.usable
         print_json({"file": str(path), "name": path.stem, "usable": usable, "assumed": plain(assumed)})
-        return
-    _tell(path, eds, draft, profile.sources.get("drive.usable"))
+    else:
+        _tell(path, eds, draft)
+    if not profile.drive.usable:
+        show([("fault", f"not usable for force: {profile.sources['drive.usable']}")], sys.stderr)
+        raise typer.Exit(UNUSABLE)
 
 
 def _name(title: str) -> str:
@@ -102,10 +109,8 @@ def _write(path: Path, text: str) -> None:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def _tell(path: Path, eds: Path, draft: "Draft", unusable: str | None) -> None:
+def _tell(path: Path, eds: Path, draft: "Draft") -> None:
     """Print what was written, what was assumed, and what comes next."""
     show([(None, f"{path}: {draft.known} values from {eds.name} and the standards, {len(draft.assumed)} assumed")])
-    if unusable is not None:
-        show([("fault", f"not usable for force: {unusable}")], sys.stderr)
     show_table(("assumed", "value"), ((each.key, each.value) for each in draft.assumed))
     show([(None, f"Next: find these out, then haptic-fieldbus profiles check {path} --eds {eds}")])

@@ -27,7 +27,7 @@ Line = tuple[str, str]
 """A key and a text; an empty key continues the line before."""
 
 WORTH_NAMING = 0.01
-"""Smallest share with which a source of error is named."""
+"""Smallest share with which a source of error, or of load, is named."""
 
 
 def announcement(plan: Plan, changes: Iterable[tuple[float, Mapping[str, object]]] = ()) -> list[Line]:
@@ -252,7 +252,11 @@ def _percentiles_text(times: Percentiles) -> str:
 
 
 def _load_text(result: Result) -> str:
-    return "" if result.bus_load is None else f" · bus load {percent(result.bus_load)}"
+    if result.bus_load is None:
+        return ""
+    others = result.bus_load - (result.plan.bus_load if result.plan is not None else result.bus_load)
+    of_it = f", {percent(others)} of it by other devices" if others >= WORTH_NAMING else ""
+    return f" · bus load {percent(result.bus_load)}{of_it}"
 
 
 def _speed_text(result: Result) -> str:

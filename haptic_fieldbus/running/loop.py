@@ -73,6 +73,7 @@ def run_loop(
     except Exception as error:
         failure = error  # raised at the end, when torque is off
     finally:
+        report.foreign_load = bus.foreign_load
         report.released = bus.stop()
         if changes is not None:
             changes.close()

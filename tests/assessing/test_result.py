@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.api import plan, response, run
+from haptic_fieldbus.assessing.loop_report import LoopReport
 from haptic_fieldbus.assessing.result import (
     WIDEST,
     Percentiles,
@@ -13,8 +14,11 @@ from haptic_fieldbus.assessing.result import (
     TorqueError,
     TripRecord,
     finite,
+    known_before,
 )
 from haptic_fieldbus.planning.plan_json import plan_json
+from haptic_fieldbus.planning.selection import compiled, load
+from haptic_fieldbus.planning.task import Task
 
 
 def test_percentiles_are_those_of_the_sample_in_microseconds() -> None:
@@ -90,6 +94,15 @@ def test_the_object_of_a_plan_names_frames_as_they_are_on_the_wire() -> None:
 def test_the_object_of_a_plan_is_json(scene: str) -> None:
     shown = plan_json(plan(scene))
     assert json.loads(json.dumps(shown, allow_nan=False)) == shown
+
+
+def test_the_bus_load_counts_the_frames_of_other_devices() -> None:
+    done = run("wall", duration=0.1)
+    assert done.plan is not None
+    assert done.bus_load == done.plan.bus_load
+    selection = compiled(load(Task("wall")))
+    report = LoopReport(foreign_load={"handle": 0.125})
+    assert known_before(selection, report).bus_load == pytest.approx(selection.plan.bus_load + 0.125)
 
 
 @pytest.mark.thorough("2 cases of one rule", quick=1)

@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import pytest
 
@@ -6,6 +7,7 @@ from haptic_fieldbus.api import plan
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
+from tests.eds.fixed_mapping import RPDOS, written
 
 KEYS = [
     "mapped", "left_out", "assumed", "pdos", "registers", "bus_load", "delay_s", "ways", "couplings", "limits",
@@ -49,3 +51,23 @@ def test_a_plan_can_be_made_for_a_real_bus(command: Command) -> None:
     finished = command("plan", "wall", "--bus", "socketcan:can0@500000", "--drive", "generic_cia402", "--node", "5")
     assert finished.status in (0, 4)
     assert "Traceback" not in finished.err
+
+
+class TestFixedMapping:
+    """PDOs with read-only mappings, as in the file of `tests.eds.fixed_mapping`."""
+
+    def test_the_plan_shows_the_vendors_pdos_and_their_cost(self, command: Command, tmp_path: Path) -> None:
+        path = written(tmp_path)
+        told = command("plan", "wall", "--drive", path).out
+        for text in ("TPDO3 381h", "TPDO5 181h", "RPDO5 201h", "fixed mapping", "75 bits a period more than is needed"):
+            assert text in told
+        rows = json.loads(command("plan", "wall", "--drive", path, "--json").out)["pdos"]
+        assert [(row["name"], row["fixed"], row["not_needed"]) for row in rows] == [
+            ("TPDO3", True, []), ("TPDO5", True, ["6041h:00 statusword"]), ("RPDO5", True, [])
+        ]  # fmt: skip
+
+    def test_an_insufficient_one_is_refused_with_the_missing_object(self, command: Command, tmp_path: Path) -> None:
+        path = written(tmp_path, {number: maps for number, maps in RPDOS.items() if number != 5})
+        done = command("plan", "wall", "--drive", path)
+        assert done.status == 4
+        assert "no RPDO that can be switched on carries 6071h target torque" in done.err

@@ -3,8 +3,10 @@ from pathlib import Path
 
 import pytest
 
+from haptic_fieldbus.eds import EdsType, eds_text, load_eds
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_folder, profile_names
 from tests.cli.command import Command
+from tests.eds.sheets import changed
 
 KEYS = {"name", "vendor", "model", "protocol", "usable", "evidence", "source"}
 
@@ -283,7 +285,7 @@ class TestDrafted:
         [
             (("--name", "a/b"), "expected a name such as generic_cia_402"),
             (("--name", ""), "expected a name such as generic_cia_402"),
-            (("--name", "a", "--output", "b.toml"), "and then no --output"),
+            (("--name", "a", "--output", "b.toml"), "expected a name such as generic_cia_402, and that of --output"),
             (("--output", "push1.eds"), "expected the path of a .toml file"),
             (("--output", "none/push1.toml"), "cannot be written: No such file or directory"),
         ],
@@ -302,9 +304,34 @@ class TestDrafted:
         vendor_file.write_text(text.replace("[6071]", "[3071]").replace("=0x6071", "=0x3071"), encoding="utf-8")
         path = tmp_path / "push1.toml"
         finished = command("profiles", "new", "--eds", str(vendor_file), "--output", str(path))
-        assert finished.status == 0
+        assert finished.status == 4
         assert "not usable for force: there is no 6071h target torque" in finished.err
         assert command("profiles", "check", str(path)).out == f"{path}: no fault\n"
+        path.unlink()
+        told = command("profiles", "new", "--eds", str(vendor_file), "--output", str(path), "--json")
+        assert (told.status, json.loads(told.out)["usable"], path.exists()) == (4, False, True)
+        assert "not usable for force: there is no 6071h target torque" in told.err
+
+    def test_a_name_may_repeat_that_of_the_file(self, vendor_file: Path, tmp_path: Path, command: Command) -> None:
+        path = tmp_path / "push1.toml"
+        done = command("profiles", "new", "--eds", str(vendor_file), "--output", str(path), "--name", "push1")
+        assert (done.status, path.exists()) == (0, True)
+
+    def test_a_node_with_several_axes_in_sub_indices_is_named(
+        self, vendor_file: Path, tmp_path: Path, command: Command
+    ) -> None:
+        eds = load_eds(vendor_file)
+        for index in (0x6064, 0x6071):
+            entry = eds.objects[index].entries[0]
+            eds = changed(eds, index, 1, type=entry.type)
+            eds = changed(eds, index, 2, type=entry.type)
+            eds = changed(eds, index, 0, type=EdsType.UNSIGNED8, default=2, access="const", mappable=False)
+        vendor_file.write_text(eds_text(eds), encoding="utf-8", newline="")
+        finished = command("profiles", "new", "--eds", str(vendor_file), "--output", str(tmp_path / "two.toml"))
+        assert finished.status == 4
+        assert "several axes share this node" in finished.err
+        assert "6064h:01 and :02, 6071h:01 and :02" in finished.err
+        assert "subindex = 1, 2 … in position.actual, torque.target and torque.actual" in finished.err
 
 
 def test_quirks_are_shown_only_where_there_are_any(tmp_path: Path, command: Command) -> None:

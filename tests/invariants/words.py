@@ -108,6 +108,6 @@ TARGETS = ("6071h", "201Ch", "2030h")
 """Target torque, and the objects in its place in drives with a torque or current mode of their own."""
 OCTETS = {
     CONTROLWORD: 2, STATUSWORD: 2, "6071h": 2, "201Ch": 4, "2030h": 2, "6064h": 4, "6077h": 2, "6074h": 2, "606Ch": 4,
-    "606Bh": 4, "2031h": 2, "6078h": 2,
+    "606Bh": 4, "2031h": 2, "6078h": 2, "6060h": 1, "6061h": 1,
 }  # fmt: skip
 """Octets of the objects that a plan may map; those of CiA 402 have a fixed type."""

@@ -10,7 +10,7 @@ from haptic_fieldbus.assessing.rights import Right
 from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, run_verdict
 from haptic_fieldbus.assessing.travel import Travel
 from haptic_fieldbus.drive.rig import Rig, default_axis
-from haptic_fieldbus.numerals import rounded, rounded_down, rounded_limit
+from haptic_fieldbus.numerals import percent, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.report.words import (
     announcement,
@@ -87,6 +87,14 @@ def test_missed_periods_are_told_and_a_trip_is_left_to_its_error() -> None:
         "10000 periods, 3 missed · bus load 27 %",
         "force error 0.09 N rms, 0.412 N max (sampling and delay 61 %, encoder 17 %)",
     ]
+
+
+def test_what_other_devices_add_to_the_load_of_the_bus_is_told() -> None:
+    compiled = plan("wall")
+    crowded = replace(RUN, plan=compiled, bus_load=compiled.bus_load + 0.2)
+    load = f"bus load {percent(compiled.bus_load + 0.2)}, 20 % of it by other devices"
+    assert load in outcome(crowded)[0][1]
+    assert "other devices" not in outcome(replace(crowded, bus_load=compiled.bus_load))[0][1]
 
 
 def test_periods_that_began_late_are_told_with_by_how_much() -> None:

@@ -16,7 +16,7 @@ periods is lost, and excuses none any more. As it becomes operational, a node ma
 comes before its answers, so after the first of these it is not waited for.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 WARY = 32
 """Periods for which answers at unusual times are doubted, after some were taken for lost."""
@@ -49,11 +49,14 @@ class Answers:
     """One TPDO: its place in the image, and which of its frames are answers to which SYNC."""
 
     __slots__ = (
-        "_end", "_image", "_offset", "_size", "alone", "answered", "cob_id", "doubted", "exchange", "fresh", "least",
-        "malformed", "owed", "pending", "periods", "unasked", "usual_ns", "wary",
+        "_end", "_image", "_offset", "_size", "_wanted", "alone", "answered", "cob_id", "doubted", "exchange", "fresh",
+        "least", "malformed", "owed", "pending", "periods", "unasked", "usual_ns", "wary",
     )  # fmt: skip
 
-    def __init__(self, cob_id: int, image: bytearray, offset: int, size: int) -> None:
+    def __init__(
+        self, cob_id: int, image: bytearray, offset: int, size: int, wanted: Sequence[slice] | None = None
+    ) -> None:
+        """Take the octets of the payload that the image has at `offset`; None: all of them."""
         self.cob_id = cob_id
         self.exchange = Exchange()
         self.fresh = False
@@ -77,11 +80,13 @@ class Answers:
         self.usual_ns = 0
         """Time from SYNC to the end of an exchange with this TPDO, on average; 0 before the first."""
         self._image = image
-        self._offset, self._end, self._size = offset, offset + size, size
+        self._wanted = wanted
+        octets = size if wanted is None else sum(each.stop - each.start for each in wanted)
+        self._offset, self._end, self._size = offset, offset + octets, size
 
     def forget(self) -> None:
         """Forget what was received; as a node becomes operational it may send a TPDO that nobody asked for."""
-        self._image[self._offset : self._end] = bytes(self._size)
+        self._image[self._offset : self._end] = bytes(self._end - self._offset)
         self.owed, self.least, self.periods, self.answered, self.unasked = 1, 1, 0, False, True
         self.pending = self.doubted = self.wary = self.usual_ns = 0
 
@@ -141,6 +146,8 @@ class Answers:
         if len(data) != self._size:
             self.malformed = True
             return
+        if self._wanted is not None:
+            data = b"".join([data[each] for each in self._wanted])
         self._image[self._offset : self._end] = data
         if self.fresh:
             return  # one that comes twice must count once

@@ -12,12 +12,21 @@ from typing import Protocol, Self
 
 from haptic_fieldbus.buses.log_file import FRAME_SUFFIXES, LogFile, cut_file
 from haptic_fieldbus.buses.writing import WritingProcess, pieces
+from haptic_fieldbus.protocols.canopen.pdo import worst_case_bits
 
 EXTENDED_FLAG = 0x8000_0000
 REMOTE_FLAG = 0x4000_0000
 ERROR_FLAG = 0x2000_0000
 CAN_ID_MASK = 0x1FFF_FFFF
 """Mask of the identifier; it and the three flags make up a CAN-ID as SocketCAN writes it (linux/can.h)."""
+
+
+def frame_bits(can_id: int, data: bytes | bytearray) -> int:
+    """Return the bits of a received frame with worst-case stuffing; 0 for an error frame, whose length is unknown."""
+    if can_id & ERROR_FLAG:
+        return 0
+    return worst_case_bits(0 if can_id & REMOTE_FLAG else len(data), extended=bool(can_id & EXTENDED_FLAG))
+
 
 FrameLog = Callable[[int, int, bytes | bytearray], None]
 """Function that is called with every frame of a bus: time [ns], CAN-ID with the flags of SocketCAN, data."""

@@ -37,7 +37,7 @@ class Link:
         self._node = node
         self._image = image
         self._header = header
-        self._slots = tuple(Answers(pdo.cob_id, image, offset, pdo.size) for pdo, offset in tpdos)
+        self._slots = tuple(Answers(pdo.cob_id, image, offset, pdo.size, _wanted(pdo)) for pdo, offset in tpdos)
         self._latched_ns: int | None = None
         self._silence_ns = round(silence * 1e9)
 
@@ -100,6 +100,41 @@ class Link:
         if foreign is not None:
             flags, code = flags | FOREIGN, foreign
         AXIS_HEADER.pack_into(self._image, self._header, age_ns, flags, code)
+
+
+class OutgoingPdo:
+    """One RPDO: where its octets are in the output image, and what a fixed mapping sends beside them.
+
+    Objects that nobody asked for keep what they hold: it is read before the first set-point, and sent in each.
+    """
+
+    def __init__(self, node: Node, pdo: Pdo, offset: int) -> None:
+        self.cob_id = pdo.cob_id
+        self._node = node
+        self.torque_free = bytearray(pdo.size)
+        """Payload with target torque 0 and controlword *disable voltage*, which both consist of zero octets."""
+        self._start, self._end = offset, offset + pdo.image_size
+        self._wanted, self._unneeded = _wanted(pdo), pdo.unneeded
+
+    def hold(self) -> None:
+        """Read what the objects hold that nobody asked for; raises BusError."""
+        for entry, place in self._unneeded:
+            self.torque_free[place] = entry.type.pack(self._node.read(entry))
+
+    def payload(self, image: bytes | bytearray) -> bytes | bytearray:
+        """Return the payload with the values of the output image."""
+        if self._wanted is None:
+            return image[self._start : self._end]
+        octets, start = bytearray(self.torque_free), self._start
+        for place in self._wanted:
+            end = start + place.stop - place.start
+            octets[place], start = image[start:end], end
+        return octets
+
+
+def _wanted(pdo: Pdo) -> tuple[slice, ...] | None:
+    """Return the octets of the payload that the image has; None: all of them."""
+    return tuple(place for *_, place in pdo.needed) if pdo.unneeded else None
 
 
 def traffic_of(plan: Plan) -> CanTraffic:

@@ -1,14 +1,15 @@
 """Listening to a bus before anything is sent on it, and the refusal of a bus that has a master already."""
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 
 from haptic_fieldbus.buses.canopen.foreign import OneMaster, Severity, advice, frame_words
-from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG
+from haptic_fieldbus.buses.canopen.frames import CAN_ID_MASK, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, frame_bits
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.errors import BusError, ForeignMasterError
 from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.protocols.canopen.cob_ids import FROM_A_NODE
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 
 DEAF = "It cannot be heard: a master that sends nothing or more rarely, and a node without heartbeat"
@@ -25,6 +26,8 @@ class Heard:
     frames: Mapping[int, int]
     masters: Mapping[int, int]
     """Those of them that only one master may send."""
+    bits: Mapping[int, int] = field(default_factory=dict)
+    """Bits of all frames by CAN-ID."""
 
     def sentence(self) -> str:
         """Return a line for people: the frames that came, and what could not be heard."""
@@ -49,13 +52,41 @@ class Heard:
             )
 
 
+class ForeignLoad:
+    """Share of a bus that frames of other devices take: while nothing was sent, or in the loop, the larger one.
+
+    On SocketCAN no frame of theirs wakes us in the loop, so those from before it are all that is known.
+    """
+
+    def __init__(self, wire: Wire, heard: Heard, nodes: Collection[int], bitrate: int) -> None:
+        """Take what was heard before, the nodes whose frames are part of the exchange, and the bit rate [bit/s]."""
+        own = {base + node for base in FROM_A_NODE for node in nodes}
+        bits = sum(bits for can_id, bits in heard.bits.items() if can_id not in own)
+        self._before = bits / (heard.seconds * bitrate) if heard.seconds else 0.0
+        self._wire, self._bitrate = wire, bitrate
+        self._begun_ns: int | None = None
+
+    def begin(self) -> None:
+        """Count from now on."""
+        self._wire.foreign_bits, self._begun_ns = 0, self._wire.clock.now_ns()
+
+    @property
+    def share(self) -> float:
+        now_ns = self._wire.clock.now_ns()
+        lasted_ns = 0 if self._begun_ns is None else now_ns - self._begun_ns
+        since = self._wire.foreign_bits * 1e9 / (lasted_ns * self._bitrate) if lasted_ns else 0.0
+        return max(since, self._before)
+
+
 def listen(wire: Wire, seconds: float, one: OneMaster, bus: str) -> Heard:
     """Receive for this time [s] and send nothing; raises BusError when the bus fails."""
     frames: Counter[int] = Counter()
     masters: Counter[int] = Counter()
+    bits: Counter[int] = Counter()
 
     def note(can_id: int, data: bytes | bytearray) -> None:
         frames[can_id] += 1
+        bits[can_id] += frame_bits(can_id, data)
         if one.weigh(can_id, data) is not Severity.NOTHING:
             masters[can_id] += 1
 
@@ -63,7 +94,7 @@ def listen(wire: Wire, seconds: float, one: OneMaster, bus: str) -> Heard:
     with wire.overhear(note):
         while wire.clock.now_ns() < deadline_ns:
             wire.pump(deadline_ns)
-    return Heard(bus, seconds, frames, masters)
+    return Heard(bus, seconds, frames, masters, bits)
 
 
 def _named(frames: Mapping[int, int]) -> str:

@@ -25,6 +25,7 @@ from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.vendor.values import PER_AXIS, axes_words
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.signals import Signal
 
@@ -43,6 +44,7 @@ class Looking:
         self, wire: Wire, drives: Mapping[str, tuple[int, CanopenProfile]], listening: float, master_node: int
     ) -> None:
         self.masters = ""
+        self._several: dict[tuple[int, int], bool] = {}
         self._wire = wire
         one = OneMaster([node for node, _ in drives.values()], master_node)
         self._drives = {
@@ -92,11 +94,18 @@ class Looking:
                 advice = "" if values else f"; {NO_ANSWER_ADVICE}"
                 return Glimpse(t_ns, values, _seconds(began_ns, now_ns()) if values else None, note=f"{error}{advice}")
             except BusConfigurationError as error:
-                notes.append(str(error))
+                notes.append(f"{error}{self._axes(node, entry)}")
             if signal is Signal.POSITION:
                 t_ns = now_ns()
         code = self._error_code(node, values)
         return Glimpse(t_ns, values, _seconds(began_ns, now_ns()), error_code=code, note="; ".join(notes))
+
+    def _axes(self, node: Node, entry: ObjectEntry) -> str:
+        """Return what to do about an object that has a value of each of several axes in sub-indices, asked once."""
+        key = node.id, entry.object
+        if key not in self._several:
+            self._several[key] = entry.object in PER_AXIS and entry.subindex == 0 and _has_axes(node, entry.object)
+        return f"; {axes_words([entry.object])}" if self._several[key] else ""
 
     def _error_code(self, node: Node, values: Mapping[Signal, int]) -> int | None:
         """Return the code of the fault that a drive is in; an emergency tells it where there is no 603Fh."""
@@ -106,6 +115,13 @@ class Looking:
             return node.read(ERROR_CODE, ANSWER_TIMEOUT)
         except (BusConfigurationError, BusTimeoutError):
             return node.emergency or None
+
+
+def _has_axes(node: Node, index: int) -> bool:
+    try:
+        return all(node.found(index, subindex) is not None for subindex in (1, 2))
+    except (BusConfigurationError, BusTimeoutError):
+        return False
 
 
 def _commanded(*can_ids: int) -> str:

@@ -27,9 +27,9 @@ from haptic_fieldbus.buses.canopen.asking import Asking
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import ProofsOfLife
-from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Link, statusword_places, traffic_of
-from haptic_fieldbus.buses.canopen.listening import listen
-from haptic_fieldbus.buses.canopen.node import Node
+from haptic_fieldbus.buses.canopen.link import BUS_OFF, EXCEPTION, Link, OutgoingPdo, statusword_places, traffic_of
+from haptic_fieldbus.buses.canopen.listening import ForeignLoad, listen
+from haptic_fieldbus.buses.canopen.node import REPEATED, Node
 from haptic_fieldbus.buses.canopen.release import Parting, Release
 from haptic_fieldbus.buses.canopen.setup import TORQUE_LIMITS, Setup
 from haptic_fieldbus.buses.canopen.wire import Wire
@@ -46,10 +46,6 @@ SYNC_BITS = 48
 """Bits of the SYNC frame 080h without data, from start of frame to end of frame, with its four stuff bits."""
 REFUSED_WRITES = 3
 """Periods in a row with refused set-points that make an exception; a single one only holds the torque longer."""
-REPEATED = (
-    "{0.label} answered node guarding {0.repeated} times with the toggle bit of the answer before, and such an answer "
-    "does not count: answers were lost, or the node repeats itself"
-)
 
 
 class CanopenBus(InSteps):
@@ -77,7 +73,7 @@ class CanopenBus(InSteps):
         self._links: tuple[Link, ...] = ()
         self._exchange = Exchange()
         self._image = bytearray()
-        self._outputs: tuple[tuple[int, int, int], ...] = ()
+        self._outputs: tuple[OutgoingPdo, ...] = ()
         self._askings: tuple[Asking, ...] = ()
         self._release: Release | None = None
         self._synced = False
@@ -99,6 +95,7 @@ class CanopenBus(InSteps):
         one = OneMaster([axis.node for axis in plan.axes], traffic.master_node, guarded)
         heard = listen(self._wire, traffic.listening, one, self._wire.name)
         heard.refuse(traffic.master_node)
+        self._load = ForeignLoad(self._wire, heard, [axis.node for axis in plan.axes], traffic.bitrate)
         self._bind(plan, image)
         self._foreign = ForeignMaster(self._wire, one, self.warnings.append)
         self.facts = {each.axis.name: replace(each.inspect(), listened=heard.sentence()) for each in self._setups}
@@ -114,6 +111,8 @@ class CanopenBus(InSteps):
         for setup, link in zip(self._setups, self._links, strict=True):
             link.forget()
             setup.configure()
+        for output in self._outputs:
+            output.hold()
 
     def start(self) -> None:
         """Set all nodes operational, torque-free; raises BusError, ForeignMasterError as `configure` does."""
@@ -123,6 +122,7 @@ class CanopenBus(InSteps):
         for asking in self._askings:
             asking.listen()
         self._wire.focus(1 + len(self._outputs) + 2 * len(self._setups))
+        self._load.begin()
 
     def _bind(self, plan: Plan, image: bytearray) -> None:
         """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
@@ -146,7 +146,7 @@ class CanopenBus(InSteps):
         for link in self._links:
             link.listen(self._wire, self._exchange)
         self._outputs = tuple(
-            (pdo.cob_id, offset, offset + pdo.size)
+            OutgoingPdo(setup.node, pdo, offset)
             for setup, places in zip(self._setups, plan.image.axes, strict=True)
             for pdo, offset in placed(setup.member.traffic.rpdos, places.outputs[0])
         )
@@ -162,11 +162,11 @@ class CanopenBus(InSteps):
         node = Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})", guarded=member.traffic.life_guarding)
         permille = 1e-3 * axis.rated_effort
         limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille)
-        return Setup(node, axis, traffic, member, limits)
+        return Setup(node, axis, traffic, member, limits, self.warnings.append)
 
     def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:
         """Return the questions to a drive; what is asked follows the TPDOs, which begin at `start` of the image."""
-        offset = start + sum(pdo.size for pdo in setup.member.traffic.tpdos)
+        offset = start + sum(pdo.image_size for pdo in setup.member.traffic.tpdos)
         target = setup.member.profile.torque.target.entry
         return Asking(setup.node, self._wire, target, self._image, offset, period=period, warn=self.warnings.append)
 
@@ -176,11 +176,9 @@ class CanopenBus(InSteps):
             Parting(setup.node, self._wire, link, self._word_at(place), setup.parting)
             for setup, link, place in zip(self._setups, self._links, statusword_places(plan), strict=True)
         ]
-        set_points = [(cob_id, end - start) for cob_id, start, end in self._outputs]
+        free = [(output.cob_id, output.torque_free) for output in self._outputs]
         guard = max(traffic.guard(axis.name) for axis in plan.axes)
-        return Release(
-            self._wire, partings, set_points, self._sync_once, feedback_time=traffic.feedback_time, guard=guard
-        )
+        return Release(self._wire, partings, free, self._sync_once, feedback_time=traffic.feedback_time, guard=guard)
 
     def _word_at(self, place: int) -> Callable[[], int]:
         return lambda: self._image[place] | self._image[place + 1] << 8
@@ -231,8 +229,8 @@ class CanopenBus(InSteps):
     def write(self, image: bytes | bytearray) -> None:
         """Send the RPDOs, then the proofs of our life that are due; raises BusError only when the bus is dead."""
         accepted = True
-        for cob_id, start, end in self._outputs:
-            accepted &= self._wire.offer(cob_id, image[start:end])
+        for output in self._outputs:
+            accepted &= self._wire.offer(output.cob_id, output.payload(image))
         self._refused_writes = 0 if accepted else self._refused_writes + 1
         for proof in self._proofs.due(self.latch_ns):
             self._wire.offer(*proof)
@@ -283,6 +281,10 @@ class CanopenBus(InSteps):
         off = (LinkFlag.BUS_OFF, 0) if self._wire.error_frames.bus_off else None
         found = {setup.axis.name: off or setup.node.cause for setup in self._setups}
         return {axis: cause for axis, cause in found.items() if cause is not None}
+
+    @property
+    def foreign_load(self) -> dict[str, float]:
+        return dict.fromkeys([setup.axis.name for setup in self._setups], self._load.share)
 
     @property
     def fresh(self) -> bool:

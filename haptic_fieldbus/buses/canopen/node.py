@@ -44,12 +44,16 @@ class NmtState(IntEnum):
 NMT_COMMANDS = {NmtState.OPERATIONAL: 0x01, NmtState.STOPPED: 0x02, NmtState.PRE_OPERATIONAL: 0x80}
 HEARTBEAT_STATE, TOGGLE = 0x7F, 0x80
 """Masks of the state in a heartbeat, and of the toggle bit in an answer to node guarding."""
+REPEATED = (
+    "{0.label} answered node guarding {0.repeated} times with the toggle bit of the answer before, and such an answer "
+    "does not count: answers were lost, or the node repeats itself"
+)
 GUARDING_NS = 10_000_000
 """Time between two requests of node guarding, while an NMT state is waited for."""
 ABSENT = (0x0602_0000, 0x0609_0011)
 """SDO abort codes: object, or sub-index, does not exist."""
-WRITE_ONLY = 0x0601_0001
-"""SDO abort code: attempt to read an object that can only be written."""
+WRITE_ONLY, READ_ONLY = 0x0601_0001, 0x0601_0002
+"""SDO abort codes: attempt to read an object that can only be written, and to write one that can only be read."""
 
 
 class Node:

@@ -131,20 +131,20 @@ class Release:
         self,
         wire: Wire,
         partings: Sequence[Parting],
-        set_points: Sequence[tuple[int, int]],
+        set_points: Sequence[tuple[int, bytearray]],
         sync: Callable[[int], None],
         *,
         feedback_time: float,
         guard: float,
     ) -> None:
-        """Take the COB-ID and size of each RPDO, a function that begins an exchange, and two times [s].
+        """Take the COB-ID and torque-free payload of each RPDO, a function that begins an exchange, and two times [s].
 
         `feedback_time` is that of SYNC and all TPDOs, `guard` the longest guard of the drives.
         """
         self.warnings: list[str] = []
         self._wire, self._clock = wire, wire.clock
         self._partings = tuple(partings)
-        self._torque_free = tuple((cob_id, bytes(size)) for cob_id, size in set_points)
+        self._torque_free = tuple(set_points)
         self._sync = sync
         self._slice_ns = round(max(SLICE, 2.0 * feedback_time) * 1e9)
         self._longest_ns = round((guard + GRACE) * 1e9)
@@ -206,9 +206,11 @@ class Release:
         return all(parting.settled for parting in self._partings)
 
     def _send_set_points(self) -> None:
-        """Send target torque 0 and controlword *disable voltage*, which both consist of zero octets."""
+        """Send target torque 0 and controlword *disable voltage*."""
         for cob_id, data in self._torque_free:
-            self._try(f"torque-free set-point {cob_id:03X}h was not sent", partial(self._wire.send, cob_id, data))
+            self._try(
+                f"torque-free set-point {cob_id:03X}h was not sent", partial(self._wire.send, cob_id, bytes(data))
+            )
 
     def _listen(self, deadline_ns: int) -> None:
         self._try("the drives were not asked by SYNC", partial(self._sync, deadline_ns))

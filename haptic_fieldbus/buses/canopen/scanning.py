@@ -30,14 +30,15 @@ from haptic_fieldbus.buses.canopen.setup import (
 )
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.found import FoundNode, Scan
-from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.protocols.canopen.bus import NODES
-from haptic_fieldbus.protocols.canopen.cob_ids import EMCY_COB_ID, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
+from haptic_fieldbus.protocols.canopen.cob_ids import FROM_A_NODE, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.canopen.matching import Sureness, fitting
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.vendor.values import PER_AXIS, axes_words
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.signals import Signal
 
@@ -49,8 +50,6 @@ BITS_OF_A_QUESTION = 300
 LATEST_ANSWER_NS = 300_000_000
 LONGEST_HEARTBEAT_NS = 2_000_000_000
 """Time for which a heartbeat is waited for at most."""
-FROM_A_NODE = (EMCY_COB_ID, 0x180, 0x280, 0x380, 0x480, SDO_RESPONSE_COB_ID, HEARTBEAT_COB_ID)
-"""COB-IDs of what only a node itself sends, without its node-ID."""
 Value = TypeVar("Value")
 
 
@@ -145,18 +144,35 @@ def _found(node: Node, state: int | None, profiles: Sequence[CanopenProfile]) ->
 
 
 def _profile_of(node: Node, candidates: list[tuple[CanopenProfile, Sureness]]) -> tuple[str | None, str | None]:
-    """Return the first profile whose objects the node has, and how sure it is; None and the reason without one."""
+    """Return the first profile whose objects the node has, and how sure it is; None and the reason without one.
+
+    A profile that cannot render force is told of, and not proposed.
+    """
     lacking = {profile.name: _lacking(node, profile) for profile, _ in candidates}
     whole = [(profile, sureness) for profile, sureness in candidates if not lacking[profile.name]]
-    if not whole:
-        missing = [f"it lacks {', '.join(map(str, entries))} of {name}" for name, entries in lacking.items()]
-        return None, f"no profile fits: {'; '.join(missing) or 'none is of this vendor and product'}"
-    best, sureness = whole[0]
-    equal = [profile.name for profile, other in whole[1:] if other is sureness]
+    useless = [f"{profile.name} ({sureness.value})" for profile, sureness in whole if not profile.drive.usable]
+    usable = [(profile, sureness) for profile, sureness in whole if profile.drive.usable]
+    told = f"; it cannot render force by {', '.join(useless)}" if useless else ""
+    if not usable:
+        missing = [f"it lacks {', '.join(map(str, each))} of {name}" for name, each in lacking.items() if each]
+        reasons = "; ".join(missing) or ("none" if useless else "none is of this vendor and product")
+        return None, f"no profile fits: {reasons}{told}{_axes_of(node)}"
+    best, sureness = usable[0]
+    equal = [profile.name for profile, other in usable[1:] if other is sureness]
     also = f"; {', '.join(equal)} would fit as well" if equal else ""
-    useless = "" if best.drive.usable else "; a drive of this profile cannot render force"
     has = "what force needs" if best.drive.evidence == STANDARD else "all objects of the profile"
-    return best.name, f"{sureness.value}; it has {has}{also}{useless}"
+    return best.name, f"{sureness.value}; it has {has}{also}{told}"
+
+
+def _axes_of(node: Node) -> str:
+    """Return what to do about a node with several axes in the sub-indices of its objects; empty for any other."""
+    found = [index for index in PER_AXIS if _axes_in(node, index)]
+    return f"; {axes_words(found)}" if found else ""
+
+
+def _axes_in(node: Node, index: int) -> bool:
+    entries = [ObjectEntry(index, DataType.UINT16, subindex) for subindex in (1, 2)]
+    return all(_unless_refused(partial(node.read, entry)) is not None for entry in entries)
 
 
 def _lacking(node: Node, profile: CanopenProfile) -> list[ObjectEntry]:

@@ -12,16 +12,18 @@ from dataclasses import dataclass
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.buses.canopen.asking import check_asked
 from haptic_fieldbus.buses.canopen.guard import Guard
-from haptic_fieldbus.buses.canopen.node import SDO_TIMEOUT, NmtState, Node
+from haptic_fieldbus.buses.canopen.mapping import map_pdos
+from haptic_fieldbus.buses.canopen.node import READ_ONLY, SDO_TIMEOUT, NmtState, Node
 from haptic_fieldbus.buses.canopen.preparing import check_rated_torque, commissioned, prepare
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.drive.cia402 import OptionCode
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
+from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID, Direction, Pdo
+from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
 
@@ -37,10 +39,6 @@ TORQUE_LIMITS = tuple(ObjectEntry(index, DataType.UINT16) for index in (0x6072, 
 """Max torque, positive and negative torque limit value (CiA 402-2), all in ‰ of rated torque."""
 
 DRIVE_PROFILE = 0x0192  # low word of the device type: CiA 402
-COB_ID_INVALID = 0x8000_0000
-"""Bit 31 of a PDO's COB-ID: the PDO is switched off."""
-COB_ID_NO_RTR = 0x4000_0000
-"""Bit 30 of a TPDO's COB-ID: no remote frames. It keeps its value, since many drives have it fixed."""
 SYNC_PRODUCER = 0x4000_0000  # bit 30 of 1005h: the device sends SYNC itself
 COB_ID_MASK = 0x7FF
 SHAFT_FREE, SHAFT_BRAKES = 2, 3  # abort connection option codes (6007h): disable voltage, quick stop
@@ -60,6 +58,7 @@ class Setup:
     bus: CanTraffic
     member: BusMember
     torque_limits: TorqueLimits[ObjectEntry]
+    warn: Callable[[str], None]
 
     def inspect(self) -> DriveFacts:
         """Check that the node is the drive of the profile, healthy and rated as in the rig; write nothing.
@@ -99,7 +98,7 @@ class Setup:
         self.torque_limits.configure()
         prepare(self.node, self.member.profile, self.bus.rate)
         self._set_mode()
-        self._map_pdos()
+        map_pdos(self.node, self.member)
 
     def start(self) -> None:
         """Set the node operational, confirmed by its sign of life, with its guard engaged.
@@ -193,7 +192,23 @@ class Setup:
         self.guard.arm()
         for option in (section.abort_connection_option, section.fault_reaction_option):
             if option is not None:
-                self.node.write(ObjectEntry(option.object, DataType.INT16), self._reaction(option))
+                self._write_option(option)
+
+    def _write_option(self, option: OptionCode) -> None:
+        """Write a reaction; raises BusConfigurationError when it is not kept.
+
+        A profile of no particular drive leaves out the reaction to a fault where the drive lets it only be read, as a
+        draft from the vendor's file does, if there is the reaction to a lost link beside it.
+        """
+        entry, section = ObjectEntry(option.object, DataType.INT16), self.member.profile.link_loss
+        try:
+            self.node.write(entry, self._reaction(option))
+        except BusConfigurationError as error:
+            alone = option is not section.fault_reaction_option or section.abort_connection_option is None
+            read_only = getattr(error.__cause__, "code", None) == READ_ONLY
+            if alone or not read_only or self.member.profile.drive.evidence != STANDARD:
+                raise
+            self.warn(f"{self.node.label}: {entry} can only be read, and stays {self.node.read(entry)}")
 
     @property
     def guard(self) -> Guard:
@@ -236,48 +251,9 @@ class Setup:
             lambda: f"did not take over mode of operation {mode}: {MODE_DISPLAY} says {self.node.read(MODE_DISPLAY)}",
         )
 
-    def _map_pdos(self) -> None:
-        for direction, pdos in (
-            (Direction.TPDO, self.member.traffic.tpdos),
-            (Direction.RPDO, self.member.traffic.rpdos),
-        ):
-            used = {pdo.number: pdo for pdo in pdos}
-            for number, room in self.member.profile.pdo.room(direction).items():
-                # A PDO without room for a mapping may not be there at all.
-                read = self.node.read if room else self.node.optional
-                cob_id = self._switch_off(direction, number, read)
-                if number in used:
-                    self._map(used[number], cob_id)
-
-    def _switch_off(self, direction: Direction, number: int, read: Callable[[ObjectEntry], int | None]) -> int:
-        """Make the PDO invalid if it is not, and return its COB-ID as the drive then holds it."""
-        entry = _communication(direction, number, DataType.UINT32, 1)
-        cob_id = COB_ID_INVALID if (held := read(entry)) is None else held
-        if not cob_id & COB_ID_INVALID:
-            cob_id |= COB_ID_INVALID
-            self.node.write(entry, cob_id)
-        return cob_id
-
-    def _map(self, pdo: Pdo, cob_id: int) -> None:
-        """Map a PDO in the order of CiA 301 7.5.2: invalid (done), no entries, entries, their number, type, valid."""
-        self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), 0)
-        for subindex, entry in enumerate(pdo.entries, start=1):
-            self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT32, subindex), entry.mapping)
-        self.node.write(ObjectEntry(pdo.mapping_index, DataType.UINT8, 0), len(pdo.entries))
-        self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT8, 2), pdo.transmission_type)
-        # By CiA 301 an inhibit time does not delay a synchronous TPDO; not every drive is known to keep to it.
-        if pdo.direction is Direction.TPDO and (not pdo.synchronous or self.member.profile.pdo.inhibit_time_default):
-            self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT16, 3), 0)
-        valid = pdo.cob_id | (cob_id & COB_ID_NO_RTR)
-        self.node.write(_communication(pdo.direction, pdo.number, DataType.UINT32, 1), valid)
-
     def _poll(self, reached: Callable[[], bool], timeout: float, complaint: Callable[[], str]) -> None:
         deadline_ns = self.node.now_ns() + round(timeout * 1e9)
         while not reached():
             if self.node.now_ns() >= deadline_ns:
                 raise BusConfigurationError(f"{self.node.label} {complaint()} (waited {exactly(timeout)} s)")
             self.node.wait(POLL_NS)
-
-
-def _communication(direction: Direction, number: int, kind: DataType, subindex: int) -> ObjectEntry:
-    return ObjectEntry((0x1800 if direction is Direction.TPDO else 0x1400) + number - 1, kind, subindex)

@@ -11,7 +11,7 @@ import can
 
 from haptic_fieldbus.buses.canopen.error_frames import ErrorFrames
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, is_queue_full, translate
-from haptic_fieldbus.buses.canopen.frames import ERROR_FLAG, FrameLog
+from haptic_fieldbus.buses.canopen.frames import ERROR_FLAG, FrameLog, frame_bits
 from haptic_fieldbus.buses.canopen.ports import OURS, CanPort, PythonCanPort
 from haptic_fieldbus.buses.canopen.socketcan import SocketCanPort, is_socketcan
 from haptic_fieldbus.clock import Clock
@@ -38,6 +38,8 @@ class Wire:
         self.clock = clock
         self.name = name
         self.error_frames = ErrorFrames()
+        self.foreign_bits = 0
+        """Bits of the frames that came and that nobody listens to: those of other devices."""
         self.refusal: BusError | None = None
         """Error of the last frame that the full transmit queue refused; None when there was none."""
         # Bound methods are looked up once: the loop calls them for every frame.
@@ -149,7 +151,9 @@ class Wire:
             known = self._port.arrived_ns(self._empty_ns)
             self._write_log(self._log, self._now_ns() if known is None else known, can_id, data)
         handler = self._handlers.get(can_id)
-        if handler is not None:
+        if handler is None:
+            self.foreign_bits += frame_bits(can_id, data)
+        else:
             handler(data)
         return True
 

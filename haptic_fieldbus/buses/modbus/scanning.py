@@ -2,18 +2,21 @@
 
 A unit that answers is there, be it with an exception. Modbus has no registers that all devices share, so what is read
 are the registers of the known profiles: a profile fits when the unit has all of them, and the values that tell its
-model are those of the profile.
+model are those of the profile. Where a profile names no such values, the unit must lack a register between those of the
+profile: a server that has every register would fit each profile.
 
 Reference: Modbus application protocol 1.1b3, 6.3 and 7.
 """
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 from haptic_fieldbus.buses.found import FoundNode, Scan
 from haptic_fieldbus.buses.modbus.foreign import listen
 from haptic_fieldbus.buses.modbus.framing import Question
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.unit import RefusedError, UnitClient
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerTable
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, ForeignMasterError
 from haptic_fieldbus.protocols.cia402 import CIA402
@@ -22,6 +25,8 @@ from haptic_fieldbus.signals import Signal
 
 THERE_NS = 200_000_000
 """Time that a unit has for its first answer [ns]."""
+GAPS_TRIED = 3
+"""Gaps between the registers of a profile of which one register is read."""
 NO_PROFILE = "no profile fits: it lacks registers of each, or is another model"
 
 
@@ -48,14 +53,15 @@ def _answers(requester: Requester, unit: int) -> bool:
 def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile]) -> FoundNode:
     """Ask a unit that is there for the registers of the profiles."""
     fitting = [profile for profile in profiles if _fits(_unit(requester, number, profile), profile)]
-    # One that is known by its values comes before one that anything with these registers would fit.
-    fitting.sort(key=lambda profile: not _tells(profile))
-    if not fitting:
-        return FoundNode(number, sure=NO_PROFILE)
-    best = fitting[0]
+    usable = [profile for profile in fitting if profile.drive.usable]
+    # One that is known by its values comes before one that is known by its registers alone.
+    best = next((profile for profile in usable if _tells(profile)), None)
+    best = best or next((each for each in usable if _lacks_others(_unit(requester, number, each), each)), None)
+    if best is None:
+        return FoundNode(number, sure=_why_none(fitting))
     unit = _unit(requester, number, best)
     known = {each.name: unit.read(each) for each in best.identity}
-    also = ", ".join(profile.name for profile in fitting[1:])
+    also = ", ".join(_named(profile) for profile in fitting if profile is not best)
     return FoundNode(
         number,
         known.get("vendor"),
@@ -66,6 +72,32 @@ def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile])
         sure=_sure(best) + (f"; {also} would fit as well" if also else ""),
         power_state=_power(best).state(unit.read(best.power.status)).value,
     )
+
+
+def _why_none(fitting: Sequence[ModbusProfile]) -> str:
+    """Return why no profile is proposed, with those whose registers the unit has."""
+    if not fitting:
+        return NO_PROFILE
+    has = f"no profile is proposed: it has the registers of {', '.join(map(_named, fitting))}"
+    if not any(profile.drive.usable for profile in fitting):
+        return has
+    return (
+        f"{has}, but others between them too, as a server of any kind may have. If you know the drive, name its "
+        "profile with --drive"
+    )
+
+
+def _named(profile: ModbusProfile) -> str:
+    return profile.name if profile.drive.usable else f"{profile.name} (cannot render force)"
+
+
+def _lacks_others(unit: UnitClient, profile: ModbusProfile) -> bool:
+    """Return whether a unit refuses a register between those of a profile, as one does that has no others."""
+    taken = sorted((each.address, each.address + each.count) for each in profile.registers().values())
+    gaps = [(end, begin) for (_, end), (begin, _) in pairwise(taken) if begin > end]
+    widest = sorted(gaps, key=lambda gap: gap[0] - gap[1])[:GAPS_TRIED]
+    middles = [Register((end + begin) // 2, DataType.UINT16) for end, begin in widest]
+    return any(not _readable(unit, register) for register in middles)
 
 
 def _unit(requester: Requester, number: int, profile: ModbusProfile) -> UnitClient:
@@ -82,10 +114,9 @@ def _tells(profile: ModbusProfile) -> bool:
 
 
 def _sure(profile: ModbusProfile) -> str:
-    useless = "" if profile.drive.usable else "; a drive of this profile cannot render force"
     if _tells(profile):
-        return f"likely: the values that tell its model are those of the profile{useless}"
-    return f"no more than a guess: it has the registers of the profile{useless}"
+        return "likely: the values that tell its model are those of the profile"
+    return "no more than a guess: it has the registers of the profile, and not those between them"
 
 
 def _fits(unit: UnitClient, profile: ModbusProfile) -> bool:

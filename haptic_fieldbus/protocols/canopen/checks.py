@@ -13,6 +13,7 @@ from haptic_fieldbus.drive.units import (
     TORQUE_UNITS,
     VELOCITY_UNITS,
 )
+from haptic_fieldbus.protocols.canopen.pdo import LARGEST_PAYLOAD, OCTETS
 
 # The types and units that the master can scale, by the key of the profile.
 _TYPES = {
@@ -43,6 +44,7 @@ def check_profile(document: Document) -> None:
     _check_objects(document)
     _check_echo(document)
     _check_guard(document)
+    _check_fixed(document)
     _check_simulated(document)
 
 
@@ -93,6 +95,28 @@ def _check_echo(document: Document) -> None:
     # What is asked is the target itself, which every profile has.
     if way in ECHOES and way != "asked" and not document.table("torque", str(way)):
         document.fault(("torque", "echo"), f'"{way}" without torque.{way}; expected that object too, or "none"')
+
+
+def _check_fixed(document: Document) -> None:
+    """Note a fixed mapping that no frame carries, and a PDO that is named twice."""
+    for key in ("tpdo_fixed", "rpdo_fixed"):
+        numbers: set[object] = set()
+        for place, each in enumerate(_tables(document.value("pdo", key))):
+            bits = [value & 0xFF for value in _numbers(each.get("maps"))]
+            if sum(bits) > 8 * LARGEST_PAYLOAD or any(each not in OCTETS for each in bits):
+                expected = "objects of 8, 16 or 32 bits, 64 together, as in [0x60400010, 0x60710010]"
+                document.fault(("pdo", key, place, "maps"), f"no mapping of a PDO; expected {expected}")
+            if each.get("number") in numbers:
+                document.fault(("pdo", key, place, "number"), f"{each['number']} is there already; expected another")
+            numbers.add(each.get("number"))
+
+
+def _tables(value: object) -> list[dict[str, object]]:
+    return [each for each in value if isinstance(each, dict)] if isinstance(value, list) else []
+
+
+def _numbers(value: object) -> list[int]:
+    return [each for each in value if isinstance(each, int)] if isinstance(value, list) else []
 
 
 def _check_simulated(document: Document) -> None:

@@ -8,6 +8,8 @@ SDO_RESPONSE_COB_ID = 0x580
 SDO_REQUEST_COB_ID = 0x600
 RPDO_COB_IDS = (0x200, 0x300, 0x400, 0x500)
 """Of RPDO 1 to 4 of node 0; those of a node have its node-ID added."""
+FROM_A_NODE = (EMCY_COB_ID, 0x180, 0x280, 0x380, 0x480, SDO_RESPONSE_COB_ID, 0x700)
+"""What only a node itself sends, of node 0."""
 REMOTE = 0x8000
 """Bit that marks a remote frame, where a COB-ID is kept in 16 bits."""
 

@@ -14,15 +14,18 @@ from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode, PositionSecti
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
+from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, LinkLossSection, SyncSection
 from haptic_fieldbus.protocols.canopen.vendor.lacks import torque_mode
+from haptic_fieldbus.protocols.canopen.vendor.pdos import carries
 from haptic_fieldbus.protocols.canopen.vendor.sources import LEFT_OUT
 from haptic_fieldbus.protocols.canopen.vendor.values import number_of, supported_modes
 
 Named = TypeVar("Named", MappedObject, OptionCode)
 _TOLD = ("torque.mode_of_operation", "torque.slope.object", "torque.slope.value", "torque.echo",
-         "position.actual.unit", "pdo.tpdos", "pdo.rpdos", "pdo.inhibit_time_default", "sync.interpolation_time",
-         "sync.powers", "sync.values", "sync.cycle_period", "link_loss.life_guarding")  # fmt: skip
+         "position.actual.unit", "pdo.tpdos", "pdo.rpdos", "pdo.tpdo_fixed", "pdo.rpdo_fixed",
+         "pdo.inhibit_time_default", "sync.interpolation_time", "sync.powers", "sync.values",
+         "sync.cycle_period", "link_loss.life_guarding")  # fmt: skip
 """Keys whose values the drive tells."""
 
 
@@ -45,6 +48,8 @@ def fitted(profile: CanopenProfile, eds: Eds) -> CanopenProfile:
             rpdos=made.pdo.rpdos,
             tpdo_entries=made.pdo.tpdo_entries,
             rpdo_entries=made.pdo.rpdo_entries,
+            tpdo_fixed=made.pdo.tpdo_fixed,
+            rpdo_fixed=made.pdo.rpdo_fixed,
             inhibit_time_default=made.pdo.inhibit_time_default,
         ),
         sync=made.sync if profile.sync == SyncSection() else profile.sync,
@@ -60,7 +65,7 @@ def _mode(mode: int, eds: Eds) -> int:
 
 
 def _torque(own: TorqueSection, made: TorqueSection, eds: Eds) -> TorqueSection:
-    demand, actual = _kept(own.demand, eds), _kept(own.actual, eds)
+    demand, actual = _sent(own.demand, eds), _sent(own.actual, eds)
     has_echo = {"demand": demand is not None, "actual": actual is not None}.get(own.echo, True)
     return replace(
         own,
@@ -99,6 +104,12 @@ def _kept(named: Named | None, eds: Eds) -> Named | None:
     """Return what the profile names where the drive has it."""
     subindex = named.subindex if isinstance(named, MappedObject) else 0
     return named if named is not None and eds.find(named.object, subindex) is not None else None
+
+
+def _sent(named: MappedObject | None, eds: Eds) -> MappedObject | None:
+    """Return what the profile names where a TPDO of the drive carries it, or can."""
+    entry = eds.find(named.object, named.subindex) if named is not None else None
+    return named if entry is not None and carries(eds, Direction.TPDO, entry) else None
 
 
 def _sources(profile: CanopenProfile, own: CanopenProfile, made: CanopenProfile) -> Iterator[tuple[str, str]]:

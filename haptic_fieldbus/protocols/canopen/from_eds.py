@@ -24,6 +24,7 @@ from haptic_fieldbus.drive.profile import DriveSection, TimingSection
 from haptic_fieldbus.drive.units import COUNTS, PERMILLE
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
 from haptic_fieldbus.errors import EdsError, Fault
+from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SyncSection
 from haptic_fieldbus.protocols.canopen.vendor.lacks import (
     PROFILE_TORQUE,
@@ -33,15 +34,13 @@ from haptic_fieldbus.protocols.canopen.vendor.lacks import (
     force_lacks,
     torque_mode,
 )
-from haptic_fieldbus.protocols.canopen.vendor.pdos import pdo_section
+from haptic_fieldbus.protocols.canopen.vendor.pdos import carries, pdo_section
 from haptic_fieldbus.protocols.canopen.vendor.sources import sources_of
 from haptic_fieldbus.protocols.canopen.vendor.values import (
     READABLE,
-    SENT,
     WRITABLE,
     data_type,
     identity,
-    is_mappable,
     number_of,
     position_unit,
     velocity_unit,
@@ -144,7 +143,7 @@ def _echo(
 def _sent_torque(eds: Eds, index: int) -> MappedObject | None:
     """Return a torque that the drive can send in a PDO; None for one that it cannot."""
     entry = eds.find(index)
-    is_sent = entry is not None and entry.type in TORQUE_TYPES and is_mappable(entry, SENT)
+    is_sent = entry is not None and entry.type in TORQUE_TYPES and carries(eds, Direction.TPDO, entry)
     return _mapped(entry if is_sent else None, PERMILLE)
 
 
@@ -160,7 +159,7 @@ def _velocity(eds: Eds) -> VelocitySection | None:
     if 0x6064 in eds or actual is None or actual.type is not EdsType.INTEGER32:
         return None
     unit = velocity_unit(eds)
-    if unit is None or not is_mappable(actual, SENT):
+    if unit is None or not carries(eds, Direction.TPDO, actual):
         return None
     return VelocitySection(MappedObject(0x606C, DataType.INT32, unit=unit))
 

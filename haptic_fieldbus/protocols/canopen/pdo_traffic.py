@@ -9,7 +9,7 @@ from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen import beside
 from haptic_fieldbus.protocols.canopen.cob_ids import cob_id_words
 from haptic_fieldbus.protocols.canopen.emergency import emergency_meaning
-from haptic_fieldbus.protocols.canopen.pdo import Direction, Pdo
+from haptic_fieldbus.protocols.canopen.pdo import Direction, Pdo, bits_beyond
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.signals import LinkFlag, Signal
@@ -41,12 +41,8 @@ class PdoTraffic:
 
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield each PDO with COB-ID, transmission type and size, followed by its objects."""
-        for pdo in self.pdos:
-            when = "every SYNC" if pdo.transmission_type == 1 else "synchronous" if pdo.synchronous else "event-driven"
-            text = f"{pdo.name} {pdo.cob_id:03X}h, type {pdo.transmission_type} ({when}), {pdo.size} octets"
-            yield "in" if pdo.direction is Direction.TPDO else "out", text
-            for entry in pdo.entries:
-                yield "", f"  {entry}"
+        for key, pdos in (("in", self.tpdos), ("out", self.rpdos)):
+            yield from _lines(key, pdos)
         if self.asked:
             yield "ask", f"SDO upload every {exactly(1e3 * beside.ASK_EVERY)} ms at most: {self.asked[0].address}"
 
@@ -54,7 +50,7 @@ class PdoTraffic:
         """Yield a line for each PDO with its signals."""
         for pdo in self.pdos:
             way = "in " if pdo.direction is Direction.TPDO else "out"
-            yield f"{way} {pdo.name} {', '.join(signal.value for signal in pdo.signals)}"
+            yield f"{way} {pdo.name} {', '.join(signal.value for signal, *_ in pdo.needed)}"
         if self.asked:
             yield f"ask SDO {self.asked[0].signal.value}"
 
@@ -70,6 +66,8 @@ class PdoTraffic:
                     "transmission_type": pdo.transmission_type,
                     "octets": pdo.size,
                     "mapped": [str(entry) for entry in pdo.entries],
+                    "fixed": pdo.fixed,
+                    "not_needed": [str(entry) for entry, _ in pdo.unneeded],
                 }
                 for pdo in self.pdos
             ]
@@ -108,7 +106,18 @@ def asked_signals(profile: CanopenProfile) -> tuple[MappedSignal, ...]:
 def _mapped(pdos: tuple[Pdo, ...]) -> tuple[MappedSignal, ...]:
     """Return the signals of the PDOs in the order of their octets."""
     return tuple(
-        MappedSignal(signal, str(entry), entry.type, entry.unit)
-        for pdo in pdos
-        for signal, entry in zip(pdo.signals, pdo.entries, strict=True)
+        MappedSignal(signal, str(entry), entry.type, entry.unit) for pdo in pdos for signal, entry, _ in pdo.needed
     )
+
+
+def _lines(key: str, pdos: tuple[Pdo, ...]) -> Iterator[tuple[str, str]]:
+    """Yield the PDOs of one direction with their objects, and what fixed mappings cost."""
+    for pdo in pdos:
+        when = "every SYNC" if pdo.transmission_type == 1 else "synchronous" if pdo.synchronous else "event-driven"
+        fixed = ", fixed mapping" if pdo.fixed else ""
+        yield key, f"{pdo.name} {pdo.cob_id:03X}h, type {pdo.transmission_type} ({when}), {pdo.size} octets{fixed}"
+        for signal, entry in zip(pdo.signals, pdo.entries, strict=True):
+            yield "", f"  {entry}" if signal else f"  {entry} (not needed)"
+    if any(pdo.fixed for pdo in pdos) and bits_beyond(pdos):
+        named = ", ".join(pdo.name for pdo in pdos)
+        yield "", f"  cost of fixed mappings ({named}): {bits_beyond(pdos)} bits a period more than is needed"

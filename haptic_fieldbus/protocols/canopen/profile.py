@@ -13,7 +13,7 @@ from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.canopen.pdo import Direction
+from haptic_fieldbus.protocols.canopen.pdo import Direction, FixedPdo
 
 AccessType = Literal["ro", "wo", "rw", "rwr", "rww", "const"]
 """Access types of an EDS (CiA 306-1)."""
@@ -40,6 +40,10 @@ class PdoSection:
     mapping is fixed."""
     rpdo_entries: tuple[Entries, ...] = ()
     """The same for RPDOs."""
+    tpdo_fixed: tuple[FixedPdo, ...] = ()
+    """TPDOs with a mapping that cannot be written; they have no room."""
+    rpdo_fixed: tuple[FixedPdo, ...] = ()
+    """The same for RPDOs."""
     inhibit_time_default: Annotated[float, Ge(0), Le(6.5535)] = 0.0
     """Inhibit time of a TPDO after power-on [s]; 1800h:03 has 16 bits of 100 µs."""
     __pydantic_config__: ClassVar = STRICT
@@ -48,7 +52,12 @@ class PdoSection:
         """Return the number of mapping entries of each PDO of a direction, by the number of the PDO."""
         sent = direction is Direction.TPDO
         listed = self.tpdo_entries if sent else self.rpdo_entries
-        return dict(enumerate(listed or (self.entries,) * (self.tpdos if sent else self.rpdos), start=1))
+        room = dict(enumerate(listed or (self.entries,) * (self.tpdos if sent else self.rpdos), start=1))
+        return room | {each.number: 0 for each in self.fixed(direction)}
+
+    def fixed(self, direction: Direction) -> tuple[FixedPdo, ...]:
+        """Return the PDOs of a direction with a fixed mapping."""
+        return self.tpdo_fixed if direction is Direction.TPDO else self.rpdo_fixed
 
 
 @dataclass(frozen=True, kw_only=True)

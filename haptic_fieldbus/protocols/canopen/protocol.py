@@ -81,9 +81,9 @@ class Canopen(FieldbusProtocol):
         return PdoTraffic(
             axis.node,
             lay_out(Direction.TPDO, entries, mapped, node=axis.node, transmission_type=1,
-                    room=pdo.room(Direction.TPDO)),
+                    room=pdo.room(Direction.TPDO), fixed=pdo.tpdo_fixed),
             lay_out(Direction.RPDO, entries, outgoing, node=axis.node, transmission_type=rpdo_type,
-                    room=pdo.room(Direction.RPDO)),
+                    room=pdo.room(Direction.RPDO), fixed=pdo.rpdo_fixed),
             asked=asked_signals(own) if len(mapped) < len(incoming) else (),
             life_guarding=own.link_loss.life_guarding,
         )  # fmt: skip

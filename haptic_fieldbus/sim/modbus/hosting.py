@@ -30,6 +30,10 @@ PTY = "pty"
 """Channel of a serial bus that is no device: a pair of pseudo-terminals is made, and the other end told."""
 
 PSEUDO_TERMINALS = "/dev/pts/"
+WITHOUT_PARITY = (
+    "{} is a pseudo-terminal, which has no parity: open it with parity N (none). With even or odd parity programs on "
+    "pyserial fail with termios error 22 (Invalid argument), if not at the first opening then at the next"
+)
 
 
 def host(
@@ -48,7 +52,7 @@ def host(
     unit id. Raises PlanError for drives that are not made for such a line.
     """
     line_of(modbus_section(bus.section), [modbus_profile(slot.profile) for slot in slots])
-    asyncio.run(_host(bus, slots, seed, ready, stopped, opened))
+    asyncio.run(_host(bus, slots, seed, ready, stopped, tell, opened))
     return 0
 
 
@@ -58,6 +62,7 @@ async def _host(
     seed: int,
     ready: Callable[[Slot], None],
     stopped: Callable[[], bool],
+    tell: Callable[[str], None],
     opened: Callable[[BusName], None],
 ) -> None:
     section, clock = modbus_section(bus.section), MonotonicClock()
@@ -72,6 +77,8 @@ async def _host(
         try:
             name = protocol_named(section.protocol).bus_name(joined)
             opened(name)
+            if joined.channel.startswith(PSEUDO_TERMINALS):
+                tell(WITHOUT_PARITY.format(joined.channel))
             with frozen():
                 for slot in slots:
                     ready(slot)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.buses.canopen.fitting import fit_to_drive
+from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.clock import VirtualClock
@@ -12,7 +13,7 @@ from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, SimulatedObject
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
-from tests.builders import WALL, canopen, rig_of
+from tests.builders import PROFILE, WALL, canopen, plan_of, rig_of
 
 GENERIC = canopen("generic_cia402")
 
@@ -41,6 +42,45 @@ def test_a_node_without_a_statusword_is_refused_by_its_name() -> None:
     drive = with_objects(**mappings, x6041=SimulatedObject(absent=True))
     with pytest.raises(BusConfigurationError, match=r"node 1 \(axis handle\): no CiA 402 drive: there is no 6041h"):
         asked(drive)
+
+
+READ_ONLY = SimulatedObject(access="ro")
+FAULT_REACTION = "605Eh:00 fault reaction option code"
+
+
+def opened(profile: CanopenProfile, drive: CanopenProfile) -> list[str]:
+    """The warnings of a bus that was opened on such a drive; raises BusError."""
+    plan = plan_of(rig=rig_of(WALL, profile=PROFILE.name), profile=profile)
+    clock = VirtualClock()
+    world = World(clock, 1_000_000)
+    world.add_drive(1, drive, plan.axes[0].rig, None)
+    bus = CanopenBus(SimulatedBus(world=world), clock, owned=True)
+    try:
+        bus.open(plan)
+        return bus.warnings
+    finally:
+        bus.close()
+
+
+def test_a_fault_reaction_that_can_only_be_read_is_left_out_and_told() -> None:
+    told = opened(GENERIC, with_objects(x605E=READ_ONLY))
+    assert [each for each in told if FAULT_REACTION in each] == [
+        f"node 1 (axis handle): {FAULT_REACTION} can only be read, and stays 2"
+    ]
+    assert not any(FAULT_REACTION in each for each in opened(GENERIC, GENERIC))
+
+
+@pytest.mark.parametrize("name", ["the only reaction", "a profile of this drive", "the reaction to a lost link"])
+def test_a_reaction_that_is_relied_on_is_not_left_out(name: str) -> None:
+    profile, drive = GENERIC, with_objects(x605E=READ_ONLY)
+    if name == "the only reaction":
+        profile = replace(GENERIC, link_loss=replace(GENERIC.link_loss, abort_connection_option=None))
+    elif name == "a profile of this drive":
+        profile = replace(GENERIC, drive=replace(GENERIC.drive, evidence="vendor-data"))
+    else:
+        drive = with_objects(x6007=READ_ONLY)
+    with pytest.raises(BusConfigurationError, match=r"60(5E|07)h:00"):
+        opened(profile, drive)
 
 
 def test_an_answer_that_is_neither_a_value_nor_an_absence_ends_the_questions() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import can
 import pytest
 
+from haptic_fieldbus.buses.canopen.frames import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, frame_bits
 from haptic_fieldbus.cli.failures import outcome_of
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import ForeignMasterError, PlanError
@@ -55,6 +56,42 @@ def test_a_heartbeat_of_our_node_id_alone_may_be_a_device_and_another_id_for_us_
     assert other.drive.value(0x1016, 1) >> 16 == 126
     other.bus.write(bytes(4))
     assert other.can.of(0x77E) == [b"\x05"]
+
+
+class TestForeignLoad:
+    """Frames of other devices count as load: by Davis et al. 2007 one of 8 octets takes 135 bits at worst."""
+
+    def test_of_what_comes_before_anything_is_sent_our_own_drives_count_as_none(self) -> None:
+        bench = Bench()
+        for at_ms in range(100):
+            bench.can.reply(0x2A7, bytes(8), 1_000_000 * (at_ms + 1))
+        bench.can.reply(0x700 + NODE, b"\x05", 500_000_000)
+        bench.open()
+        assert bench.bus.foreign_load == {"handle": pytest.approx(100 * 135 / 1e6)}
+
+    def test_in_the_loop_too_where_the_interface_lets_us_hear_them(self) -> None:
+        bench = Bench().open()
+        assert bench.bus.foreign_load == {"handle": 0.0}
+        began_ns = bench.clock.now_ns()
+        for at_us in range(1, 11):
+            message = can.Message(arbitration_id=0x2A7, data=bytes(8), is_extended_id=at_us % 2 == 1)
+            bench.can.later(100_000 * at_us, message)
+        bench.bus.read(began_ns + 2_000_000)
+        bench.clock.sleep_until(began_ns + 2_000_000)
+        bench.bus.prepare(began_ns + 3_000_000)
+        lasted = (bench.clock.now_ns() - began_ns) * 1e-9
+        assert bench.bus.foreign_load["handle"] == pytest.approx((5 * 135 + 5 * 160) / (lasted * 1e6), rel=1e-3)
+
+    @pytest.mark.parametrize(("can_id", "data", "bits"), [
+        (0x2A7, bytes(8), 135), (0x2A7 | EXTENDED_FLAG, bytes(8), 160), (0x701 | REMOTE_FLAG, bytes(1), 55),
+        (ERROR_FLAG | 0x40, bytes(8), 0),
+    ])  # fmt: skip
+    def test_each_kind_of_frame_has_its_length(self, can_id: int, data: bytes, bits: int) -> None:
+        """29 bits of identifier: 54 + 64 bits that may be stuffed, 13 that are not, 29 stuff bits."""
+        assert frame_bits(can_id, data) == bits
+
+    def test_a_bus_that_was_not_listened_to_has_none(self) -> None:
+        assert Bench(_plan(listen=0.0)).open().bus.foreign_load == {"handle": 0.0}
 
 
 def test_a_master_node_that_a_drive_has_is_refused() -> None:

@@ -5,11 +5,13 @@ from collections.abc import Iterator
 import pytest
 
 from haptic_fieldbus.buses.canopen.looking import Looking
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.sim.drive.dictionary import Access, Entry
 from tests.buses.canopen.two_programs import TwoPrograms, assert_uploads_alone
 
 GENERIC = canopen_profile(load_profile("generic_cia402"))
@@ -50,6 +52,23 @@ def test_a_drive_that_is_not_there_is_told_and_hides_no_other(two: TwoPrograms) 
     assert "no answer" in glimpse["gone"].note
     assert "terminators" in glimpse["gone"].note
     assert glimpse["handle"].note == ""
+
+
+def test_a_node_with_several_axes_in_sub_indices_is_told_with_what_to_write() -> None:
+    two = TwoPrograms("generic_cia402@99")
+    dictionary = two.bus.world.slave(99).drive.dictionary
+    dictionary.remove(0x6064)
+    dictionary.add_record([Entry(0x6064, number, DataType.INT32, access=Access.RO) for number in (1, 2)])
+    dictionary.remove(0x6077)
+    look = looking(two)
+    look.look()
+    two.sent()
+    note = look.look()["handle"].note
+    asked = two.sent()
+    two.close()
+    assert "several axes share this node, each in a sub-index of its own (6064h:01 and :02): write a profile" in note
+    assert "6077h:01" not in note
+    assert [frame for frame in asked if frame.arbitration_id == 0x663 and frame.data[3]] == [], "asked once"
 
 
 def test_a_drive_that_somebody_left_enabled_stays_so(two: TwoPrograms) -> None:

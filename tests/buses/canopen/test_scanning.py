@@ -10,11 +10,12 @@ from haptic_fieldbus.buses.canopen.scanning import scan_bus
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.found import Scan
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.drive.cia402 import MappedObject
+from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.sim.drive.dictionary import Access, Entry
 from tests.builders import shipped
 from tests.buses.canopen.test_foreign import COMMANDS, QUESTIONS
 from tests.buses.canopen.two_programs import TwoPrograms, assert_uploads_alone
@@ -53,9 +54,13 @@ def test_each_shipped_drive_is_taken_for_itself() -> None:
     found = scan_bus(two.wire, 0.1, 1_000_000, profiles).nodes
     assert_uploads_alone([frame for frame in two.sent() if not frame.is_remote_frame])
     two.close()
-    assert [node.profile for node in found] == [profile.name for profile in profiles]
+    names = [profile.name if profile.drive.usable else None for profile in profiles]
+    assert [node.profile for node in found] == names
     for node, profile in zip(found, profiles, strict=True):
-        assert (node.sure or "").startswith("sure") is bool(profile.identity.product_codes)
+        if profile.drive.usable:
+            assert (node.sure or "").startswith("sure") is bool(profile.identity.product_codes)
+        else:
+            assert f"it cannot render force by {profile.name}" in (node.sure or "")
 
 
 def test_two_profiles_that_fit_alike_are_both_named(two: TwoPrograms) -> None:
@@ -65,10 +70,29 @@ def test_two_profiles_that_fit_alike_are_both_named(two: TwoPrograms) -> None:
     assert "a_twin would fit as well" in (generic.sure or "")
 
 
-def test_a_profile_that_cannot_render_force_says_so(two: TwoPrograms) -> None:
-    own = replace(PROFILES[0], drive=replace(PROFILES[0].drive, usable=False))
-    generic = scan_bus(two.wire, 0.1, 1_000_000, [own]).nodes[1]
-    assert "cannot render force" in (generic.sure or "")
+def test_a_profile_that_cannot_render_force_is_named_and_not_proposed(two: TwoPrograms) -> None:
+    useless = replace(PROFILES[0], name="useless", drive=replace(PROFILES[0].drive, usable=False))
+    generic = scan_bus(two.wire, 0.1, 1_000_000, [useless]).nodes[1]
+    assert generic.profile is None
+    assert (generic.sure or "").startswith("no profile fits: none; it cannot render force by useless (no more than")
+    sure = replace(useless, name="sure", identity=IdentitySection(0xFB))
+    epos = scan_bus(two.wire, 0.1, 1_000_000, [sure, PROFILES[0]]).nodes[0]
+    assert epos.profile == "generic_cia402"
+    assert "cannot render force by sure (perhaps:" in (epos.sure or "")
+
+
+def test_a_node_with_several_axes_in_sub_indices_is_named() -> None:
+    two = TwoPrograms("generic_cia402@7")
+    dictionary = two.bus.world.slave(7).drive.dictionary
+    dictionary.remove(0x6064)
+    dictionary.add_record([Entry(0x6064, number, DataType.INT32, access=Access.RO) for number in (1, 2)])
+    (node,) = scan_bus(two.wire, 0.1, 1_000_000, PROFILES).nodes
+    two.close()
+    assert node.profile is None
+    assert "it lacks 6064h:00 position actual value of generic_cia402; several axes share this node" in (
+        node.sure or ""
+    )
+    assert "(6064h:01 and :02): write a profile for each axis, with subindex = 1, 2 …" in (node.sure or "")
 
 
 def test_nothing_is_sent_but_uploads_and_a_question_for_the_state(two: TwoPrograms) -> None:

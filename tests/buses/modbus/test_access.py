@@ -12,6 +12,7 @@ from haptic_fieldbus.buses.modbus.access import ACCESS
 from haptic_fieldbus.buses.modbus.adapter import adapter_checks
 from haptic_fieldbus.drive.rig import RigAxis, default_axis
 from haptic_fieldbus.errors import BusError, UsageError
+from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.signals import Signal, Workspace
 from tests.buses.modbus.benches import NAME, section_of
@@ -51,6 +52,29 @@ def test_a_unit_that_is_no_known_drive_is_found_all_the_same() -> None:
         assert (node.node, node.profile) == (1, None)
         assert node.sure is not None
         assert "no profile fits" in node.sure
+
+
+def test_a_server_that_has_every_register_is_taken_for_no_drive() -> None:
+    with tcp_server(Drive()) as server:
+        server.drive.registers = dict.fromkeys(range(0x8000), 0) | server.drive.registers
+        (node,) = ACCESS.scan(section_of(server.name), AXES, None).nodes
+        assert (node.node, node.profile) == (1, None)
+        assert NAME in (node.sure or "")
+        assert "others between them too, as a server of any kind may have" in (node.sure or "")
+        assert "name its profile with --drive" in (node.sure or "")
+
+
+def test_a_profile_that_cannot_render_force_is_named_and_not_proposed(tmp_path: Path) -> None:
+    text = Path(load_profile(NAME).source).read_text(encoding="utf-8")
+    assert "usable" not in text.partition("[power]")[0]
+    text = text.replace("[drive]\n", "[drive]\nusable = false\n").replace(
+        "[sources]\n", '[sources]\n"drive.usable" = "a test"\n'
+    )
+    (tmp_path / "useless.toml").write_text(text, encoding="utf-8")
+    with tcp_server(Drive()) as server:
+        (node,) = ACCESS.scan(section_of(server.name), AXES, tmp_path).nodes
+        assert node.profile == NAME
+        assert "useless (cannot render force) would fit as well" in (node.sure or "")
 
 
 def test_a_look_reads_what_the_drive_says_and_writes_nothing() -> None:

@@ -140,6 +140,21 @@ def test_a_position_that_cannot_be_sent_is_told() -> None:
     ]
 
 
+def test_axes_in_sub_indices_are_recognised_and_the_key_for_them_is_named() -> None:
+    """As in a node with two motors, whose positions are 6064h:01 and 6064h:02."""
+    eds = generic()
+    for subindex in (1, 2):
+        eds = changed(eds, 0x6064, subindex, type=EdsType.INTEGER32, access="ro", mappable=True)
+    eds = changed(eds, 0x6064, 0, type=EdsType.UNSIGNED8, access="const", default=2, mappable=False)
+    first, second = refusals(eds)
+    assert first.startswith("6064h position actual value is UNSIGNED8")
+    assert second == (
+        "several axes share this node, each in a sub-index of its own (6064h:01 and :02): write a profile for each "
+        "axis, with subindex = 1, 2 … in position.actual, torque.target and torque.actual"
+    )
+    assert not any("several axes" in each for each in refusals(without(generic(), 0x6064)))
+
+
 @pytest.mark.parametrize(
     ("code", "unit"),
     [
@@ -301,11 +316,16 @@ def test_the_number_of_entries_may_be_limited() -> None:
     assert profile_from_eds(changed(generic(), 0x1A01, 0, high=2)).pdo.tpdo_entries == (8, 2, 8, 8)
 
 
-def test_a_drive_whose_mappings_are_all_fixed_is_not_usable_for_force() -> None:
+def test_a_drive_whose_mappings_are_all_fixed_is_usable_when_they_carry_what_force_needs() -> None:
+    """After power-on the simulated drive has the statusword in TPDO1 and both in TPDO2, and the others are empty."""
     eds = generic()
     for number in range(4):
         eds = changed(eds, 0x1A00 + number, 0, access="const")
-    assert refusals(eds) == ["no TPDO can be mapped anew: its records are not writable (1800h and 1A00h and on)"]
+    assert refusals(eds) == []
+    assert refusals(changed(eds, 0x1A01, 0, default=1)) == [
+        "no TPDO that can be switched on carries 6064h position actual value, and none can be mapped anew: their "
+        "records are not writable (1800h and 1A00h and on)"
+    ]
 
 
 def test_transmission_types_are_those_of_the_standard_within_the_limits_and_those_of_the_file() -> None:

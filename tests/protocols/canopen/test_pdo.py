@@ -74,3 +74,9 @@ def test_types_to_240_are_synchronous(kind: int, synchronous: bool) -> None:
 def test_worst_case_lengths_are_the_published_ones(octets: int, bits: int) -> None:
     """Davis et al. 2007: 55 + 10 s bits for 11-bit identifiers."""
     assert worst_case_bits(octets) == bits == 55 + 10 * octets
+
+
+@pytest.mark.parametrize(("octets", "bits"), [(0, 80), (8, 160)])
+def test_worst_case_lengths_of_extended_frames_are_the_published_ones(octets: int, bits: int) -> None:
+    """Davis et al. 2007: 80 + 10 s bits for 29-bit identifiers."""
+    assert worst_case_bits(octets, extended=True) == bits == 80 + 10 * octets

@@ -1,6 +1,6 @@
 """Simulated Modbus drives behind a real server, in a thread of this process."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from queue import Queue
 from threading import Event, Thread
@@ -15,7 +15,13 @@ LONGEST = 30.0
 
 
 @contextmanager
-def hosted(bus: str, *drives: str, hand: str = "none", these: tuple[faults.Fault, ...] = ()) -> Iterator[BusName]:
+def hosted(
+    bus: str,
+    *drives: str,
+    hand: str = "none",
+    these: tuple[faults.Fault, ...] = (),
+    tell: Callable[[str], None] = lambda _sentence: None,
+) -> Iterator[BusName]:
     """Host drives, and yield the bus that masters join; all of them are ready then."""
     name, slots = resolve(HostRequest(drives, bus, 1, hand, these))
     told: Queue[BusName | Exception] = Queue()
@@ -23,7 +29,7 @@ def hosted(bus: str, *drives: str, hand: str = "none", these: tuple[faults.Fault
 
     def serve() -> None:
         try:
-            host_on(name)(name, slots, 1, ready.put, stop.is_set, opened=told.put)
+            host_on(name)(name, slots, 1, ready.put, stop.is_set, tell, told.put)
         except Exception as error:
             told.put(error)
 

@@ -5,12 +5,14 @@ import random
 import select
 import socket
 import struct
+import termios
 import time
 import tty
 from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
+import serial
 
 from haptic_fieldbus.errors import BusError, PlanError
 from haptic_fieldbus.protocols.bus_name import BusName
@@ -151,6 +153,27 @@ class TestRtu:
                 os.write(terminal._file, rtu(3, READ)[:-1] + b"\0")
                 assert not select.select([terminal._file], [], [], 0.05)[0]
                 assert len(terminal.asked(rtu(3, READ), 13)) == 13
+
+    def test_a_pseudo_terminal_takes_no_parity_and_the_host_says_so(self) -> None:
+        told: list[str] = []
+        with hosted(RTU, "generic_cia402_modbus@3", tell=told.append) as bus:
+            device = device_of(bus)
+            # The first opening changes other attributes too, and is then no failure to the system.
+            with suppress(termios.error):
+                serial.Serial(device, parity=serial.PARITY_EVEN).close()
+            with pytest.raises(termios.error, match="Invalid argument") as refused:
+                serial.Serial(device, parity=serial.PARITY_EVEN)
+            assert refused.value.args[0] == 22
+            serial.Serial(device, parity=serial.PARITY_NONE).close()
+        (sentence,) = told
+        assert sentence.startswith(f"{device} is a pseudo-terminal, which has no parity: open it with parity N (none).")
+        assert "termios error 22" in sentence
+
+    def test_a_port_of_tcp_has_nothing_to_say_of_parity(self) -> None:
+        told: list[str] = []
+        with hosted(TCP, "generic_cia402_modbus@3", tell=told.append):
+            pass
+        assert told == []
 
     def test_octets_before_a_silence_belong_to_no_later_frame(self) -> None:
         with hosted(RTU, "generic_cia402_modbus@3") as bus, Terminal(bus) as terminal:

@@ -12,7 +12,8 @@ from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.protocols.canopen.vendor.sources import LEFT_OUT
 
 SECTIONS = ("drive", "identity", "torque", "position", "velocity", "pdo", "sync", "link_loss", "timing")
-HEXADECIMAL = ("object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes")
+HEXADECIMAL = ("object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes",
+               "maps")  # fmt: skip
 """Keys whose numbers are written as in vendors' manuals."""
 USABLE = "drive.usable"
 

@@ -3,12 +3,14 @@
 from collections.abc import Iterator, Mapping
 
 from haptic_fieldbus.drive.cia402 import VelocitySection
-from haptic_fieldbus.eds import Eds, EdsType
+from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
 from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.protocols.canopen.vendor.pdos import COMMUNICATION, MAPPING, pdo_room, pdo_shape
+from haptic_fieldbus.protocols.canopen.vendor.pdos import COMMUNICATION, MAPPING, carries, pdo_room, pdo_shape
 from haptic_fieldbus.protocols.canopen.vendor.values import (
     RECEIVED,
     SENT,
+    axes_in,
+    axes_words,
     is_mappable,
     number_of,
     object_name,
@@ -30,9 +32,10 @@ NEEDED: Mapping[int, tuple[EdsType, ...]] = {
 """Objects without which no force can be rendered → types that each may have; 606Ch may replace 6064h."""
 AUTOMATON = (0x6040, 0x6041)
 """Objects without which there is no drive of CiA 402."""
-MAPPED = {0x6040: RECEIVED, 0x6041: SENT, 0x6064: SENT, 0x6071: RECEIVED}
-"""Objects that the cycle maps → access types which that needs."""
-_WORDS = {RECEIVED: "received", SENT: "sent"}
+MAPPED = {0x6040: Direction.RPDO, 0x6041: Direction.TPDO, 0x6064: Direction.TPDO, 0x6071: Direction.RPDO}
+"""Objects that the cycle maps → direction of the PDO."""
+_WAYS = {Direction.RPDO: (RECEIVED, "received"), Direction.TPDO: (SENT, "sent")}
+"""Direction → access types that an object needs to be mapped anew, and the word for it."""
 Lack = tuple[str, int | None]
 """What is missing in words, and the line of the file that shows it; None when there is no such line."""
 
@@ -51,11 +54,14 @@ def force_lacks(eds: Eds, mode: int | None, velocity: VelocitySection | None) ->
         lacks = list(_object_lacks(eds, index))
         yield from lacks
         entry = eds.find(index)
-        if not lacks and entry is not None and index in MAPPED and not is_mappable(entry, MAPPED[index]):
-            yield f"{object_name(index)} cannot be {_WORDS[MAPPED[index]]} in a PDO", entry.line
+        if not lacks and entry is not None and index in MAPPED:
+            yield from _mapping_lacks(eds, entry, MAPPED[index])
     if velocity is None and position_unit(eds) is None:
         code = (number_of(eds, 0x60A8) or 0) & 0xFFFF_FFFF
         yield f"60A8h SI unit position is {code:08X}h, expected 00B50000h (counts) or FF410000h (0.1 degrees)", None
+    several = axes_in(eds)
+    if several:
+        yield axes_words(several), eds.objects[several[0]].line
     for direction in (Direction.RPDO, Direction.TPDO):
         yield from _pdo_lacks(eds, direction)
     if not mode and not torque_mode(eds):
@@ -84,11 +90,25 @@ def _object_lacks(eds: Eds, index: int) -> Iterator[Lack]:
         yield f"{object_name(index)} is {found}, expected {' or '.join(type.name for type in types)}", entry.line
 
 
-def _pdo_lacks(eds: Eds, direction: Direction) -> Iterator[Lack]:
+def _mapping_lacks(eds: Eds, entry: EdsEntry, direction: Direction) -> Iterator[Lack]:
+    """Yield why no PDO carries an object: it cannot be mapped, or no fixed mapping has it."""
+    if carries(eds, direction, entry) or not pdo_shape(eds, direction):
+        return
+    access, word = _WAYS[direction]
+    if any(pdo_room(eds, direction).values()) or not is_mappable(entry, access):
+        yield f"{object_name(entry.index)} cannot be {word} in a PDO", entry.line
+        return
     first = COMMUNICATION[direction].start
+    found = eds.objects[first + MAPPING + min(pdo_shape(eds, direction)) - 1]
     records = f"{first:04X}h and {first + MAPPING:04X}h"
+    yield (
+        f"no {direction.value} that can be switched on carries {object_name(entry.index)}, and none can be mapped "
+        f"anew: their records are not writable ({records} and on)",
+        found.line,
+    )
+
+
+def _pdo_lacks(eds: Eds, direction: Direction) -> Iterator[Lack]:
     if not pdo_shape(eds, direction):
-        yield f"there is no {direction.value} ({records})", None
-    elif not any(pdo_room(eds, direction).values()):
-        found = eds.objects[first + MAPPING + min(pdo_shape(eds, direction)) - 1]
-        yield f"no {direction.value} can be mapped anew: its records are not writable ({records} and on)", found.line
+        first = COMMUNICATION[direction].start
+        yield f"there is no {direction.value} ({first:04X}h and {first + MAPPING:04X}h)", None

@@ -4,9 +4,11 @@ from collections.abc import Iterator
 
 from haptic_fieldbus.drive.units import PERMILLE
 from haptic_fieldbus.eds import Eds
+from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.canopen.vendor.findings import Finding
-from haptic_fieldbus.protocols.canopen.vendor.values import READABLE, SENT, WRITABLE, is_mappable
+from haptic_fieldbus.protocols.canopen.vendor.pdos import carries
+from haptic_fieldbus.protocols.canopen.vendor.values import READABLE, SENT, WRITABLE
 
 
 def left_out(profile: CanopenProfile, eds: Eds) -> Iterator[Finding]:
@@ -38,7 +40,7 @@ def _offers(eds: Eds, index: int, subindex: int, access: tuple[str, ...]) -> boo
     entry = eds.find(index, subindex)
     if entry is None:
         return False
-    return is_mappable(entry, access) if access is SENT else entry.access in access
+    return carries(eds, Direction.TPDO, entry) if access is SENT else entry.access in access
 
 
 def _fault(key: str, index: int, subindex: int, eds: Eds) -> Finding:

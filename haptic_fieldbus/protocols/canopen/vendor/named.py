@@ -8,8 +8,10 @@ from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.units import PERMILLE, PERMILLE_OF_CURRENT
 from haptic_fieldbus.eds import Eds, EdsEntry
 from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.canopen.vendor.findings import Finding
+from haptic_fieldbus.protocols.canopen.vendor.pdos import carries
 from haptic_fieldbus.protocols.canopen.vendor.values import (
     READABLE,
     RECEIVED,
@@ -33,6 +35,7 @@ class Use(Enum):
 
 
 _ACCESS = {Use.READ: READABLE, Use.WRITTEN: WRITABLE, Use.RECEIVED: RECEIVED, Use.SENT: SENT}
+_DIRECTIONS = {Use.RECEIVED: Direction.RPDO, Use.SENT: Direction.TPDO}
 _STANDARD: Mapping[str, tuple[int, ...]] = {
     "torque.target": (0x6071,),
     "torque.actual": (0x6077,),
@@ -149,17 +152,17 @@ def finding_of(key: str, entry: ObjectEntry, use: Use, eds: Eds) -> Finding:
         other = f"; it has {entry.object:04X}h without that sub-index" if entry.object in eds else ""
         line = eds.objects[entry.object].line if entry.object in eds else None
         return Finding(key, "", line, f"{where} is not in the file{other}", entry.object, entry.subindex)
-    fault = _fault(where, entry, found, use)
+    fault = _fault(where, entry, found, use, eds)
     return Finding(key, _shown(where, found), found.line, fault, entry.object, entry.subindex)
 
 
-def _fault(where: str, entry: ObjectEntry, found: EdsEntry, use: Use) -> str:
+def _fault(where: str, entry: ObjectEntry, found: EdsEntry, use: Use, eds: Eds) -> str:
     if data_type(found) is not entry.type:
         type = found.type.name if found.type is not None else "a type that only the drive knows"
         return f'{where} is {type}, the profile says "{entry.type.value}"'
     if found.access not in _ACCESS[use]:
         return f"{where} cannot be {use.value}: its AccessType is {found.access}, expected {' or '.join(_ACCESS[use])}"
-    if use in (Use.RECEIVED, Use.SENT) and not is_mappable(found, _ACCESS[use]):
+    if use in _DIRECTIONS and not is_mappable(found, _ACCESS[use]) and not carries(eds, _DIRECTIONS[use], found):
         return f"{where} cannot be {use.value}: its PDOMapping is 0, expected 1"
     return ""
 

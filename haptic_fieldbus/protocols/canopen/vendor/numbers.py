@@ -11,6 +11,7 @@ from haptic_fieldbus.protocols.canopen.vendor.pdos import (
     COMMUNICATION,
     MAPPING,
     default_types,
+    fixed_pdos,
     inhibit_time,
     pdo_room,
     type_limits,
@@ -66,6 +67,12 @@ def _rooms(profile: CanopenProfile, eds: Eds, direction: Direction, name: str) -
         entries = f"{index:04X}h has {shown[number]} entries that can be written"
         wrong = "" if own[number] == shown[number] else f"{own[number]}; {entries}"
         yield Finding(key, entries, _line(eds, index), wrong, index)
+    held = {each.number: each.maps for each in fixed_pdos(eds, direction)}
+    for each in profile.pdo.fixed(direction):
+        index, found = first + MAPPING + each.number - 1, held.get(each.number, ())
+        maps = f"{index:04X}h maps {_hexadecimal(found)} and cannot be written"
+        wrong = "" if found == each.maps else f"{direction.value}{each.number} {_hexadecimal(each.maps)}; {maps}"
+        yield Finding(f"pdo.{name}_fixed", maps, _line(eds, index), wrong, index)
 
 
 def _types(profile: CanopenProfile, eds: Eds, direction: Direction, name: str) -> Iterator[Finding]:
@@ -79,6 +86,10 @@ def _types(profile: CanopenProfile, eds: Eds, direction: Direction, name: str) -
     for kind in sorted(default_types(eds, direction) - set(own)):
         fault = f"without {kind}, which {first:04X}h:02 or a later one has after power-on"
         yield Finding(key, "", _line(eds, first), fault, first, 2)
+
+
+def _hexadecimal(values: tuple[int, ...]) -> str:
+    return ", ".join(f"{value:08X}h" for value in values) or "nothing"
 
 
 def _numbers(numbers: list[int]) -> str:

@@ -3,10 +3,10 @@
 A PDO is there when both of its records are. Their numbers may have gaps: some drives have only every other one.
 """
 
-from haptic_fieldbus.eds import Eds, EdsObject
-from haptic_fieldbus.protocols.canopen.pdo import Direction
+from haptic_fieldbus.eds import Eds, EdsEntry, EdsObject
+from haptic_fieldbus.protocols.canopen.pdo import LARGEST_PAYLOAD, OCTETS, Direction, FixedPdo
 from haptic_fieldbus.protocols.canopen.profile import PdoSection
-from haptic_fieldbus.protocols.canopen.vendor.values import WRITABLE, number_of
+from haptic_fieldbus.protocols.canopen.vendor.values import RECEIVED, SENT, WRITABLE, is_mappable, number_of
 
 COMMUNICATION = {Direction.RPDO: range(0x1400, 0x1600), Direction.TPDO: range(0x1800, 0x1A00)}
 """Communication records of each direction."""
@@ -14,6 +14,7 @@ MAPPING = 0x200
 """Difference of index from the communication record of a PDO to its mapping record."""
 MOST_ENTRIES = 64
 """Largest number of mapping entries of one PDO."""
+_EVENT_DRIVEN = 255
 _INHIBIT_UNIT = 1e-4
 """Unit of the inhibit time, 1800h:03 [s]."""
 _USUAL_TYPES = (1, 254, 255)
@@ -33,6 +34,40 @@ def pdo_room(eds: Eds, direction: Direction) -> dict[int, int]:
     return {number: _room(eds, first + number) for number in pdo_shape(eds, direction)}
 
 
+def fixed_pdos(eds: Eds, direction: Direction) -> tuple[FixedPdo, ...]:
+    """Return the PDOs with a mapping that cannot be written, but that can be switched on and used as they are."""
+    first, rooms = COMMUNICATION[direction].start - 1, pdo_room(eds, direction)
+    found = {number: _held(eds, first + number) for number, room in rooms.items() if not room}
+    return tuple(FixedPdo(number, maps) for number, maps in found.items() if maps and _is_usable(eds, first + number))
+
+
+def _held(eds: Eds, index: int) -> tuple[int, ...]:
+    """Return the values of the mapping entries of a PDO; none where one is unknown, or no frame carries them."""
+    count = number_of(eds, index + MAPPING, 0) or 0
+    values = [number_of(eds, index + MAPPING, each) or 0 for each in range(1, min(count, MOST_ENTRIES) + 1)]
+    fits = sum(value & 0xFF for value in values) <= 8 * LARGEST_PAYLOAD
+    return tuple(values) if fits and all(value & 0xFF in OCTETS for value in values) else ()
+
+
+def _is_usable(eds: Eds, index: int) -> bool:
+    """Return whether a PDO can be switched on, with the transmission type that the loop needs."""
+    cob_id, kind = eds.find(index, 1), eds.find(index, 2)
+    if cob_id is None or cob_id.access not in WRITABLE or kind is None:
+        return False
+    needed = 1 if index in COMMUNICATION[Direction.TPDO] else _EVENT_DRIVEN
+    return kind.access in WRITABLE or number_of(eds, index, 2) == needed
+
+
+def carries(eds: Eds, direction: Direction, entry: EdsEntry) -> bool:
+    """Return whether a PDO of a direction carries an entry, or can be mapped anew so that it does."""
+    access = RECEIVED if direction is Direction.RPDO else SENT
+    if is_mappable(entry, access) and any(pdo_room(eds, direction).values()):
+        return True
+    bits = 8 * entry.type.size if entry.type is not None and entry.type.size is not None else 0
+    value = entry.index << 16 | entry.subindex << 8 | bits
+    return any(value in each.maps for each in fixed_pdos(eds, direction))
+
+
 def pdo_section(eds: Eds) -> PdoSection:
     """Return the PDOs of a file: their numbers, the room of each, and the longest inhibit time of any."""
     rooms = {direction: pdo_room(eds, direction) for direction in Direction}
@@ -46,6 +81,8 @@ def pdo_section(eds: Eds) -> PdoSection:
         entries=entries,
         tpdo_entries=irregular[Direction.TPDO],
         rpdo_entries=irregular[Direction.RPDO],
+        tpdo_fixed=fixed_pdos(eds, Direction.TPDO),
+        rpdo_fixed=fixed_pdos(eds, Direction.RPDO),
         inhibit_time_default=inhibit_time(eds),
     )
 

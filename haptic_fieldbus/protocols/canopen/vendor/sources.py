@@ -92,6 +92,8 @@ def _pdos(section: PdoSection, eds: Eds, found: str) -> Iterator[Source]:
         records, mappings = (_span(each, numbers, f"no {direction.value}") for each in (first, first + MAPPING))
         yield f"pdo.{name}s", f"{found}, {records}"
         yield f"pdo.{name}_entries", f"{found}, {mappings}"
+        if section.fixed(direction):
+            yield f"pdo.{name}_fixed", f"{found}, {mappings}: the mappings that cannot be written"
         clause = "7.5.2.37" if direction is Direction.TPDO else "7.5.2.35"
         yield (
             f"pdo.{name}_types",

@@ -3,16 +3,20 @@
 An upload shows whether an object is there, its size and its value, but neither its access type nor whether a PDO may
 carry it. These are taken from CiA 301 and CiA 402-2; a drive that has them otherwise refuses the write or the mapping,
 and is refused itself, before there is torque.
+
+One sign shows that a mapping is fixed: the record has no entry beyond those that it uses. Where PDOs like this carry
+all that force needs, in both directions, they are used as they are (decision 0041).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsObject, EdsType, ObjectCode
+from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.pdo import Direction
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
-from haptic_fieldbus.protocols.canopen.vendor.pdos import COMMUNICATION, MAPPING
+from haptic_fieldbus.protocols.canopen.vendor.pdos import COMMUNICATION, MAPPING, MOST_ENTRIES
 from haptic_fieldbus.protocols.canopen.vendor.values import data_type
 
 Upload = Callable[[int, int], bytes | None]
@@ -41,8 +45,10 @@ def uploaded(profile: CanopenProfile, upload: Upload) -> Eds:
         data = upload(entry.index, entry.subindex)
         if data is not None:
             found.setdefault(entry.index, {})[entry.subindex] = _as_it_is(entry, data)
+    held = {direction: _held(direction, upload) for direction in Direction}
+    is_fixed = all(needed <= _mapped(held[direction]) for direction, needed in _needed(found).items())
     for direction in Direction:
-        for entry in _pdos(direction, upload, profile.pdo.entries):
+        for entry in _pdos(held[direction], upload, profile.pdo.entries, is_fixed=is_fixed):
             found.setdefault(entry.index, {})[entry.subindex] = entry
     objects = {index: EdsObject(index, "", ObjectCode.RECORD, entries) for index, entries in found.items()}
     return Eds(objects, source=SOURCE)
@@ -69,13 +75,51 @@ def _named(profile: CanopenProfile) -> Iterator[ObjectEntry]:
         yield ObjectEntry(section.heartbeat_consumer, DataType.UINT32, 1)
 
 
-def _pdos(direction: Direction, upload: Upload, entries: int) -> Iterator[EdsEntry]:
-    """Yield the communication and the mapping parameters of the PDOs of a direction; each has room for `entries`."""
+def _needed(found: Mapping[int, Mapping[int, EdsEntry]]) -> dict[Direction, set[int]]:
+    """Return the objects that force needs in the PDOs of each direction."""
+    return {Direction.TPDO: {0x6041, 0x6064 if 0x6064 in found else 0x606C}, Direction.RPDO: {0x6040, 0x6071}}
+
+
+def _mapped(held: Mapping[int, tuple[int, ...]]) -> set[int]:
+    return {value >> 16 for values in held.values() for value in values}
+
+
+def _held(direction: Direction, upload: Upload) -> dict[int, tuple[int, ...]]:
+    """Return the mapping of each PDO with no mapping entry beyond those that it uses, by its communication parameter.
+
+    The others have entries that are free, so their mapping can be written, and are here without any.
+    """
+    found: dict[int, tuple[int, ...]] = {}
     for index in _present(direction, upload):
+        count = int.from_bytes(upload(index + MAPPING, 0) or b"", "little")
+        is_full = 0 < count <= MOST_ENTRIES and not _is_there(upload, index + MAPPING, count + 1)
+        octets = [upload(index + MAPPING, each) or b"" for each in range(1, count + 1)] if is_full else []
+        found[index] = tuple(int.from_bytes(each, "little") for each in octets)
+    return found
+
+
+def _is_there(upload: Upload, index: int, subindex: int) -> bool:
+    try:
+        return upload(index, subindex) is not None
+    except BusConfigurationError:  # an abort code of the vendor's own
+        return False
+
+
+def _pdos(held: Mapping[int, tuple[int, ...]], upload: Upload, entries: int, *, is_fixed: bool) -> Iterator[EdsEntry]:
+    """Yield the communication and the mapping parameters of the PDOs of a direction.
+
+    With `is_fixed` a mapping without a free entry is taken as it is; else each has room for `entries`.
+    """
+    for index, values in held.items():
         yield _entry(index, 1, EdsType.UNSIGNED32, "rw")
-        inhibit = upload(index, 3) if direction is Direction.TPDO else None
+        yield _entry(index, 2, EdsType.UNSIGNED8, "rw")
+        inhibit = upload(index, 3) if index in COMMUNICATION[Direction.TPDO] else None
         if inhibit:
             yield _as_it_is(_entry(index, 3, EdsType.UNSIGNED16, "rw"), inhibit)
+        if values and is_fixed:
+            for subindex, value in enumerate((len(values), *values)):
+                yield replace(_entry(index + MAPPING, subindex, EdsType.UNSIGNED32, "ro"), default=value)
+            continue
         yield _entry(index + MAPPING, 0, EdsType.UNSIGNED8, "rw")
         yield from (_entry(index + MAPPING, each, EdsType.UNSIGNED32, "rw") for each in range(1, entries + 1))
 

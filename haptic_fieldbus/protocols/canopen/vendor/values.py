@@ -1,6 +1,6 @@
 """Values, types and units that an EDS gives, in the terms of a profile."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from haptic_fieldbus.drive.objects import NAMES, DataType
 from haptic_fieldbus.drive.units import COUNTS_PER_SECOND
@@ -19,6 +19,8 @@ _TYPES: Mapping[EdsType | None, DataType] = {
     EdsType.UNSIGNED16: DataType.UINT16,
     EdsType.UNSIGNED32: DataType.UINT32,
 }
+PER_AXIS = (0x6064, 0x606C, 0x6071, 0x6077)
+"""Objects that some drives of several axes have in sub-indices, one for each axis."""
 ANY_NODE = 1
 """Node-ID for which default values are evaluated; a default that does not follow the node-ID is the same for all."""
 
@@ -33,6 +35,25 @@ def number_of(eds: Eds, index: int, subindex: int = 0) -> int | None:
     entry = eds.find(index, subindex)
     value = entry.value(ANY_NODE) if entry is not None else None
     return value if isinstance(value, int) else None
+
+
+def axes_words(indices: Iterable[int]) -> str:
+    """Return what to do about a node that has a value of each axis in a sub-index of its own."""
+    named = ", ".join(f"{index:04X}h:01 and :02" for index in indices)
+    return (
+        f"several axes share this node, each in a sub-index of its own ({named}): write a profile for each axis, with "
+        "subindex = 1, 2 … in position.actual, torque.target and torque.actual"
+    )
+
+
+def axes_in(eds: Eds) -> list[int]:
+    """Return the objects that have a value of each of several axes in sub-indices."""
+    return [
+        index
+        for index in PER_AXIS
+        if all((entry := eds.find(index, each)) is not None and entry.type not in (None, EdsType.UNSIGNED8)
+               for each in (1, 2))
+    ]  # fmt: skip
 
 
 def object_name(index: int) -> str:

@@ -1,10 +1,11 @@
 """Properties by which the nodes of different models differ, and the PDOs after power-on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
-from haptic_fieldbus.protocols.canopen.pdo import Direction
+from haptic_fieldbus.protocols.canopen.pdo import Direction, FixedPdo
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.canopen.vendor.pdos import pdo_shape
 from haptic_fieldbus.signals import Signal
@@ -41,10 +42,15 @@ def node_options(node: int, profile: CanopenProfile, settings: DriveSettings) ->
     # Seconds to the steps of 100 µs of 1800h:03.
     inhibit = round(profile.pdo.inhibit_time_default * 1e4)
     measured = signals.get(Signal.POSITION) or signals[Signal.VELOCITY]
-    rpdos = _defaults(_shape(profile, Direction.RPDO), 0x200 + node, 0, control, signals[Signal.TARGET_TORQUE])
+    first = 0x200 + node, 0x180 + node
+    rpdos = _defaults(_shape(profile, Direction.RPDO), first[0], 0, control, signals[Signal.TARGET_TORQUE])
+    tpdos = _defaults(_shape(profile, Direction.TPDO), first[1], inhibit, status, measured)
+    if not isinstance(profile, EdsProfile):  # the file of the vendor says more of the PDOs, and is taken over later
+        rpdos += _fixed(profile.pdo.rpdo_fixed, first[0], 0)
+        tpdos += _fixed(profile.pdo.tpdo_fixed, first[1], inhibit)
     return NodeOptions(
         rpdos=[replace(rpdo, sync_honoured=profile.simulation.sync_honoured) for rpdo in rpdos],
-        tpdos=_defaults(_shape(profile, Direction.TPDO), 0x180 + node, inhibit, status, measured),
+        tpdos=tpdos,
         consumer=profile.link_loss.heartbeat_consumer,
         acts_at_sync=profile.pdo.rpdo_acts == "next_sync",
         reset_ns=settings.reset_ns,
@@ -69,12 +75,23 @@ def _defaults(
     return [
         PdoDefaults(
             number=number,
-            cob_id=(0 if number == 1 else INVALID)
-            | NO_RTR
-            | (first_id + 0x100 * (number - 1) if number in _PREDEFINED else 0),
+            cob_id=_cob_id(first_id, number),
             mapping=mappings[number] if len(mappings.get(number, ())) in range(1, entries + 1) else (),
             max_entries=entries,
             inhibit_time=inhibit,
         )
         for number, entries in shape.items()
     ]
+
+
+def _fixed(pdos: Sequence[FixedPdo], first_id: int, inhibit: int) -> list[PdoDefaults]:
+    """Return the PDOs with mappings that cannot be written."""
+    return [
+        PdoDefaults(each.number, _cob_id(first_id, each.number), each.maps, len(each.maps), inhibit, fixed=True)
+        for each in pdos
+    ]
+
+
+def _cob_id(first_id: int, number: int) -> int:
+    identifier = first_id + 0x100 * (number - 1) if number in _PREDEFINED else 0
+    return (0 if number == 1 else INVALID) | NO_RTR | identifier

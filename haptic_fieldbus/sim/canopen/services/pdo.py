@@ -45,6 +45,8 @@ class PdoDefaults:
     """[100 µs]"""
     sync_honoured: bool = True
     """False: an RPDO of a synchronous type still acts on reception (a quirk of some drives)."""
+    fixed: bool = False
+    """True: the mapping cannot be written."""
 
 
 class Pdo:
@@ -114,13 +116,13 @@ class Pdo:
         return Entry(index, subindex, DataType.UINT16, value, Access.RW, accept=accept)
 
     def _add_mapping(self, defaults: PdoDefaults) -> tuple[Entry, list[Entry]]:
-        index = self.mapping_base + defaults.number - 1
+        index, access = self.mapping_base + defaults.number - 1, Access.RO if defaults.fixed else Access.RW
         values = (*defaults.mapping, *(0,) * (defaults.max_entries - len(defaults.mapping)))
         entries = [
-            Entry(index, number, DataType.UINT32, value, Access.RW, accept=self._accept_entry)
+            Entry(index, number, DataType.UINT32, value, access, accept=self._accept_entry)
             for number, value in enumerate(values, start=1)
         ]
-        count = Entry(index, 0, DataType.UINT8, len(defaults.mapping), Access.RW, accept=self._accept_count)
+        count = Entry(index, 0, DataType.UINT8, len(defaults.mapping), access, accept=self._accept_count)
         count.changed = self.compile
         for entry in (count, *entries):
             self._dictionary.add(entry)
