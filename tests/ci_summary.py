@@ -11,8 +11,6 @@ from pathlib import Path
 from time import process_time
 from xml.etree import ElementTree
 
-import numpy as np
-
 from tests.coverage_gates import summary_line
 
 SLOWEST = 10
@@ -48,15 +46,6 @@ def counted() -> int:
     return total
 
 
-def multiplied() -> float:
-    """A fixed piece of work for numpy, small enough for one thread."""
-    matrix = np.linspace(-1.0, 1.0, 10_000).reshape(100, 100)
-    for _ in range(200):
-        matrix = matrix @ matrix
-        matrix /= np.abs(matrix).max()
-    return float(matrix[0, 0])
-
-
 def best_ms(work: Callable[[], object]) -> float:
     """The shortest of several repetitions [ms]: what disturbs only makes it longer."""
     times = []
@@ -85,7 +74,7 @@ def main(times: Path, files: list[Path]) -> int:
     for step in steps:
         print(step.line(1e-3 * unit))
     print(f"{sum(step.seconds for step in steps):5d} s {sum(step.processor for step in steps):6.0f} s in all")
-    print(f"the fixed computation on this machine: {unit:.0f} ms; {best_ms(multiplied):.0f} ms of numpy")
+    print(f"the fixed computation on this machine: {unit:.0f} ms")
     for file in set(files) - set(there):
         print(f"FAILED: {file} was not written")
     print(summary_line(*there))

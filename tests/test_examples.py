@@ -37,6 +37,7 @@ def test_the_wall_made_in_python_bears_the_hand(capsys: pytest.CaptureFixture[st
     assert text.startswith("Feels like the ideal my wall")
 
 
+@pytest.mark.thorough("a run of seconds")
 def test_the_spring_of_ones_own_bears_the_hand(capsys: pytest.CaptureFixture[str]) -> None:
     text, (rest,) = shown_by("own_element", capsys)
     assert abs(100.0 * rest + 2.0e5 * rest**3 - PUSH) <= FRICTION
@@ -51,6 +52,7 @@ def test_the_spring_is_judged_with_its_hardening() -> None:
     assert round(limit - 3 * 2.0e5 * 0.03**2) == 952
 
 
+@pytest.mark.thorough("a run of seconds")
 def test_clay_keeps_its_dent(capsys: pytest.CaptureFixture[str]) -> None:
     """It springs back by limit over stiffness, and is let go within a period and a step of torque of that."""
     text, (deepest, released) = shown_by("own_memory", capsys)

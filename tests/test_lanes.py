@@ -160,6 +160,7 @@ def test_no_example_is_judged_by_its_time() -> None:
     assert HealthCheck.too_slow in settings().suppress_health_check
 
 
+@pytest.mark.thorough("collects the tests of many files in a process")
 def test_every_kind_of_test_is_in_the_quick_lane() -> None:
     """A newcomer sees each of them once; a marker too many would take it away unnoticed."""
     files = sorted({file for file, _ in KINDS.values()})

@@ -48,6 +48,7 @@ def test_a_mutant_stands_in_the_lines_of_its_statement() -> None:
     }
 
 
+@pytest.mark.thorough("finds all mutants of three rooms")
 def test_the_same_seed_chooses_the_same_and_every_room_has_its_share() -> None:
     made = chosen(PROJECT, ROOMS, 100, 1)
     assert made == chosen(PROJECT, ROOMS, 100, 1) != chosen(PROJECT, ROOMS, 100, 2)

@@ -66,6 +66,7 @@ def test_an_axis_names_the_sources_that_it_has(monkeypatch: pytest.MonkeyPatch) 
     assert "estimator" not in right.by_source
 
 
+@pytest.mark.thorough("draws a run")
 def test_the_picture_names_each_axis(tmp_path: Path) -> None:
     shaft = scene_of(SHAFT)
     plot_run(run(shaft, endless_rig(shaft), duration=1.0), tmp_path / "shaft.svg")

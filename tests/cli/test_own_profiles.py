@@ -306,6 +306,7 @@ class TestHostile:
         assert haptic_fieldbus.plan("wall", drive="push1", profiles=folder)
         assert sum(isinstance(each, ProfileError) for each in profile_summaries(folder).values()) == 1000
 
+    @pytest.mark.thorough("judges a scene on every drive")
     def test_what_scenes_show_advises_does_not_depend_on_it(
         self, folder: Path, command: Command, monkeypatch: pytest.MonkeyPatch
     ) -> None:

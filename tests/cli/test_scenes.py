@@ -41,6 +41,7 @@ def test_parameters_have_their_unit(command: Command) -> None:
     assert rows["wall.position"] == ["0.02", "m"]
 
 
+@pytest.mark.thorough("judges two scenes on every drive")
 def test_values_are_shown_as_a_file_gives_them(command: Command) -> None:
     """And nothing where there is none, without a unit."""
     text = command("scenes", "show", "needle").out + command("scenes", "show", "spring").out

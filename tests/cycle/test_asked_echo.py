@@ -196,7 +196,7 @@ def test_torque_that_is_not_what_was_sent_is_told_with_both() -> None:
     st.integers(2, 9),
     st.integers(0, 60),
 )
-@settings(max_examples=examples(60))
+@settings(max_examples=examples(20))
 def test_whatever_is_asked_a_frozen_torque_trips_once_the_targets_stay_away_from_it(
     targets: list[int], answers: list[int], each: int, deaf_after: int
 ) -> None:

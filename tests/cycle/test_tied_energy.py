@@ -35,7 +35,7 @@ class LoudShaft(Coupling):
         return law
 
 
-@pytest.mark.thorough("a run with and without the controller", quick=1)
+@pytest.mark.thorough("a run with and without the controller", quick=("True",))
 @pytest.mark.parametrize("controls", [False, True])
 def test_a_shaft_is_judged_as_one(controls: bool) -> None:
     scene = load_scene("virtual_shaft")

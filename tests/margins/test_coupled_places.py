@@ -64,7 +64,7 @@ def test_a_shaft_with_play_is_also_judged_without_force() -> None:
     assert pair(own, Coupling(AXES, 200.0, damping=0.5, dead_band=1e-3)).stability.verdict is Verdict.UNSTABLE
 
 
-@pytest.mark.thorough("searches 24 limits", quick=1)
+@pytest.mark.thorough("searches 24 limits")
 @pytest.mark.parametrize("delays", [(0.0, 0.0), (0.4, 1.7)])
 @pytest.mark.parametrize("ratio", [1.0, -0.4])
 def test_the_proof_for_a_shaft_that_is_cut_gives_nothing_away_without_a_damper(
@@ -105,6 +105,7 @@ def test_motors_that_cut_both_ends_at_the_same_twist_alone_keep_a_potential(
     assert keeps == (max(works) < 1e-2)
 
 
+@pytest.mark.thorough("searches many limits")
 def test_a_shaft_between_motors_that_may_cut_it_is_passive_only_where_that_is_proved() -> None:
     plain, calmed = Coupling(AXES, 100.0), Coupling(AXES, 100.0, saturation=40.0)
     assert pair((), plain, 50.0).stability.verdict is Verdict.PASSIVE

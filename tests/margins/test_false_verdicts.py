@@ -57,7 +57,7 @@ def test_a_body_that_grows_when_leant_on_is_neither_passive_nor_stable() -> None
     assert judged(1.86, 0.002, 0.0).stability.verdict is Verdict.UNSTABLE
 
 
-@pytest.mark.thorough("simulates 25 places twice", quick=1)
+@pytest.mark.thorough("simulates 25 places twice")
 @pytest.mark.parametrize("loss", [0.0, 0.5])
 def test_the_limit_is_where_the_worst_place_begins_to_grow(loss: float) -> None:
     found = judged(20.0, 0.015, loss)

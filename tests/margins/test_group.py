@@ -93,6 +93,7 @@ def test_axes_hang_together_through_others() -> None:
     assert list(connected("ab", [])) == [("a",), ("b",)]
 
 
+@pytest.mark.thorough("searches a limit for each friction")
 def test_less_friction_lowers_the_limit() -> None:
     one = tied(shaft(damping=0.1))
     weak = one.weakened(0.7)

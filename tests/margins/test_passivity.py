@@ -190,4 +190,7 @@ class TestSuggestion:
         assert suggest(alone(self.PLANT, PERIOD, 1e-3), wall, 1e9, 0.0).damping is None
 
     def test_a_massless_handle_is_offered_a_softer_wall_only(self) -> None:
-        assert suggest(alone(Plant(0.0, 1.0), PERIOD, 0.0), wall, 1e5, 0.0) == Suggestion(1300.0, None, None)
+        """0.7 · 2b/T."""
+        assert suggest(alone(Plant(0.0, 1.0), PERIOD, 0.0), wall, 1e5, 0.0) == Suggestion(1400.0, None, None), (
+            "0.7·2b/T"
+        )

@@ -131,8 +131,8 @@ def test_an_environment_that_never_destabilises_has_no_limit() -> None:
 class TestNoLimit:
     """A virtual mass by backward Euler pulls like a mass however stiff its spring is."""
 
-    @every("period", [1e-2, 1e-3, 1e-4])
-    @every("mass", [1e-6, 1e-3, 0.5])
+    @every("period", [1e-2, 1e-4])
+    @every("mass", [1e-6, 0.5])
     @every("delay", [0.0, 0.4])
     def test_is_infinite_and_null_in_json(self, period: float, mass: float, delay: float) -> None:
         found = judge(alone(BENCH, period, delay * period), by_backward_euler(mass, period), 600.0)[0]

@@ -132,6 +132,7 @@ def test_the_map_is_that_of_the_loop_written_by_hand() -> None:
     assert run(many, 50).position[0] == pytest.approx(state[0], rel=1e-10)
 
 
+@pytest.mark.thorough("runs loops for seconds")
 def test_a_push_is_balanced_by_the_spring() -> None:
     for extra in ({}, {"lag": 1e-4}, {"coulomb": 0.1}):
         options: dict[str, Any] = {"mass": 0.1, "damping": 3.0, "period": PERIOD, "stiffness": 500.0, **extra}
@@ -139,6 +140,7 @@ def test_a_push_is_balanced_by_the_spring() -> None:
         assert found.position[0] == pytest.approx(2.0 / 500.0, abs=1e-12 + options.get("coulomb", 0.0) / 500.0)
 
 
+@pytest.mark.thorough("runs loops for seconds")
 def test_friction_stops_what_would_ring_for_long() -> None:
     many = loops(
         mass=0.6, damping=0.3, period=PERIOD, delay=[0.0, 0.4e-3], stiffness=300.0, coulomb=0.5, position=5e-3

@@ -51,7 +51,7 @@ def total(row: Array, known: list[float]) -> float:
     return last
 
 
-@pytest.mark.thorough("every method on 12 systems", quick=36)
+@pytest.mark.thorough("every method on 12 systems", quick=18)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SPACES)
 def test_a_step_is_its_matrices_to_the_last_bit(name: str, method: str) -> None:

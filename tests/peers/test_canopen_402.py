@@ -128,6 +128,7 @@ def test_torque_turns_the_shaft_and_no_torque_lets_it_run_out(node: BaseNode402)
     node.state = "SWITCH ON DISABLED"
 
 
+@pytest.mark.thorough("waits in real time", quick=1)
 def test_a_fault_is_seen_and_reset(node: BaseNode402, network: canopen.Network) -> None:
     node.sdo[0x6007].raw = 1  # a lost link is a fault
     node.sdo[0x1016][1].raw = MASTER << 16 | 150

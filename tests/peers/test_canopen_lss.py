@@ -86,6 +86,7 @@ class TestLss:
         lss.send_switch_state_global(lss.CONFIGURATION_STATE)
         assert lss.inquire_node_id() == OTHER
 
+    @pytest.mark.thorough("waits in real time", quick=1)
     def test_settings_that_are_impossible_are_refused(self, lss: LssMaster) -> None:
         lss.send_switch_state_global(lss.CONFIGURATION_STATE)
         lss.configure_bit_timing(0)

@@ -212,6 +212,7 @@ class TestNmt:
         node.sdo[0x6007].raw = 2
         assert not said
 
+    @pytest.mark.thorough("waits in real time", quick=1)
     def test_node_guarding(self, node: canopen.RemoteNode, network: canopen.Network, reach: Reach) -> None:
         octets: list[int] = []
         network.subscribe(0x700 + reach.node, lambda _can_id, data, _timestamp: octets.extend(data))

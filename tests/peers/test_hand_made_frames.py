@@ -89,6 +89,7 @@ def _until(bus: can.BusABC, state: int) -> None:
         assert time.monotonic() < deadline
 
 
+@pytest.mark.thorough("waits in real time", quick=1)
 def test_frames_of_the_wrong_length_are_answered_or_ignored_and_nothing_breaks(bus: can.BusABC) -> None:
     for can_id in (NMT, SYNC, SDO_REQUEST, RPDO1, EMERGENCY, 0x77F, 0x7E5, 0x100):
         for length in range(9):

@@ -44,7 +44,7 @@ def proposed(element: AnyElement, text: str) -> AnyElement:
     return changed
 
 
-@pytest.mark.thorough("9 cases of one rule", quick=3)
+@pytest.mark.thorough("searches two limits for each", quick=("detents", "generalised_maxwell", "hunt_crossley"))
 @pytest.mark.parametrize("name", GRADED)
 def test_an_element_that_is_too_steep_is_refused_with_parameters_that_it_has(name: str) -> None:
     scene = load_scene(name)

@@ -30,6 +30,7 @@ def coded(pattern: str) -> set[int]:
     }
 
 
+@pytest.mark.thorough("65,536 statuswords")
 def test_every_statusword_of_16_bits_gets_the_state_of_the_standard() -> None:
     expected = {word: name for pattern, name in STATE_CODING for word in coded(pattern)}
     for word in range(0x1_0000):

@@ -156,6 +156,7 @@ def test_changes_are_marked_where_they_began() -> None:
     assert [text.get_text() for text in figure.axes[2].texts] == ["changed ", "changed "]
 
 
+@pytest.mark.thorough("draws a run")
 def test_two_axes_stand_below_one_another(tmp_path: Path) -> None:
     plot_run(result_of(push(), push()), tmp_path / "two.png")
     plot_run(result_of(push()), tmp_path / "one.png")

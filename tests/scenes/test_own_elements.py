@@ -98,6 +98,7 @@ class TestUsedLikeOurs:
         assert result.missed_cycles == 0
         assert haptic_fieldbus.stability(write(tmp_path, text)).verdict in (Verdict.PASSIVE, verdict)
 
+    @pytest.mark.thorough("judges the scene on every drive")
     def test_the_commands_show_it(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         path = write(tmp_path, CLAY)
         assert outcome(capsys, "scenes", "check", path)[0] == 0

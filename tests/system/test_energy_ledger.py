@@ -237,6 +237,7 @@ def rendered(scene: Scene, **options: object) -> Result:
     return run(scene, half_damped(), bus="sim", hand="none", duration=3.0, force=True, **options)  # type: ignore[arg-type]
 
 
+@pytest.mark.thorough("two runs of seconds")
 def test_a_wall_beyond_its_limit_grows_and_with_the_controller_stays_below_its_first_rebound() -> None:
     """Begun 6 mm from its place, when the limit has faded in; damping of 1.3·b against b grows by e^(0.15·b/m·t)."""
     wall = too_stiff(position=0.006, sides="bilateral")

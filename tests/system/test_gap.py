@@ -35,6 +35,7 @@ def test_after_a_gap_in_contact_no_force_is_above_that_before_it(missing: int) -
     assert after.max() <= before + 1e-9
 
 
+@pytest.mark.thorough("runs with gaps")
 def test_the_energy_that_a_gap_costs_the_hand_is_what_its_push_does_meanwhile() -> None:
     """The hand pushes a handle that nobody holds: what it falls through, the wall gives back no more of.
 
@@ -82,6 +83,7 @@ def test_a_wall_that_a_short_gap_hides_stands_where_the_handle_is_seen_again(mis
     assert deeper == pytest.approx(float(below.group(1)) / 600.0, abs=2.0 * FRICTION / 600.0)
 
 
+@pytest.mark.thorough("a run of seconds")
 def test_many_short_gaps_leave_a_wall_that_holds() -> None:
     """Three missing samples in each tenth of a second, as a computer whose host takes it away for a moment."""
     gaps = [MissingTpdos("missing_tpdos", 0.1 * number, 3) for number in range(1, 80)]

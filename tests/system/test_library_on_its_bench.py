@@ -24,7 +24,7 @@ def test_the_shipped_bench_has_a_limited_way_where_it_is_linear(scene: str) -> N
         assert axis.limits.position == ((-TRAVEL, TRAVEL) if axis.workspace is Workspace.LINEAR else None)
 
 
-@pytest.mark.thorough("every scene of the library for ten seconds", quick=("sprung_mass", "inertia"))
+@pytest.mark.thorough("every scene of the library for ten seconds", quick=1)
 @pytest.mark.parametrize("scene", scene_names())
 def test_a_scene_with_its_own_hand_stays_on_the_bench_and_is_felt(scene: str) -> None:
     result = run(scene, duration=10.0)

@@ -39,6 +39,7 @@ def error(folder: Path, text: str) -> float:
     return result.torque_error.rms
 
 
+@pytest.mark.thorough("a run on a bench with a load")
 def test_a_wall_is_rendered_on_a_loaded_bench_and_the_report_knows_how_far_it_is_off(tmp_path: Path) -> None:
     assert 0.0 < error(tmp_path, RIG + LOADED) < 1.0
 

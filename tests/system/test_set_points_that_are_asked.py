@@ -65,7 +65,7 @@ def test_zero_torque_at_the_motor_within_the_stated_time(cause: EndCause, rate: 
     assert 0.0 < measured(ASKED, rate, cause) < stated
 
 
-@pytest.mark.thorough("every scene of the library, and walls at half their limit, for 60 s", quick=2)
+@pytest.mark.thorough("every scene of the library, and walls at half their limit, for 60 s", quick=1)
 @pytest.mark.parametrize("scene", scene_names())
 def test_no_scene_of_the_library_trips(scene: str) -> None:
     assert run(scene, drive=ASKED, duration=60.0 if scene in ("wall", "damped_wall") else 5.0).trips == ()

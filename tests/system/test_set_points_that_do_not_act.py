@@ -124,7 +124,7 @@ def test_rpdos_that_are_lost_take_the_torque_away(drive: str, rate: float) -> No
     assert CONTACT <= rack.ended <= CONTACT + LONGEST
 
 
-@pytest.mark.thorough("every drive", quick=2)
+@pytest.mark.thorough("every drive", quick=1)
 @pytest.mark.parametrize("drive", SHIPPED)
 def test_a_few_rpdos_that_are_lost_are_no_reason_to_stop(drive: str) -> None:
     rack = Rack(drive, 1000.0, tuple(faults.MissingRpdos("missing_rpdos", 0.05 * each, 3) for each in range(1, 50)))
@@ -136,7 +136,7 @@ def test_a_torque_limit_above_what_is_asked_for_is_no_reason_to_stop() -> None:
     assert rack.run(3.0, lambda: rack.tool(written(0x6072, 0, 900, 2))).cycles == 3000
 
 
-@pytest.mark.thorough("every scene of the library with every shipped drive for five seconds", quick=3)
+@pytest.mark.thorough("every scene of the library with every shipped drive for five seconds", quick=1)
 @pytest.mark.parametrize("drive", SHIPPED)
 @pytest.mark.parametrize("scene", scene_names())
 def test_no_scene_of_the_library_trips(scene: str, drive: str) -> None:
@@ -150,7 +150,7 @@ def test_no_scene_of_the_library_trips(scene: str, drive: str) -> None:
     assert run(played, drive=drive, duration=5.0).trips == ()
 
 
-@pytest.mark.thorough("every drive at every rate", quick=2)
+@pytest.mark.thorough("every drive at every rate", quick=1)
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("drive", SHIPPED)
 @pytest.mark.parametrize("hand", ["push", "tap"])

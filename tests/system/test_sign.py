@@ -205,7 +205,7 @@ def test_a_sign_that_turns_in_contact_ends_the_run(fault: faults.Fault) -> None:
         run("constant", endless_rig("constant"), duration=8.0, faults=[fault])
 
 
-@pytest.mark.thorough("seconds of knocking", quick=1)
+@pytest.mark.thorough("seconds of knocking")
 @pytest.mark.parametrize("mass", [0.7, 1.2, 3.0])
 def test_a_virtual_mass_that_is_knocked_is_no_contradiction(mass: float) -> None:
     """Its torque goes against each change of the hand's force, as that of a wrong sign does."""

@@ -130,6 +130,7 @@ def test_the_drive_answers_over_sdo_as_its_sheet_says(bench: Bench, file: Path) 
                 assert variable.decode_raw(data) == variable.default, where
 
 
+@pytest.mark.thorough("every object of every drive", quick=1)
 def test_the_drive_lets_write_what_its_sheet_says(bench: Bench, file: Path) -> None:
     sdo = bench.node.sdo
     for variable in variables(file):

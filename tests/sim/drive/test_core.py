@@ -465,6 +465,7 @@ class TestHandsClock:
         assert bench.status() & 0x6F == 0x27
         assert told == []
 
+    @pytest.mark.thorough("a run for each hand", quick=2)
     @pytest.mark.parametrize("name", [name for name, hand in HANDS.items() if hand is not None])
     def test_a_hand_rests_while_the_drive_is_off_and_does_the_same_again(self, name: str) -> None:
         """What a hand does in 2.5 s is what it does in the next 2.5 s, and nothing moves by itself meanwhile."""

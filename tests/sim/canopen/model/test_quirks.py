@@ -80,6 +80,7 @@ def feels_right(result: Result) -> bool:
     return result.missed_cycles == 0 and not result.trips and result.verdict.startswith("Feels like the ideal wall")
 
 
+@pytest.mark.thorough("renders a wall twice")
 def test_an_empty_section_changes_nothing(run: Run) -> None:
     assert feels_right(run(""))
 
@@ -105,6 +106,7 @@ class TestCobIdsMissing:
         bench = bench_of(cob_ids_missing=True)
         assert {bench.read(base + number, 1) for base in (0x1400, 0x1800) for number in range(4)} == {INVALID}
 
+    @pytest.mark.thorough("renders a wall")
     def test_the_master_copes(self, run: Run) -> None:
         assert feels_right(run("cob_ids_missing = true"))
 
