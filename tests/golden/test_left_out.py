@@ -24,7 +24,7 @@ MOST_CALLS_OF_A_WALL = 11
 """Of functions of the package in a period; the hand waits for each of them."""
 
 
-@pytest.mark.thorough("starts a process for each scene", quick=1)
+@pytest.mark.thorough("starts a process for each scene", quick=("wall",))
 @pytest.mark.parametrize("scene", scene_names())
 def test_a_scene_uses_what_it_used_before_and_no_more(scene: str) -> None:
     path = FOLDER / f"{scene}.txt"
