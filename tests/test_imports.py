@@ -47,6 +47,7 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
 
 DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
+        "cli": "cli.app cli.failures errors",
         "cli.options": "planning.request protocols.registry",
         "cli.pictures": "planning.request",
         "cli.doctor": "api.bench",
@@ -56,7 +57,7 @@ DOES_WITHOUT = {
         "cli.report": "api study.make_report study.measure.bench",
         "cli.response": "api api.model api.open_loop report.models report.plot_model"
         " report.plot_response report.responses",
-        "cli.run": "api planning.request report.plot report.words sim.faults sim.faults.drawing",
+        "cli.run": "api assessing.loop_report planning.request report.plot report.words sim.faults sim.faults.drawing",
         "cli.scan": "api.bench",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.folders protocols.registry scenes.catalogue"
         " scenes.parameters scenes.registry scenes.scene",
@@ -65,7 +66,8 @@ DOES_WITHOUT = {
         " protocols.canopen.vendor.draft protocols.catalogue sim.canopen.proof",
         "cli.stability": "api.judging report.plot_region report.stability",
         "cli.vcan": "vcan.runner",
-        "cli.watch": "api.bench clock running.ending running.watching",
+        "running.ending": "assessing.result",
+        "cli.watch": "api.bench clock running.watching",
     },
     "import haptic_fieldbus.pytest_plugin": {"pytest_plugin": "sim.modbus.rack testing testing.modbus"},
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {

@@ -34,7 +34,7 @@ CURRENT = [path for path in DOCUMENTS if path.parent.name != "decisions"]
 """A decision names what there was when it was made."""
 PLACEHOLDER = re.compile(r"NAME|KIND|\bname\b")
 ENTRY_POINT_GROUPS = {GROUP, BUS_GROUP, SIMULATION_GROUP, ELEMENT_GROUP}
-LONGEST_FILE = 300
+LONGEST_FILE = 400
 REFUSED = 4
 
 DISTRIBUTIONS = {

@@ -92,7 +92,8 @@ def run(trial: Trial) -> Result:
     set the conditions; on a real one nothing moves unless `confirm` returns True. `changes` are new settings for the
     running scene at seconds from *operation enabled*, [(2.0, {"wall.stiffness": 800.0})], or a `Changes` that other
     threads use. Raises the same errors as `plan`, UnstableSceneError (unless `force`), BusError, DriveFaultError and
-    SafetyTripError. Torque is zero before any of them is raised; their `result` holds the facts known by then.
+    SafetyTripError. Torque is zero before any of them is raised; their `result` holds the facts known by then. Ctrl-C,
+    SIGTERM and SIGHUP end a run early and are no errors: `stopped` of the result names the signal.
     """
     recording = Path(trial.record) if trial.record is not None else None
     hand = hand_named(DEFAULT_HAND if trial.hand is None else trial.hand)
@@ -103,10 +104,10 @@ def run(trial: Trial) -> Result:
     check_fade_in(trial.fade_in)
     try:
         selection = _selected(trial)
-    except PlanError as error:
+    except (PlanError, KeyboardInterrupt) as error:
         # No plan exists yet, so the result holds the request alone.
         drive, rate = trial.drive or protocol_named(name.section.protocol).default_drive, trial.rate or math.nan
-        error.result = Result(scene=str(trial.scene), drive=drive, bus=bus, rate=rate)
+        vars(error)["result"] = Result(scene=str(trial.scene), drive=drive, bus=bus, rate=rate)
         raise
     changes = _checked(selection, trial)
     if trial.announce is not None:

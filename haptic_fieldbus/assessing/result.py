@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # imported for its type alone: a plan that is not run never l
 Array = NDArray[np.float64]
 FIGURES = (
     "scene", "drive", "bus", "rate", "clock", "cycles", "missed_cycles", "duration", "bus_load", "torque_error",
-    "energy_generated", "travel", "verdict", "trips", "changes", "warnings",
+    "energy_generated", "travel", "verdict", "trips", "stopped", "changes", "warnings",
 )  # fmt: skip
 """Fields that `repr` of a `Result` shows; large ones, such as plan and traces, are left out."""
 WIDEST = 120
@@ -116,6 +116,23 @@ class TripRecord:
 
 
 @dataclass(frozen=True)
+class Stopped:
+    """The signal that ended a run before its time."""
+
+    signal: str
+    """Its name: SIGINT (Ctrl-C), SIGTERM or SIGHUP."""
+    time: float | None
+    """Time of the end [s from *operation enabled*]; None when it came before that."""
+    duration: float
+    """Time that the run was to take [s]."""
+    message: str
+
+    def to_json(self) -> Json:
+        values = (self.signal, self.time, self.duration, self.message)
+        return dict(zip(("signal", "time_s", "duration_s", "message"), values, strict=True))
+
+
+@dataclass(frozen=True)
 class Changed:
     """New values by `element.parameter`, and the begin of the ramp to them [s from *operation enabled*]."""
 
@@ -181,6 +198,8 @@ class Result:
     """How far the handle of each axis went, and how deep; known of a run that tripped too."""
     stability: Stability | None = None
     trips: tuple[TripRecord, ...] = ()
+    stopped: Stopped | None = None
+    """The signal that ended the run; None for a run that went to its end, or ended by itself."""
     changes: tuple[Changed, ...] = ()
     passivity: tuple[Passivity, ...] = ()
     """What the energy ledgers have seen, one for each axis or each group of coupled axes."""
@@ -226,6 +245,7 @@ class Result:
                 "travel": [each.to_json() for each in self.travel],
                 "stability": cast(Json, self.stability.to_json()) if self.stability else None,
                 "trips": [trip.to_json() for trip in self.trips],
+                "stopped": self.stopped.to_json() if self.stopped else None,
                 "changes": [change.to_json() for change in self.changes],
                 "passivity": [each.to_json() for each in self.passivity],
                 "verdict": self.verdict,

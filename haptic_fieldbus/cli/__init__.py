@@ -7,9 +7,11 @@ import os
 import sys
 from collections.abc import Sequence
 
-from haptic_fieldbus.cli.app import app
-from haptic_fieldbus.cli.failures import tell
-from haptic_fieldbus.errors import HapticFieldbusError
+from haptic_fieldbus.cli.output import free_output
+from haptic_fieldbus.running.ending import EndSignals, ended_by_signals
+
+SIGNALLED, INTERRUPTED = 128, 130
+"""Exit statuses: the number of a signal is added to the one; the other is that of Ctrl-C."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -19,7 +21,45 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     # Before numpy is imported, which reads it once: matrices are tiny, and a pool of threads only disturbs the loop.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with ended_by_signals() as ending, free_output(lambda: ending.leaving):
+        ending.last = arguments is None
+        status = _status(arguments, ending)
+    sys.exit(status)
+
+
+def _status(arguments: Sequence[str] | None, ending: EndSignals) -> int:
+    """Return the exit status of a command; that of a command without fault follows the first signal."""
+    try:
+        status = _ended(arguments, ending)
+        ending.hold()  # here, so that a signal before it is caught below
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+        ending.hold()
+    if ending.signal is None or status not in (0, INTERRUPTED):
+        return status
+    print(ending.sentence, file=sys.stderr)
+    return SIGNALLED + ending.signal
+
+
+def _ended(arguments: Sequence[str] | None, ending: EndSignals) -> int:
+    """Run a command to its end, its output included, and return its exit status."""
+    # Imported here, so that a signal meets our handlers while the command is loaded.
+    from haptic_fieldbus.cli.app import app
+    from haptic_fieldbus.cli.failures import tell
+    from haptic_fieldbus.errors import HapticFieldbusError
+
     try:
         app(args=arguments, prog_name="haptic-fieldbus")
+        status = 0
     except HapticFieldbusError as error:
-        sys.exit(tell(error))
+        status = tell(error)
+    except SystemExit as ended:
+        status = ended.code if isinstance(ended.code, int) else 0
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:  # its reader wanted no more
+        status = status or 1
+    except OSError as error:
+        print(f"the output is not complete: {error.strerror}", file=sys.stderr)
+        status = status or 1
+    return status

@@ -4,7 +4,7 @@ import sys
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,9 +12,12 @@ from haptic_fieldbus.cli.options import JsonOption, option
 from haptic_fieldbus.cli.screen import console, plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_REPORT
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.running.ending import ended_by_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from haptic_fieldbus.assessing.result import Result
 
 LABEL_WIDTH = 44
 """Longest label beside the progress bar [characters]."""
@@ -40,7 +43,7 @@ def report(
     with _progress() as progress:
         made = make_report(
             out,
-            Tools(api.run, api.plan),
+            Tools(_interruptible(api.run), api.plan),
             quick=quick,
             only=only,
             progress=progress,
@@ -53,6 +56,18 @@ def report(
         return
     show([("found" if number == 0 else "", f"- {sentence}") for number, sentence in enumerate(made.findings)])
     show([("report", str(out / "index.html")), ("", str(out / "report.json"))])
+
+
+def _interruptible(run: "Callable[..., Result]") -> "Callable[..., Result]":
+    """Return `run`, after which a signal that came meanwhile ends the report too."""
+
+    def call(*args: Any, **kwargs: Any) -> "Result":
+        with ended_by_signals() as ending:
+            result = run(*args, **kwargs)
+            ending.resume()
+        return result
+
+    return call
 
 
 @contextmanager

@@ -20,11 +20,13 @@ from haptic_fieldbus.cli.options import (
     option,
     options_of,
 )
+from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import Bar, bar, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_DURATION, DEFAULT_FADE_IN, DEFAULT_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly
+from haptic_fieldbus.running.ending import ended_by_signals
 
 if TYPE_CHECKING:
     from haptic_fieldbus.assessing.result import Result
@@ -74,6 +76,8 @@ def run(options: RunOptions) -> None:
     from haptic_fieldbus import api
     from haptic_fieldbus.planning.request import parse_changes
 
+    if not sys.stdin.isatty():  # a person at a terminal is to see the plan and the question
+        never_wait()
     # Every option is checked before the first bus is opened.
     trial = options.given(api.Trial)
     check_plot(options.plot)
@@ -88,7 +92,7 @@ def run(options: RunOptions) -> None:
         progress=progress,
         announce=_announcer(options, progress, changes),
     )
-    with _object_of_failure(options.as_json):
+    with _partial_result(trial.duration, options.as_json):
         try:
             result = api.run.of(trial)
         finally:  # before any line is printed: the bar is drawn over its own line
@@ -122,7 +126,12 @@ def _ask(text: str) -> bool:
     show([(None, line) for line in warning], sys.stderr)
     if not sys.stdin.isatty():
         raise UsageError("nobody is there to confirm; a script says --yes")
-    return typer.confirm(question, default=False, err=True)
+    try:
+        return typer.confirm(question, default=False, err=True)
+    except typer.Abort as given_up:
+        if isinstance(given_up.__context__, EOFError):
+            return False
+        raise KeyboardInterrupt from given_up
 
 
 def _instruct(text: str) -> None:
@@ -157,30 +166,41 @@ def _announcer(
 
 
 @contextmanager
-def _object_of_failure(as_json: bool) -> Iterator[None]:
-    """Print the partial result of a run that failed, as lines or as the JSON object, and raise its error again."""
-    try:
-        yield
-    except HapticFieldbusError as error:
-        result: Result | None = getattr(error, "result", None)
-        if result is not None and as_json:
-            print_json(result.to_json())
-        elif result is not None:
-            _tell(result)
-        raise
+def _partial_result(duration: float, as_json: bool) -> Iterator[None]:
+    """Print the partial result of a run that failed or was stopped early, as lines or as the JSON object.
+
+    The error goes on.
+    """
+    with ended_by_signals() as ending:
+        try:
+            yield
+        except HapticFieldbusError as error:
+            _tell_known(getattr(error, "result", None), as_json)
+            raise
+        except KeyboardInterrupt as early:
+            from haptic_fieldbus.assessing.loop_report import LoopReport
+
+            known: Result | None = getattr(early, "result", None)
+            if not ending.when:  # no run has begun
+                stopped = ending.stopped(LoopReport(interrupted=True), duration)
+                _tell_known(known and replace(known, stopped=stopped), as_json)
+            raise
+
+
+def _tell_known(result: "Result | None", as_json: bool) -> None:
+    if result is not None:
+        _tell(result, as_json)
 
 
 def _finish(result: "Result", plot: Path | None, as_json: bool) -> None:
-    """Draw the picture if asked for, and print the result as lines or as the JSON object.
+    """Print the result as lines or as the JSON object, and draw the picture if asked for.
 
     Exit with 1 when the recording ended before the run.
     """
-    _draw(result, plot)
-    if as_json:
-        print_json(result.to_json())
-    else:
-        _tell(result)
-        if plot is not None:
+    _tell(result, as_json)
+    if plot is not None:
+        _draw(result, plot)
+        if not as_json:
             show([("plot", str(plot))])
     if result.recording_fault is not None:
         sys.stdout.flush()
@@ -188,17 +208,18 @@ def _finish(result: "Result", plot: Path | None, as_json: bool) -> None:
         raise typer.Exit(1)
 
 
-def _tell(result: "Result") -> None:
-    """Print a result as lines; flushed, so that it precedes a message on standard error."""
-    from haptic_fieldbus.report.words import outcome
+def _tell(result: "Result", as_json: bool) -> None:
+    """Print a result as lines or as the JSON object; flushed, so that it precedes a message on standard error."""
+    if as_json:
+        print_json(result.to_json())
+    else:
+        from haptic_fieldbus.report.words import outcome
 
-    show(outcome(result))
+        show(outcome(result))
     sys.stdout.flush()
 
 
-def _draw(result: "Result", path: Path | None) -> None:
-    if path is None:
-        return
+def _draw(result: "Result", path: Path) -> None:
     from haptic_fieldbus.report.plot import plot_run
 
     draw(path, lambda place: plot_run(result, place))

@@ -10,6 +10,8 @@ from enum import Enum
 from time import monotonic
 from typing import TYPE_CHECKING, TextIO
 
+from haptic_fieldbus.cli.output import behind
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
@@ -62,7 +64,13 @@ def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 def print_json(value: "Mapping[str, Json]") -> None:
     """Print one JSON object to standard output; raises ValueError for NaN and infinities, which JSON does not have."""
-    print(json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False))
+    print(json_text(value, indent=2))
+
+
+def json_text(value: "Mapping[str, Json]", indent: int | None = None) -> str:
+    """Return a JSON object, with escapes when the encoding of standard output has not all characters."""
+    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    return json.dumps(value, ensure_ascii=not unicode, indent=indent, allow_nan=False)
 
 
 class Bar:
@@ -79,7 +87,8 @@ class Bar:
     def __call__(self, done: int, total: int) -> None:
         """Draw the bar after `done` of `total` periods, unless it was drawn less than `REDRAW` ago."""
         now = monotonic()
-        if self.silent or (done < total and now - self._drawn < REDRAW):
+        # What a stopped terminal does not take would only gather.
+        if self.silent or behind(sys.stderr) or (done < total and now - self._drawn < REDRAW):
             return
         self._drawn = now
         progress = self._progress or self._begin()

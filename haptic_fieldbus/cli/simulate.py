@@ -1,6 +1,5 @@
 """Command `simulate`: host simulated drives in real time on a bus that other programs join."""
 
-import json
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -19,7 +18,8 @@ from haptic_fieldbus.cli.options import (
     note_assumed_bitrate,
     option,
 )
-from haptic_fieldbus.cli.screen import show
+from haptic_fieldbus.cli.output import never_wait
+from haptic_fieldbus.cli.screen import json_text, show
 from haptic_fieldbus.defaults import DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
 
@@ -60,6 +60,7 @@ def simulate(
     from haptic_fieldbus.sim.faults import load_faults
     from haptic_fieldbus.sim.host_request import HostRequest, host_on, resolve, rig_of
 
+    never_wait()  # the drives go on whether somebody reads or not
     known_faults = load_faults(faults) if faults is not None else ()
     name, slots = resolve(HostRequest(drive or [], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
@@ -130,7 +131,7 @@ class _Teller:
 
     def tell(self, slot: "Slot") -> None:
         if self.as_json:
-            print(json.dumps({"drive": slot.axis.profile, "node": slot.node, "bus": self.bus}, ensure_ascii=False))
+            print(json_text({"drive": slot.axis.profile, "node": slot.node, "bus": self.bus}))
         else:
             show([("ready", f"{slot.axis.profile}, node {slot.node}, on {self.bus}")])
         sys.stdout.flush()  # a program that started this one waits for the line

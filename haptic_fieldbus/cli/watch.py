@@ -1,6 +1,5 @@
 """Command `watch`: a live look at drives, without torque."""
 
-import json
 import math
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from haptic_fieldbus.cli.doctor import DriveOptions
 from haptic_fieldbus.cli.options import RENDERING, note_assumed_bitrate, option, options_of
-from haptic_fieldbus.cli.screen import KEY_WIDTH, console, show
+from haptic_fieldbus.cli.screen import KEY_WIDTH, console, json_text, show
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import in_unit, rounded
 
@@ -36,7 +35,6 @@ def watch(options: WatchOptions) -> None:
     """Show position, velocity, torque and state of drives while nothing is enabled; Ctrl-C ends it."""
     from haptic_fieldbus.api.bench import watched
     from haptic_fieldbus.clock import MonotonicClock
-    from haptic_fieldbus.running.ending import ended_by_signals
     from haptic_fieldbus.running.watching import watch_axes
 
     duration = math.inf if options.duration is None else options.duration
@@ -44,18 +42,15 @@ def watch(options: WatchOptions) -> None:
         raise UsageError(f"--duration {options.duration}: expected seconds, more than 0")
     show(note_assumed_bitrate(options.bus), sys.stderr)
     live = sys.stdout.isatty() and not options.as_json
-    try:
-        with ended_by_signals(), watched(options.bench()) as (axes, onlookers), _shown(live, options.as_json) as tell:
-            told: set[str] = set()
-            show([("bus", onlooker.listened) for onlooker in onlookers], sys.stderr)
-            for number, views in enumerate(watch_axes(axes, onlookers, MonotonicClock(), LOOK_EVERY, duration)):
-                news = {onlooker.masters for onlooker in onlookers} - told - {""}
-                show([("listening", sentence) for sentence in news], sys.stderr)
-                told |= news
-                if live or number % LOOKS_PER_LINE == 0:
-                    tell(views)
-    except KeyboardInterrupt:
-        return
+    with watched(options.bench()) as (axes, onlookers), _shown(live, options.as_json) as tell:
+        told: set[str] = set()
+        show([("bus", onlooker.listened) for onlooker in onlookers], sys.stderr)
+        for number, views in enumerate(watch_axes(axes, onlookers, MonotonicClock(), LOOK_EVERY, duration)):
+            news = {onlooker.masters for onlooker in onlookers} - told - {""}
+            show([("listening", sentence) for sentence in news], sys.stderr)
+            told |= news
+            if live or number % LOOKS_PER_LINE == 0:
+                tell(views)
 
 
 @contextmanager
@@ -77,7 +72,7 @@ def _named_lines(views: Mapping[str, "View"]) -> Iterator[str]:
 
 
 def _print_json_line(views: Mapping[str, "View"]) -> None:
-    print(json.dumps({"axes": {name: view.to_json() for name, view in views.items()}}, ensure_ascii=False), flush=True)
+    print(json_text({"axes": {name: view.to_json() for name, view in views.items()}}), flush=True)
 
 
 def _print_lines(views: Mapping[str, "View"]) -> None:

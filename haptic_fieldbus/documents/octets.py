@@ -20,6 +20,11 @@ EDS_SIZE = 2 * MEBI
 TABLE_SIZE = 32 * MEBI
 """Most octets of a table of numbers, such as a recorded motion."""
 
+READING = os.O_RDONLY
+"""Flags by which a file is opened; Windows has others than POSIX."""
+for _flag in ("O_CLOEXEC", "O_NONBLOCK", "O_NOCTTY", "O_BINARY"):
+    READING |= getattr(os, _flag, 0)
+
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a FIFO"),
@@ -40,7 +45,7 @@ def read_octets(path: str | Path, most: int) -> bytes:
     """
     try:
         _check_regular(os.stat(path))
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY)
+        descriptor = os.open(path, READING)
     except ValueError as cause:
         raise OSError(errno.EINVAL, IMPOSSIBLE_NAME) from cause
     try:

@@ -45,10 +45,8 @@ def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
         with open(descriptor, "wb") as file:
             file.write(content)
             file.flush()
-            os.fchmod(descriptor, stat.S_IMODE(before.st_mode))
-            if before.st_uid != os.geteuid():  # root, for whom the file must not become its own
-                with suppress(PermissionError):
-                    os.fchown(descriptor, before.st_uid, before.st_gid)
+            if hasattr(os, "fchown"):  # Windows has neither modes nor owners of this kind
+                _keep_rights(descriptor, before)
             os.fsync(descriptor)
         same = _seen(before) == _seen(_state(target))
         if same:
@@ -63,6 +61,14 @@ def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
     return True
 
 
+def _keep_rights(descriptor: int, before: os.stat_result) -> None:
+    """Give a new file the mode of the old one, and its owner where we may."""
+    os.fchmod(descriptor, stat.S_IMODE(before.st_mode))
+    if before.st_uid != os.geteuid():  # root, for whom the file must not become its own
+        with suppress(PermissionError):
+            os.fchown(descriptor, before.st_uid, before.st_gid)
+
+
 def _state(target: Path) -> os.stat_result:
     return os.stat(target)
 
@@ -74,6 +80,8 @@ def _seen(found: os.stat_result) -> tuple[int, int, int, int]:
 
 def _sync_folder(folder: Path) -> None:
     """Let the new name reach the disk, where a folder can be synchronised."""
+    if not hasattr(os, "O_DIRECTORY"):  # Windows opens no folder
+        return
     descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     try:
         with suppress(OSError):  # some file systems cannot; the file itself is on the disk already

@@ -1,51 +1,124 @@
 """Signals that end a run: Ctrl-C, SIGTERM (`kill`, a service manager) and SIGHUP (a terminal that is closed).
 
-While the drives are configured, the first signal raises KeyboardInterrupt, since no torque is there to be taken away.
-From `hold` on signals are only noted: the loop sees the note between two periods, and nothing interrupts the way to
-zero torque, however often Ctrl-C is pressed.
+While the drives are configured, a signal raises KeyboardInterrupt, since no torque is there to be taken away. From
+`hold` on signals are only noted: the loop sees the note between two periods. Nothing interrupts the way to zero
+torque, nor the making of the result, however often Ctrl-C is pressed. Once all drives have confirmed that they are off,
+`freed` sets a limit to this: a signal that comes `RESULT_TIME` later raises again and gives the result up.
+
+A block inside another one, as that of a run inside a command, shares the signals of the outer one.
 """
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import inf
+from time import monotonic
 from types import FrameType
+from typing import TYPE_CHECKING
+
+from haptic_fieldbus.numerals import exactly
+
+if TYPE_CHECKING:  # a command without a run never loads it, and numpy with it
+    from haptic_fieldbus.assessing.loop_report import LoopReport
+    from haptic_fieldbus.assessing.result import Stopped
 
 SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )  # Windows has no SIGHUP
 OURS_TO_TAKE = (signal.SIG_DFL, signal.default_int_handler)
 """Handlers that nobody has chosen; others, as those of `nohup` or of a program around ours, stay."""
+EARLY = " before operation enabled: no torque was given"
+"""When a run was stopped of which the drives were never enabled."""
+AGAIN = 1.0
+"""Time after a KeyboardInterrupt in which further signals are only noted, since the way out has begun [s]."""
+RESULT_TIME = 10.0
+"""Time for which signals are held after the drives have confirmed that they are off [s]."""
 
 
 class EndSignals:
-    """What has asked for the end of the run."""
+    """Signals that have asked for the end; `now` is a clock [s]."""
 
-    def __init__(self) -> None:
+    def __init__(self, now: Callable[[], float] = monotonic) -> None:
         self.signal: int | None = None
         """Number of the first signal; None while there was none."""
-        self._held = False
+        self.when = ""
+        """When the run was stopped, as the end of `sentence`."""
+        self.last = False
+        """True when the process ends with the block: signals are ignored after it, so that they kill no interpreter."""
+        self._now = now
+        self._raises_from = -inf
+        """Time from which on signals raise [s]."""
+
+    @property
+    def leaving(self) -> bool:
+        """True when signals are held, and after the first signal: nothing may wait for a reader of the output."""
+        return self._raises_from > -inf
+
+    @property
+    def name(self) -> str:
+        """Name of the first signal; that of Ctrl-C for a KeyboardInterrupt of another origin."""
+        return signal.Signals(self.signal or signal.SIGINT).name
+
+    @property
+    def sentence(self) -> str:
+        """Who stopped the run, and when."""
+        return f"stopped by {'you' if self.name == 'SIGINT' else self.name}{self.when}"
+
+    def stopped(self, report: "LoopReport", duration: float) -> "Stopped | None":
+        """Return how a signal stopped a run of `duration` [s], which `sentence` tells then; None when none did."""
+        self.when = " after the end of the run; its result is complete"
+        if not report.interrupted:
+            return None
+        from haptic_fieldbus.assessing.result import Stopped
+
+        time = None if report.enabled_at_ns is None else report.duration
+        self.when = EARLY if time is None else f" at {time:.1f} s of {exactly(duration)} s"
+        return Stopped(self.name, time, duration, self.sentence)
 
     def hold(self) -> None:
         """Only note signals from now on."""
-        self._held = True
+        self._raises_from = inf
+
+    def freed(self) -> None:
+        """Hold signals for `RESULT_TIME` more: every drive has confirmed that it is off."""
+        self._raises_from = self._now() + RESULT_TIME
+
+    def resume(self) -> None:
+        """Let signals raise again; raises KeyboardInterrupt when one was noted."""
+        self._raises_from = -inf
+        if self.signal is not None:
+            raise KeyboardInterrupt
 
     def receive(self, number: int, frame: FrameType | None = None) -> None:
-        """Note a signal; raises KeyboardInterrupt for the first one, before `hold`."""
-        first, self.signal = self.signal is None, self.signal or number
-        if first and not self._held:
+        """Note a signal; raises KeyboardInterrupt unless signals are held."""
+        self.signal = self.signal or number
+        now = self._now()
+        if now >= self._raises_from:
+            self._raises_from = now + AGAIN
             raise KeyboardInterrupt
 
 
 @contextmanager
-def ended_by_signals() -> Iterator[EndSignals]:
+def ended_by_signals(now: Callable[[], float] = monotonic) -> Iterator[EndSignals]:
     """Yield an `EndSignals` that signals reach inside the block; outside the main thread none do."""
-    ending = EndSignals()
     main = threading.current_thread() is threading.main_thread()
-    taken = [each for each in SIGNALS if main and signal.getsignal(each) in OURS_TO_TAKE]
+    handlers = {each: signal.getsignal(each) for each in SIGNALS if main}
+    outer = next((found for each in handlers.values() if (found := _behind(each)) is not None), None)
+    if outer is not None:
+        yield outer
+        return
+    ending = EndSignals(now)
+    taken = [each for each, handler in handlers.items() if handler in OURS_TO_TAKE]
     before = [(each, signal.signal(each, ending.receive)) for each in taken]
     try:
         yield ending
     finally:
         for each, handler in before:
-            signal.signal(each, handler)
+            signal.signal(each, signal.SIG_IGN if ending.last else handler)
+
+
+def _behind(handler: object) -> EndSignals | None:
+    """Return the `EndSignals` to which a handler belongs; None for any other handler."""
+    owner = getattr(handler, "__self__", None)
+    return owner if isinstance(owner, EndSignals) else None

@@ -4,6 +4,7 @@ In virtual time the loop itself writes, because nothing waits for it. On a real 
 the rows of a tenth of a second at a time.
 """
 
+import os
 import sys
 from array import array
 from collections.abc import Sequence
@@ -74,7 +75,9 @@ class Rows:
         self._record = record
         self._file: RowFile | None = None
         if path is not None and path.suffix in ROW_SUFFIXES:
-            self._file = (DirectRows if simulated else ProcessRows)(path, record.columns)
+            # Windows has no pipe that takes octets without waiting.
+            direct = simulated or not hasattr(os, "fork")
+            self._file = (DirectRows if direct else ProcessRows)(path, record.columns)
 
     def flush(self) -> None:
         """Pass on the new rows; a file that fails is left, because the run must go on."""

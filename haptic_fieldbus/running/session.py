@@ -23,7 +23,6 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
-from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
@@ -35,7 +34,6 @@ from haptic_fieldbus.running.rows import Rows
 if TYPE_CHECKING:  # a run in which nothing changes does without them
     from haptic_fieldbus.running.changes import Changes
 
-EARLY = "ended before operation enabled: no torque was given"
 LONGEST_RECORD = 300_000
 """Largest number of rows that are kept of a run on real drives; files of rows are written while it goes on."""
 
@@ -76,10 +74,15 @@ class Site:
 def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     """Run the selection at `place` and return the result.
 
-    A signal ends the run early and is no error; before operation enabled the result has no cycles. Raises UsageError
-    when a real bus is not confirmed, and BusError, DriveFaultError or SafetyTripError of the run. Each error carries
-    the facts known by then as `result`; rows are written to the record file in any case.
+    A signal ends the run early and is no error: the result says `stopped`, and has no cycles before operation enabled.
+    Raises UsageError when a real bus is not confirmed, and BusError, DriveFaultError or SafetyTripError of the run.
+    Each error carries the facts known by then as `result`; rows are written to the record file in any case.
     """
+    with ended_by_signals() as ending:
+        return _rendered(request, place, ending)
+
+
+def _rendered(request: Request, place: AbstractContextManager[Site], ending: EndSignals) -> Result:
     plan = request.selection.plan
     cycles = max(1, round(request.duration * plan.rate))
     cycle, report, prepared = Cycle(plan), LoopReport(), Preparation(request)
@@ -88,8 +91,8 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
     assessment: Assessment | None = None
     started = perf_counter()
     try:
-        with ended_by_signals() as ending, place as site, _rights(plan) as prepared.host:
-            prepared.bus = bus = _one_of(site.buses)
+        with place as site, _rights(plan) as prepared.host:
+            prepared.bus = bus = next(iter(site.buses.values())) if len(site.buses) == 1 else BusGroup(site.buses)
             run = Run(request.selection, cycle, record, report, site.worlds, site.clock.name, cycles, site.hand)
             assessment = Assessment(run)
             with _freed(bus, ending):
@@ -108,24 +111,33 @@ def render(request: Request, place: AbstractContextManager[Site]) -> Result:
                     ending=ending,
                 )
     except KeyboardInterrupt as early:
-        if UNCONFIRMED in getattr(early, "__notes__", ()):
-            raise BusError(UNCONFIRMED) from early
+        ending.hold()
         report.interrupted = True
-        return prepared.told_with(known_before(request.selection, report), [EARLY])
+        stopped = ending.stopped(report, request.duration)
+        result = prepared.told_with(replace(known_before(request.selection, report), stopped=stopped), [])
+        if UNCONFIRMED not in getattr(early, "__notes__", ()):
+            return result
+        unconfirmed = BusError(UNCONFIRMED)
+        unconfirmed.result = result
+        raise unconfirmed from early
     except HapticFieldbusError as error:
         # A run that fails has a result too: the command line prints it beside the error.
         known = known_before(request.selection, report, cycle.trip, str(error))
         seen = tuple(passivities(plan, cycle, report.cycles))
-        known = replace(known, passivity=seen, warnings=tuple(notices(plan, cycle, report)))
+        stopped = ending.stopped(report, request.duration)
+        known = replace(known, passivity=seen, stopped=stopped, warnings=tuple(notices(plan, cycle, report)))
         known = known if assessment is None else assessment.with_travel(known)
         error.result = prepared.told_with(known, known.warnings)
         raise
     finally:
         rows.close()
+        if report.released:
+            ending.freed()
+    stopped = ending.stopped(report, request.duration)
     result = assessment.finish(perf_counter() - started)
     fault = _recording_fault(rows, site)
     told = [] if fault is None else [f"the recording {request.record} ended before the run: {fault}"]
-    return prepared.told_with(replace(result, recording_fault=fault), [*told, *result.warnings])
+    return prepared.told_with(replace(result, recording_fault=fault, stopped=stopped), [*told, *result.warnings])
 
 
 def _record_of(plan: Plan, cycles: int) -> Record:
@@ -171,11 +183,6 @@ def _rights(plan: Plan) -> AbstractContextManager[tuple[Right, ...]]:
     from haptic_fieldbus.running.rights import real_time
 
     return real_time()
-
-
-def _one_of(buses: Mapping[str, Bus]) -> Bus:
-    """Return a single bus as it is, several buses as a group."""
-    return next(iter(buses.values())) if len(buses) == 1 else BusGroup(buses)
 
 
 class Preparation:
@@ -248,19 +255,14 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     """Return the sentence about one axis that is to be confirmed: drive, bus, limits, reaction to a link loss."""
     axis = next(axis for axis in plan.axes if axis.name == name)
     facts = bus.facts[name]
-    share = axis.limits.effort / axis.rated_effort
+    share, probe = axis.limits.effort / axis.rated_effort, sign_probe(axis, plan.period)
     serial = "" if facts.serial is None else f" (serial {facts.serial:#06x})"
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
         f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "
         f"{'. '.join((f'{facts.link_loss}, confirmed in the drive', *facts.changes))}."
-        f"{_pulses(axis, plan.period)}"
+        f"{'' if probe is None else f' First, {sign_text(axis, probe)}.'}"
     )
-
-
-def _pulses(axis: AxisPlan, period: float) -> str:
-    probe = sign_probe(axis, period)
-    return "" if probe is None else f" First, {sign_text(axis, probe)}."
 
 
 def _hint(request: Request, cycle: Cycle) -> Callable[[], None]:

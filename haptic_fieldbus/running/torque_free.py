@@ -25,6 +25,7 @@ def started(plan: Plan, bus: Bus, ending: EndSignals) -> Iterator[None]:
         bus.start()
         yield
     except BaseException as error:
+        ending.hold()
         if not bus.stop():
             error.add_note(UNCONFIRMED)
         raise

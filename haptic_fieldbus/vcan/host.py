@@ -53,7 +53,7 @@ def _lend(interface: str, taken_back: ExitStack) -> bool:
 def _add(interface: str) -> bool:
     if _ip("link", "add", interface, "type", "vcan"):
         return True
-    if os.geteuid() == 0:
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
         with suppress(FileNotFoundError):
             subprocess.run(["modprobe", "vcan"], capture_output=True, check=False)
         return _ip("link", "add", interface, "type", "vcan")

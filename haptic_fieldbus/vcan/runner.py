@@ -26,7 +26,7 @@ GRACE_S = 10.0
 """Time that a command has to end after a signal or its time limit."""
 PLACE_VARIABLE = "HAPTIC_FIELDBUS_VCAN"
 """Environment variable by which a command sees where it runs: `host` or `guest`."""
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that are passed on to the command; a second one ends it at once."""
 NAME = re.compile(r"[A-Za-z0-9._-]{1,15}")
 """Of an interface, as Linux allows it, without what a shell would take for something else."""
@@ -70,6 +70,8 @@ def run(errand: Errand, note: Callable[[str], None]) -> int:
     `note` is told where it runs. Raises UsageError, and VcanError when it cannot be run.
     """
     _check(errand)
+    if not hasattr(os, "pidfd_open"):  # not Linux, for which there is nothing but a refusal
+        needs.require_guest()
     with host.lent(() if errand.guest else errand.interfaces) as there, _signals() as (arrived, wakeup):
         names = " ".join(errand.interfaces)
         if there and not errand.guest:

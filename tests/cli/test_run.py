@@ -13,8 +13,8 @@ from tests.cli.command import Command
 SHORT = ("--duration", "0.6")
 KEYS = [
     "scene", "drive", "bus", "rate_hz", "clock", "cycles", "missed_cycles", "duration_s", "bus_load", "plan", "timing",
-    "torque_error", "energy_generated_j", "travel", "stability", "trips", "changes", "passivity", "verdict", "guards",
-    "host", "deadlines",
+    "torque_error", "energy_generated_j", "travel", "stability", "trips", "stopped", "changes", "passivity", "verdict",
+    "guards", "host", "deadlines",
 ]  # fmt: skip
 STABILITY = {
     "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "judged_at",

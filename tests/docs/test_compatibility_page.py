@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.assessing.result import TripRecord
+from haptic_fieldbus.assessing.result import Stopped, TripRecord
 from haptic_fieldbus.cli import main
 from haptic_fieldbus.cli.failures import OUTCOMES
 from haptic_fieldbus.eds import eds_text
@@ -80,13 +80,19 @@ def test_a_command_prints_the_keys_of_the_page(
         # Run and plan tell what is assumed, and plan the ways of exchange, once, beside the rest of the plan.
         assert OBJECTS[known] - ({"assumed", "ways"} if at.endswith(": stability") else set()) == keys, at
     promised = {at for at in OBJECTS if at == name or at.startswith(f"{name}: ")}
-    assert promised <= told.keys() | {"run: trips[]"}
+    assert promised <= told.keys() | {"run: trips[]", "run: stopped"}
 
 
 def test_a_trip_has_the_keys_of_the_page() -> None:
     shown = TripRecord("speed limit", 0.5, "").to_json()
     assert isinstance(shown, dict)
     assert set(shown) == OBJECTS["run: trips[]"]
+
+
+def test_a_run_that_was_stopped_has_the_keys_of_the_page() -> None:
+    shown = Stopped("SIGINT", 0.5, 1.0, "").to_json()
+    assert isinstance(shown, dict)
+    assert set(shown) == OBJECTS["run: stopped"]
 
 
 def test_the_exit_statuses_are_those_of_the_errors() -> None:

@@ -65,16 +65,18 @@ def in_another_process(node: int, drives: Sequence[str] = DRIVES, vcan: str | No
         process.communicate()
 
 
-def start(*words: str, port: int | None) -> "subprocess.Popen[str]":
+def start(*words: str, port: int | None, out: int = subprocess.PIPE) -> "subprocess.Popen[str]":
     """The command line in a process of its own; the bus name cannot say the port, python-can's environment can."""
     wire = {} if port is None else {"CAN_CONFIG": f'{{"port": {port}}}'}
     return subprocess.Popen(
         [sys.executable, "-m", "haptic_fieldbus", *words],
         cwd=PROJECT,
         env={**os.environ, **wire},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        stdout=out,
+        stderr=out,
         text=True,
+        # Where Ctrl-C is ignored, as in a job in the background, a run leaves it so.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None,
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from haptic_fieldbus.running.ending import SIGNALS, ended_by_signals
+from haptic_fieldbus.running.ending import AGAIN, RESULT_TIME, SIGNALS, ended_by_signals
 
 EACH = pytest.mark.parametrize("number", SIGNALS, ids=[each.name for each in SIGNALS])
 
@@ -39,13 +39,70 @@ def test_in_the_loop_it_is_only_noted_however_often_it_comes(number: signal.Sign
     assert ending.signal == number
 
 
+class Clock:
+    """A clock that stands still unless it is moved [s]."""
+
+    def __init__(self) -> None:
+        self.time = 100.0
+
+    def __call__(self) -> float:
+        return self.time
+
+
 def test_after_the_first_signal_no_other_one_interrupts_the_way_to_zero() -> None:
-    with ended_by_signals() as ending:
+    with ended_by_signals(clock := Clock()) as ending:
+        before = ending.leaving
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
+        assert (before, ending.leaving) == (False, True)
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGTERM)
+        clock.time += 1000.0
+        ending.hold()
+        signal.raise_signal(signal.SIGTERM)
     assert ending.signal == signal.SIGINT
+
+
+def test_a_command_that_holds_nothing_can_be_interrupted_again() -> None:
+    with ended_by_signals(clock := Clock()):
+        for _ in range(2):
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            clock.time += AGAIN
+
+
+def test_a_result_that_hangs_is_given_up_once_the_drives_are_off() -> None:
+    with ended_by_signals(clock := Clock()) as ending:
+        ending.hold()
+        signal.raise_signal(signal.SIGINT)
+        ending.freed()
+        clock.time += 0.99 * RESULT_TIME
+        signal.raise_signal(signal.SIGINT)
+        clock.time += 0.02 * RESULT_TIME
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+    assert ending.signal == signal.SIGINT
+
+
+def test_a_run_inside_a_command_shares_its_signals() -> None:
+    with ended_by_signals() as command:
+        with ended_by_signals() as run:
+            assert run is command
+            run.hold()
+        signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(KeyboardInterrupt):
+            run.resume()
+    assert command.sentence == "stopped by SIGTERM"
+
+
+def test_a_process_that_ends_with_the_block_takes_no_late_signal() -> None:
+    with ended_by_signals() as ending:
+        ending.last = True
+        ending.hold()
+    signal.raise_signal(signal.SIGTERM)
+    assert ending.signal is None
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN  # which Python leaves when it ends
 
 
 def test_handlers_are_put_back_and_those_of_others_left_alone() -> None:

@@ -211,7 +211,10 @@ class TestWhileADriveIsLeftAlone:
             result = bench.run()
         finally:
             signal.signal(number, before)
-        assert (result.cycles, result.warnings) == (0, ("ended before operation enabled: no torque was given",))
+        assert (result.cycles, result.warnings) == (0, ())
+        assert result.stopped is not None
+        assert (result.stopped.signal, result.stopped.time) == (name, None)
+        assert result.stopped.message.endswith(" before operation enabled: no torque was given")
         assert bench.is_free()
         assert bench.losses() == [], "it was freed long before its guard would have done it"
         assert "proved" not in rig.read_text()

@@ -3,11 +3,13 @@
 import csv
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from random import Random
 
 import can
 import pytest
@@ -41,15 +43,19 @@ class Listener:
     def __init__(self, port: int) -> None:
         self.bus = can.Bus(interface="udp_multicast", channel=GROUP, port=port)
 
-    def until_torque(self, run: "subprocess.Popen[str]") -> None:
-        """Wait until a set-point asks for torque: the handle is in contact."""
+    def until(self, run: "subprocess.Popen[str]", seen: Callable[[can.Message], bool]) -> None:
+        """Wait for a frame."""
         for _ in range(20_000):
             message = self.bus.recv(20.0)
             assert message is not None, "no frame came"
             assert run.poll() is None, run.communicate()[1]
-            if message.arbitration_id == 0x200 + NODE and any(message.data[2:4]):
+            if seen(message):
                 return
-        raise AssertionError("no torque was asked for")
+        raise AssertionError("the frame did not come")
+
+    def until_torque(self, run: "subprocess.Popen[str]") -> None:
+        """Wait until a set-point asks for torque: the handle is in contact."""
+        self.until(run, asks_for_torque)
 
     def last_set_point(self) -> bytes:
         """The last one of all that were heard; the run is over. The drive's heartbeats go on."""
@@ -60,6 +66,23 @@ class Listener:
         return last
 
 
+def asks_for_torque(message: can.Message) -> bool:
+    return message.arbitration_id == 0x200 + NODE and any(message.data[2:4])
+
+
+def configures(message: can.Message) -> bool:
+    """An SDO download of our master."""
+    return message.arbitration_id == 0x600 + NODE and message.data[0] >> 5 == 1
+
+
+def enables(message: can.Message) -> bool:
+    return message.arbitration_id == 0x200 + NODE and message.data[0] in (0x06, 0x07)
+
+
+def is_enabled(message: can.Message) -> bool:
+    return message.arbitration_id == 0x200 + NODE and message.data[0] == 0x0F
+
+
 @pytest.fixture
 def listener(port: int) -> Iterator[Listener]:
     listener = Listener(port)
@@ -67,11 +90,14 @@ def listener(port: int) -> Iterator[Listener]:
     listener.bus.shutdown()
 
 
-def rendering(port: int, *words: str) -> "subprocess.Popen[str]":
+STATUS = {"SIGINT": 130, "SIGTERM": 143, "SIGHUP": 129}
+
+
+def rendering(port: int, *words: str, out: int = subprocess.PIPE) -> "subprocess.Popen[str]":
     return start(
         "run", "wall", "--set", "wall.stiffness=100", "--set", "wall.position=0.005",
         "--drive", "maxon_epos4", "--node", str(NODE), "--bus", BUS, "--rate", str(RATE),
-        "--duration", "60", "--yes", "--force", *words, port=port,
+        "--duration", "60", "--yes", "--force", *words, port=port, out=out,
     )  # fmt: skip
 
 
@@ -91,13 +117,65 @@ def test_a_signal_ends_a_run_torque_free_and_in_order(name: str, port: int, list
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGINT)
     status, out, err = ended(process)
-    assert status == 0, err
+    assert status == STATUS[name], err
     assert not any(listener.last_set_point())
     result = json.loads(out)
     assert result["trips"] == []
+    assert result["stopped"]["signal"] == name
+    assert f"{result['stopped']['message']}\n" in err
     assert result["cycles"] > 0
     with path.open() as file:
         assert len(list(csv.DictReader(file))) >= result["cycles"]
+
+
+PHASES = {"configuring": configures, "enabling": enables, "enabled": is_enabled, "in contact": asks_for_torque}
+
+
+@pytest.mark.thorough("two processes for seconds")
+@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("seed", range(3))
+def test_signals_in_every_phase_end_a_run_torque_free(phase: str, seed: int, port: int, listener: Listener) -> None:
+    """The first of one to four signals counts, and the object is printed whenever it comes."""
+    draw = Random(f"{phase}/{seed}")
+    names = draw.choices(list(STATUS), k=draw.randint(1, 4))
+    process = rendering(port, "--json")
+    listener.until(process, PHASES[phase])
+    for name in names:
+        process.send_signal(getattr(signal, name))
+    status, out, err = ended(process)
+    assert status in {STATUS[name] for name in names}, err
+    assert not any(listener.last_set_point()[2:4])
+    assert json.loads(out)["stopped"]["message"] in err
+
+
+@pytest.mark.thorough("two processes for seconds")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_signals_while_the_object_is_printed_do_not_cut_it(name: str, port: int) -> None:
+    process = rendering(port, "--json", "--duration", "1")
+    assert process.stdout is not None
+    begin = os.read(process.stdout.fileno(), 1).decode()
+    for _ in range(3):
+        process.send_signal(getattr(signal, name))
+    status, out, err = ended(process)
+    # It may have been printed, and the process have ended, before the signals came.
+    assert status in (0, STATUS[name]), err
+    assert json.loads(begin + out)["cycles"] == RATE
+
+
+@pytest.mark.thorough("two processes, and a reader that does not read")
+def test_a_stopped_terminal_holds_up_neither_zero_torque_nor_the_end(port: int, listener: Listener) -> None:
+    master, slave = pty.openpty()
+    process = rendering(port, "--prove", out=slave)
+    listener.until_torque(process)
+    os.write(master, b"\x13")  # Ctrl-S
+    process.send_signal(signal.SIGTERM)
+    try:
+        assert process.wait(STARTS_WITHIN) == 143
+        assert not any(listener.last_set_point())
+    finally:
+        process.kill()
+        os.close(slave)
+        os.close(master)
 
 
 @pytest.mark.thorough("two processes for seconds")

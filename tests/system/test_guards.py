@@ -83,8 +83,8 @@ def test_ctrl_c_while_the_drive_is_left_alone_frees_it(rig: Path, tmp_path: Path
         process.send_signal(signal.SIGINT)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=STARTS_WITHIN)
-        assert process.returncode == 0, err
-        assert "ended before operation enabled: no torque was given" in out
+        assert process.returncode == 130, out
+        assert "stopped by you before operation enabled: no torque was given" in err
         assert Drive(bus).read(0x6041) & 0x6F != 0x27
         assert rig.read_text() == RIG
 

@@ -3,7 +3,7 @@
 import errno
 import socket
 
-from haptic_fieldbus.errors import BusError
+from haptic_fieldbus.errors import BusError, UsageError
 
 CHECK_DRIVE = "check that the drive has power, its address and the cable"
 WORDS = {
@@ -26,6 +26,17 @@ WORDS = {
 """Number of an error → its meaning on a Modbus line, and what to do."""
 
 
+def port_errors() -> tuple[type[Exception], ...]:
+    """Return the errors that opening and setting a serial port may raise; raises UsageError where none can be used."""
+    try:
+        from termios import error  # no OSError, but with number and text in the same places
+    except ImportError:
+        raise UsageError(
+            "modbus-rtu: serial lines work under Linux and macOS only; modbus-tcp:HOST and sim-modbus-rtu work here"
+        ) from None
+    return OSError, error
+
+
 def translate(error: Exception, subject: str) -> BusError:
     """Return an error of a socket or a serial port as a BusError that begins with `subject`."""
     if isinstance(error, socket.gaierror):
@@ -34,7 +45,6 @@ def translate(error: Exception, subject: str) -> BusError:
         return BusError(f"{subject}: {WORDS[errno.ETIMEDOUT]}")
     if isinstance(error, ValueError):  # by which select refuses a descriptor that was closed
         return BusError(f"{subject}: {WORDS[errno.EBADF]}")
-    # The errors of termios are no OSErrors, but have their number and text in the same places.
     number = error.errno if isinstance(error, OSError) else error.args[0] if error.args else None
     words = WORDS.get(number) if isinstance(number, int) else None
     return BusError(f"{subject}: {words or getattr(error, 'strerror', None) or error}")

@@ -8,13 +8,12 @@ be told one, so it keeps its own characters.
 """
 
 import os
-import termios
 from contextlib import suppress
 from select import select
 
 import serial
 
-from haptic_fieldbus.buses.modbus.errors import translate
+from haptic_fieldbus.buses.modbus.errors import port_errors, translate
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.modbus.profile import Parity
@@ -28,13 +27,17 @@ LARGEST = 4096
 
 
 class SerialTransport:
-    """The serial port `device`, held by this program alone; raises BusError when it cannot be opened."""
+    """The serial port `device`, held by this program alone; raises BusError when it cannot be opened.
+
+    Raises UsageError on a system whose ports have no descriptors (Windows).
+    """
 
     serial = True
 
     def __init__(self, name: str, device: str, clock: Clock) -> None:
         self.name = name
         self._clock = clock
+        self._errors = port_errors()
         self._port = serial.Serial(timeout=0, write_timeout=0, exclusive=True)
         self._port.port = device
         self._open()
@@ -42,7 +45,7 @@ class SerialTransport:
     def _open(self) -> None:
         try:
             self._port.open()
-        except (OSError, termios.error) as error:  # pyserial's own errors are among them
+        except self._errors as error:  # pyserial's own errors are among them
             raise translate(error, f"cannot open {self.name}") from error
         with suppress(OSError, ValueError):  # not every driver knows of it
             self._port.set_low_latency_mode(True)
@@ -55,7 +58,7 @@ class SerialTransport:
                 self._port.parity, self._port.stopbits = PARITIES[parity], stop_bits
         except ValueError as error:
             raise BusError(f"{self.name} at {baud} bit/s: {error}") from error
-        except (OSError, termios.error) as error:
+        except self._errors as error:
             raise translate(error, f"{self.name} at {baud} bit/s") from error
 
     def discard(self) -> bytes:

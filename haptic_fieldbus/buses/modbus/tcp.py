@@ -6,9 +6,9 @@ is sent meanwhile would only queue up, so the master keeps to one request under 
 Reference: MODBUS Messaging on TCP/IP Implementation Guide 1.0b, 4.3.2 (TCP_NODELAY).
 """
 
+import select
 import socket
 from contextlib import suppress
-from select import POLLIN, poll, select
 
 from haptic_fieldbus.buses.modbus.errors import translate
 from haptic_fieldbus.clock import Clock
@@ -34,8 +34,10 @@ class TcpTransport:
 
     def _open(self, seconds: float) -> None:
         self._socket = self._connected(seconds)
-        self._poll = poll()
-        self._poll.register(self._socket, POLLIN)
+        self._poll = None
+        if hasattr(select, "poll"):  # Windows has none
+            self._poll = select.poll()
+            self._poll.register(self._socket, select.POLLIN)
 
     def _connected(self, seconds: float) -> socket.socket:
         try:
@@ -69,10 +71,10 @@ class TcpTransport:
         try:
             wait_ns = deadline_ns - self._clock.now_ns()
             # poll is twice as fast as select, but counts in milliseconds: select waits for the rest.
-            if wait_ns >= 1_000_000 and self._poll.poll(wait_ns // 1_000_000):
+            if self._poll is not None and wait_ns >= 1_000_000 and self._poll.poll(wait_ns // 1_000_000):
                 return self._taken()
             wait_ns = max(0, deadline_ns - self._clock.now_ns())
-            return self._taken() if select((self._socket,), (), (), wait_ns * 1e-9)[0] else b""
+            return self._taken() if select.select((self._socket,), (), (), wait_ns * 1e-9)[0] else b""
         except (OSError, ValueError) as error:
             raise translate(error, self.name) from error
 

@@ -8,13 +8,11 @@ host does not accumulate, and the shafts move as if there were none.
 
 import asyncio
 import os
-import termios
-import tty
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-from haptic_fieldbus.buses.modbus.errors import translate
+from haptic_fieldbus.buses.modbus.errors import port_errors, translate
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, modbus_section
@@ -66,13 +64,14 @@ async def _host(
     opened: Callable[[BusName], None],
 ) -> None:
     section, clock = modbus_section(bus.section), MonotonicClock()
+    errors = port_errors() if section.serial else (OSError,)
     server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
     for slot in slots:
         server.desk.rack.add(slot, clock.now_ns()).drive.plant.prepare()
     with device(section) as (own, theirs):
         try:
             joined = await listen(server, own, theirs, slots)
-        except (OSError, termios.error) as error:
+        except errors as error:
             raise translate(error, bus.text) from error
         try:
             name = protocol_named(section.protocol).bus_name(joined)
@@ -116,10 +115,12 @@ def device(section: ModbusSection) -> Iterator[tuple[ModbusSection, ModbusSectio
 @contextmanager
 def _cable() -> Iterator[tuple[str, str]]:
     """Yield the names of two pseudo-terminals: what is written to the one is read from the other."""
+    from tty import setraw  # Windows has none; `port_errors` has refused it
+
     pairs = [os.openpty(), os.openpty()]
     loop, (one, other) = asyncio.get_running_loop(), (pair[0] for pair in pairs)
     for _, end in pairs:
-        tty.setraw(end)  # the descriptor stays open, so that a master may come and go
+        setraw(end)  # the descriptor stays open, so that a master may come and go
     for source, target in ((one, other), (other, one)):
         os.set_blocking(target, False)
         loop.add_reader(source, _copy, source, target)
