@@ -136,7 +136,10 @@ class TestMulticast:
 
     @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="IP_MULTICAST_ALL is an option of Linux")
     def test_what_came_of_another_bus_while_ours_was_opened_is_dropped(self, port: int) -> None:
-        with can.Bus(interface="udp_multicast", channel=GROUP, port=port) as ours, self.opened(self.OTHER, port) as other:
+        with (
+            can.Bus(interface="udp_multicast", channel=GROUP, port=port) as ours,
+            self.opened(self.OTHER, port) as other,
+        ):
             other.send(message(0x080))
             assert hears_its_group_alone(ours.fileno())
             other.send(message(0x081))
