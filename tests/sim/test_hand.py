@@ -184,6 +184,18 @@ class TestLeader:
         plant.start_hand()
         assert not plant.led
 
+    def test_after_a_long_silence_the_handle_is_where_it_would_be(self) -> None:
+        watched, alone = (Plant(Shaft(4e-5, 1e-4, 2e-3, 1e-4), grip(_push(), LINEAR)) for _ in "ab")
+        for plant in (watched, alone):
+            self.lead(plant)
+        for t in range(1, 88):
+            self.place(watched, float(t))
+        assert self.place(alone, 87.0) == pytest.approx(watched.position * RATIO, abs=5e-4)
+        # A day is as quick: no more than two cycles are followed step by step.
+        assert self.place(alone, 86_400.0 + 3.0) == pytest.approx(0.03, abs=1e-3)
+        alone.start_hand()
+        assert not alone.led
+
     def test_all_that_its_steps_need_can_be_built_before(self) -> None:
         plant = Plant(Shaft(4e-5, 1e-4, 2e-3, 1e-4), grip(_push(), LINEAR))
         self.lead(plant)

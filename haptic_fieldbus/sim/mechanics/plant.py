@@ -67,7 +67,7 @@ class Plant(Body):
         """Build the motions with each hand and without one, and what their steps need."""
         for grip in (self._grip, self._hand, None):
             for motion in self._motions_of(grip):
-                motion.prepare()
+                motion.prepare(MAX_STEP_NS)
 
     def _motions_of(self, grip: Grip | None) -> tuple[Motion, Motion]:
         """Return the motions that slip and stick; they are built once."""
@@ -86,7 +86,11 @@ class Plant(Body):
     def _move(self, t_ns: int) -> None:
         longest_ns = self._longest_ns
         while (span_ns := t_ns - self.t_ns) > 0:
+            before = self.state
             self._step(span_ns if span_ns < longest_ns else longest_ns)
+            # A shaft that sticks, where a step changes nothing, rests until something acts on it.
+            if not self._direction and span_ns > longest_ns and self.state == before:
+                self.t_ns = t_ns
 
     def _step(self, span_ns: int) -> None:
         before = self.state
