@@ -100,8 +100,9 @@ define install
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[$(1)]'
 endef
 
+# With multicast, a bus between two terminals that needs nothing of the system.
 $(DEMO_STAMP): pyproject.toml
-	$(call install,plot)
+	$(call install,plot$(,)multicast)
 	@touch $@
 
 $(DEV_STAMP): pyproject.toml

@@ -246,7 +246,7 @@ def test_before_a_commit_the_hooks_run_what_make_check_runs() -> None:
 def test_the_demo_waits_for_no_test_tools() -> None:
     assert re.search(r"^demo: \$\(DEMO_STAMP\)$", MAKEFILE, re.MULTILINE)
     (recipe,) = re.findall(r"^\$\(DEMO_STAMP\): pyproject.toml\n((?:\t.*\n)+)", MAKEFILE, re.MULTILINE)
-    assert "install,plot)" in recipe
+    assert "install,plot$(,)multicast)" in recipe
     assert "dev" not in recipe
 
 

@@ -9,7 +9,7 @@ from haptic_fieldbus.api.sites import access_of
 from haptic_fieldbus.buses.access import Onlooker
 from haptic_fieldbus.buses.found import Check, Scan
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_NODE, DEFAULT_RATE
-from haptic_fieldbus.drive.rig import BusSection, RigAxis
+from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.request import check_request
 from haptic_fieldbus.planning.selection import load
@@ -30,7 +30,7 @@ class BenchRequest:
     drive: str | None = None
     bus: str | None = None
     node: int = DEFAULT_NODE
-    rig: Path | None = None
+    rig: Path | Rig | None = None
     profiles: str | None = None
     rate: float = DEFAULT_RATE
     """Rate for which computer and bus are checked [Hz]."""

@@ -74,15 +74,16 @@ def run_verdict(
     return "; ".join(parts) + "."
 
 
-def real_verdict(*, effort: str, in_time: float, cut: float, behind: float | None) -> str:
+def real_verdict(*, effort: str, in_time: float, cut: float, behind: float | None, rehearsed: bool = False) -> str:
     """Return the verdict on a run on real drives, of which only what the loop and the drives tell is known.
 
     `in_time` is the share of the periods that began in time; `cut` that in which the force of the scene was cut, by
     limit or cap, of the worst axis; `behind` is rms(torque actual − target) / rms(target) of the worst axis whose drive
-    tells its torque, None when none does.
+    tells its torque, None when none does. `rehearsed` says that the drives are simulated, in real time.
     """
+    real = "Rendered on a real drive: its true error is not known here"
     parts = [
-        f"Rendered on a real drive: its true error is not known here; {percent(in_time)} of the periods began in time",
+        f"{'Rehearsed on a simulated drive' if rehearsed else real}; {percent(in_time)} of the periods began in time",
         f"the {effort} was " + (f"cut in {percent(cut)} of them" if cut else "never cut"),
     ]
     if behind is not None:

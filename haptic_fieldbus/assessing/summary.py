@@ -168,6 +168,7 @@ def _rendered(run: Run) -> str:
         in_time=(report.cycles - report.late) / periods,
         cut=max(_cut(run, axis.name) for axis in plan.axes),
         behind=max(behind, default=None),
+        rehearsed=any(bus.rehearsed for bus in plan.rig.bus.values()),
     )
 
 

@@ -8,6 +8,7 @@ from haptic_fieldbus.cli import profiles, scenes
 from haptic_fieldbus.cli.doctor import doctor
 from haptic_fieldbus.cli.estimate import estimate
 from haptic_fieldbus.cli.plan import plan
+from haptic_fieldbus.cli.rehearse import rehearse
 from haptic_fieldbus.cli.report import report
 from haptic_fieldbus.cli.response import response
 from haptic_fieldbus.cli.run import run
@@ -53,6 +54,7 @@ app.command()(stability)
 app.command()(response)
 app.command()(estimate)
 app.command()(report)
+app.command()(rehearse)
 app.command()(simulate)
 app.command()(scan)
 app.command()(watch)

@@ -5,7 +5,7 @@ the fields as parameters; `given` turns their values into the dataclass that the
 """
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
@@ -126,11 +126,16 @@ def refuse_beside_rig(rig: Path | None, drive: str | None, node: int | None) -> 
         raise UsageError(f"--rig says which drives and nodes there are; leave out {' and '.join(wrong)}")
 
 
-def options_of(make: Callable[P, Options]) -> Callable[[Callable[[Options], None]], Callable[P, None]]:
-    """Return a decorator for a command that takes one dataclass: the fields of `make` become its options."""
+def options_of(
+    make: Callable[P, Options], without: Collection[str] = ()
+) -> Callable[[Callable[[Options], None]], Callable[P, None]]:
+    """Return a decorator for a command that takes one dataclass: the fields of `make` become its options.
+
+    Fields that are named in `without` keep their defaults.
+    """
 
     def decorated(command: Callable[[Options], None]) -> Callable[P, None]:
-        options = inspect.signature(make).parameters.values()
+        options = [each for each in inspect.signature(make).parameters.values() if each.name not in without]
 
         @wraps(command)
         def call(*args: P.args, **kwargs: P.kwargs) -> None:

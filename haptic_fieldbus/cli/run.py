@@ -29,6 +29,7 @@ from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.running.ending import ended_by_signals
 
 if TYPE_CHECKING:
+    from haptic_fieldbus.api import Trial
     from haptic_fieldbus.assessing.result import Result
     from haptic_fieldbus.planning.plan import Plan
 
@@ -74,7 +75,6 @@ class RunOptions(BenchOptions):
 def run(options: RunOptions) -> None:
     """Render SCENE on a drive, and report how well it went."""
     from haptic_fieldbus import api
-    from haptic_fieldbus.planning.request import parse_changes
 
     if not sys.stdin.isatty():  # a person at a terminal is to see the plan and the question
         never_wait()
@@ -82,13 +82,20 @@ def run(options: RunOptions) -> None:
     trial = options.given(api.Trial)
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
+    render(options, replace(trial, instruct=None if options.yes or not sys.stderr.isatty() else instruct))
+
+
+def render(options: RunOptions, trial: "Trial") -> None:
+    """Run a trial with the questions of a command, and print its result."""
+    from haptic_fieldbus import api
+    from haptic_fieldbus.planning.request import parse_changes
+
     changes = parse_changes(options.change or [])
     progress = bar(trial.duration)
     trial = replace(
         trial,
         changes=changes,
         confirm=_tell_question if options.yes else _ask,
-        instruct=None if options.yes or not sys.stderr.isatty() else _instruct,
         progress=progress,
         announce=_announcer(options, progress, changes),
     )
@@ -134,7 +141,7 @@ def _ask(text: str) -> bool:
         raise KeyboardInterrupt from given_up
 
 
-def _instruct(text: str) -> None:
+def instruct(text: str) -> None:
     """Show what a person is to do at the handle, in one line that is written over."""
     sys.stderr.write(f"\r\x1b[K{text}")
     sys.stderr.flush()

@@ -65,13 +65,13 @@ def simulate(
     name, slots = resolve(HostRequest(drive or [], bus, node, hand, known_faults, profiles))
     show(note_assumed_bitrate(bus), sys.stderr)
     if write_rig is not None:
-        _check_free(write_rig)
+        check_free(write_rig)
     teller = _Teller(as_json)
 
     def opened(joined: "BusName") -> None:
         teller.bus = joined.text
         if write_rig is not None:
-            _write(write_rig, rig_of(joined, slots))
+            write(write_rig, rig_of(joined, slots), HEADING)
 
     # A loop beside us may take a processor for itself, so the drives stay free to move to another.
     with _until_asked_to_stop() as stopped, real_time(pinned=False):
@@ -80,22 +80,22 @@ def simulate(
         _note(f"{lost} frames could not be sent: the transmit queue was full")
 
 
-def _check_free(path: Path) -> None:
+def check_free(path: Path) -> None:
     """Raise UsageError when there is a file already, before anything is hosted."""
     if path.exists():
         raise UsageError(
             f"{path} is there already, and is not overwritten: a run keeps what was proved in it. Leave out "
-            "--write-rig to host the same drives again, or name another file"
+            "--write-rig, or name another file"
         )
 
 
-def _write(path: Path, rig: "Rig") -> None:
+def write(path: Path, rig: "Rig", heading: str) -> None:
     """Write a rig file that is not there yet; raises UsageError when it cannot be written."""
     from haptic_fieldbus.drive.rig_text import rig_text
 
     try:
         with path.open("x", encoding="utf-8") as file:
-            file.write(rig_text(rig, HEADING))
+            file.write(rig_text(rig, heading))
     except (OSError, ValueError) as error:
         raise UsageError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from error
 

@@ -3,9 +3,10 @@
 import math
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 from haptic_fieldbus.cli.doctor import DriveOptions
 from haptic_fieldbus.cli.options import RENDERING, note_assumed_bitrate, option, options_of
@@ -14,6 +15,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import in_unit, rounded
 
 if TYPE_CHECKING:
+    from haptic_fieldbus.api.bench import BenchRequest
     from haptic_fieldbus.running.watching import View
 
 LOOK_EVERY = 0.1
@@ -33,16 +35,22 @@ class WatchOptions(DriveOptions):
 @options_of(WatchOptions)
 def watch(options: WatchOptions) -> None:
     """Show position, velocity, torque and state of drives while nothing is enabled; Ctrl-C ends it."""
-    from haptic_fieldbus.api.bench import watched
-    from haptic_fieldbus.clock import MonotonicClock
-    from haptic_fieldbus.running.watching import watch_axes
-
     duration = math.inf if options.duration is None else options.duration
     if not duration > 0.0:
         raise UsageError(f"--duration {options.duration}: expected seconds, more than 0")
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    live = sys.stdout.isatty() and not options.as_json
-    with watched(options.bench()) as (axes, onlookers), _shown(live, options.as_json) as tell:
+    look(options.bench(), duration, sys.stdout, as_json=options.as_json)
+
+
+def look(bench: "BenchRequest", duration: float, stream: TextIO, *, as_json: bool = False) -> None:
+    """Show the axes of a bench for `duration` [s]; raises BusError or DocumentError."""
+    from haptic_fieldbus.api.bench import watched
+    from haptic_fieldbus.clock import MonotonicClock
+    from haptic_fieldbus.running.watching import watch_axes
+
+    live = stream.isatty() and not as_json
+    lines = _print_json_line if as_json else partial(_print_lines, stream=stream)
+    with watched(bench) as (axes, onlookers), _live(stream) if live else nullcontext(lines) as tell:
         told: set[str] = set()
         show([("bus", onlooker.listened) for onlooker in onlookers], sys.stderr)
         for number, views in enumerate(watch_axes(axes, onlookers, MonotonicClock(), LOOK_EVERY, duration)):
@@ -54,15 +62,12 @@ def watch(options: WatchOptions) -> None:
 
 
 @contextmanager
-def _shown(live: bool, as_json: bool) -> Iterator[Shown]:
-    """Yield a function that shows the axes: in place on a terminal, else line after line."""
-    if not live:
-        yield _print_json_line if as_json else _print_lines
-        return
+def _live(stream: TextIO) -> Iterator[Shown]:
+    """Yield a function that shows the axes in place, on a terminal."""
     from rich.live import Live
     from rich.text import Text
 
-    with Live(console=console(sys.stdout), auto_refresh=False) as screen:
+    with Live(console=console(stream), auto_refresh=False) as screen:
         yield lambda views: screen.update(Text("\n".join(_named_lines(views))), refresh=True)
 
 
@@ -75,10 +80,10 @@ def _print_json_line(views: Mapping[str, "View"]) -> None:
     print(json_text({"axes": {name: view.to_json() for name, view in views.items()}}), flush=True)
 
 
-def _print_lines(views: Mapping[str, "View"]) -> None:
+def _print_lines(views: Mapping[str, "View"], stream: TextIO) -> None:
     for name, view in views.items():
-        show(("" if number else name, line) for number, line in enumerate(lines_of(view)))
-    sys.stdout.flush()
+        show((("" if number else name, line) for number, line in enumerate(lines_of(view))), stream)
+    stream.flush()
 
 
 def lines_of(view: "View") -> Iterator[str]:

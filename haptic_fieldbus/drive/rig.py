@@ -66,6 +66,11 @@ class BusSection:
         return False
 
     @property
+    def rehearsed(self) -> bool:
+        """True when the bus is treated as a real one, and its drives are simulated in this program."""
+        return False
+
+    @property
     def lateness(self) -> float:
         """Time by which the simulated host of a simulated bus may be late in a period [s]."""
         return 0.0

@@ -2,8 +2,8 @@
 
 Theory: the force consists of pieces, each a ramp or a constant (f' = g, g' = 0) or a sine (g' = −ω²·f). So hand and
 handle are a linear system between the instants at which a piece begins. The hand's clock starts at each *operation
-enabled*; while the drive is off the hand holds the handle and exerts no force. Force is positive towards positive
-positions of the workspace.
+enabled*; while the drive is off the hand holds the handle and exerts no force, or another one moves the handle
+(`LEADER`). Force is positive towards positive positions of the workspace.
 
 On a linear mechanism, hand and handle move in metres. On a rotary one the hand holds a lever of 0.05 m, so that 1 N is
 0.05 N·m: mass, damper and spring act through the same lever.
@@ -109,6 +109,30 @@ HANDS: dict[str, Hand | None] = {
     "release": Hand("release", _PUSH, release=2.0),
     "none": None,
 }
+
+
+_STEADY = 1e5
+"""Mass of a hand that friction does not set in motion while it rests, either [kg]."""
+
+
+def _to_and_fro(takes: float) -> Hand:
+    """Return a hand that rests, moves over its stroke, rests, and moves back; each takes the same time [s]."""
+    # Half a cosine of force moves a mass from rest to rest: x = ½·stroke·(1 − cos ωt).
+    omega = math.pi / takes
+    force = 0.5 * _STEADY * _STROKE * omega**2
+    pieces = tuple(Piece(takes * number, each) for number, each in enumerate((force, 0.0, -force, 0.0), start=1))
+    return Hand("leader", pieces, angular_frequency=omega, mass=_STEADY, damping=60.0, stiffness=3000.0)
+
+
+LEADER = _to_and_fro(2.0)
+"""Hand that moves the handle of a drive that is off, where a person would.
+
+The values that are watched change, and the direction of an axis can be shown; the stroke is long enough for five axes
+one after the other. It begins anew, with a rest, when the master begins or ends an exchange, so the handle rests while
+the drive is enabled.
+"""
+LEADING_NS = 8_000_000_000
+"""Time after which that hand repeats itself."""
 
 
 def hand_named(name: str) -> Hand | None:

@@ -30,6 +30,10 @@ _HOSTS = {
 }
 
 
+_TELL_EXCHANGE = ("canopen",)
+"""Protocols on which a drive is told when an exchange begins, so that the hand that moves its handle can rest."""
+
+
 @dataclass(frozen=True)
 class HostRequest:
     """Drives to host and the bus to host them on.
@@ -76,7 +80,8 @@ def resolve(request: HostRequest) -> tuple[BusName, list[Slot]]:
     for drive in drives:
         with _collecting(faults):
             bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
-            slots.append(_on(bus, slot_of(*bench, booted=False, profiles=request.profiles)))
+            slot = _on(bus, slot_of(*bench, booted=False, profiles=request.profiles))
+            slots.append(replace(slot, led=hand is not None and slot.profile.drive.protocol in _TELL_EXCHANGE))
     if bus is None or faults:
         raise UsageError("\n".join(faults))
     return bus, slots
@@ -130,19 +135,20 @@ def _collecting(faults: list[str]) -> Iterator[None]:
         faults.append(str(error))
 
 
-def rig_of(bus: BusName, slots: Sequence[Slot]) -> Rig:
+def rig_of(bus: BusName, slots: Sequence[Slot], names: Sequence[str] = ()) -> Rig:
     """Return the rig with which another program renders a scene on these drives.
 
-    The axes are called handle, handle2 and so on. A profile that is not shipped is named by its file.
+    The axes are called by `names`; without any they are called handle, handle2 and so on. A profile that is not shipped
+    is named by its file.
     """
     axes = {}
     for number, slot in enumerate(slots, start=1):
-        name = "handle" if number == 1 else f"handle{number}"
+        name = names[number - 1] if names else "handle" if number == 1 else f"handle{number}"
         shipped = slot.profile.name in profile_names() and not is_path(slot.axis.profile)
         profile = slot.profile.name if shipped else str(Path(slot.profile.source).absolute())
-        # Nobody can move this handle by hand, and nobody needs to: how it is built is known. The file may become that
-        # of a real bench, so nobody has said in it that a drive's own limit may be raised.
-        seen = Seen(direction="confirmed")
+        # A handle that no hand moves cannot show its direction, and need not: how it is built is known. The file may
+        # become that of a real bench, so nobody has said in it that a drive's own limit may be raised.
+        seen = Seen() if slot.led else Seen(direction="confirmed")
         axes[name] = replace(slot.axis, bus=_BUS, profile=profile, seen=seen, raise_max_torque=False)
     return Rig({_BUS: bus.section}, axes)
 

@@ -24,3 +24,5 @@ class Slot:
 
     False: it is switched on now, and the boot-up message follows.
     """
+    led: bool = False
+    """Whether a hand moves the handle while the drive is off."""

@@ -1,12 +1,14 @@
 """How a foreign master reaches simulated drives: in its own process on `haptic_sim`, or in another one on a wire."""
 
 import os
+import pty
 import random
+import re
 import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +23,8 @@ GROUP = "239.74.163.2"
 DRIVES = ("maxon_epos4@5", "generic_cia402@6")
 SEED = 473
 """With it node 5 has a serial number with few ones: canopen's fastscan waits for a time-out at each."""
+STYLE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+"""What makes text on a terminal bold, or clears a line."""
 STARTS_WITHIN = 60.0
 """[s] A Python process with numpy, on a busy machine."""
 
@@ -78,6 +82,29 @@ def start(*words: str, port: int | None, out: int = subprocess.PIPE) -> "subproc
         # Where Ctrl-C is ignored, as in a job in the background, a run leaves it so.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None,
     )
+
+
+def typed(command: Sequence[str], environment: Mapping[str, str], folder: Path, answer: str) -> tuple[int, str]:
+    """Exit status, and what a person sees on a terminal who types `answer` when a question ends with [y/N]."""
+    ours, theirs = pty.openpty()
+    wide = {**environment, "COLUMNS": "400", "NO_COLOR": "1"}
+    process = subprocess.Popen(command, cwd=folder, env=wide, text=True, stdin=theirs, stdout=theirs, stderr=theirs)
+    os.close(theirs)
+    seen, asked = "", False
+    try:
+        while True:
+            try:
+                seen += os.read(ours, 4096).decode(errors="replace")
+            except OSError:  # the end of the other side
+                break
+            if not asked and "[y/N]" in seen:
+                asked = True
+                os.write(ours, answer.encode() + b"\n")
+        return process.wait(STARTS_WITHIN), STYLE.sub("", seen).replace("\r\n", "\n")
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(ours)
 
 
 def line_of(process: "subprocess.Popen[str]") -> str:

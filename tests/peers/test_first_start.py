@@ -4,7 +4,6 @@ The drive is in another process and the terminal is a pseudo-terminal, on which 
 """
 
 import os
-import pty
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.protocols.catalogue import load_rig
-from tests.peers.hosts import PROJECT, STARTS_WITHIN, free_port, line_of, require_multicast
+from tests.peers.hosts import PROJECT, free_port, line_of, require_multicast, typed
 from tests.peers.test_master_dies import BUS, NODE, RIG
 
 pytestmark = [pytest.mark.xdist_group("peers"), pytest.mark.thorough("two processes, and waits in real time")]
@@ -22,32 +21,8 @@ ATTEMPTS = 5
 RUN = ("run", "wall", "--rate", "50", "--duration", "2", "--set", "wall.stiffness=max/2", "--rig")
 
 
-def started(words: tuple[str, ...], port: int, stdin: int, stdout: int, stderr: int) -> "subprocess.Popen[str]":
-    environment = {**os.environ, "CAN_CONFIG": f'{{"port": {port}}}', "COLUMNS": "400", "NO_COLOR": "1"}
-    command = (sys.executable, "-m", *words)
-    return subprocess.Popen(command, cwd=PROJECT, env=environment, text=True, stdin=stdin, stdout=stdout, stderr=stderr)
-
-
-def typed(words: tuple[str, ...], port: int, answer: str) -> tuple[int, str]:
-    """What a person sees who types `answer` when a question ends with [y/N], and the exit status."""
-    ours, theirs = pty.openpty()
-    process = started(words, port, theirs, theirs, theirs)
-    os.close(theirs)
-    seen, asked = "", False
-    try:
-        while True:
-            try:
-                seen += os.read(ours, 4096).decode(errors="replace")
-            except OSError:  # the end of the other side
-                break
-            if not asked and "[y/N]" in seen:
-                asked = True
-                os.write(ours, answer.encode() + b"\n")
-        return process.wait(STARTS_WITHIN), seen
-    finally:
-        process.kill()
-        process.communicate()
-        os.close(ours)
+def environment(port: int) -> dict[str, str]:
+    return {**os.environ, "CAN_CONFIG": f'{{"port": {port}}}'}
 
 
 def first_start(rig: Path, speed: float) -> tuple[int, str]:
@@ -57,10 +32,19 @@ def first_start(rig: Path, speed: float) -> tuple[int, str]:
     for _ in range(ATTEMPTS):
         rig.write_text(RIG, encoding="utf-8")
         words = ("tests.peers.rolling", BUS, str(NODE), str(speed))
-        drive = started(words, port, subprocess.DEVNULL, subprocess.PIPE, subprocess.PIPE)
+        drive = subprocess.Popen(
+            [sys.executable, "-m", *words],
+            cwd=PROJECT,
+            env=environment(port),
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
         try:
             assert line_of(drive) == "ready\n"
-            status, seen = typed(("haptic_fieldbus", *RUN, str(rig)), port, "y")
+            status, seen = typed(
+                (sys.executable, "-m", "haptic_fieldbus", *RUN, str(rig)), environment(port), PROJECT, "y"
+            )
         finally:
             drive.kill()
             drive.communicate()

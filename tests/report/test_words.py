@@ -188,6 +188,12 @@ def test_a_real_run_is_judged_by_what_loop_and_drive_tell(cut: float, behind: fl
     assert said.endswith(told)
 
 
+def test_a_rehearsal_is_not_called_a_run_on_a_real_drive() -> None:
+    said = real_verdict(effort="force", in_time=0.98, cut=0.0, behind=None, rehearsed=True)
+    told = "Rehearsed on a simulated drive; 98 % of the periods began in time; the force was never cut."
+    assert said == told
+
+
 def test_every_parameter_of_an_element_has_its_unit() -> None:
     text = dict(announcement(plan("damped_wall")))["scene"]
     assert text == "damped_wall: stiffness 600 N/m, damping 2 N·s/m at 20 mm"

@@ -5,10 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from haptic_fieldbus.drive.mechanics import Cogging, Mechanics
 from haptic_fieldbus.drive.rig import LinearMechanism, RotaryMechanism
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.sim.hand import HANDS, Hand, grip, hand_named
+from haptic_fieldbus.sim.hand import HANDS, LEADER, Hand, grip, hand_named
+from haptic_fieldbus.sim.mechanics.body import Body
+from haptic_fieldbus.sim.mechanics.load import Load
+from haptic_fieldbus.sim.mechanics.loaded_plant import LoadedPlant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
@@ -112,6 +116,98 @@ def test_a_hand_may_wait_before_it_begins() -> None:
     push = HANDS["push"]
     assert push is not None
     assert push.after(1.0).release is None
+
+
+class TestLeader:
+    """The hand that moves the handle of a drive that is off: 2 s of rest, 60 mm in 2 s, 2 s of rest, and back."""
+
+    @pytest.fixture(params=["rigid", "cogging"])
+    def plant(self, request: pytest.FixtureRequest) -> Body:
+        shaft, push = Shaft(4e-5, 1e-4, 2e-3, 1e-4), grip(_push(), LINEAR)
+        if request.param == "rigid":
+            return Plant(shaft, push)
+        load = Load(shaft, Mechanics(cogging=Cogging(torque=1e-4, periods_per_revolution=6)), None)
+        return LoadedPlant(load, push)
+
+    def lead(self, plant: Body) -> None:
+        plant.lead_when_off(grip(LEADER, LINEAR))
+
+    def place(self, plant: Body, t: float) -> float:
+        """Of the handle at a time [s], in m."""
+        plant.advance(round(t * 1e9))
+        return plant.position * RATIO
+
+    def expected(self, t: float) -> float:
+        t %= 8.0
+        moving = 0.03 * (1.0 - math.cos(0.5 * math.pi * (t % 2.0)))
+        return (0.0, moving, 0.06, 0.06 - moving)[int(t // 2.0)]
+
+    @pytest.mark.thorough("seconds of nonlinear mechanics", quick=("rigid",))
+    def test_it_leads_the_handle_to_and_fro_with_rests(self, plant: Body) -> None:
+        self.lead(plant)
+        for t in (1.0, 1.9, 2.5, 3.0, 3.7, 4.2, 5.9, 6.6, 7.2, 8.1, 9.9, 11.0, 13.0, 15.0, 16.5, 19.0):
+            assert self.place(plant, t) == pytest.approx(self.expected(t), abs=5e-4), t
+
+    @pytest.mark.thorough("seconds of nonlinear mechanics", quick=("rigid",))
+    def test_the_other_hand_takes_the_handle_while_the_drive_is_enabled(self, plant: Body) -> None:
+        self.lead(plant)
+        self.place(plant, 5.0)
+        plant.start_hand()
+        assert not plant.led
+        assert self.place(plant, 5.0) == pytest.approx(0.06, abs=5e-4)
+        # 6 N accelerate handle and hand against little friction, where the leader would hold them at rest.
+        assert self.place(plant, 6.0) > 0.2
+        plant.rest_hand()
+        assert plant.led
+
+    @pytest.mark.thorough("seconds of nonlinear mechanics", quick=("rigid",))
+    def test_it_begins_anew_where_the_handle_is_and_with_a_rest(self, plant: Body) -> None:
+        self.lead(plant)
+        self.place(plant, 3.0)
+        plant.rest_hand()
+        settled = self.place(plant, 3.5)
+        assert settled == pytest.approx(0.03, abs=2e-3)
+        assert self.place(plant, 4.9) == pytest.approx(settled, abs=5e-5)
+        assert self.place(plant, 7.0) == pytest.approx(settled + 0.06, abs=5e-4)
+
+    def test_a_hand_that_had_let_go_takes_hold_again(self) -> None:
+        release = HANDS["release"]
+        assert release is not None
+        plant = Plant(Shaft(4e-5, 1e-4, 2e-3, 1e-4), grip(release, LINEAR))
+        self.lead(plant)
+        plant.start_hand()
+        self.place(plant, 3.0)
+        plant.rest_hand()
+        assert plant.led
+        begun = self.place(plant, 4.9)
+        assert self.place(plant, 7.1) == pytest.approx(begun + 0.06, abs=2e-3)
+        plant.start_hand()
+        assert not plant.led
+
+    def test_after_a_long_silence_the_handle_is_where_it_would_be(self) -> None:
+        watched, alone = (Plant(Shaft(4e-5, 1e-4, 2e-3, 1e-4), grip(_push(), LINEAR)) for _ in "ab")
+        for plant in (watched, alone):
+            self.lead(plant)
+        for t in range(1, 88):
+            self.place(watched, float(t))
+        assert self.place(alone, 87.0) == pytest.approx(watched.position * RATIO, abs=5e-4)
+        # A day is as quick: no more than two cycles are followed step by step.
+        assert self.place(alone, 86_400.0 + 3.0) == pytest.approx(0.03, abs=1e-3)
+        alone.start_hand()
+        assert not alone.led
+
+    def test_all_that_its_steps_need_can_be_built_before(self) -> None:
+        plant = Plant(Shaft(4e-5, 1e-4, 2e-3, 1e-4), grip(_push(), LINEAR))
+        self.lead(plant)
+        plant.prepare()
+        assert len(plant._motions) == 3
+        assert all(motion._powers for motions in plant._motions.values() for motion in motions)
+
+
+def _push() -> Hand:
+    push = HANDS["push"]
+    assert push is not None
+    return push
 
 
 def test_hands_are_found_by_name() -> None:

@@ -9,7 +9,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.bus_name import BusName
 from haptic_fieldbus.protocols.canopen.bus import NODES
 from haptic_fieldbus.sim.faults import AnswerLost, BusOff, Emergency, ErrorFrame, Fault, SyncIgnored
-from haptic_fieldbus.sim.host_request import HostRequest, host_on, joined_bus, numbered, resolve
+from haptic_fieldbus.sim.host_request import HostRequest, host_on, joined_bus, numbered, resolve, rig_of
 
 
 class TestRequest:
@@ -88,6 +88,24 @@ class TestRequest:
     def test_drives_of_protocols_without_a_host_are_told(self) -> None:
         with pytest.raises(UsageError, match="drives on nobody's cannot be hosted"):
             host_on(BusName("x", Nobodys("x", "y")))
+
+
+class TestWhoMovesTheHandle:
+    """While a drive is off, a hand moves its handle: then a person is asked for the direction, as on a bench."""
+
+    @pytest.mark.parametrize(
+        ("bus", "hand", "led"),
+        [("virtual:x", "guide", True), ("virtual:x", "none", False), ("modbus-tcp:127.0.0.1:0", "guide", False)],
+    )
+    def test_on_can_unless_there_is_no_hand(self, bus: str, hand: str, led: bool) -> None:
+        name, (slot,) = resolve(HostRequest([], bus, hand=hand))
+        assert slot.led is led
+        assert rig_of(name, [slot]).axis["handle"].seen.direction == (None if led else "confirmed")
+
+    def test_axes_have_the_names_that_are_given(self) -> None:
+        name, slots = resolve(HostRequest(["maxon_epos4", "generic_cia402"], "virtual:x"))
+        assert list(rig_of(name, slots, ("left", "right")).axis) == ["left", "right"]
+        assert list(rig_of(name, slots).axis) == ["handle", "handle2"]
 
 
 class Nobodys(BusSection):

@@ -1,6 +1,7 @@
 """The wheel that is shipped, installed where there is nothing else, and used from another folder."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,9 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+from tests.cli import test_first_drive_guide as first_drive
+from tests.peers.hosts import require_multicast
 
 PROJECT = Path(__file__).resolve().parents[2]
 PROFILES = {path.name for path in (PROJECT / "profiles").glob("*.toml")}
@@ -78,6 +82,26 @@ def test_a_wall_is_rendered_from_the_wheel_by_the_packages_that_are_here(wheel: 
 def test_all_that_the_wheel_needs_is_installed_with_it(environment: Path) -> None:
     checked = call(environment / "python", "-m", "pip", "check", cwd=environment)
     assert checked.returncode == 0, checked.stdout
+
+
+@pytest.mark.thorough("installs into a clean environment, and real time")
+def test_the_page_of_the_first_drive_is_walked_from_the_wheel_with_the_extra_that_it_names(
+    wheel: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """In an environment of its own, so that nothing of another extra is there; beside a drive on another group."""
+    folder = tmp_path_factory.mktemp("first day")
+    made = call(sys.executable, "-m", "venv", folder / "clean", cwd=folder)
+    assert made.returncode == 0, made.stderr
+    programs = folder / "clean" / "bin"
+    (extra,) = re.findall(r"^pip install '\.(\[\w+\])'$", first_drive.TEXT, re.MULTILINE)
+    pip = (programs / "python", "-m", "pip", "--disable-pip-version-check", "install", "--quiet")
+    fetched = call(*pip, f"{wheel}{extra}", cwd=folder)
+    if fetched.returncode != 0:
+        pytest.skip(f"no package index can be reached, so the wheel is not installed: {fetched.stderr.strip()[-200:]}")
+    walk = first_drive.Walk(folder, [str(programs / "haptic-fieldbus")], seen="")
+    require_multicast(walk.port)
+    with walk.beside(first_drive.SIMULATE, "node 5"), walk.beside(first_drive.OTHER, "node 9"):
+        first_drive.walked(walk)
 
 
 @pytest.mark.thorough("installs into a clean environment")

@@ -92,10 +92,12 @@ def opened(section: CanSection, axes: Mapping[str, RigAxis]) -> Iterator[Wire]:
 
     Raises UsageError or BusError.
     """
-    name = f"{section.interface}:{section.channel}"  # what python-can says of a bus may be "unknown"
+    name = f"{section.interface}:{section.channel}"
     if section.simulated:
         section = replace(section, channel=",".join(f"{axis.profile}@{axis.node}" for axis in axes.values()))
     can_bus = open_can(section)
+    # A multicast bus that cannot be kept apart from others says so in its name.
+    name = can_bus.channel_info if section.interface in ECHOING else name
     try:
         yield Wire(can_bus, MonotonicClock(), name, echoes=section.interface in ECHOING)
     finally:

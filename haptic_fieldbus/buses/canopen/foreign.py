@@ -97,7 +97,7 @@ class ForeignMaster:
         """Raise ForeignMasterError when a command came since we listened; `done` tells how far we got."""
         if self.cob_id is not None:
             raise ForeignMasterError(
-                f"somebody else commands on {bus}: {frame_words(self.cob_id)} came while we prepared. "
+                f"another master on {bus}: {frame_words(self.cob_id)} came while we prepared. "
                 f"{advice((self.cob_id,), self._one.master_node)}. {done}"
             )
 

@@ -47,7 +47,7 @@ class Heard:
         """Raise ForeignMasterError when a master was heard; `master_node` is our own node-ID."""
         if self.masters:
             raise ForeignMasterError(
-                f"somebody else is on {self.bus}: within {exactly(self.seconds)} s came {_named(self.masters)}. "
+                f"another master on {self.bus}: within {exactly(self.seconds)} s came {_named(self.masters)}. "
                 f"{advice(self.masters, master_node)}. Nothing was sent"
             )
 

@@ -56,15 +56,18 @@ class Looking:
         heard.refuse_noise()
         self.listened = heard.sentence()
         if heard.masters:
-            self._yield_to(_commanded(*sorted(heard.masters)))
+            self._yield_to(self._commanded(*sorted(heard.masters)))
         self._foreign = ForeignMaster(wire, one, self._yield_to)
 
     def look(self) -> dict[str, Glimpse]:
         """Return what each drive says now; raises BusError when the bus is dead."""
         self._wire.drain(self._wire.clock.now_ns() + LONGEST_DRAIN_NS)
         if self._foreign.cob_id is not None:
-            self._yield_to(_commanded(self._foreign.cob_id))
+            self._yield_to(self._commanded(self._foreign.cob_id))
         return {axis: self._look_at(node, entries) for axis, (node, entries) in self._drives.items()}
+
+    def _commanded(self, *can_ids: int) -> str:
+        return f"another master on {self._wire.name}: {', '.join(map(frame_words, can_ids))}"
 
     def _yield_to(self, words: str) -> None:
         self.masters = self.masters or f"{words}; nothing is asked any more, only heard"
@@ -122,10 +125,6 @@ def _has_axes(node: Node, index: int) -> bool:
         return all(node.found(index, subindex) is not None for subindex in (1, 2))
     except (BusConfigurationError, BusTimeoutError):
         return False
-
-
-def _commanded(*can_ids: int) -> str:
-    return f"somebody else commands on this bus: {', '.join(map(frame_words, can_ids))}"
 
 
 def _shown(profile: CanopenProfile) -> dict[Signal, ObjectEntry]:

@@ -4,8 +4,14 @@ Most interfaces need the driver of a vendor. Without it each fails in its own wa
 every exception counts as a refusal.
 """
 
+import errno
 import logging
+import os
+import socket
+import sys
 from collections.abc import Mapping
+from contextlib import suppress
+from importlib.util import find_spec
 from typing import Any
 
 import can
@@ -36,16 +42,28 @@ ADVICE: Mapping[str, str] = {
     "socketcan": "type an interface that is up, as `ip -details link show type can` lists them",
     "socketcand": "install nothing, but give the daemon, for example socketcand:can0,host=192.168.1.20,port=29536",
     "systec": f"install the USB-CANmodul driver of SYS TEC, which is for Windows only; {_SOCKETCAN}",
-    "udp_multicast": 'install "python-can[multicast]" by pip, and type a group, for example udp_multicast:239.74.163.2',
+    "udp_multicast": "type a multicast group, for example udp_multicast:239.74.163.2",
     "usb2can": 'install the CANAL driver of 8devices, which is for Windows only, and "pywin32" by pip',
     "vector": "install the XL driver library of Vector, which is for Windows only",
     "virtual": "type virtual:NAME",
 }
 """What to install or to type, by the name of the interface."""
+PACKAGES: Mapping[str, tuple[str, str]] = {
+    "udp_multicast": (
+        "msgpack",
+        "install this package with its extra multicast (in a checkout: `pip install '.[multicast]'`), or msgpack",
+    ),
+}
+"""Module that an interface imports, and the advice in place of the one above where it is not installed."""
 OF_A_PACKAGE = "install what the package of this interface asks for"
 """Advice for an interface that another package adds to python-can."""
 SILENT = logging.NullHandler()
 """A single one, however often nothing can be opened; it stays until something can."""
+MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
+"""Level and number of IP_MULTICAST_ALL and IPV6_MULTICAST_ALL of Linux, which the module `socket` does not name."""
+LEAKING = "hears other groups on its port too: give each bus a port of its own, port=NUMBER"
+"""Addition to the name of a bus that cannot be kept apart from others."""
+_MOST_DRAINED = 10_000
 _NO_DRIVER = (NameError, AttributeError, ImportError)
 """Exceptions of an interface that begins to use a library which is not there."""
 
@@ -57,7 +75,7 @@ def open_can(section: CanSection) -> can.BusABC:
     """
     given: dict[str, Any] = {**section.arguments, "bitrate": section.bitrate}
     subject = f"cannot open {section.interface}:{section.channel}"
-    advice = ADVICE.get(section.interface, OF_A_PACKAGE)
+    advice = advice_for(section.interface)
     # python-can warns of a missing driver before it raises, and of a bus half opened when it is forgotten. The error
     # says it all, so these warnings do not fall back to standard error; a program's own handlers still get them.
     logger = logging.getLogger("can")
@@ -73,4 +91,37 @@ def open_can(section: CanSection) -> can.BusABC:
     except Exception as error:
         raise BusError(f"{subject}: {type(error).__name__}: {error}; {advice}") from error
     logger.removeHandler(SILENT)
+    if bus.channel_info == can.BusABC.channel_info:  # "unknown", which is no name for a person
+        bus.channel_info = f"{section.interface}:{section.channel}"
+    if section.interface == "udp_multicast" and not hears_its_group_alone(bus.fileno()):
+        bus.channel_info += f" ({LEAKING})"
     return bus
+
+
+def advice_for(interface: str) -> str:
+    """Return what to install or to type when an interface cannot be opened."""
+    module, install = PACKAGES.get(interface, ("", ""))
+    if module and find_spec(module) is None:
+        return install
+    return ADVICE.get(interface, OF_A_PACKAGE)
+
+
+def hears_its_group_alone(descriptor: int) -> bool:
+    """Let a socket of udp_multicast hear its own group alone; return False where the system cannot do that.
+
+    python-can binds the socket to all addresses of its port. Linux then delivers each group that any program of this
+    computer has joined, unless IP_MULTICAST_ALL is 0 (ip(7)). Frames from before are dropped.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    with socket.socket(fileno=os.dup(descriptor)) as ours:
+        try:
+            ours.setsockopt(*MULTICAST_ALL[ours.family], 0)
+        except OSError as error:
+            if error.errno not in (errno.ENOPROTOOPT, errno.EINVAL):
+                raise
+            return False
+        with suppress(BlockingIOError):
+            for _ in range(_MOST_DRAINED):
+                ours.recv(1, socket.MSG_DONTWAIT)
+    return True

@@ -64,7 +64,7 @@ def scan_bus(
     heard.refuse_noise()
     if heard.masters:
         words = ", ".join(frame_words(can_id) for can_id in sorted(heard.masters))
-        return Scan(wire.name, tuple(_heard_nodes(heard, states)), heard.sentence(), _only_listened(words))
+        return Scan(wire.name, tuple(_heard_nodes(heard, states)), heard.sentence(), _only_listened(wire.name, words))
     others: list[str] = []
     foreign = ForeignMaster(wire, one, others.append)
     answered = _answering(wire, bitrate, nodes)
@@ -74,13 +74,13 @@ def scan_bus(
             found.setdefault(node, FoundNode(node))
             continue
         found[node] = _found(Node(wire, node, f"node {node}"), states.get(node), profiles)
-    began = [] if foreign.cob_id is None else [f"somebody else began to command: {frame_words(foreign.cob_id)}"]
+    began = [] if foreign.cob_id is None else [f"another master on {wire.name}: {frame_words(foreign.cob_id)}"]
     in_order = tuple(found[node] for node in sorted(found))
     return Scan(wire.name, in_order, heard.sentence(), "; ".join([*began, *others]))
 
 
-def _only_listened(words: str) -> str:
-    return f"somebody else commands on this bus ({words}), so nothing was asked and only what was heard is shown"
+def _only_listened(bus: str, words: str) -> str:
+    return f"another master on {bus}: {words}. Nothing was asked, and only what was heard is shown"
 
 
 def _note_state(states: dict[int, int], node: int, data: bytes | bytearray) -> None:

@@ -1,6 +1,7 @@
 """CANopen behind the interface of `protocols.protocol`."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from haptic_fieldbus.documents import Document
@@ -49,7 +50,7 @@ class Canopen(FieldbusProtocol):
     def bus_name(self, section: BusSection) -> BusName:
         # Parsed anew, so that a bus of a rig obeys the same rules as one that is named.
         own = bus.can_section(section)
-        return bus.parse_bus(f"{own.interface}:{own.channel}@{own.bitrate}")
+        return replace(bus.parse_bus(f"{own.interface}:{own.channel}@{own.bitrate}"), section=own)
 
     def in_place_of(self, section: BusSection, named: BusName, channel: str | None) -> BusSection:
         return bus.in_place_of(bus.can_section(section), named, channel)

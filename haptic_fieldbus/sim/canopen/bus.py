@@ -7,7 +7,7 @@ receives (see `pace`).
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -18,12 +18,14 @@ from can.typechecking import CanFilters
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_SEED
 from haptic_fieldbus.errors import HapticFieldbusError
+from haptic_fieldbus.protocols.canopen.bus import SIMULATION_INTERFACE, CanSection
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.link.controller import Received
 from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.channel import drives_of, slot_of
 from haptic_fieldbus.sim.hand import hand_named
+from haptic_fieldbus.sim.slot import Slot
 
 _MAX_OCTETS = 8
 _LONGEST = 100_000
@@ -155,6 +157,33 @@ def publish(channel: str, world: World) -> Iterator[None]:
         yield
     finally:
         _release(channel)
+
+
+class EmbeddedSection(CanSection):
+    """A simulated bus in real time, which a run treats as a real one: it asks, proves the guards and waits."""
+
+    @property
+    def simulated(self) -> bool:
+        return False
+
+    @property
+    def rehearsed(self) -> bool:
+        return True
+
+
+@contextmanager
+def embedded(slots: Sequence[Slot], seed: int = DEFAULT_SEED, bitrate: int = DEFAULT_BIT_RATE) -> Iterator[CanSection]:
+    """Host drives inside this program, by the wall clock, and yield the bus that its other parts open.
+
+    The drives need no thread: what falls due happens at its own instant as soon as anything looks, so a guard is on
+    time even when nothing looks for long.
+    """
+    world = World(MonotonicClock(), bitrate, seed, _LONGEST)
+    for slot in slots:
+        world.add(slot).drive.plant.prepare()
+    channel = ",".join(f"{slot.profile.name}@{slot.node}" for slot in slots)
+    with publish(channel, world):
+        yield EmbeddedSection(SIMULATION_INTERFACE, channel, bitrate)
 
 
 def _shared_world(channel: str, bitrate: int, clock: Clock | None, make: Callable[[Clock], World]) -> World:

@@ -109,6 +109,9 @@ class Host:
         frame = self._outlet.receive(min(longest_ns, self._rack.due_ns - self._clock.now_ns()))
         if frame is None:
             self._catch_up(self._clock.now_ns())
+            # The shafts are followed while there is time: after a long silence it would hold up the first answer.
+            for _port, slave in self._rack.attached:
+                slave.drive.servo.advance(self._served_ns)
             return
         t_ns = self._outlet.arrived_ns(self._served_ns)
         self._catch_up(t_ns)

@@ -55,7 +55,8 @@ class Rack:
     def add(self, slot: Slot, port: Port, t_ns: int) -> Slave:
         """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
         self.check_free(slot.node)
-        settings = replace(drawn_settings(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
+        drawn = drawn_settings(self._seed, slot.node)
+        settings = replace(drawn, position=slot.position, velocity=slot.velocity, led=slot.led)
         hand = faulty_hand(slot.hand, faults_of(slot.faults, slot.node))
         slave = Slave(slot.node, slot.profile, slot.axis, port.send, hand, settings, t_ns=t_ns)
         slave.drive.plant.recorder.longest = self._longest

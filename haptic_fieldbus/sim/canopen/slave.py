@@ -82,6 +82,10 @@ class Slave:
         """Handle a frame of another node that has ended, unless the slave is silent."""
         if t_ns >= self.silent_until_ns:
             self.node.receive(frame, t_ns)
+            # An NMT command begins or ends an exchange: the hand that leads begins anew, with a rest.
+            if not frame.can_id and self.drive.plant.led:
+                self.drive.servo.advance(t_ns)
+                self.drive.plant.rest_hand()
 
     def timer(self, t_ns: int) -> None:
         """Serve the timers that are due."""

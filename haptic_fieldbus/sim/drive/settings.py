@@ -17,7 +17,7 @@ from haptic_fieldbus.sim.drive.objects import Objects
 from haptic_fieldbus.sim.drive.servo import FirmwareTimes
 from haptic_fieldbus.sim.drive.stage import Gains, gains
 from haptic_fieldbus.sim.drive.units import Units
-from haptic_fieldbus.sim.hand import Hand, grip
+from haptic_fieldbus.sim.hand import LEADER, Grip, Hand, grip
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
@@ -65,6 +65,8 @@ class DriveSettings:
     """By how much the drive's clock is slow, as a share; for ticks that run free."""
     full_scale: float | None = None
     """Torque that 32767 stands for in drives that count in shares of it [N·m]; None: it counts in none."""
+    led: bool = False
+    """Whether a hand moves the handle while the drive is off (`LEADER`)."""
     velocity_unit: str | None = None
     """Unit of velocity after power-on, None: that of the profile."""
 
@@ -115,6 +117,13 @@ def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, setting
     inertia, damping, _ = known_mechanics(axis)
     shaft = Shaft(inertia, damping, axis.coulomb_friction, _lag(profile))
     held = grip(hand, axis.mechanism) if hand is not None else None
+    plant = _plant(axis, shaft, held, settings, t_ns)
+    if settings.led:
+        plant.lead_when_off(grip(LEADER, axis.mechanism))
+    return plant
+
+
+def _plant(axis: RigAxis, shaft: Shaft, held: Grip | None, settings: DriveSettings, t_ns: int) -> Body:
     position, velocity = settings.position, settings.velocity
     if axis.simulation.is_rigid:
         return Plant(shaft, held, position=position, velocity=velocity, t_ns=t_ns)

@@ -6,7 +6,7 @@ All quantities are at the motor shaft, SI; `t_ns` is the body's own time.
 from abc import ABC, abstractmethod
 from collections import deque
 
-from haptic_fieldbus.sim.hand import Grip, Piece
+from haptic_fieldbus.sim.hand import LEADING_NS, Grip, Piece
 from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, HAND_SPEED, SPEED, STRETCH, TARGET, TORQUE, State
 from haptic_fieldbus.sim.mechanics.trajectory import Recorder
 
@@ -27,7 +27,9 @@ class Body(ABC):
         self.recorder = Recorder(recorded)
         self._agenda: deque[tuple[int, Piece | None]] = deque()
         self._hand: Grip | None = None
-        """The hand that has let go; None while none has."""
+        """The hand that has let go, or waits until the drive is enabled; None while there is none."""
+        self._leader: Grip | None = None
+        """The hand that moves the handle of a drive that is off; None: nobody does."""
 
     @property
     def position(self) -> float:
@@ -52,9 +54,9 @@ class Body(ABC):
             self._continue((*self.state[:TARGET], torque, *self.state[TARGET + 1 :]))
 
     def start_hand(self) -> None:
-        """Start the hand's clock now, at its beginning; a hand that has let go takes hold again."""
+        """Start the hand's clock now, at its beginning; a hand that has let go, or has waited, takes hold again."""
         self._agenda.clear()
-        if self._grip is None and self._hand is not None:
+        if self._hand is not None and self._grip is not self._hand:
             # At the place of the handle, and as fast as it.
             self.state = (*self.state[:STRETCH], 0.0, self.velocity, 0.0, 0.0, *self.state[TARGET:])
             self._hold(self._hand)
@@ -71,12 +73,33 @@ class Body(ABC):
     def rest_hand(self) -> None:
         """Let the hand come to a halt until it is started again: it still holds the handle, without a force of its own.
 
-        Its mass may be that of a hand that nothing deflects, which would go on by itself.
+        Its mass may be that of a hand that nothing deflects, which would go on by itself. Where another hand leads
+        while the drive is off, that one takes the handle and begins anew.
         """
         self._agenda.clear()
-        if self._grip is not None and any(self.state[HAND_SPEED:TARGET]):
+        if self._leader is not None:
+            if self._grip is not None and self._grip is not self._leader:
+                self._hand = self._grip
+            self.state = (*self.state[:STRETCH], 0.0, 0.0, 0.0, 0.0, *self.state[TARGET:])
+            self._hold(self._leader)
+            self._agenda.extend((self.t_ns + round(piece.start * 1e9), piece) for piece in self._leader.pieces)
+        elif self._grip is not None and any(self.state[HAND_SPEED:TARGET]):
             self.state = (*self.state[:HAND_SPEED], 0.0, 0.0, 0.0, *self.state[TARGET:])
             self._hold(self._grip)
+
+    def lead_when_off(self, leader: Grip) -> None:
+        """Let this hand move the handle from now on while the drive is off."""
+        self._leader = leader
+        self.rest_hand()
+
+    @property
+    def led(self) -> bool:
+        """Return whether a hand moves the handle because the drive is off."""
+        return self._leader is not None and self._grip is self._leader
+
+    def _holder(self, grip: Grip | None) -> int:
+        """Return who holds the handle: 0 nobody, 1 the hand, 2 the one that leads while the drive is off."""
+        return 0 if grip is None else 2 if grip is self._leader else 1
 
     @abstractmethod
     def prepare(self) -> None:
@@ -84,11 +107,22 @@ class Body(ABC):
 
     def advance(self, t_ns: int) -> None:
         """Move to `t_ns`, which must not be before the body's own time."""
+        if self.led and t_ns - self.t_ns >= 2 * LEADING_NS:
+            self._leave_out((t_ns - self.t_ns) // LEADING_NS - 1)
         while self._agenda and self._agenda[0][0] <= t_ns:
             at_ns, piece = self._agenda.popleft()
             self._move(at_ns)
             self._begin(piece)
+            if self.led:
+                self._agenda.append((at_ns + LEADING_NS, piece))
         self._move(t_ns)
+
+    def _leave_out(self, cycles: int) -> None:
+        """Leave out cycles of the hand that leads, because nothing has looked for long: they are all alike."""
+        skipped_ns = cycles * LEADING_NS
+        self.t_ns += skipped_ns
+        self._agenda = deque((at_ns + skipped_ns, piece) for at_ns, piece in self._agenda)
+        self._continue(self.state)
 
     def _begin(self, piece: Piece | None) -> None:
         """Begin a new piece of the hand's force; None: the hand lets go."""

@@ -45,7 +45,7 @@ class LoadedPlant(Body):
         state = (position, velocity, 0.0, 0.0, velocity if grip else 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, behind)
         self._load = load
         self._torques = Torques(load)
-        self._legs: dict[tuple[bool, bool, int, int], Leg] = {}
+        self._legs: dict[tuple[int, bool, int, int], Leg] = {}
         super().__init__(t_ns, state, ORDER + TERMS * len(self._torques.rows))
         self._flank = 0 if load.half_play else 1
         self._parting = 0
@@ -121,7 +121,7 @@ class LoadedPlant(Body):
 
     def _leg_of(self, halvings: int) -> Leg:
         sticking = self._direction == 0
-        key = (self._grip is not None, sticking, self._flank, halvings)
+        key = (self._holder(self._grip), sticking, self._flank, halvings)
         leg = self._legs.get(key)
         if leg is None:
             load, flank = self._load, self._flank

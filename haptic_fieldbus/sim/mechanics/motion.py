@@ -57,19 +57,21 @@ class Motion:
         self._powers: tuple[tuple[float, ...], ...] = ()
         """Tables of 1, 2, 4 … ns once the motion is prepared."""
 
-    def prepare(self) -> None:
+    def prepare(self, usual_ns: int) -> None:
         """Build what any step needs, for spans that do not repeat: from now on no exponential is computed.
 
-        A step is then made of those over powers of two, which costs a few of them and is as exact.
+        A step is then made of those over powers of two, which costs a few of them and is as exact; one of `usual_ns` is
+        made at once.
         """
+        self._tables[usual_ns] = self._table(usual_ns)
         self._powers = tuple(self._table(1 << power) for power in range(LONGEST_POWER))
 
     def step(self, state: State, span_ns: int) -> State:
         """Return the state after a whole number of nanoseconds."""
-        if self._powers:
-            return self._by_powers(state, span_ns)
         table = self._tables.get(span_ns)
         if table is None:
+            if self._powers:
+                return self._by_powers(state, span_ns)
             # The spans of a run repeat, so the cache rarely fills.
             if len(self._tables) >= MAX_TRANSITIONS:
                 self._tables.clear()

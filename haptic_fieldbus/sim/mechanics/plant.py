@@ -48,8 +48,8 @@ class Plant(Body):
         self._coulomb = shaft.coulomb
         self._threshold = shaft.coulomb * _BREAKAWAY
         self._longest_ns = MAX_STEP_NS if shaft.coulomb > 0 else NEVER_NS
-        self._motions: dict[bool, tuple[Motion, Motion]] = {}
-        """Slipping and sticking, by whether a hand holds the handle."""
+        self._motions: dict[int, tuple[Motion, Motion]] = {}
+        """Slipping and sticking, by who holds the handle."""
         self._hold(grip)
 
     def _hold(self, grip: Grip | None) -> None:
@@ -64,17 +64,20 @@ class Plant(Body):
         self._record(0.0)
 
     def prepare(self) -> None:
-        """Build the motions with and without the hand, and what their steps need."""
-        for grip in (self._grip, None):
+        """Build the motions with each hand and without one, and what their steps need."""
+        for grip in (self._grip, self._hand, None):
             for motion in self._motions_of(grip):
-                motion.prepare()
+                motion.prepare(MAX_STEP_NS)
 
     def _motions_of(self, grip: Grip | None) -> tuple[Motion, Motion]:
         """Return the motions that slip and stick; they are built once."""
-        held = grip is not None
-        if held not in self._motions:
-            self._motions[held] = (Motion(self._shaft, grip, sticking=False), Motion(self._shaft, grip, sticking=True))
-        return self._motions[held]
+        holder = self._holder(grip)
+        if holder not in self._motions:
+            self._motions[holder] = (
+                Motion(self._shaft, grip, sticking=False),
+                Motion(self._shaft, grip, sticking=True),
+            )
+        return self._motions[holder]
 
     def _continue(self, state: State) -> None:
         self.state = state
@@ -83,7 +86,11 @@ class Plant(Body):
     def _move(self, t_ns: int) -> None:
         longest_ns = self._longest_ns
         while (span_ns := t_ns - self.t_ns) > 0:
+            before = self.state
             self._step(span_ns if span_ns < longest_ns else longest_ns)
+            # A shaft that sticks, where a step changes nothing, rests until something acts on it.
+            if not self._direction and span_ns > longest_ns and self.state == before:
+                self.t_ns = t_ns
 
     def _step(self, span_ns: int) -> None:
         before = self.state

@@ -10,9 +10,18 @@ import can
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from haptic_fieldbus.buses.canopen.opening import ADVICE, OF_A_PACKAGE, open_can
+from haptic_fieldbus.buses.canopen.access import opened
+from haptic_fieldbus.buses.canopen.opening import (
+    ADVICE,
+    LEAKING,
+    MULTICAST_ALL,
+    OF_A_PACKAGE,
+    hears_its_group_alone,
+    open_can,
+)
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CAN_INTERFACES, SIMULATION_INTERFACE, CanSection
+from tests.peers.hosts import GROUP, STARTS_WITHIN, free_port, require_multicast
 
 OPEN = {"virtual", SIMULATION_INTERFACE}
 """Interfaces that need no driver, so that any channel can be opened."""
@@ -99,3 +108,77 @@ def test_the_command_says_it_in_one_line_and_nothing_else(interface: str) -> Non
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1
     assert ADVICE[interface] in done.stderr
+
+
+@pytest.mark.xdist_group("peers")
+class TestMulticast:
+    """A bus is a group: another one on the same port of this computer is another bus."""
+
+    OTHER = "239.74.163.3"
+
+    @pytest.fixture
+    def port(self) -> int:
+        port = free_port()
+        require_multicast(port)
+        return port
+
+    def opened(self, group: str, port: int) -> can.BusABC:
+        return open_can(CanSection("udp_multicast", group, arguments={"port": port}))
+
+    @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="IP_MULTICAST_ALL is an option of Linux")
+    def test_a_second_bus_on_the_same_port_is_not_heard(self, port: int) -> None:
+        with self.opened(GROUP, port) as ours, self.opened(GROUP, port) as same, self.opened(self.OTHER, port) as other:
+            for number in range(1, 4):
+                other.send(message(0x700 + number))
+            same.send(message(0x7F0))
+            assert until(0x7F0, ours) == [0x7F0]
+            assert ours.channel_info == f"udp_multicast:{GROUP}"
+
+    @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="IP_MULTICAST_ALL is an option of Linux")
+    def test_what_came_of_another_bus_while_ours_was_opened_is_dropped(self, port: int) -> None:
+        with (
+            can.Bus(interface="udp_multicast", channel=GROUP, port=port) as ours,
+            self.opened(self.OTHER, port) as other,
+        ):
+            other.send(message(0x080))
+            assert hears_its_group_alone(ours.fileno())
+            other.send(message(0x081))
+            ours.send(message(0x082))
+            assert until(0x082, ours) == [0x082]
+
+    def test_where_the_system_cannot_keep_it_apart_its_name_says_so(
+        self, port: int, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        unknown = {family: (level, 250) for family, (level, _) in MULTICAST_ALL.items()}
+        monkeypatch.setattr("haptic_fieldbus.buses.canopen.opening.MULTICAST_ALL", unknown)
+        with self.opened(GROUP, port) as bus:
+            assert bus.channel_info == f"udp_multicast:{GROUP} ({LEAKING})"
+        section = CanSection("udp_multicast", GROUP, listen=0.0, arguments={"port": port})
+        with opened(section, {}) as wire:
+            assert wire.name == f"udp_multicast:{GROUP} ({LEAKING})"
+
+    def test_a_missing_package_is_named_with_the_extra_that_has_it(self) -> None:
+        program = (
+            "import sys; sys.modules['msgpack'] = None\n"
+            "from haptic_fieldbus.cli import main\n"
+            "main(['simulate', '--bus', 'udp_multicast:239.74.163.2@1000000'])"
+        )
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+        assert done.returncode == 1
+        assert "msgpack not installed; install this package with its extra multicast" in done.stderr
+        assert "pip install '.[multicast]'" in done.stderr
+        assert "type a" not in done.stderr, "a group was typed"
+
+
+def until(last: int, bus: can.BusABC) -> list[int]:
+    """The identifiers that a bus hears, up to this one."""
+    heard: list[int] = []
+    while last not in heard:
+        frame = bus.recv(STARTS_WITHIN)
+        assert frame is not None, f"{last:03X}h did not come"
+        heard.append(frame.arbitration_id)
+    return heard
+
+
+def message(can_id: int) -> can.Message:
+    return can.Message(arbitration_id=can_id, is_extended_id=False)

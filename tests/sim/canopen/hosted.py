@@ -1,6 +1,7 @@
 """Drives hosted in this thread, on `virtual`, served turn by turn: what several tests use."""
 
 import struct
+from dataclasses import replace
 
 import can
 
@@ -19,7 +20,9 @@ READ_IDENTITY = bytes.fromhex("40 18 10 01 00 00 00 00")
 class Hosted:
     """Drives on one end of a virtual bus, the test on the other; time moves when told to."""
 
-    def __init__(self, *nodes: int, faults: tuple[Fault, ...] = (), echoes: bool = False, hand: str = "none") -> None:
+    def __init__(
+        self, *nodes: int, faults: tuple[Fault, ...] = (), echoes: bool = False, hand: str = "none", led: bool = False
+    ) -> None:
         channel = f"hosting {id(self)}"
         self.clock = VirtualClock()
         self.theirs = can.Bus(interface="virtual", channel=channel, receive_own_messages=echoes)
@@ -30,7 +33,7 @@ class Hosted:
         for node in nodes:
             drive = NamedDrive("generic_cia402", node)
             bench = (drive, "virtual:hosting", Workspace.LINEAR, hand_named(hand), faults)
-            self.host.add(slot_of(*bench, booted=False))
+            self.host.add(replace(slot_of(*bench, booted=False), led=led))
 
     def reopened(self) -> can.BusABC:
         """The bus is opened anew."""

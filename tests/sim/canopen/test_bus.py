@@ -3,10 +3,14 @@
 import can
 import pytest
 
-from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.sim.canopen.bus import SimulatedBus, publish
+from haptic_fieldbus.buses.canopen.opening import open_can
+from haptic_fieldbus.clock import MonotonicClock, VirtualClock
+from haptic_fieldbus.protocols.registry import protocol_named
+from haptic_fieldbus.sim.canopen import bus as module
+from haptic_fieldbus.sim.canopen.bus import SimulatedBus, embedded, publish
 from haptic_fieldbus.sim.canopen.pace import LONGEST_WAIT_NS
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.slot import Slot
 from tests.sim.bench import NODE, axis, profile
 
 CHANNEL = "maxon_epos4@5,generic_cia402@6"
@@ -100,6 +104,53 @@ class TestSharing:
             own = bus.recv(0.01)
             assert own is not None
             assert not own.is_rx
+
+
+class StandingClock(MonotonicClock):
+    """A wall clock that stands still until it is set."""
+
+    now = 1_000_000_000_000
+
+    def now_ns(self) -> int:
+        return self.now
+
+
+class TestEmbedded:
+    """Drives inside this program by the wall clock, on a bus that is treated as a real one."""
+
+    def test_a_run_takes_the_bus_for_a_real_one_and_knows_that_it_is_a_rehearsal(self) -> None:
+        with embedded([Slot(NODE, profile(), axis())]) as section:
+            assert (section.simulated, section.rehearsed) == (False, True)
+            name = protocol_named("canopen").bus_name(section)
+            assert (name.section, name.simulated) == (section, False)
+            for _ in range(2):
+                with open_can(section) as bus:
+                    assert _request(bus, NODE) is not None, "the same drive each time"
+        with pytest.raises(can.CanInitializationError):
+            SimulatedBus("nothing of this name is left")
+
+    def test_a_guard_acts_at_its_own_instant_though_nothing_looked_for_a_second(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """1016h:01 = 50 ms: the emergency 8130h is on the wire 50 ms after the last heartbeat, when it is read late."""
+        clock = StandingClock()
+        monkeypatch.setattr(module, "MonotonicClock", lambda: clock)
+        with embedded([Slot(NODE, profile(), axis())]) as section, open_can(section) as bus:
+
+            def send(can_id: int, data: bytes) -> None:
+                bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+                clock.now += 1_000_000
+
+            clock.now += 10_000_000
+            send(0x600 + NODE, b"\x23\x16\x10\x01" + (127 << 16 | 50).to_bytes(4, "little"))
+            send(0x77F, b"\x05")
+            alive_ns = clock.now - 1_000_000
+            clock.now += 1_000_000_000
+            frames = {frame.arbitration_id: frame for frame in iter(lambda: bus.recv(0.0), None)}
+            emergency = frames[0x080 + NODE]
+            assert emergency.data[:2] == b"\x30\x81"
+            late = emergency.timestamp - bus._pace.timestamp(alive_ns)  # type: ignore[attr-defined]
+            assert late == pytest.approx(0.050, abs=1e-3)
 
 
 class TestReceive:

@@ -159,6 +159,15 @@ class TestWhatIsBuiltBeforeReady:
         assert plants[1].state == pytest.approx(plants[0].state, rel=1e-9, abs=1e-12)
         assert abs(plants[0].position) > 0.1
 
+    def test_while_nothing_is_asked_the_shafts_are_followed(self) -> None:
+        """What a silence of minutes leaves to be done would hold up the first answer."""
+        hosted = Hosted(5, hand="push", led=True)
+        (slave,) = hosted.host._rack.slaves.values()
+        for _ in range(50):
+            hosted.serve(100 * MS)
+            assert slave.drive.plant.t_ns == hosted.clock.now_ns()
+        hosted.close()
+
     def test_what_exists_is_out_of_garbage_collection_while_drives_are_hosted(self) -> None:
         bus, slots = resolve(HostRequest(["generic_cia402@7"], "virtual:hosting frozen"))
         frozen: list[int] = []

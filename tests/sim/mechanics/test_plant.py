@@ -10,7 +10,7 @@ from scipy.integrate import simpson, solve_ivp
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.sim.hand import Grip, Piece
 from haptic_fieldbus.sim.mechanics import motion
-from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, HAND_SPEED, SPEED, STRETCH, TORQUE, Shaft
+from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, HAND_SPEED, SPEED, STRETCH, TORQUE, Motion, Shaft, State
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 
@@ -58,6 +58,29 @@ def test_a_torque_step_against_coulomb_friction_gives_the_closed_form_from_its_b
     moving = slow + fast * np.exp(-since / LAG) - (slow + fast) * np.exp(-pole * since)
     assert velocity == pytest.approx(np.where(since > 0, moving, 0.0), rel=1e-9, abs=1e-12)
     assert torque == pytest.approx(u * (1 - np.exp(-t / LAG)), rel=1e-9, abs=1e-14)
+
+
+def test_a_shaft_that_rests_is_not_followed_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bench stands unused for a day: nothing moves, and the next question is answered at once."""
+    plants = [Plant(ROUGH, None, velocity=1.0) for _ in "ab"]
+    for t_ms in range(1, 2001):
+        plants[0].advance(t_ms * MS)
+    plants[1].advance(2000 * MS)
+    assert plants[1].state == plants[0].state
+    steps: list[int] = []
+    step = Motion.step
+
+    def counted(motion: Motion, state: State, span_ns: int) -> State:
+        steps.append(span_ns)
+        return step(motion, state, span_ns)
+
+    monkeypatch.setattr(Motion, "step", counted)
+    plants[1].advance(86_400_000 * MS)
+    assert len(steps) < 5
+    assert (plants[1].state, plants[1].t_ns) == (plants[0].state, 86_400_000 * MS)
+    plants[1].set_target(0.4)
+    plants[1].advance(plants[1].t_ns + 100 * MS)
+    assert plants[1].velocity > 0.0, "it can be moved as before"
 
 
 def test_coulomb_friction_alone_stops_the_shaft_where_the_closed_form_says() -> None:

@@ -1,0 +1,98 @@
+"""Command `rehearse`: the first day with a drive, on one that is simulated inside this program, in real time."""
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import typer
+
+from haptic_fieldbus.cli.options import OUTPUT, option, options_of
+from haptic_fieldbus.cli.pictures import check_plot
+from haptic_fieldbus.cli.run import RunOptions, instruct, render
+from haptic_fieldbus.cli.screen import show
+from haptic_fieldbus.cli.simulate import check_free, write
+from haptic_fieldbus.cli.watch import look
+from haptic_fieldbus.errors import UsageError
+
+WATCHED = 8.0
+"""Time for which the handle is watched [s]; it goes to and fro once."""
+OF_A_RIG = ("bus", "node", "rig", "axes", "zero", "faults", "prove", "force")
+"""Options of `run` that a rehearsal leaves out: it has a bench of its own."""
+SCENE = "wall"
+KEPT = "rig.toml"
+HEADING = """The bench of `haptic-fieldbus rehearse`, as a run has left it. For your own drive give its bus, node and
+profile, and your motor, mechanism and limits. Leave out `proved` and `seen`: they belong to the simulated drive."""
+"""Comment at the beginning of a rig file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RehearseOptions(RunOptions):
+    """Options of `rehearse`."""
+
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE",
+            help=rf"A scene of the library by name, or the path of a scene file. \[default: {SCENE}]",
+            show_default=False,
+        ),
+    ] = SCENE
+    write_rig: Annotated[Path | None, option("FILE", "Keep the rig file, with what was proved and seen.", OUTPUT)] = (
+        None
+    )
+
+
+@options_of(RehearseOptions, without=OF_A_RIG)
+def rehearse(options: RehearseOptions) -> None:
+    """Rehearse the first day with a drive: watch, questions, proofs and run, on a simulated drive in real time."""
+    from haptic_fieldbus import api
+    from haptic_fieldbus.api.bench import BenchRequest
+    from haptic_fieldbus.api.rehearsal import rehearsal
+
+    trial = options.given(api.Trial)
+    check_plot(options.plot)
+    if not options.yes and not sys.stdin.isatty():
+        raise UsageError("no terminal to answer on; add --yes")
+    if options.write_rig is not None:
+        check_free(options.write_rig)
+    talk = sys.stderr if options.as_json else sys.stdout
+    with TemporaryDirectory() as folder, rehearsal(trial) as bench:
+        path = options.write_rig or Path(folder) / KEPT
+        write(path, bench, HEADING)
+        rig = replace(bench, source=str(path))
+        show(_beginning(options), talk)
+        show([("step", f"haptic-fieldbus watch --rig {path.name} --duration {WATCHED:g}")], talk)
+        look(BenchRequest(rig=rig), WATCHED, talk)
+        show([("step", f"haptic-fieldbus run {options.scene} --rig {path.name}")], talk)
+        talk.flush()
+        tell = instruct if sys.stderr.isatty() else _once()
+        render(options, replace(trial, rig=rig, drive=None, hand=None, instruct=tell))
+    if options.write_rig is not None:
+        show([("rig", str(options.write_rig))], talk)
+
+
+def _beginning(options: RehearseOptions) -> Iterator[tuple[str, str]]:
+    yield (
+        "rehearsal",
+        "drive, motor, handle and hand are simulated in this program; time, questions and proofs are real",
+    )
+    if options.hand != "none":
+        yield (
+            "hand",
+            "moves the handle 60 mm to the positive side and back while the drive is off, also when you are asked to",
+        )
+
+
+def _once() -> Callable[[str], None]:
+    """Return a function that prints the first line of those that are written over each other on a terminal."""
+    told: list[str] = []
+
+    def tell(text: str) -> None:
+        if not told:
+            show([("direction", text)], sys.stderr)
+        told.append(text)
+
+    return tell
