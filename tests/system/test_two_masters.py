@@ -271,7 +271,8 @@ def _hosted(folder: Path) -> Iterator[Hosted]:
     port = free_port()
     require_multicast(port)
     drives = ("--drive", "generic_cia402@1", "--drive", "generic_cia402@2")
-    process = start("simulate", *drives, "--bus", f"udp_multicast:{GROUP}", "--hand", "push", port=port)
+    # A hand that leads keeps the limits for as long as another process takes to start.
+    process = start("simulate", *drives, "--bus", f"udp_multicast:{GROUP}", "--hand", "guide", port=port)
     hosted = Hosted(port, folder)
     try:
         for _ in range(2):
