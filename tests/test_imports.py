@@ -54,6 +54,8 @@ DOES_WITHOUT = {
         "cli.estimate": "api.estimation report.estimates report.plot_estimate",
         "cli.plan": "api planning.explain planning.plan_json planning.task",
         "cli.profiles": "eds protocols.canopen.from_eds protocols.catalogue protocols.folders sim.canopen.sheet",
+        "cli.rehearse": "api api.bench api.rehearsal",
+        "api.rehearsal": "sim.canopen.bus",
         "cli.report": "api study.make_report study.measure.bench",
         "cli.response": "api api.model api.open_loop report.models report.plot_model"
         " report.plot_response report.responses",

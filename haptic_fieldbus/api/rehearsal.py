@@ -29,9 +29,9 @@ def rehearsal(trial: Trial) -> Iterator[Rig]:
     slots = _slots(loaded, trial)
     check_stable(compiled(loaded).plan)
     # Imported here, because a trial that is refused needs no bus.
-    from haptic_fieldbus.sim.canopen.bus import embedded
+    from haptic_fieldbus.sim.canopen.bus import embedded_bus
 
-    with embedded(slots, trial.seed) as section:
+    with embedded_bus(slots, trial.seed) as section:
         yield rig_of(BusName(section.channel, section), slots, tuple(loaded.rig.axis))
 
 

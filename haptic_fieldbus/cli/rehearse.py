@@ -10,8 +10,9 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.options import OUTPUT, option, options_of
+from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.pictures import check_plot
-from haptic_fieldbus.cli.run import RunOptions, instruct, render
+from haptic_fieldbus.cli.run import RunOptions, instruct, run_and_tell
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.cli.simulate import check_free, write
 from haptic_fieldbus.cli.watch import look
@@ -52,10 +53,12 @@ def rehearse(options: RehearseOptions) -> None:
     from haptic_fieldbus.api.bench import BenchRequest
     from haptic_fieldbus.api.rehearsal import rehearsal
 
+    if not sys.stdin.isatty():
+        if not options.yes:
+            raise UsageError("no terminal to answer on; add --yes")
+        never_wait()
     trial = options.given(api.Trial)
     check_plot(options.plot)
-    if not options.yes and not sys.stdin.isatty():
-        raise UsageError("no terminal to answer on; add --yes")
     if options.write_rig is not None:
         check_free(options.write_rig)
     talk = sys.stderr if options.as_json else sys.stdout
@@ -69,7 +72,7 @@ def rehearse(options: RehearseOptions) -> None:
         show([("step", f"haptic-fieldbus run {options.scene} --rig {path.name}")], talk)
         talk.flush()
         tell = instruct if sys.stderr.isatty() else _once()
-        render(options, replace(trial, rig=rig, drive=None, hand=None, instruct=tell))
+        run_and_tell(options, replace(trial, rig=rig, drive=None, hand=None, instruct=tell))
     if options.write_rig is not None:
         show([("rig", str(options.write_rig))], talk)
 

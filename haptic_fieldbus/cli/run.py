@@ -82,10 +82,10 @@ def run(options: RunOptions) -> None:
     trial = options.given(api.Trial)
     check_plot(options.plot)
     show(note_assumed_bitrate(options.bus), sys.stderr)
-    render(options, replace(trial, instruct=None if options.yes or not sys.stderr.isatty() else instruct))
+    run_and_tell(options, replace(trial, instruct=None if options.yes or not sys.stderr.isatty() else instruct))
 
 
-def render(options: RunOptions, trial: "Trial") -> None:
+def run_and_tell(options: RunOptions, trial: "Trial") -> None:
     """Run a trial with the questions of a command, and print its result."""
     from haptic_fieldbus import api
     from haptic_fieldbus.planning.request import parse_changes

@@ -172,7 +172,9 @@ class EmbeddedSection(CanSection):
 
 
 @contextmanager
-def embedded(slots: Sequence[Slot], seed: int = DEFAULT_SEED, bitrate: int = DEFAULT_BIT_RATE) -> Iterator[CanSection]:
+def embedded_bus(
+    slots: Sequence[Slot], seed: int = DEFAULT_SEED, bitrate: int = DEFAULT_BIT_RATE
+) -> Iterator[CanSection]:
     """Host drives inside this program, by the wall clock, and yield the bus that its other parts open.
 
     The drives need no thread: what falls due happens at its own instant as soon as anything looks, so a guard is on
