@@ -9,6 +9,7 @@ from typing import ClassVar, get_args, get_type_hints
 
 from key_tables import default, meanings, of_a_file, value
 
+from haptic_fieldbus.drive.plausible import OF_HANDLE, RANGES, Usual
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
 
@@ -93,6 +94,24 @@ The tables are written by `make docs`; the [JSON Schema](schemas/rig.schema.json
 """
 
 
+RANGES_HEAD = """\
+## Values that benches have
+
+A value beyond these is refused with its range, and with the unit in which it would be within: `rated_torque = 400` asks
+whether 400 mN·m were meant. For a bench that really has such a value the axis says so:
+
+```toml
+i_know = ["inertia", "mechanism.metres_per_revolution"]
+```
+
+The ends of the ranges lie well beyond the smallest and the largest motor that were looked at, a brushless one of 10 mm
+(Orbray BMS10) and an AC servo motor of 5 kW (Yaskawa SGMSH-50), so that a factor of 1000 is found. `coulomb_friction`
+is always below `rated_torque`, and `torque_constant` times `rated_current` is `rated_torque` within a factor of 10. A
+slip within the range is found where the drive tells its rated torque or current, which must be those of the rig within
+2 %.
+"""
+
+
 def page() -> str:
     """Return the text of the page."""
     return "\n".join([HEAD, *_lines()]).rstrip() + "\n"
@@ -102,6 +121,23 @@ def _lines() -> Iterator[str]:
     for protocol in BUILT_IN:
         yield from _table(protocol_named(protocol).section, ("bus", "NAME"), f", protocol {protocol}")
     yield from _table(RigAxis, ("axis", "NAME"))
+    yield from _ranges()
+
+
+def _ranges() -> Iterator[str]:
+    """Yield the section of the values that benches have."""
+    yield RANGES_HEAD
+    yield "| key | values | because of | unit that is asked for |\n|---|---|---|---|"
+    rows: list[tuple[str, Usual]] = list(RANGES.items())
+    for space, ranges in OF_HANDLE.items():
+        rows += [(f"{key}, {space.value}", each) for key, each in ranges.items()]
+    for key, each in rows:
+        yield f"| {key} | {each.text} | {each.why} | {_asked(each)} |"
+    yield ""
+
+
+def _asked(each: Usual) -> str:
+    return ", ".join(unit for _, unit in each.slips)
 
 
 def _table(schema: type, path: tuple[str, ...], which: str = "") -> Iterator[str]:

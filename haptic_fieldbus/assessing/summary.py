@@ -206,8 +206,8 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
         if doubts := cycle.doubts(axis.name):
             yield (
                 f"axis {axis.name}: the motion went against the torque {doubts} times, as by a blow of the hand; "
-                f"then at most {in_unit(axis.limits.holding, axis.workspace.effort_unit)} was given until the sign was "
-                "seen again"
+                f"then at most {in_unit(axis.limits.before_sign, axis.workspace.effort_unit)} was given until the sign "
+                "was seen again"
             )
         if stalls:
             yield _stood_still(axis, stalls)
@@ -264,7 +264,7 @@ def _unseen(axis: AxisPlan, failures: int, broken_off: int) -> str:
         told = f"gaps in the feedback broke the proof off, {broken_off} times: see how late periods and feedback were"
     return (
         f"axis {axis.name}: the sign from torque to motion was not seen, so that the scene was given at most "
-        f"{in_unit(min(axis.limits.holding, axis.limits.effort), axis.workspace.effort_unit)}; {told}"
+        f"{in_unit(axis.limits.before_sign, axis.workspace.effort_unit)}; {told}"
     )
 
 

@@ -25,7 +25,9 @@ def check_rating(
 ) -> None:
     """Raise BusConfigurationError when the rated torque or current of a drive is not that of the rig."""
     if expected is not None and abs(rated - expected) > RATED_TOLERANCE * expected:
+        in_thousandths = abs(1e3 * rated - expected) <= RATED_TOLERANCE * expected
+        hint = f". Is the value in the rig in m{unit}?" if in_thousandths else ""
         raise BusConfigurationError(
             f"{label}: its rated {what} is {exactly(rated)} {unit} ({name}), the rig says {exactly(expected)} "
-            f"{unit} (axis.{axis.name}.rated_{what}); every command would be off by that"
+            f"{unit} (axis.{axis.name}.rated_{what}); every command would be off by that{hint}"
         )

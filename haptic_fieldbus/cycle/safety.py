@@ -1,7 +1,8 @@
 """The limits between a scene and a hand, and the reasons to take torque away.
 
 Until the sign from torque to motion has been seen (`cycle.sign`), pulses of a small torque take turns with a force of
-the scene that stays within what a hand may hold for ever. From then on the force passes three gates, in this order:
+the scene that stays within what a hand may hold for ever; `limits.unseen` bounds both. From then on the force passes
+three gates, in this order:
 
 1. The limit. It rises from 0 to the effort limit of the axis within the fade-in time, and bounds the force from both
    sides. The limit fades in, not the force, so that a large force at the start grows no faster than a small one could.
@@ -54,6 +55,7 @@ class TripKind(Enum):
     DRIFT = "position drift"
     SET_POINTS_DEAD = "set-points do not act"
     SIGN = "motion against the torque"
+    SIGN_HIDDEN = "no motion that shows the sign"
     CLOCK = "clock went back"
     FOREIGN_MASTER = "foreign master"
     DUPLICATE_NODE = "duplicate node"
@@ -188,6 +190,7 @@ def bind_limiter(
     passes for a force within its limits.
     """
     effort, largest_change = limits.effort, limits.slew * period
+    unseen = min(effort, limits.unseen)
     growth = period / limits.fade_in
 
     def limit(force: float) -> float:
@@ -213,7 +216,7 @@ def bind_limiter(
         # Contact is that of the scene: a pulse of the proof, or its pause, leaves none.
         permission.leave_contact(force, least)
         if permission.proof is not None:
-            force, permission.blind = bounded(permission.proof(force), effort), False
+            force, permission.blind = bounded(permission.proof(force), unseen), False
         else:
             fade = permission.fade = min(1.0, permission.fade + growth)
             # A limit that fades in is no law of the scene: what it keeps back is not missing later.
@@ -231,7 +234,7 @@ def bind_limiter(
 def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Callable[[int], float]:
     """Return what gives the permitted force of a period without feedback, by how many have been missing in a row.
 
-    While the sign is looked for, the cap of a long gap is `limits.holding`, because the force before may be a pulse's.
+    While the sign is looked for, the cap of a long gap is `limits.before_sign`: the force before may be a pulse's.
     """
     fading, soon = fade_periods(period), soon_periods(period, limits.age)
 
@@ -244,7 +247,7 @@ def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Ca
         if permission.blind and missing > soon:
             pulses, held = permission.proof is not None, permission.held
             side = 0.0 if pulses or held == 0.0 else math.copysign(1.0, held)
-            permission.cap_after_gap(min(permission.cap, limits.holding if pulses else abs(held)), side)
+            permission.cap_after_gap(min(permission.cap, limits.before_sign if pulses else abs(held)), side)
         share = max(0.0, 1.0 - (missing - 1) / fading)
         permission.before = permission.held * share
         return permission.before

@@ -4,10 +4,12 @@ Theory and sizes stand in `planning.sign_probe`. The proof goes through the stag
 all its pulses and pairs agree; then the sign is seen, or the run ends. As soon as one does not agree, or shows too
 little, the next stage begins.
 
-After the last stage the scene goes on within `holding` for a second, and the last stage is tried again. Missing
-feedback spoils the pair in which it falls: the handle is left to come to rest, and that pair is repeated, so that gaps
-which come more often than a stage is long do not keep a proof from its end. In a scene of several axes force rises when
-the sign of all has been seen, and a doubt about one of them limits all.
+Torque grows from stage to stage while nothing moves, and no more in an attempt in which something moved. After the last
+stage the scene goes on within `holding` for a second, and the last stage is tried again. Three attempts in which
+nothing moved end the run as a refusal. Missing feedback spoils the pair in which it falls: the handle is left to come
+to rest, and that pair is repeated, so that gaps which come more often than a stage is long do not keep a proof from its
+end. In a scene of several axes force rises when the sign of all has been seen, and a doubt about one of them limits
+all.
 """
 
 import math
@@ -19,11 +21,13 @@ from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.watch import TripOff
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.sign_probe import (
+    ATTEMPTS,
     PARTS,
     PAUSE,
     PULSES_OF_A_PAIR,
     PulseStage,
     SignProbe,
+    longer,
     probe_of,
     sign_probe,
 )
@@ -59,8 +63,8 @@ class Sign:
         self.proof = None if probe is None else self._prove(probe)
         """None where the sign is known."""
 
-    def _prove(self, probe: SignProbe) -> "SignProof":
-        proof = SignProof(self._axis, probe, self._state, self._trip, self._seen)
+    def _prove(self, probe: SignProbe, *, again: bool = False) -> "SignProof":
+        proof = SignProof(self._axis, probe, self._state, self._trip, self._seen, again=again)
         self._permission.proof = proof.give
         return proof
 
@@ -72,7 +76,7 @@ class Sign:
         """Permit no more than a hand may hold: the sign of this axis or of another one is unseen."""
         self._state.permitted_ns, self._permission.unchanged = None, False
         if self._permission.proof is None:
-            holding = self._axis.limits.holding
+            holding = self._axis.limits.before_sign
             self._permission.proof = lambda force: max(-holding, min(holding, force))
 
     def permit(self, t_ns: int) -> None:
@@ -80,20 +84,32 @@ class Sign:
         if self._state.permitted_ns is None:
             limits = self._axis.limits
             self._permission.proof, self._state.permitted_ns = None, t_ns
-            self._permission.fade = min(1.0, limits.holding / limits.effort)
+            self._permission.fade = min(1.0, limits.before_sign / limits.effort)
 
     def doubt(self) -> None:
         """Look for the sign again, while no axis gives more than a hand may hold: motion went against the torque."""
         self.doubts += 1
-        self.proof = self._prove(probe_of(self._axis, self._period))
+        self.proof = self._prove(probe_of(self._axis, self._period), again=True)
         self.proof.begin()
         self._doubted()
 
 
 class SignProof:
-    """The proof of one axis: `give` takes the force of the scene, and returns the force of the period."""
+    """The proof of one axis: `give` takes the force of the scene, and returns the force of the period.
 
-    def __init__(self, axis: AxisPlan, probe: SignProbe, state: AxisState, trip: TripOff, seen: Callable[[], None]):
+    `again`: a doubt while a scene runs. The sign was seen before, so a handle that nothing moves is held by a hand.
+    """
+
+    def __init__(
+        self,
+        axis: AxisPlan,
+        probe: SignProbe,
+        state: AxisState,
+        trip: TripOff,
+        seen: Callable[[], None],
+        *,
+        again: bool = False,
+    ) -> None:
         self.failures = 0
         """How often all stages were tried in vain."""
         self.broken_off = 0
@@ -104,7 +120,9 @@ class SignProof:
         self._late = round((axis.delay.transport + axis.delay.torque_loop) / probe.period)
         self._pause = self._quiet = 0
         """Periods that are left of a pause of the proof, and of one before a stage in which nothing is given."""
-        self._number = 0
+        self._stages, self._number = probe.stages, 0
+        self._again, self._still, self._moved = again, 0, False
+        """Attempts in a row in which nothing moved, and whether something has in the present one."""
         self._positions: list[float] = []
         """Of the periods since the handle was last left to come to rest."""
         self._kept = 0
@@ -134,7 +152,7 @@ class SignProof:
 
     @property
     def _stage(self) -> PulseStage:
-        return self._probe.stages[self._number]
+        return self._stages[self._number]
 
     @property
     def _pulses(self) -> int:
@@ -199,10 +217,25 @@ class SignProof:
         return all(side * thue_morse(pulse) * each > 0.0 for pulse, each in enumerate(rest))
 
     def _next(self) -> None:
-        """Go on with the next stage; after the last one with the scene."""
-        if self._number + 1 < len(self._probe.stages):
+        """Go on with the next stage; after the last one with the scene, or end a run in which nothing ever moved.
+
+        A stage of which a pair has counted, but not all, has moved the handle: the torque stays as it is from there on.
+        """
+        if len(self._shown) > PULSES_OF_A_PAIR and not self._moved:
+            self._moved = True
+            self._stages = (*self._stages[: self._number + 1], *longer(self._stage, self._probe.period))
+        if self._number + 1 < len(self._stages):
             self._number += 1
         else:
-            self.failures += 1
-            self._pause = math.ceil(PAUSE / self._probe.period)
+            self._fail()
         self.begin()
+
+    def _fail(self) -> None:
+        """All stages were in vain: pause, then try the last one again, and larger torques if nothing moves."""
+        self.failures += 1
+        self._still = 0 if self._moved else self._still + 1
+        self._pause = math.ceil(PAUSE / self._probe.period)
+        last, self._number, self._moved = self._stage, 0, False
+        self._stages = (last, *(stage for stage in self._probe.stages if stage.effort > last.effort))
+        if self._still >= ATTEMPTS and not self._again:
+            self._trip(TripKind.SIGN_HIDDEN, float(self._still), self._probe.largest)

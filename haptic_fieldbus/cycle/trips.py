@@ -17,6 +17,7 @@ from haptic_fieldbus.errors import (
 from haptic_fieldbus.numerals import in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.sign_probe import raising
 from haptic_fieldbus.signals import LinkFlag
 
 TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
@@ -36,6 +37,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.DUPLICATE_NODE: SafetyTripError,
     TripKind.SET_POINTS_DEAD: DriveFaultError,
     TripKind.SIGN: SafetyTripError,
+    TripKind.SIGN_HIDDEN: PlanError,
     TripKind.NOT_FINITE: SafetyTripError,
     TripKind.ELEMENT_FAILED: SafetyTripError,
     TripKind.START_FORCE: PlanError,
@@ -210,6 +212,15 @@ def _reversed(trip: Trip, axis: AxisPlan) -> str:
     )
 
 
+def _hidden(trip: Trip, axis: AxisPlan) -> str:
+    """Return the cause of a refusal: nothing moved; the value is the number of attempts, the limit the torque."""
+    return (
+        f"pulses of up to ±{in_unit(trip.limit or 0.0, axis.workspace.effort_unit)} did not move the handle in "
+        f"{trip.value:.0f} attempts, so its sign is not known. Let go of the handle, release its brake, and check that "
+        f"the motor is connected. If friction is larger than these pulses: {raising(axis)}"
+    )
+
+
 def _drift(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
@@ -241,4 +252,5 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.DRIFT: _drift,
     TripKind.SET_POINTS_DEAD: _dead,
     TripKind.SIGN: _reversed,
+    TripKind.SIGN_HIDDEN: _hidden,
 }

@@ -11,6 +11,7 @@ from annotated_types import Ge, Le
 from haptic_fieldbus.drive.fields import STRICT, UInt32
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
+from haptic_fieldbus.drive.units import is_current
 from haptic_fieldbus.signals import Signal
 
 Index = Annotated[int, Ge(0x1000), Le(0xFFFF)]
@@ -135,6 +136,11 @@ class Cia402Profile(DriveProfile):
         """Time in which the torque goes from zero to rated by the drive's own slope [s]; 0: at once."""
         slope = self.torque.slope
         return 0.0 if slope is None or not slope.value else 1e3 / slope.value
+
+    @property
+    def rating_told(self) -> bool:
+        told = self.torque.rated_current if is_current(self.torque.target.unit) else self.torque.rated
+        return told is not None
 
     @property
     def echo(self) -> Signal | None:

@@ -1,11 +1,12 @@
 """Types of fields that profile and rig files share, and the range of each physical quantity.
 
 The ranges are far beyond any bench for a hand, and far inside of what arithmetic takes: products and quotients of
-values in range stay finite. A value out of range is a slip of a unit or of a digit.
+values in range stay finite. A value out of range is a slip of a unit or of a digit. The ranges that benches for a hand
+have are in `drive.plausible`.
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le
 
@@ -53,6 +54,9 @@ TorqueConstant = Annotated[PositiveFloat, Measured(Quantity.EFFORT_PER_CURRENT)]
 """[N·m/A]"""
 Current = Annotated[PositiveFloat, Measured(Quantity.CURRENT)]
 """[A]"""
+LARGEST_SHARE = 0.3
+"""Of rated torque, which a person may permit at most before the sign is seen."""
+PulseShare = Annotated[float, Gt(0), Le(LARGEST_SHARE)]
 Power = Annotated[PositiveFloat, Measured(Quantity.POWER)]
 """[W]"""
 HandleEffort = Annotated[PositiveFloat, Measured(Quantity.EFFORT, None)]
@@ -63,3 +67,22 @@ HandleLength = Annotated[PositiveFloat, Measured(Quantity.LENGTH, None)]
 """[m or rad]"""
 HandleRange = Annotated[tuple[AnyFloat, AnyFloat], Measured(Quantity.LENGTH, None)]
 """Lower and upper place [m or rad]."""
+
+Ranged = Literal[
+    "rated_torque",
+    "torque_constant",
+    "rated_current",
+    "peak_current",
+    "inertia",
+    "viscous_damping",
+    "coulomb_friction",
+    "encoder_counts_per_revolution",
+    "mechanism.metres_per_revolution",
+    "mechanism.gear_ratio",
+    "limits.effort",
+    "limits.speed",
+    "limits.position",
+    "limits.acceleration",
+    "limits.power",
+]
+"""Keys of an axis whose values have a range (`drive.plausible`)."""

@@ -109,6 +109,11 @@ class DriveProfile(ABC):
         return None
 
     @property
+    def rating_told(self) -> bool:
+        """True when the drive tells the rated value that scales its torque, so that it is compared with the rig."""
+        return False
+
+    @property
     def torque_lag(self) -> float:
         """Time constant of the torque behind its target [s]: torque loop, and the slope of the drive's own."""
         return 1.0 / (2 * math.pi * self.timing.torque_bandwidth) + self.ramp

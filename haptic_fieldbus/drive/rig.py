@@ -26,6 +26,8 @@ from haptic_fieldbus.drive.fields import (
     MetresPerRevolution,
     PositiveFloat,
     Power,
+    PulseShare,
+    Ranged,
     Time,
     Torque,
     TorqueConstant,
@@ -151,6 +153,17 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Permissions:
+    """Permissions beyond what a run does by itself; no other value of a rig raises the torque that they bound."""
+
+    sign_pulse: PulseShare | None = None
+    """Largest share of rated torque before the sign is seen; None: 0.15."""
+    sign_effort: HandleEffort | None = None
+    """[N or N·m] at the handle, the most before the sign is seen; None: 5 N or 0.25 N·m."""
+    __pydantic_config__: ClassVar = STRICT
+
+
+@dataclass(frozen=True)
 class Proved:
     """Outcome of the last proof of a drive's guard, as a run has written it into the rig file."""
 
@@ -217,7 +230,10 @@ class RigAxis:
     """"power": a person within reach can cut the power of the motor; needed where no guard of the drive does it."""
     proved: Proved | None = None
     """Proof that the drive lets go by itself; written by a run, None before the first proof."""
+    i_know: tuple[Ranged, ...] = ()
+    """Keys of this axis whose values are right although they are out of the usual range, as `inertia`."""
     limits: Limits = field(default_factory=Limits)
+    permissions: Permissions = field(default_factory=Permissions)
     seen: Seen = field(default_factory=Seen)
     simulation: Mechanics = field(default_factory=Mechanics)
     """Mechanics of a simulated bench beyond a rigid shaft; without effect on anything but the simulation."""

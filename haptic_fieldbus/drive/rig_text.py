@@ -39,7 +39,8 @@ def rig_text(rig: Rig, heading: str) -> str:
 
 
 def _units(axis: RigAxis) -> dict[str, str]:
-    return _UNITS | _OF_HANDLE[axis.mechanism.workspace]
+    of_handle = _OF_HANDLE[axis.mechanism.workspace]
+    return _UNITS | of_handle | {"sign_effort": of_handle["effort"]}
 
 
 def _table(path: tuple[str, ...], value: Any, units: dict[str, str]) -> Iterator[str]:

@@ -25,6 +25,8 @@ _SHARES = {
     PEAK_SHARE_HIGH: 1 / 32760 / 65536,
 }
 TORQUE_UNITS = tuple(_NEEDED)
+SHARES_OF_RATED = (PERMILLE, PERMILLE_OF_CURRENT)
+"""Units of torque that are a share of a rated value of the drive."""
 RATED_TORQUE_UNITS = {"µN·m": 1e-6, "mN·m": 1e-3, "N·m": 1.0}
 """Unit of the rated torque → size of one step [N·m]."""
 FULL_SCALE, MILLINEWTON = "full_scale/32767", "mN"
@@ -55,6 +57,11 @@ def torque_step(unit: str, axis: "RigAxis", full_scale: float | None = None) -> 
         return RATED_TORQUE_UNITS[unit]
     factors = [getattr(axis, key) for key in _NEEDED[unit]]
     return None if None in factors else math.prod(factors) * _SHARES[unit]
+
+
+def is_current(unit: str) -> bool:
+    """Return whether a torque of this unit is a current, so that the rig's torque constant scales it."""
+    return "torque_constant" in _NEEDED.get(unit, ())
 
 
 def needed_for(unit: str, axis: "RigAxis | None" = None) -> str:

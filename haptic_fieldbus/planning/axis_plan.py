@@ -69,7 +69,7 @@ class AxisPlan:
     demand_unit: float
     """One step of the drive's torque demand in the workspace [N or N·m]; that of the target where it has none."""
     rated_effort: float
-    """Effort at the motor's rated torque, in the workspace [N or N·m]."""
+    """Effort at the motor's rated torque, or at its rated current if that is less, in the workspace [N or N·m]."""
     steps_per_revolution: float
     """Position steps of the drive in one revolution of the motor; encoder counts when it offers no position."""
     delay: Delay
@@ -151,7 +151,7 @@ def draft_axis(
     incoming = _incoming((*elements, *couplings), scene_axis.name, profile)
     effort_unit, rated, steps = (
         torque_unit(Signal.TARGET_TORQUE, profile, axis),
-        rated_effort(axis),
+        rated_effort(axis, profile.offers()[Signal.TARGET_TORQUE].unit),
         position_steps(profile, axis),
     )
     unproved = profile.echo is None or unguarded(profile, axis)
@@ -168,7 +168,7 @@ def draft_axis(
         couplings=couplings,
         estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
-        limits=limits_of(axis, rated, plant, scene_axis.workspace, proved=not unproved),
+        limits=limits_of(axis, rated, effort_unit, plant, scene_axis.workspace, proved=not unproved),
         effort_unit=effort_unit,
         shown_unit=torque_unit(Signal.TORQUE_ACTUAL, profile, axis),
         demand_unit=torque_unit(Signal.TORQUE_DEMAND, profile, axis),

@@ -29,6 +29,11 @@ STALL_TIME = 90.0
 """[s]; so long counts may stand still under torque before the limit falls."""
 HOLDING_SHARE = 0.05
 """Share of rated torque that a hand may be left alone with: after a stall, and without a guard that was proved."""
+PULSE_SHARE = 0.15
+"""Share of rated torque that is given at most before the sign is seen; more needs the permission of a person."""
+PULSE_EFFORT = {"linear": 5.0, "rotary": 0.25}
+"""[N or N·m] at the handle that is given at most before the sign is seen, as the rig describes the handle: what a
+finger holds back. More needs the permission of a person."""
 START_SHARE = 0.25
 """Share of the effort limit that a scene may ask for in its first period."""
 ECHO_TIME, ECHO_PERIODS = 0.035, 3
@@ -97,12 +102,19 @@ class EffortLimits:
     """[s] for which counts may stand still under torque."""
     holding: float = math.inf
     """Effort that is permitted after a stall."""
+    unseen: float = math.inf
+    """Largest effort of all, that of pulses, before the sign is seen."""
     age: float = math.inf
     """[s]; oldest feedback with which force is rendered."""
     echo: float = math.inf
     """[s] for which the drive may show another torque than it was sent; infinity where it shows none."""
     energy: float = math.inf
     """[J] that this axis and those that couplings tie to it may give of their own together; infinity: not judged."""
+
+    @property
+    def before_sign(self) -> float:
+        """Effort that the scene is permitted before the sign is seen [N or N·m]."""
+        return min(self.effort, self.holding, self.unseen)
 
     def jump(self, period: float, resolution: float) -> float:
         """Return the largest second difference of the position [m or rad] that motion and encoder can make.
@@ -112,15 +124,18 @@ class EffortLimits:
         return self.acceleration * period**2 + 2.0 * resolution
 
 
-def limits_of(axis: RigAxis, rated: float, plant: Plant | None, workspace: Workspace, *, proved: bool) -> EffortLimits:
+def limits_of(
+    axis: RigAxis, rated: float, step: float, plant: Plant | None, workspace: Workspace, *, proved: bool
+) -> EffortLimits:
     """Return the limits of an axis: those of the rig, else those that follow from motor, hand and inertia.
 
-    `rated` is the rated effort in the workspace [N or N·m]. `plant` is None when inertia or damping is unknown. Then,
-    and when set-points are not `proved` to act or the guard is known not to, the effort is what a hand may be left
-    alone with.
+    `rated` is the rated effort in the workspace [N or N·m], `step` one step of the drive's target torque. `plant` is
+    None when inertia or damping is unknown. Then, and when set-points are not `proved` to act or the guard is known not
+    to, the effort is what a hand may be left alone with.
     """
     limits = axis.limits
     effort = min(limits.effort or math.inf, rated if plant and proved else HOLDING_SHARE * rated)
+    unseen = min(effort, *permitted_unseen(axis, rated, workspace))
     possible = (effort + HAND[workspace.value]) / plant.mass if plant and plant.mass else math.inf
     return EffortLimits(
         effort=effort,
@@ -132,4 +147,12 @@ def limits_of(axis: RigAxis, rated: float, plant: Plant | None, workspace: Works
         power=limits.power or math.inf,
         stall=limits.stall or STALL_TIME,
         holding=HOLDING_SHARE * rated,
+        unseen=math.floor(unseen / step + 1e-9) * step,
     )
+
+
+def permitted_unseen(axis: RigAxis, rated: float, workspace: Workspace) -> tuple[float, float]:
+    """Return both bounds on the effort before the sign is seen: a share of the rated effort, and one at the handle."""
+    given = axis.permissions
+    share = PULSE_SHARE if given.sign_pulse is None else given.sign_pulse
+    return share * rated, PULSE_EFFORT[workspace.value] if given.sign_effort is None else given.sign_effort

@@ -5,7 +5,7 @@ from typing import cast
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limit_table import limit_rows
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.sign_probe import sign_probe
+from haptic_fieldbus.planning.sign_probe import is_checked, sign_probe
 from haptic_fieldbus.planning.ways import way_limits
 from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
 from haptic_fieldbus.protocols.traffic import Json
@@ -64,7 +64,10 @@ def _sign_json(axis: AxisPlan, period: float) -> dict[str, Json]:
     return {
         "axis": axis.name,
         "pulses": [] if probe is None else [[stage.effort, stage.periods * period] for stage in probe.stages],
+        "bound": None if probe is None else axis.limits.unseen,
+        "checked": None if probe is None else is_checked(axis),
         "travel": None if probe is None else probe.travel,
+        "farthest": None if probe is None else probe.farthest,
         "least_s": None if probe is None else probe.time,
         "permitted_until_then": None if probe is None else probe.holding,
     }

@@ -9,12 +9,14 @@ from haptic_fieldbus.drive.units import (
     ABSOLUTE_TORQUE_UNITS,
     COUNTS,
     TORQUE_UNITS,
+    is_current,
     needed_for,
     steps_per_revolution,
     torque_step,
 )
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
@@ -42,10 +44,25 @@ def effort_step(unit: str, profile: DriveProfile, axis: RigAxis) -> float:
     return step / axis.mechanism.ratio
 
 
-def rated_effort(axis: RigAxis) -> float:
-    if axis.rated_torque is None:
+def rated_effort(axis: RigAxis, unit: str = "") -> float:
+    """Return the effort at the motor's rated torque, in the workspace [N or N·m].
+
+    Where the drive takes a current (`unit` of its target) it is no more than that of the rated current, if the rig
+    states it: the shares that are permitted are then shares of the current, whatever the torque constant is.
+
+    Raises PlanError when the rated torque is unknown, or when friction leaves nothing of it.
+    """
+    rated = axis.rated_torque
+    if rated is None:
         raise PlanError(f"the rig's rated_torque of node {axis.node} is unknown: torque cannot be limited without it")
-    return 1000.0 * (axis.rated_torque / 1000.0 / axis.mechanism.ratio)  # exactly 1000 steps of 1 ‰
+    if axis.coulomb_friction >= rated:
+        raise PlanError(
+            f"the rig's coulomb_friction of node {axis.node}, {exactly(axis.coulomb_friction)} N·m, is not below its "
+            f"rated_torque, {exactly(rated)} N·m: the motor could not move the handle. Is one of them in mN·m?"
+        )
+    if is_current(unit) and axis.rated_current is not None and axis.torque_constant is not None:
+        rated = min(rated, axis.rated_current * axis.torque_constant)
+    return 1000.0 * (rated / 1000.0 / axis.mechanism.ratio)  # exactly 1000 steps of 1 ‰
 
 
 def position_steps(profile: DriveProfile, axis: RigAxis) -> float:

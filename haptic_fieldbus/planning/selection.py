@@ -5,9 +5,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from haptic_fieldbus.defaults import DEFAULT_BUS, DEFAULT_RATE
+from haptic_fieldbus.drive.plausible import implausible_of
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import COUNTS_PER_REVOLUTION, BusSection, Rig, RigAxis, default_axis, shipped_mechanism
-from haptic_fieldbus.errors import PlanError, UsageError
+from haptic_fieldbus.errors import Fault, PlanError, RigError, UsageError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.planning.settings import Settled, settled
@@ -54,7 +55,7 @@ def select(task: Task) -> Selection:
 def load(task: Task) -> Loaded:
     """Load all that the task names, except profiles, and judge nothing; raises DocumentError or UsageError."""
     check_rendering(task)
-    rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig
+    rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else _checked(task.rig)
     # A bus that is named replaces the buses of the rig; without either it is the simulation.
     bus = parse_bus(task.bus or DEFAULT_BUS) if rig is None or task.bus is not None else _bus_of(rig)
     if rig is not None and task.bus is not None:
@@ -63,6 +64,18 @@ def load(task: Task) -> Loaded:
     if rig is None:
         rig = _shipped_bench(_renamed(scene.scene, task), task.drive, bus, task.node)
     return Loaded(task, scene, _with_own_profiles(_with_zero(rig, task.zero), task.profiles), bus)
+
+
+def _checked(rig: Rig | None) -> Rig | None:
+    """Return a rig that was made in Python; raises RigError with every value that no bench for a hand has."""
+    found = [
+        Fault(f"axis.{name}.{key}", message)
+        for name, axis in (rig.axis.items() if rig else ())
+        for key, message in implausible_of(axis)
+    ]
+    if rig is not None and found:
+        raise RigError(rig.source or "the rig", found)
+    return rig
 
 
 def _with_zero(rig: Rig, zero: str | None) -> Rig:

@@ -25,22 +25,33 @@ falsely, and all three are the same for either decision:
   every pulse, some 30 times a second on the shipped bench. Where pulses are so long that a hand could, there are
   twice as many, with turns that are so uneven that no swing follows them.
 
-A pulse is as long as it takes for d to be four counts, but at least 5 ms. When friction or a hand hides the motion, the
-torque is raised to its bound, then the pulses are made longer; after that the scene goes on within 5 % of rated torque,
-and it is tried again every second.
+A pulse is as long as it takes for d to be four counts, but at least 5 ms. The pulses begin small. While nothing moves
+they grow step by step to a bound that no description of the bench can raise: 15 % of rated torque, and 5 N or 0.25 N·m
+at the handle (`limits.PULSE_SHARE`, `PULSE_EFFORT`). At the bound they become longer. When something moved, but not as
+it must, the pulses become longer with the same torque. After that the scene goes on within 5 % of rated torque, and it
+is tried again every second. A handle that did not move in three attempts ends the run.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from haptic_fieldbus.numerals import in_unit, rounded
+from haptic_fieldbus.drive.fields import LARGEST_SHARE
+from haptic_fieldbus.drive.units import SHARES_OF_RATED
+from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.limits import HOLDING_SHARE
+from haptic_fieldbus.planning.limits import HOLDING_SHARE, permitted_unseen
+from haptic_fieldbus.signals import Signal
 
 FIRST_SHARE = 2.0 / 3.0
-"""Of the bound, with which the probe begins."""
-FRICTION_SHARE = 1.1
-"""Of the breakaway torque, where friction is larger than what is permitted otherwise."""
+"""Of `HOLDING_SHARE` of rated torque, with which the probe begins."""
+GROWTH = 1.5
+"""Of one step of torque to the next."""
+LENGTHS = (2, 4)
+"""Of the pulses that are made longer, in lengths of the first one."""
+ATTEMPTS = 3
+"""In which nothing may move; between them are pauses in which a person can let go of the handle."""
 SHORTEST_PULSE, LONGEST_PULSE = 0.005, 0.1
 """[s]; of the part with one torque."""
 ASKED_COUNTS, SEEN_COUNTS = 4.0, 3.0
@@ -94,11 +105,17 @@ class SignProbe:
 
     @property
     def travel(self) -> float | None:
-        """How far a free handle is moved at most by a pulse that is seen [m or rad]; None: the inertia is unknown."""
-        first = self.stages[0]
-        if not self.mass:
-            return None
-        return max(0.0, first.effort - self.friction) / self.mass * (first.periods * self.period) ** 2
+        """How far the first pulse moves a handle without friction [m or rad]; None: the inertia is unknown."""
+        return self._moved(self.stages[0])
+
+    @property
+    def farthest(self) -> float | None:
+        """How far any pulse may move a handle, as when it comes loose [m or rad]; None: the inertia is unknown."""
+        ways = [way for stage in self.stages if (way := self._moved(stage)) is not None]
+        return max(ways, default=None)
+
+    def _moved(self, stage: PulseStage) -> float | None:
+        return stage.effort / self.mass * (stage.periods * self.period) ** 2 if self.mass else None
 
     def least(self, stage: PulseStage) -> float:
         """Return the smallest d of a pair that counts [m or rad]."""
@@ -110,25 +127,53 @@ def sign_probe(axis: AxisPlan, period: float) -> SignProbe | None:
     return None if axis.sign_known else probe_of(axis, period)
 
 
+def check_step(axis: AxisPlan) -> None:
+    """Raise PlanError when the sign is unknown and one step of target torque is more than is permitted until then."""
+    if axis.limits.unseen <= 0.0 and not axis.sign_known:
+        force = axis.workspace.effort_unit
+        raise PlanError(
+            f"axis {axis.name}: one step of target torque is {in_unit(axis.effort_unit, force)} at the handle, more "
+            "than is permitted before the sign is seen. Check the mechanism and what scales the torque in the rig; "
+            f"{raising(axis)}"
+        )
+
+
 def probe_of(axis: AxisPlan, period: float) -> SignProbe:
     """Return how the sign of the axis is seen, known or not."""
+    bound = axis.limits.unseen
     friction = axis.rig.coulomb_friction / axis.rig.mechanism.ratio
-    bound = min(axis.limits.effort, max(HOLDING_SHARE * axis.rated_effort, FRICTION_SHARE * friction))
-    # A drive has steps of torque: at most the bound, after rounding.
-    bound = max(1, math.floor(bound / axis.effort_unit + 1e-9)) * axis.effort_unit
-    first = FIRST_SHARE * bound
-    # Two thirds that friction eats up are not worth trying.
-    efforts = (first, bound) if first > 1.5 * friction else (bound,)
+    efforts = tuple(_efforts(axis, bound))
     step = abs(axis.velocity_unit) if axis.integrates else axis.resolution
     mass = axis.plant.mass if axis.plant is not None else None
-    length = _length(step, efforts[0] - friction, mass, speed=axis.integrates)
+    # The pulses are as long as the first torque needs that friction leaves enough of.
+    enough = next((effort for effort in efforts if effort > 1.5 * friction), bound)
+    length = _length(step, enough - friction, mass, speed=axis.integrates)
     periods = max(1, math.ceil(length / period - 1e-9))
-    longest = max(periods, round(LONGEST_PULSE / period))
-    sizes = [(effort, periods) for effort in efforts]
-    sizes += [(bound, min(longest, factor * periods)) for factor in (2, 4)]
-    stages = tuple(PulseStage(*size, _pairs(size[1] * period)) for size in dict.fromkeys(sizes))
-    holding = min(axis.limits.effort, HOLDING_SHARE * axis.rated_effort)
-    return SignProbe(stages, holding, period, step, axis.integrates, mass, friction)
+    stages = [PulseStage(effort, periods, _pairs(periods * period)) for effort in efforts]
+    return SignProbe(
+        (*stages, *longer(stages[-1], period)), axis.limits.before_sign, period, step, axis.integrates, mass, friction
+    )
+
+
+def _efforts(axis: AxisPlan, bound: float) -> Iterator[float]:
+    """Yield the torques of the probe, each a whole number of the drive's steps, from the smallest to the bound."""
+    effort, before = min(FIRST_SHARE * HOLDING_SHARE * axis.rated_effort, bound / GROWTH**2), 0.0
+    while effort < 0.99 * bound:
+        stepped = max(1, round(effort / axis.effort_unit)) * axis.effort_unit
+        if before < stepped < bound:
+            yield stepped
+            before = stepped
+        effort *= GROWTH
+    yield bound
+
+
+def longer(stage: PulseStage, period: float) -> tuple[PulseStage, ...]:
+    """Return the stages with longer pulses of the same torque that follow this one."""
+    longest = max(stage.periods, round(LONGEST_PULSE / period))
+    lengths = dict.fromkeys(min(longest, factor * stage.periods) for factor in LENGTHS)
+    return tuple(
+        PulseStage(stage.effort, periods, _pairs(periods * period)) for periods in lengths if periods > stage.periods
+    )
 
 
 def _pairs(length: float) -> int:
@@ -145,18 +190,62 @@ def _length(step: float, effort: float, mass: float | None, *, speed: bool) -> f
     return min(max(least if speed else math.sqrt(least), SHORTEST_PULSE), LONGEST_PULSE)
 
 
-def sign_text(axis: AxisPlan, probe: SignProbe) -> str:
-    """Return in words how the sign will be seen."""
-    force, length = axis.workspace.effort_unit, axis.workspace.length_unit
-    first = probe.stages[0]
-    raised = f", then {in_unit(probe.largest, force)}" if probe.largest > first.effort else ""
-    travel = "by an unknown way" if probe.travel is None else f"by up to {in_unit(probe.travel, length)}"
-    at = (
-        f" at {in_unit(probe.travel / (first.periods * probe.period), f'{length}/s')}"
-        if probe.travel and probe.speed
-        else ""
-    )
+def is_checked(axis: AxisPlan) -> bool:
+    """Return whether the torque before the sign is seen is a share of the drive's own rated value for certain."""
+    return axis.profile.offers()[Signal.TARGET_TORQUE].unit in SHARES_OF_RATED or axis.profile.rating_told
+
+
+def raising(axis: AxisPlan) -> str:
+    """Return in words what bounds the torque before the sign is seen, and the key that permits more."""
+    given, force = axis.rig.permissions, axis.workspace.effort_unit
+    share, effort = permitted_unseen(axis.rig, axis.rated_effort, axis.workspace)
+    if axis.limits.effort < min(share, effort):
+        return f"the limit of the axis, {in_unit(axis.limits.effort, force)}, bounds it"
+    if effort <= share:
+        return f"axis.{axis.name}.permissions.sign_effort, {exactly(effort)} {force} now, permits more"
+    if given.sign_pulse == LARGEST_SHARE:
+        return f"{percent(LARGEST_SHARE)} of rated torque is the most that can be permitted"
     return (
-        f"pulses of ±{in_unit(first.effort, force)}{raised} move the free handle to and fro {travel}{at} for "
-        f"{rounded(1e3 * probe.time)} ms; until motion follows torque, at most {in_unit(probe.holding, force)}"
+        f"axis.{axis.name}.permissions.sign_pulse, {exactly(share / axis.rated_effort)} of rated torque now, permits "
+        f"more, up to {exactly(LARGEST_SHARE)}"
     )
+
+
+def sign_text(axis: AxisPlan, probe: SignProbe) -> str:
+    """Return in words how the sign will be seen: torques, times, and how far the handle may move."""
+    force, first = axis.workspace.effort_unit, probe.stages[0]
+    share = percent(probe.largest / axis.rated_effort)
+    grown = f", which grow to ±{in_unit(probe.largest, force)} ({share} of rated torque) at most while nothing moves"
+    pulses = f"pulses of ±{in_unit(first.effort, force)}{grown if probe.largest > first.effort else ''}"
+    return (
+        f"{pulses}; {_ways(axis, probe)}; seen after {rounded(1e3 * probe.time)} ms at least{_hindered(axis, probe)}; "
+        f"until motion follows torque, at most {in_unit(probe.holding, force)}"
+    )
+
+
+def _ways(axis: AxisPlan, probe: SignProbe) -> str:
+    """Return how far the pulses move the handle, as the rig describes its inertia."""
+    length, first = axis.workspace.length_unit, probe.stages[0]
+    if probe.travel is None or probe.farthest is None:
+        return "how far they move the handle is unknown, as its inertia is"
+    speed = f" at {in_unit(probe.travel / (first.periods * probe.period), f'{length}/s')}" if probe.speed else ""
+    return (
+        f"the first ones move a free handle to and fro by up to {in_unit(probe.travel, length)}{speed}, the largest "
+        f"ones a handle that comes loose by up to {in_unit(probe.farthest, length)}"
+    )
+
+
+def _hindered(axis: AxisPlan, probe: SignProbe) -> str:
+    """Return what a person must know besides: friction above the pulses, and a scale that cannot be checked."""
+    force, told = axis.workspace.effort_unit, ""
+    if probe.friction >= probe.largest:
+        told = (
+            f"; the friction in the rig, {in_unit(probe.friction, force)}, is not below the largest pulse: expect that "
+            f"nothing moves and the run is refused ({raising(axis)})"
+        )
+    if not is_checked(axis):
+        told += (
+            f"; the {force} follow from the rig alone and cannot be checked, because {axis.profile.title} neither "
+            "takes a share of a rated value nor tells one"
+        )
+    return told

@@ -23,6 +23,7 @@ from haptic_fieldbus.documents import (
     suggestion,
 )
 from haptic_fieldbus.drive.mechanics import LARGEST_COGGING
+from haptic_fieldbus.drive.plausible import check_plausible
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
 from haptic_fieldbus.drive.rig_units import convert_units, schema_with_units
@@ -136,6 +137,7 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
         _check_profile_exists(document, name, known)
         _check_position_limits(document, name)
         _check_simulation(document, name)
+        check_plausible(document, name)
     rig = document.checked(rig)
     folder = Path(path).resolve().parent
     axes = {

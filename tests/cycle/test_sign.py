@@ -1,6 +1,8 @@
 """The proof of the sign, on systems that scipy moves: right signs are never contradicted, wrong ones never seen."""
 
+import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,10 +14,12 @@ from haptic_fieldbus.cycle.sign import SignProof, thue_morse
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.sign_probe import SignProbe, sign_probe
+from haptic_fieldbus.planning.sign_probe import ATTEMPTS, SignProbe, sign_probe
 from tests.builders import plan_of
 
 PERIOD = 1e-3
+RATED = 0.4 * 2.0 * math.pi / 0.05
+"""[N] of the shipped bench."""
 
 
 def unseen(plan: Plan, **changes: object) -> tuple[AxisPlan, SignProbe]:
@@ -29,10 +33,10 @@ def unseen(plan: Plan, **changes: object) -> tuple[AxisPlan, SignProbe]:
 class Watched:
     """A proof that is given positions."""
 
-    def __init__(self, **changes: object) -> None:
+    def __init__(self, *, again: bool = False, **changes: object) -> None:
         axis, self.probe = unseen(plan_of(), **changes)
         self.state, self.trips, self.seen = AxisState(), list[TripKind](), 0
-        self.proof = SignProof(axis, self.probe, self.state, self._trip, self._noted)
+        self.proof = SignProof(axis, self.probe, self.state, self._trip, self._noted, again=again)
 
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
         self.trips.append(kind)
@@ -49,7 +53,7 @@ class Watched:
     @property
     def decided(self) -> int:
         """1: seen, −1: contradicted, 0: neither."""
-        return self.seen - len(self.trips)
+        return self.seen - self.trips.count(TripKind.SIGN)
 
 
 def held(mass: float, damping: float, hand: float, stiffness: float, grip: float) -> NDArray[np.float64]:
@@ -127,9 +131,52 @@ def test_a_handle_at_rest_between_two_counts_decides_nothing() -> None:
 def test_while_nothing_is_seen_the_scene_goes_on_within_what_a_hand_may_hold() -> None:
     watched = Watched()
     given = [watched.give(0.0, force=20.0) for _ in range(5000)]
-    assert max(given) <= max(watched.probe.largest, watched.probe.holding)
+    assert max(map(abs, given)) == watched.probe.largest
     assert given.count(watched.probe.holding) > 1900, "of each second of a pause"
     assert watched.proof.failures >= 3
+
+
+def test_a_handle_that_nothing_moves_is_refused_after_three_attempts() -> None:
+    watched = Watched()
+    while not watched.trips:
+        watched.give(0.0)
+    assert (watched.trips, watched.proof.failures) == ([TripKind.SIGN_HIDDEN], ATTEMPTS)
+
+
+def test_a_handle_that_is_held_when_a_doubt_comes_stays_limited() -> None:
+    """Its sign was seen at the start; a hand that leans hard is no reason to end the run."""
+    watched = Watched(again=True)
+    given = [watched.give(0.0, force=20.0) for _ in range(9000)]
+    assert watched.trips == []
+    assert max(map(abs, given)) <= watched.probe.largest
+    assert watched.proof.failures > ATTEMPTS
+
+
+def test_pulses_grow_step_by_step_while_nothing_moves_and_never_beyond_the_bound() -> None:
+    watched = Watched()
+    given = [abs(watched.give(0.0)) for _ in range(3000)]
+    torques = list(dict.fromkeys(torque for torque in given if torque))
+    assert torques == sorted(torques)
+    assert torques[0] <= 0.05 * 2.0 / 3.0 * RATED * 1.01
+    assert max(after / before for before, after in pairwise(torques)) <= 1.55, "to a whole step of the drive"
+    assert torques[-1] == watched.probe.largest
+
+
+def test_pulses_grow_no_further_once_something_moved() -> None:
+    """A free mass that breaks loose at the second torque and is caught after a pair, so the stage does not agree."""
+    watched, given, place, speed = Watched(), list[float](), 0.0, 0.0
+    second, caught = watched.probe.stages[1].effort, False
+    while not watched.proof.failures:
+        force = watched.give(place)
+        given.append(abs(force))
+        caught = caught or (len(watched.proof._shown) == 2 and watched.proof._stage.effort == second)
+        speed = 0.0 if caught or max(given) < second else speed + force / 0.63 * PERIOD
+        place += speed * PERIOD
+    assert caught
+    assert max(given) == second
+    while not watched.trips:
+        given.append(abs(watched.give(place)))
+    assert max(given) == watched.probe.largest, "what nothing moves any more is tried with more in the next attempt"
 
 
 def decided_with_gaps(sign: float, every: int, steps: int) -> tuple[int, int]:

@@ -5,13 +5,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 import haptic_fieldbus
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import rig_schema
 from haptic_fieldbus.protocols.modbus.bus import modbus_section
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "rig_files.md").read_text(encoding="utf-8")
-SHOWN, DAEMON, LINES = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+SHOWN, DAEMON, LINES, KNOWN = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 
 
 def test_the_rig_that_is_shown_renders_a_wall(tmp_path: Path) -> None:
@@ -20,6 +22,17 @@ def test_the_rig_that_is_shown_renders_a_wall(tmp_path: Path) -> None:
     result = haptic_fieldbus.run("wall", rig=path, bus="sim", duration=1.5)
     assert result.trips == ()
     assert (result.verdict or "").startswith("Feels like")
+
+
+def test_the_knowledge_that_is_shown_lets_values_pass_that_are_refused_without_it(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    heavy = SHOWN.replace("inertia = 6.0e-5", "inertia = 3.0").replace("revolution = 0.05", "revolution = 6.0")
+    path.write_text(heavy, encoding="utf-8")
+    with pytest.raises(haptic_fieldbus.RigError) as raised:
+        haptic_fieldbus.load_rig(path)
+    assert len(raised.value.faults) == 2
+    path.write_text(heavy.replace("inertia = 3.0", f"inertia = 3.0\n{KNOWN}"), encoding="utf-8")
+    assert haptic_fieldbus.load_rig(path).axis["handle"].inertia == 3.0
 
 
 def test_the_adapter_that_is_shown_is_a_bus_of_a_rig(tmp_path: Path) -> None:

@@ -244,6 +244,15 @@ def _stated(plan: Any) -> Stated:
         ],
         "deadlines": [each.to_json() for each in plan.deadlines],
         "sign": [_sign_json(axis, plan.period) for axis in plan.axes],
+        "permissions": [
+            {
+                "axis": axis.name,
+                "workspace": axis.workspace.value,
+                "sign_pulse": axis.rig.permissions.sign_pulse,
+                "sign_effort": axis.rig.permissions.sign_effort,
+            }
+            for axis in plan.axes
+        ],
         "guards": [guard.to_json() for guard in plan.guards],
     }
     return stated(

@@ -173,6 +173,22 @@ def a_wrong_sign_gets_no_force(witness: Witness) -> Iterator[str]:
             yield f"{axis.name}: {largest:.4g} N·m with a wrong sign, at most {axis.unseen:.4g} N·m until it is seen"
 
 
+def little_torque_before_the_sign_is_seen(witness: Witness) -> Iterator[str]:
+    """Until its sign can have been seen a motor gets at most 15 % of its own rated torque, and 5 N or 0.25 N·m."""
+    if stranger_commands(witness):
+        return
+    for axis, shaft in axes_of(witness):
+        probe, enabled_ns = axis.probe, enabled_ns_of(shaft)
+        if probe is None or enabled_ns is None:
+            continue
+        times, torques = motor_of(shaft)
+        early = np.abs(torques[times < enabled_ns + 1e9 * probe.least])
+        most = min(probe.permitted, 1e3 * shaft.permille * probe.share)
+        largest = max(float(early.max(initial=0.0)), axis.unseen)
+        if largest > most * (1.0 + 1e-9):
+            yield f"{axis.name}: {largest:.4g} N·m before the sign is seen, at most {most:.4g} N·m"
+
+
 def what_has_no_effect_is_noticed(witness: Witness) -> Iterator[str]:
     """Set-points that a motor does not follow are noticed within the stated time."""
     faults = witness.faults
@@ -202,6 +218,7 @@ LAWS: dict[str, Law] = {
     "zero in time": zero_in_time,
     "energy after a fault bounded": energy_after_a_fault_bounded,
     "a wrong sign gets no force": a_wrong_sign_gets_no_force,
+    "little torque before the sign is seen": little_torque_before_the_sign_is_seen,
     "what has no effect is noticed": what_has_no_effect_is_noticed,
 }
 

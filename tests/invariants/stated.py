@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from tests.invariants.words import CONTROLWORD, OCTETS, STATUSWORD, TARGETS
 
 Json = Mapping[str, Any]
+SHARE_OF_RATED, AT_THE_HANDLE = 0.15, {"linear": 5.0, "rotary": 0.25}
+"""Of torque before the sign is seen, as the documentation promises it: a share of rated torque, and [N or N·m]."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,10 @@ class StatedProbe:
     """What the scene is given until then."""
     least: float
     """[s] until the sign can have been seen."""
+    permitted: float
+    """The largest one that no description of the bench may raise, at the handle: 5 N or 0.25 N·m."""
+    share: float
+    """The largest share of rated torque likewise; infinity for a drive that does not tell what it is a share of."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +111,7 @@ def stated(
         limits.setdefault(row["axis"], {})[row["limit"]] = row["value"]
     probes = {row["axis"]: row for row in plan["sign"] if row["pulses"]}
     guards = {row["axis"]: row for row in plan["guards"]}
+    permissions = {row["axis"]: row for row in plan["permissions"]}
     # Axes and their PDOs stand in the same order.
     nodes = dict(zip(limits, dict.fromkeys(pdo["node"] for pdo in pdos), strict=True))
     return Stated(
@@ -119,6 +126,7 @@ def stated(
                 counts[name],
                 lags[name],
                 probes.get(name),
+                permissions[name],
                 guards[name],
             )
             for name in limits
@@ -136,6 +144,7 @@ def _axis(
     counts: int,
     lag: float,
     probe: Json | None,
+    permission: Json,
     guard: Json,
 ) -> StatedAxis:
     own = [pdo for pdo in pdos if pdo["node"] == node]
@@ -155,15 +164,17 @@ def _axis(
         limits["speed"] / ratio,
         limits.get("jump in a period", float("inf")) / (ratio * 6.283185307179586 / counts),
         lag,
-        None if probe is None else _probe(probe, ratio),
+        None if probe is None else _probe(probe, permission, ratio),
         1e-3 * guard["guard_ms"],
         guard["unproved"] is not None and guard["capped"] is None,
     )
 
 
-def _probe(row: Json, ratio: float) -> StatedProbe:
+def _probe(row: Json, permission: Json, ratio: float) -> StatedProbe:
     largest = max(effort for effort, _ in row["pulses"])
-    return StatedProbe(largest * ratio, row["permitted_until_then"] * ratio, row["least_s"])
+    most = permission["sign_effort"] or AT_THE_HANDLE[permission["workspace"]]
+    share = (permission["sign_pulse"] or SHARE_OF_RATED) if row["checked"] else math.inf
+    return StatedProbe(largest * ratio, row["permitted_until_then"] * ratio, row["least_s"], most * ratio, share)
 
 
 def _place(pdos: Iterable[Json], *wanted: str) -> Place:

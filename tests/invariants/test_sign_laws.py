@@ -24,7 +24,7 @@ MS = 1_000_000
 def _ran(*these: faults.Fault) -> Witness:
     with watched(keep=True) as found:
         try:
-            run("wall", rig=unseen_rig(Task("wall")), hand="push", duration=0.8, faults=these,
+            run("wall", rig=unseen_rig(Task("wall")), hand="push", duration=1.2, faults=these,
                 settings={"wall.position": 0.0})  # fmt: skip
         except SafetyTripError:
             assert these
@@ -71,7 +71,7 @@ def test_more_than_the_pulses_before_the_sign_can_have_been_seen_is_found(share:
     (axis,) = witness.stated.axes
     assert axis.probe is not None
     faded = 0.07 / axis.fade_in * axis.torque
-    assert faded > 1.5 * axis.unseen
+    assert faded > 1.25 * axis.unseen
     ask_for(witness, share * axis.unseen, after=0.065)
     assert axis.probe.least > 0.087
     assert ("torque within limits" in laws_broken(witness)) is is_found
@@ -86,15 +86,38 @@ def test_a_limit_that_does_not_fade_in_from_there_is_found() -> None:
 
 
 def test_the_permitted_torque_is_that_of_the_text() -> None:
-    """5 % of rated until the sign can have been seen, then it rises from there within the fade-in."""
+    """5 N until the sign can have been seen, then it rises from 5 % of rated torque within the fade-in."""
     (axis,) = evidence().stated.axes
     assert axis.probe is not None
-    assert axis.unseen == pytest.approx(0.05 * 0.4)
+    assert axis.unseen == pytest.approx(0.099 * 0.4)
     least, period = axis.probe.least, 1e-3
     permitted = axis.permitted(np.array([0.0, 0.99 * least, least + 0.05, 10.0]), period)
     assert permitted[:2] == pytest.approx(axis.unseen)
-    assert permitted[2] == pytest.approx(axis.unseen + (0.05 + 2 * period) / axis.fade_in * axis.torque)
+    assert permitted[2] == pytest.approx(0.05 * 0.4 + (0.05 + 2 * period) / axis.fade_in * axis.torque)
     assert permitted[3] >= axis.torque
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"permitted": 0.03}, {"share": 0.05}, {"pulses": 0.05}],
+    ids=["at the handle", "of rated torque", "as stated"],
+)
+def test_a_bound_above_what_is_promised_is_found_even_if_the_plan_states_it(change: dict[str, float]) -> None:
+    witness = evidence()
+    (axis,) = witness.stated.axes
+    assert axis.probe is not None
+    changed = replace(axis, probe=replace(axis.probe, **change))
+    witness = replace(witness, stated=replace(witness.stated, axes=(changed,)))
+    assert laws_broken(witness) == {"little torque before the sign is seen"}
+
+
+def test_more_than_5_newton_at_the_motor_before_the_sign_is_seen_is_found() -> None:
+    witness = evidence()
+    (axis,), shaft, enabled_ns = witness.stated.axes, witness.shafts[1], witness.enabled_ns
+    assert axis.probe is not None
+    assert enabled_ns is not None
+    shaft.targets = sorted([*shaft.targets, (enabled_ns + 50 * MS + 1, 1.01 * axis.probe.permitted)])
+    assert "little torque before the sign is seen" in laws_broken(witness)
 
 
 @pytest.mark.parametrize("wrong", REVERSED)
@@ -104,7 +127,7 @@ def test_force_with_a_wrong_sign_is_found(wrong: str) -> None:
     (axis,), shaft = witness.stated.axes, witness.shafts[1]
     at_ns = max(t_ns for t_ns, torque in shaft.targets if torque)
     shaft.targets = sorted([*shaft.targets, (at_ns, 1.1 * axis.unseen)])
-    assert laws_broken(witness) == {"a wrong sign gets no force"}
+    assert laws_broken(witness) == {"a wrong sign gets no force", "little torque before the sign is seen"}
 
 
 def test_two_wrong_signs_are_a_right_one() -> None:

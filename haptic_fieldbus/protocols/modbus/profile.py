@@ -16,6 +16,7 @@ from haptic_fieldbus.drive.fields import STRICT, NonNegativeTime, Torque, UInt32
 from haptic_fieldbus.drive.objects import NAMES, DataType, Order
 from haptic_fieldbus.drive.power import PowerRow
 from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
+from haptic_fieldbus.drive.units import is_current
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.signals import Signal
 
@@ -214,6 +215,10 @@ class ModbusProfile(DriveProfile):
     @property
     def guarded(self) -> bool:
         return self.watchdog is not None
+
+    @property
+    def rating_told(self) -> bool:
+        return self.torque.rated is not None and not is_current(self.torque.target.unit)
 
     @property
     def full_scale(self) -> float | None:

@@ -156,6 +156,17 @@ class TestCommissioning:
             bench.open()
         assert bench.written() == []
 
+    @pytest.mark.parametrize(("held_ma", "asked"), [(8, True), (9, False)])
+    def test_a_value_in_the_rig_that_is_a_thousand_times_too_large_is_asked_for_its_unit(
+        self, held_ma: int, asked: bool
+    ) -> None:
+        profile = replace(PROFILE, **torque(rated=None, rated_current=MappedObject(0x6075, DataType.UINT32, unit="mA")))
+        bench = Bench(plan_of(profile=profile))
+        bench.drive.objects[0x6075, 0] = held_ma.to_bytes(4, "little")
+        with pytest.raises(BusConfigurationError) as raised:
+            bench.open()
+        assert str(raised.value).endswith("Is the value in the rig in mA?") is asked
+
     def test_a_commutation_search_is_told_before_the_question_and_has_its_time(self) -> None:
         drive = replace(PROFILE.drive, commutation_search=True)
         timing = replace(PROFILE.timing, enabling_timeout=10.0)

@@ -1,0 +1,167 @@
+"""Ranges of the values that benches for a hand have, and the slips of unit that lie beyond them.
+
+A value out of its range is refused, with the range and with the unit in which it would be in range: a motor of 400 N·m
+moves no handle, one of 400 mN·m does. `i_know` in the rig excuses a bench that really has such a value.
+
+Each range is a good deal wider than what motors for CANopen and Modbus drives have, so that a factor of 1000 is found
+and every bench passes. The smallest motor that was looked at is a brushless one of 10 mm (Orbray BMS10: 0.11 mN·m, 0.2
+A, 0.92 mN·m/A, rotor 0.03 g·cm²), the largest an AC servo motor of 5 kW (Yaskawa SGMSH-50: 15.8 N·m, 28.6 A, 84 A peak,
+0.6 N·m/A, rotor 1.23e-3 kg·m²). Handles, gears and encoders have no such catalogue: the reason for their ranges stands
+beside each.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from haptic_fieldbus.documents import Document
+from haptic_fieldbus.drive.fields import Ranged
+from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.numerals import exactly, rounded
+from haptic_fieldbus.signals import Workspace
+
+TORQUES = ((1e-3, "mN·m"), (1e-2, "N·cm"), (1e-6, "µN·m"))
+AMPERES = ((1e-3, "mA"),)
+LARGEST_RATIO = 10.0
+"""By which rated torque and rated current times torque constant may differ: constants are told of amplitudes and of
+effective values, and rated values at standstill or at speed, which is a factor of 3."""
+
+
+@dataclass(frozen=True)
+class Usual:
+    """Smallest and largest value of a key, their unit, and why; a list has all its members within it."""
+
+    low: float
+    high: float
+    unit: str
+    why: str
+    slips: tuple[tuple[float, str], ...] = ()
+    """(size of a unit that somebody may have written, its name)."""
+
+    def has(self, value: float) -> bool:
+        """Return whether the value is in range."""
+        return self.low <= value <= self.high
+
+    @property
+    def text(self) -> str:
+        """The range in words."""
+        return f"from {exactly(self.low)} to {exactly(self.high)} {self.unit}".rstrip()
+
+
+RANGES: dict[Ranged, Usual] = {
+    "rated_torque": Usual(1e-5, 50.0, "N·m", "motors of 0.11 mN·m to 15.8 N·m, steering wheels up to 30 N·m", TORQUES),
+    "torque_constant": Usual(1e-4, 10.0, "N·m/A", "motors of 0.92 mN·m/A to 0.6 N·m/A, direct drives a few N·m/A", (
+        (1e-3, "mN·m/A"), (1e-6, "µN·m/A"))),
+    "rated_current": Usual(0.01, 300.0, "A", "motors of 0.2 A to 28.6 A", AMPERES),
+    "peak_current": Usual(0.05, 1000.0, "A", "three to five times the rated current", AMPERES),
+    "inertia": Usual(1e-9, 1.0, "kg·m²", "rotors of 3e-9 kg·m² to 1.23e-3 kg·m², steering wheels up to 0.1 kg·m²", (
+        (1e-7, "g·cm²"), (1e-4, "kg·cm²"), (1e-6, "kg·mm²"))),
+    "viscous_damping": Usual(0.0, 5.0, "N·m·s/rad", "rated torque of the largest motor at 3 rad/s", (
+        (1e-3, "mN·m·s/rad"), (1e-6, "µN·m·s/rad"))),
+    "coulomb_friction": Usual(0.0, 10.0, "N·m", "two thirds of the rated torque of the largest motor", TORQUES),
+    "encoder_counts_per_revolution": Usual(6, 2**28, "", "Hall sensors of one pole pair to encoders of 28 bits", (
+        (4.0, "lines of four counts each"),)),
+    "mechanism.metres_per_revolution": Usual(1e-4, 3.0, "m", "a screw of 0.1 mm to a drum of 1 m", (
+        (1e-3, "mm"), (1e-2, "cm"))),
+    "mechanism.gear_ratio": Usual(0.01, 1000.0, "", "a hand cannot turn the motor through a larger gear"),
+}  # fmt: skip
+"""Range of each key of the motor and its mechanism."""
+OF_HANDLE: dict[Workspace, dict[Ranged, Usual]] = {
+    Workspace.LINEAR: {
+        "limits.effort": Usual(1e-3, 2000.0, "N", "four times what a hand pushes in a blow", ((1e-3, "mN"),)),
+        "limits.speed": Usual(1e-3, 200.0, "m/s", "several times as fast as a hand throws", ((1e-3, "mm/s"),)),
+        "limits.position": Usual(-5.0, 5.0, "m", "further than an arm reaches", ((1e-3, "mm"), (1e-2, "cm"))),
+        "limits.acceleration": Usual(0.1, 1e6, "m/s²", "a blow on the lightest handle", ((1e-3, "mm/s²"),)),
+        "limits.power": Usual(1e-3, 5000.0, "W", "the largest motor", ((1e-3, "mW"),)),
+    },
+    Workspace.ROTARY: {
+        "limits.effort": Usual(1e-5, 200.0, "N·m", "eight times what a hand turns in a blow", TORQUES),
+        "limits.speed": Usual(0.01, 2e4, "rad/s", "the fastest motors", ()),
+        "limits.position": Usual(-70.0, 70.0, "rad", "eleven turns to each side", ((0.017453292519943295, "degrees"),)),
+        "limits.acceleration": Usual(1.0, 1e9, "rad/s²", "rated torque on the lightest rotor", ()),
+        "limits.power": Usual(1e-3, 5000.0, "W", "the largest motor", ((1e-3, "mW"),)),
+    },
+}  # fmt: skip
+"""Range of each limit, by the workspace of the handle."""
+
+
+def implausible(known: dict[str, Any], workspace: Workspace | None) -> Iterator[tuple[str, str]]:
+    """Yield (key, what is expected) for each value out of its range; `known` maps the keys of an axis to their values.
+
+    Without a workspace, as when the mechanism has a fault, the limits of the handle are not judged. Values of a wrong
+    type are left to the schema.
+    """
+    i_know = known.get("i_know") or ()
+    ranges = RANGES | (OF_HANDLE[workspace] if workspace else {})
+    credible = dict(known)
+    for key, each in ranges.items():
+        held = known.get(key)
+        values = [value for value in (held if isinstance(held, list | tuple) else [held]) if _is_number(value)]
+        beyond = [value for value in values if not each.has(value)]
+        if beyond and key not in i_know:
+            credible[key] = None
+            yield key, f"{each.text} ({each.why}){_slip(each, beyond[0])}; {_excused(key)}"
+    yield from _contradictions(credible, i_know)
+
+
+def _contradictions(known: dict[str, Any], i_know: Any) -> Iterator[tuple[str, str]]:
+    """Yield what two values that are in range each say against each other."""
+    rated, friction = known.get("rated_torque"), known.get("coulomb_friction")
+    if _is_number(rated) and _is_number(friction) and friction >= rated > 0.0:
+        hint = "; is this in mN·m?" if 1e-3 * friction < rated else ""
+        yield "coulomb_friction", f"less than rated_torque, {exactly(rated)} N·m, or nothing moves{hint}"
+    current, constant = known.get("rated_current"), known.get("torque_constant")
+    if not (_is_number(rated) and _is_number(current) and _is_number(constant)) or "torque_constant" in i_know:
+        return
+    torque = current * constant
+    if rated > 0.0 and torque > 0.0 and not 1.0 / LARGEST_RATIO <= torque / rated <= LARGEST_RATIO:
+        yield (
+            "torque_constant",
+            f"rated_torque, {exactly(rated)} N·m, divided by rated_current, {exactly(current)} A, within a factor of "
+            f"{LARGEST_RATIO:g}{_constant(torque / rated)}; "
+            f"{_excused('torque_constant')}",
+        )
+
+
+def _constant(ratio: float) -> str:
+    """Return the question whether the torque constant has a prefix too few."""
+    return "; is this in mN·m/A?" if 1.0 / LARGEST_RATIO <= 1e-3 * ratio <= LARGEST_RATIO else ""
+
+
+def _slip(each: Usual, value: float) -> str:
+    """Return the question whether another unit was meant, where the value would be plausible in it."""
+    meant = next(((size * value, unit) for size, unit in each.slips if each.has(size * value)), None)
+    return "" if meant is None else f"; is this in {meant[1]}? It would be {rounded(meant[0])} {each.unit}"
+
+
+def _excused(key: str) -> str:
+    return f'if the bench is like that, write i_know = ["{key}"]'
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def check_plausible(document: Document, axis: str) -> None:
+    """Note each value of an axis that no bench for a hand has; faults of types and of keys are those of the schema."""
+    path = ("axis", axis)
+    kind = document.value(*path, "mechanism", "kind")
+    workspace = next((each for each in Workspace if each.value == kind), None)
+    known = {key: document.value(*path, *key.split(".")) for key in (*get_args(Ranged), "i_know")}
+    for key, expected in implausible(known, workspace):
+        document.refuse((*path, *key.split(".")), expected)
+
+
+def implausible_of(axis: RigAxis) -> list[tuple[str, str]]:
+    """Return what `implausible` finds in an axis that was made in Python: (key, message with the value)."""
+    known = {key: _held(axis, key) for key in get_args(Ranged)} | {"i_know": axis.i_know}
+    return [
+        (key, f"{known[key]}; expected {expected}") for key, expected in implausible(known, axis.mechanism.workspace)
+    ]
+
+
+def _held(axis: RigAxis, key: str) -> Any:
+    value: Any = axis
+    for part in key.split("."):
+        value = getattr(value, part, None)
+    return value
