@@ -1,8 +1,8 @@
 """Foreign Modbus servers with a drive behind them, and starts of `run` on each.
 
-`python -m tests.peers.foreign_servers` makes five starts of ten seconds on each server, at each rate and by each way, and
-prints how many ran to their end and how many ended without the drive's confirmation. For that the machine must have
-nothing else to do.
+`python -m tests.peers.foreign_servers` makes five starts of ten seconds on each server, at each rate and by each way,
+and prints how many ran to their end and how many ended without the drive's confirmation. For that the machine must
+have nothing else to do.
 """
 
 import argparse
@@ -156,9 +156,7 @@ def run_on(line: Line, folder: Path, duration: float) -> End:
         rig.write_text(RIG.format(port=port, profile=PROFILE), encoding="utf-8")
         settings = ("--set", "wall.stiffness=max/2", "--set", "wall.position=0.003")
         length = ("--rate", str(line.rate), "--duration", str(duration), "--yes")
-        process = start(
-            "run", "wall", "--profiles", str(folder), "--rig", str(rig), *settings, *length, port=None
-        )
+        process = start("run", "wall", "--profiles", str(folder), "--rig", str(rig), *settings, *length, port=None)
         out, err = process.communicate(timeout=60.0 + duration)
     assert "let go" in out + err or process.returncode != 0, out + err
     return End(process.returncode, out + err)

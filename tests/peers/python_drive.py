@@ -1,5 +1,6 @@
-"""A drive behind a server of a Python library: `python -m tests.peers.python_drive modbus-tk|pyModbusTCP nagle|nodelay`.
+"""A drive behind a server of a Python library.
 
+Usage: `python -m tests.peers.python_drive modbus-tk|pyModbusTCP nagle|nodelay`.
 It prints its port on loopback, and serves until it is ended. The handle is led to and fro by a hand that holds it by a
 spring, and now and then an answer comes late, as in `libmodbus_drive.c`.
 """

@@ -23,8 +23,9 @@ SLICE = 0.002
 PATIENCE = 0.015
 """Time that a drive has for an answer, before the next request is sent [s]; longer on a slow line.
 
-On TCP the answer to a question has `DELAYED_ACK` more once zero torque need not be sent again: zero torque goes out while
-an earlier answer is outstanding, and a server with Nagle's algorithm holds its answers back until we acknowledge that one.
+On TCP the answer to a question has `DELAYED_ACK` more once zero torque need not be sent again: zero torque goes out
+while an earlier answer is outstanding, and a server with Nagle's algorithm then holds its answers back until we
+acknowledge that one.
 """
 QUESTIONS = 3
 """Requests of one round: zero torque, command, status."""

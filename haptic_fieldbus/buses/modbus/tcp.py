@@ -24,7 +24,7 @@ from haptic_fieldbus.protocols.modbus.profile import Parity
 CONNECTING, RECONNECTING = 3.0, 0.01
 """Longest time for a connection [s]: at first, and on the way to zero."""
 DELAYED_ACK = 0.04
-"""Time after which a computer acknowledges by itself what it has received [s]: TCP_DELACK_MIN of Linux, include/net/tcp.h."""
+"""Time after which a computer acknowledges by itself what it has received [s]: TCP_DELACK_MIN of Linux (net/tcp.h)."""
 QUICKACK: int | None = getattr(socket, "TCP_QUICKACK", None)
 """Option by which an acknowledgement goes out at once; None where the system has none: Linux alone has it."""
 LARGEST = 4096

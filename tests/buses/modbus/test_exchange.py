@@ -306,7 +306,7 @@ def test_a_sample_of_an_earlier_question_counts_for_the_age_that_it_has(opened: 
 
 
 def test_a_late_answer_to_a_set_point_leaves_the_line_free_in_the_same_period(opened: ExitStack) -> None:
-    bench, server, held = held_back(opened, Transaction.READ_THEN_WRITE)
+    bench, _, held = held_back(opened, Transaction.READ_THEN_WRITE)
     bench.write((0x0F, 40))
     bench.bus.prepare(bench.clock.now_ns() + 1_000_000)
     _, _, flags, _, _, position, demand = next_period(bench, held)
