@@ -32,8 +32,10 @@ RATES = (1000, 200)
 WAYS = {"FC23": "[3, 23]", "FC3 + FC16": "[3, 16]"}
 """Way of exchange → functions of the drive."""
 PROFILE, PRIORITY = "foreign_drive", 40
-UNTIMELY = ("no feedback from", "was lost within a second", "periods", "had been missed")
+UNTIMELY = ("no feedback from node", "was lost within a second", "the loop missed", "the loop slept")
 """Parts of the sentences by which a run ends that computer or server kept waiting."""
+REASONS = ("failed", "tripped", "refused")
+"""Begins of the line that tells why a run ended early."""
 RIG = """
 [bus.line]
 interface = "modbus-tcp"
@@ -94,6 +96,11 @@ class End:
         return self.status == 0 and "no trip" in self.said and "deep in wall" in self.said
 
     @property
+    def reason(self) -> str:
+        """The line that tells why it ended early; empty without one."""
+        return next((line for line in self.said.splitlines() if line.startswith(REASONS)), "")
+
+    @property
     def confirmed(self) -> bool:
         """The drive said that its motor is off."""
         return UNCONFIRMED not in self.said
@@ -101,7 +108,7 @@ class End:
     @property
     def untimely(self) -> bool:
         """It ended torque-free because feedback came too late."""
-        return self.confirmed and self.status != 0 and any(words in self.said for words in UNTIMELY)
+        return self.confirmed and any(words in self.reason for words in UNTIMELY)
 
 
 def compiled(folder: Path) -> Path:
@@ -177,7 +184,7 @@ def main() -> None:
             print(f"{line!s:45} {rendered} of {len(ends)} ran to the end, {unconfirmed} unconfirmed", flush=True)
             for end in ends:
                 if not end.rendered:
-                    print("   ", "\n    ".join(row for row in end.said.splitlines() if row.startswith("failed")))
+                    print(f"    {end.reason}")
     raise SystemExit(missing > 0)
 
 

@@ -2,9 +2,9 @@
  * a hand leads to and fro by a spring.
  *
  * Usage: libmodbus_drive nagle|nodelay. It prints its port on loopback, and serves one connection after another until
- * it is ended. libmodbus leaves Nagle's algorithm on; `nodelay` turns it off on each connection. While the motor gives
- * torque, one answer in BUSY_EVERY comes late, from FIRST_BUSY on, as from a drive that has something else to do.
- * It is later than the master waits before it asks again, and sooner than the age of feedback that ends a run.
+ * it is ended. libmodbus leaves Nagle's algorithm on; `nodelay` turns it off on each connection. When the motor
+ * has given torque for some periods, one answer comes late, as from a drive that has something else to do: later than
+ * the master waits before it asks again, and sooner than the age of feedback that ends a run.
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -23,7 +23,7 @@ enum { DISABLED = 0x40, READY = 0x21, SWITCHED_ON = 0x23, ENABLED = 0x27, FAULT 
 
 static const double RATED_TORQUE = 0.4, INERTIA = 4e-5, FRICTION = 1e-4; /* N·m, kg·m², N·m·s/rad */
 static const double GRIP = 0.019, GRIP_DAMPING = 2.5e-4, REACH = 1.2;    /* N·m/rad, N·m·s/rad, rad */
-static const int FIRST_BUSY = 50, BUSY_EVERY = 1000, BUSY = 20000; /* answers, µs */
+static const int LATE_ANSWER = 50, LATE = 20000; /* number of the answer, µs */
 static const double STEP = 50e-6, COUNTS = 4096 / (2 * M_PI);
 
 static uint16_t *registers; /* of address 0 */
@@ -115,8 +115,8 @@ int main(int arguments, char **argument)
         while ((received = modbus_receive(server, request)) >= 0) {
             advance(now());
             obey(request + modbus_get_header_length(server));
-            if (registers[DEMAND] && ++answers % BUSY_EVERY == FIRST_BUSY)
-                usleep(BUSY);
+            if (registers[DEMAND] && ++answers == LATE_ANSWER)
+                usleep(LATE);
             modbus_reply(server, request, received, mapping);
         }
         modbus_close(server);

@@ -2,7 +2,7 @@
 
 Usage: `python -m tests.peers.python_drive modbus-tk|pyModbusTCP nagle|nodelay`.
 It prints its port on loopback, and serves until it is ended. The handle is led to and fro by a hand that holds it by a
-spring, and now and then an answer comes late, as in `libmodbus_drive.c`.
+spring, and one answer comes late, as in `libmodbus_drive.c`.
 """
 
 import math
@@ -25,8 +25,8 @@ GRIP, GRIP_DAMPING, REACH = 0.019, 2.5e-4, 1.2
 """[N·m/rad, N·m·s/rad, rad]"""
 STEP, COUNTS = 200e-6, 4096 / (2.0 * math.pi)
 """[s], and counts in a radian."""
-FIRST_BUSY, BUSY_EVERY, BUSY = 50, 1000, 0.02
-"""Answers, and [s]: longer than the master waits before it asks again, shorter than the age that ends a run."""
+LATE_ANSWER, LATE = 50, 0.02
+"""Number of the answer, and [s]: the master asks again before it comes, and feedback of that age ends no run."""
 UNIT, HOST = 1, "127.0.0.1"
 
 
@@ -68,8 +68,8 @@ class Handled(Drive):
         self.advance()
         if self.registers[DEMAND]:
             self.answers += 1
-            if self.answers % BUSY_EVERY == FIRST_BUSY:
-                time.sleep(BUSY)
+            if self.answers == LATE_ANSWER:
+                time.sleep(LATE)
         return [self.registers.get(address + offset, 0) for offset in range(count)]
 
 
