@@ -141,7 +141,7 @@ def test_a_server_with_nagles_algorithm_confirms_that_it_is_off(
     if not quickack:
         monkeypatch.setattr(tcp, "QUICKACK", None)
     server = opened.enter_context(tcp_server(Drive(), nagle=True))
-    bench = opened.enter_context(Bench(plan_of(server.name, way=way))).open().enable()
+    bench = opened.enter_context(Bench(plan_of(server.name, way=way, rate=4.0))).open().enable()
     for _ in range(50):  # the kernel acknowledges at once until it takes the connection for a dialogue
         bench.write((0x0F, 200))
         bench.read()
