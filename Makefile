@@ -12,9 +12,10 @@ BIN := $(VENV)/bin
 DEMO_STAMP := $(VENV)/.demo
 DEV_STAMP := $(VENV)/.dev
 
-# Debian packages beside Python. tshark, mbpoll: foreign programs read what is recorded, and speak with a drive. User-Mode Linux (41 MB to fetch) and
-# what works with it: SocketCAN where the kernel has none. buildah, for all tests only: images without a daemon.
-SYSTEM_PACKAGES := mbpoll tshark user-mode-linux kmod iproute2 can-utils
+# Debian packages beside Python. tshark, mbpoll: foreign programs read what is recorded, and speak with a drive. gcc, libmodbus: a foreign server is
+# compiled. User-Mode Linux (41 MB to fetch) and what works with it: SocketCAN where the kernel has none. buildah, for all tests only: images without
+# a daemon.
+SYSTEM_PACKAGES := mbpoll tshark gcc libc6-dev libmodbus-dev user-mode-linux kmod iproute2 can-utils
 test-all test-part: SYSTEM_PACKAGES += buildah
 
 # PYTHON=/path/to/python chooses another interpreter than the first suitable one; an environment of another version is

@@ -1,7 +1,7 @@
 """Foreign Modbus masters read and write simulated drives, over TCP and over a pair of pseudo-terminals.
 
-mbpoll is built on libmodbus; pyModbusTCP and minimalmodbus have encoders of their own. Wireshark's dissector reads what
-went over the wire. None of them knows the profile: addresses, functions and word order stand in the tests.
+mbpoll is built on libmodbus; pyModbusTCP, modbus-tk and minimalmodbus have encoders of their own. Wireshark's dissector
+reads what went over the wire. None of them knows the profile: addresses, functions and word order stand in the tests.
 """
 
 import shutil
@@ -12,6 +12,8 @@ from pathlib import Path
 
 import minimalmodbus
 import pytest
+from modbus_tk import defines, modbus_tcp
+from modbus_tk.exceptions import ModbusError
 from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.constants import EXP_DATA_ADDRESS, EXP_DATA_VALUE
 
@@ -94,6 +96,33 @@ class TestPyModbusTcp:
         assert client.last_except == EXP_DATA_ADDRESS
         assert not client.write_single_register(MODE, 99)
         assert client.last_except == EXP_DATA_VALUE
+
+
+class TestModbusTk:
+    @pytest.fixture
+    def master(self, client: ModbusClient) -> Iterator[modbus_tcp.TcpMaster]:
+        master = modbus_tcp.TcpMaster(client.host, client.port, timeout_in_sec=5.0)
+        yield master
+        master.close()
+
+    def test_it_enables_the_drive_and_function_23_writes_before_it_reads(self, master: modbus_tcp.TcpMaster) -> None:
+        for register, value in ((MODE, 10), (COMMAND, 6), (COMMAND, 7), (COMMAND, 15)):
+            assert master.execute(UNIT, defines.WRITE_SINGLE_REGISTER, register, output_value=value) == (
+                register,
+                value,
+            )
+        (status, *_) = master.execute(UNIT, defines.READ_HOLDING_REGISTERS, STATUS, 1)
+        assert status & 0x6F == 0x27
+        words = master.execute(UNIT, defines.READ_HOLDING_REGISTERS, POSITION, 2)
+        assert abs(signed(words) - COUNTS) < 100
+        both = (defines.READ_WRITE_MULTIPLE_REGISTERS, DEMAND, 1)
+        for value in (40, 30):
+            assert master.execute(UNIT, *both, output_value=[value], write_starting_address_fc23=TARGET) == (value,)
+
+    def test_it_understands_what_is_refused(self, master: modbus_tcp.TcpMaster) -> None:
+        with pytest.raises(ModbusError) as refused:
+            master.execute(UNIT, defines.READ_HOLDING_REGISTERS, POSITION, 1)
+        assert refused.value.get_exception_code() == defines.ILLEGAL_DATA_ADDRESS
 
 
 class TestMinimalModbus:

@@ -33,6 +33,9 @@ class Turns:
         self._begun_ns = 0
         self._patience_ns = round(1e9 * answer_time(1e-9 * period_ns))
         self._asked: Question | None = None
+        """Question of the present turn; None while that of an earlier one waits for its answer."""
+        self._owner = readings[0].link
+        """Link to which the last question was sent."""
         self._written: UnitLink | None = None
         """Link whose set-point is under way."""
 
@@ -55,9 +58,15 @@ class Turns:
         link, self._written = self._written, None
         if link is not None:
             self._confirm(link, self._requester.waiting() or self._requester.answer(deadline_ns - self._left_ns[0]))
-        elif self._requester.outstanding is not None:
-            self._note_late(self._requester.answer(0))
+        elif (form := self._requester.outstanding) is not None:
+            self._take_late(form, 0)  # its sample is not needed: a younger one is asked for at once
             self._give_up()
+
+    def _take_late(self, form: FrameForm, until_ns: int) -> None:
+        """Take the answer to a request of an earlier period until then [ns], and note all of it but its sample."""
+        answer = self._requester.answer(until_ns)
+        self._note_late(answer)
+        self._accepted(self._owner, form.question, answer)
 
     def _give_up(self) -> None:
         """Wait no more for an answer that has stayed away for long: the unit may have lost its question."""
@@ -82,10 +91,13 @@ class Turns:
         requester, last = self._requester, len(self._readings) - 1
         for at, reading in enumerate(self._readings):
             until_ns = self._share_of(at, deadline_ns)
-            if self._asked is None and requester.outstanding is None:
+            if self._asked is None:
+                self._clear(reading, until_ns)
+            form = requester.outstanding
+            if form is None:
                 self._wait_for_quiet(reading.link, until_ns)
             else:
-                self._take(reading, self._asked, requester.answer(until_ns))
+                self._take(reading, form, until_ns)
             if at < last:
                 self._asked = self._ask(self._readings[at + 1])
         self._finish()
@@ -112,18 +124,18 @@ class Turns:
         if form is None:
             return None
         self._requester.send(form, octets)
+        self._owner = reading.link
         return form.question
 
     def _form(self, reading: Reading) -> tuple[FrameForm | None, bytes]:
         """Return what is sent to a unit, with the octets that are written; no form when nothing can be."""
-        link, set_point = reading.link, reading.link.set_point
-        late, waits = link.late, self._requester.outstanding is not None
-        if waits and not (reading.writing and set_point.lessens):
+        link, set_point, late = reading.link, reading.link.set_point, reading.link.late
+        if self._requester.outstanding is not None:
             return None, b""
         if not (reading.writing and set_point.waiting):
             alone = reading.alone
             return (None if alone is None or alone.question.function in late else alone), b""
-        if not waits and READ_WRITE not in late:
+        if READ_WRITE not in late:
             place, octets = set_point.take()
             return reading.writing[place], octets
         if not link.writing or set_point.function in late:
@@ -137,13 +149,23 @@ class Turns:
         if not self._requester.listen(until_ns):
             link.late.clear()
 
-    def _take(self, reading: Reading, asked: Question | None, answer: Answer | None) -> None:
-        """Take an answer, or that it stayed away."""
+    def _clear(self, reading: Reading, until_ns: int) -> None:
+        """Wait for the answer to another request, of an earlier period; then ask for this reading, if there is time."""
+        form = self._requester.outstanding
+        if form is None or reading.asks(form):
+            return
+        self._take_late(form, until_ns)
+        if until_ns - self._requester.clock.now_ns() >= reading.times.whole_ns:
+            self._asked = self._ask(reading)
+
+    def _take(self, reading: Reading, form: FrameForm, until_ns: int) -> None:
+        """Take an answer, or that it stayed away; one to a question of an earlier period counts for its age."""
         link, requester = reading.link, self._requester
-        if asked is None:
+        answer = requester.answer(until_ns)
+        if self._asked is None:
             self._note_late(answer)
-        accepted = asked is not None and self._accepted(link, asked, answer)
-        if not accepted or answer is None or not answer.data or not reading.take(answer.data, requester.sent_ns):
+        accepted = self._accepted(self._owner, form.question, answer) and reading.asks(form)
+        if not accepted or answer is None or not reading.take(answer.data, requester.sent_ns):
             link.missing += 1
         elif reading.latches:
             link.latch_ns = reading.latched(requester.sent_ns, requester.arrived_ns)
@@ -184,19 +206,18 @@ class Turns:
         requester.unasked = requester.garbled = b""
 
     def _send(self) -> None:
-        """Send the set-points, one unit after another; only those that lessen torque while an answer is outstanding."""
+        """Send the set-points, one unit after another; none while an answer is outstanding."""
         requester, last = self._requester, self._links[-1]
         for left, link in zip(range(len(self._links), 0, -1), self._links, strict=True):
-            waits = requester.outstanding is not None
-            if waits and not link.set_point.lessens:
-                continue
+            if requester.outstanding is not None:
+                return
             place, octets = link.set_point.take()
             form = link.writing[place]
             requester.send(form, octets)
-            self._asked = form.question
+            self._asked, self._owner = form.question, link
             if link is last:
                 self._written = link
-            elif not waits:
+            else:
                 now_ns = requester.clock.now_ns()
                 self._confirm(link, requester.answer(now_ns + (self._begun_ns + self._period_ns - now_ns) // left))
 

@@ -108,6 +108,10 @@ class Reading:
             if end - start == 4 and mapped.signal is Signal.POSITION
         )
 
+    def asks(self, form: FrameForm) -> bool:
+        """Return True for a form of this request."""
+        return form is self.alone or form in self.writing
+
     def take(self, data: bytes, sent_ns: int) -> bool:
         """Copy the registers into the image; False when they are torn, and dropped. `sent_ns` is of the question."""
         for wide in self._wide:

@@ -10,10 +10,10 @@ One period is `read` and `write`, by the way that the plan has chosen:
 
 Answers that stay away never make a period longer: each request has its share of the time until the deadline. Then the
 axis is stale, and the age of its feedback grows. `requester` tells why nothing is sent on TCP while an answer is
-outstanding. On RTU, after function 23 stayed without an answer, the set-point is sent by a writing function in the next
-period: a late answer of function 23 cannot be taken for its own. A unit answers in order, so when that answer comes no
-earlier one can. Where it stays away as well, or nothing is to be written, nothing is asked until a whole reading part
-was quiet.
+outstanding; when it comes, in a later period, its sample is used with the age that it has. On RTU, after function 23
+stayed without an answer, the set-point is sent by a writing function in the next period: a late answer of function 23
+cannot be taken for its own. A unit answers in order, so when that answer comes no earlier one can. Where it stays away
+as well, or nothing is to be written, nothing is asked until a whole reading part was quiet.
 
 A dead line raises, and the run ends. `stop` consists of `release`, `settle` and `leave`; `release` tells how.
 

@@ -70,6 +70,11 @@ class UnitParting:
         return self.free or self._asked
 
     @property
+    def zeroed(self) -> bool:
+        """True when zero torque was answered, or sent as often as it may be."""
+        return not self._zeros
+
+    @property
     def kept(self) -> list[str]:
         """Registers that are still as the run had written them."""
         return [*self.refused, *(str(register) for register, _ in self._undoing)]

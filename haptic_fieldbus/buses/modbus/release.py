@@ -15,12 +15,18 @@ from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.buses.modbus.parting import MOST_ZEROS, UnitParting
 from haptic_fieldbus.buses.modbus.requester import Requester
+from haptic_fieldbus.buses.modbus.tcp import DELAYED_ACK
 from haptic_fieldbus.errors import BusError
 
 SLICE = 0.002
 """[s] of one look; longer where an exchange takes more than half of it."""
 PATIENCE = 0.015
-"""Time that a drive has for an answer, before the next request is sent [s]; longer on a slow line."""
+"""Time that a drive has for an answer, before the next request is sent [s]; longer on a slow line.
+
+On TCP the answer to a question has `DELAYED_ACK` more once zero torque need not be sent again: zero torque goes out
+while an earlier answer is outstanding, and a server with Nagle's algorithm then holds its answers back until we
+acknowledge that one.
+"""
 QUESTIONS = 3
 """Requests of one round: zero torque, command, status."""
 GRACE = 0.05
@@ -37,9 +43,10 @@ class LineRelease:
         self._partings = tuple(partings)
         self._slice_ns = round(1e9 * max(SLICE, 2.0 * exchange))
         self._patience_ns = round(1e9 * max(PATIENCE, 2.0 * exchange))
+        self._held_ns = 0 if requester.transport.serial else round(1e9 * DELAYED_ACK)
         # The watchdog runs from the last write of zero torque.
         zeros_ns = MOST_ZEROS * QUESTIONS * len(self._partings) * self._patience_ns
-        self._longest_ns = round(1e9 * (guard + GRACE)) + zeros_ns
+        self._longest_ns = round(1e9 * (guard + GRACE)) + zeros_ns + len(self._partings) * self._held_ns
         self._end_ns = self._waiting_until_ns = 0
         self._asked: UnitParting | None = None
         self._begun = self._dead = False
@@ -85,8 +92,10 @@ class LineRelease:
         after = unsettled[1:] + unsettled[:1] if self._asked is not None and unsettled[0] is self._asked else unsettled
         parting = min(after, key=lambda each: each.freed)
         self._asked = parting
-        self._waiting_until_ns = self._clock.now_ns() + self._patience_ns
-        self._requester.ask(parting.question())
+        question = parting.question()
+        held_ns = self._held_ns if parting.zeroed and not question.values else 0
+        self._waiting_until_ns = self._clock.now_ns() + self._patience_ns + held_ns
+        self._requester.ask(question)
 
     def _step(self, end_ns: int) -> None:
         """Wait for an answer until the end of the slice; ask the next question when it came, or patience is over."""

@@ -6,11 +6,9 @@ until the drive has answered it.
 """
 
 from haptic_fieldbus.buses.modbus.framing import Question
-from haptic_fieldbus.drive.objects import Order
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
 from haptic_fieldbus.protocols.modbus.requests import Block
-from haptic_fieldbus.signals import Signal
 
 
 class StoredSetPoint:
@@ -32,24 +30,10 @@ class StoredSetPoint:
         """Octets of the command that the drive has answered last."""
         self._sent = b""
         """Octets of the command that is under way; none while it is not."""
-        self._place, self._low_first = _target_in(traffic.set_point)
-        self._size = 0
-        """Amount of the target torque that was sent last."""
 
     def forget(self) -> None:
         """Take nothing for sent or answered: the drive is configured anew."""
-        self.waiting, self._commanded, self._sent, self._size = False, b"", b"", 0
-
-    @property
-    def lessens(self) -> bool:
-        """Whether what is stored asks for less torque than what was sent last."""
-        return self.waiting and self._asked < self._size
-
-    @property
-    def _asked(self) -> int:
-        """Amount of the target torque that is stored."""
-        octets = self._octets[self._place]
-        return abs(int.from_bytes(octets[2:] + octets[:2] if self._low_first else octets, "big", signed=True))
+        self.waiting, self._commanded, self._sent = False, b"", b""
 
     def store(self, image: bytes | bytearray) -> None:
         """Take over the part of this axis; an earlier one that was not sent is dropped."""
@@ -73,18 +57,10 @@ class StoredSetPoint:
         if self._command and self._command != self._commanded:
             self._sent = self._command
             return 1, self._command
-        self._sent, self._size = b"", self._asked
+        self._sent = b""
         return 0, self._octets
 
     def answered(self) -> None:
         """Note that the drive has taken over what was sent last."""
         if self._sent:
             self._commanded, self._sent = self._sent, b""
-
-
-def _target_in(block: Block) -> tuple[slice, bool]:
-    """Return the place of the target torque in the octets of a block, and whether its low word comes first."""
-    for mapped, (start, end) in zip(block.signals, block.places, strict=True):
-        if mapped.signal is Signal.TARGET_TORQUE:
-            return slice(start, end), mapped.order is Order.BIG_LOW_WORD_FIRST and end - start == 4
-    raise ValueError("a set-point without a target torque")

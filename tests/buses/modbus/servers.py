@@ -194,13 +194,13 @@ def rtu_size(octets: bytes) -> int:
 
 
 @contextmanager
-def tcp_server(*drives: Drive, mischief: Mischief = honest) -> Iterator[Server]:
-    """A server on loopback; it takes one connection after another."""
+def tcp_server(*drives: Drive, mischief: Mischief = honest, nagle: bool = False) -> Iterator[Server]:
+    """A server on loopback; it takes one connection after another, and leaves Nagle's algorithm on or turns it off."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         server = Server({drive.unit: drive for drive in drives}, mischief)
         server.name = f"modbus-tcp:127.0.0.1:{listener.getsockname()[1]}"
         listener.settimeout(0.02)
-        thread = threading.Thread(target=_serve_tcp, args=(server, listener), daemon=True)
+        thread = threading.Thread(target=_serve_tcp, args=(server, listener, nagle), daemon=True)
         thread.start()
         try:
             yield server
@@ -210,13 +210,13 @@ def tcp_server(*drives: Drive, mischief: Mischief = honest) -> Iterator[Server]:
             thread.join(5.0)
 
 
-def _serve_tcp(server: Server, listener: socket.socket) -> None:
+def _serve_tcp(server: Server, listener: socket.socket, nagle: bool) -> None:
     while not server.ended.is_set():
         try:
             connection, _ = listener.accept()
         except (TimeoutError, OSError):
             continue
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, not nagle)
         connection.settimeout(None)
 
         def reset(connection: socket.socket = connection) -> None:

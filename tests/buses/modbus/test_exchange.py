@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from threading import Event
 
 import pytest
 
@@ -238,21 +239,110 @@ def exchanged(bench: Bench, periods: int) -> None:
         bench.write((0x0F, 0))
 
 
+@dataclass
+class Held:
+    """Holds answers back until it is told to let them go."""
+
+    gate: Event = field(default_factory=Event)
+
+    def __call__(self, frame: bytes, asked: int) -> Iterator[Piece]:
+        self.gate.wait(10.0)
+        yield frame
+
+
+PATIENT = 2.0
+"""[Hz]; at this rate an answer counts as lost after a second."""
+
+
 @pytest.mark.parametrize("way", Transaction)
-def test_on_tcp_only_less_torque_is_sent_while_an_answer_is_outstanding(opened: ExitStack, way: Transaction) -> None:
-    bench, server = bench_on(opened, "tcp", way)
+def test_on_tcp_nothing_is_sent_while_an_answer_is_outstanding(opened: ExitStack, way: Transaction) -> None:
+    bench, server = bench_on(opened, "tcp", way, rate=PATIENT)
     bench.write((0x0F, -100))
     bench.read()
+    frames = len(server.frames)
     server.mischief = silent
-    bench.write((0x0F, -100))
-    bench.read(0.002)
-    written = len(server.drive.written)
-    for torque in (-100, 120, -80, -90, 0, 0, 50):
+    for torque in (-100, -100, 120, -80, 0, 50):
         bench.write((0x0F, torque))
-        bench.read(0.001)
+        bench.read(0.002)
     server.mischief = honest
-    targets = [value for address, value in server.drive.written[written:] if address == TARGET]
-    assert targets == [-80 & 0xFFFF, 0]
+    assert bench.bus.stop() is True
+    first, then = server.frames[frames : frames + 2]
+    assert first[7] == (23 if way is Transaction.READ_WRITE else 16)
+    assert then[7:12] == bytes((6, 2, 1, 0, 0)), "zero torque comes next"
+
+
+def held_back(stack: ExitStack, way: Transaction) -> tuple[Bench, Server, Held]:
+    """A master that waits for an answer of the period before, at the begin of the next one."""
+    bench, server = bench_on(stack, "tcp", way, rate=PATIENT)
+    server.drive.move_to(10)
+    server.mischief = held = Held()
+    return bench, server, held
+
+
+def next_period(bench: Bench, held: Held) -> tuple[int, ...]:
+    """Begin a period, let the answers go, and return what the cycle would decode."""
+    deadline_ns = bench.clock.now_ns() + 5_000_000_000
+    bench.bus.prepare(deadline_ns)
+    bench.bus.begin()
+    held.gate.set()
+    bench.image = bytes(bench.bus.collect(deadline_ns))
+    return bench.decoded()
+
+
+@pytest.mark.parametrize("way", Transaction)
+def test_a_sample_of_an_earlier_question_counts_for_the_age_that_it_has(opened: ExitStack, way: Transaction) -> None:
+    bench, server, held = held_back(opened, way)
+    frames, begun_ns = len(server.frames), bench.clock.now_ns()
+    assert bench.read(0.01)[2] == STALE
+    next_ns = bench.clock.now_ns()
+    t_ns, age_ns, flags, _, _, position, _ = next_period(bench, held)
+    assert (flags, position) == (0, 10)
+    assert bench.bus.fresh
+    assert len(server.frames) == frames + 1, "no second question"
+    assert begun_ns <= t_ns < next_ns
+    assert next_ns - t_ns <= age_ns <= bench.clock.now_ns() - t_ns
+    server.drive.move_to(20)
+    assert bench.read()[5] == 20
+
+
+def test_a_late_answer_to_a_set_point_leaves_the_line_free_in_the_same_period(opened: ExitStack) -> None:
+    bench, _, held = held_back(opened, Transaction.READ_THEN_WRITE)
+    bench.write((0x0F, 40))
+    bench.bus.prepare(bench.clock.now_ns() + 1_000_000)
+    _, _, flags, _, _, position, demand = next_period(bench, held)
+    assert (flags, position, demand) == (0, 10, 40)
+
+
+@pytest.mark.parametrize("way", Transaction)
+def test_a_late_exception_is_flagged(opened: ExitStack, way: Transaction) -> None:
+    bench, server, held = held_back(opened, way)
+    server.drive.exceptions = dict.fromkeys((3, 23), 6)
+    bench.read(0.01)
+    next_period(bench, held)
+    assert bench.header()[1:] == (STALE | EXCEPTION, 6)
+    server.drive.exceptions = {}
+
+
+@pytest.mark.parametrize("way", Transaction)
+def test_a_late_sample_of_one_unit_is_not_taken_for_that_of_another(opened: ExitStack, way: Transaction) -> None:
+    drives = [Drive(unit=1), Drive(unit=2)]
+    server = opened.enter_context(tcp_server(*drives))
+    scene = scene_of(Wall("a", stiffness=30.0), Wall("b", stiffness=30.0))
+    bench = opened.enter_context(Bench(plan_of(server.name, way=way, scene=scene, rate=PATIENT))).open().enable()
+    for drive, counts in zip(drives, (11, 22), strict=True):
+        drive.move_to(counts)
+    held = Held()
+
+    def second_alone(frame: bytes, asked: int) -> Iterator[Piece]:
+        return held(frame, asked) if frame[6] == 2 else honest(frame, asked)
+
+    server.mischief = second_alone
+    bench.read(0.4)
+    assert [bench.header(axis)[1] for axis in (0, 1)] == [0, STALE]
+    assert [bench.decoded(axis)[5] for axis in (0, 1)] == [11, 0]
+    next_period(bench, held)
+    assert [bench.header(axis)[1] for axis in (0, 1)] == [0, 0]
+    assert [bench.decoded(axis)[5] for axis in (0, 1)] == [11, 22]
 
 
 def test_after_function_23_stayed_unanswered_a_serial_line_gets_the_set_point_by_another_function(

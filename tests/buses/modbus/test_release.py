@@ -4,9 +4,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
+from threading import Event
 
 import pytest
 
+from haptic_fieldbus.buses.modbus import tcp
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError
 from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
@@ -128,6 +130,38 @@ def test_a_drive_that_confirms_nothing_is_told_after_its_watchdog_and_still_gets
     assert off(server.drive)
     assert server.drive.written.count((TARGET, 0)) - before == 2  # each feeds the watchdog
     assert "unit 1 (axis handle) did not confirm that its motor is off" in bench.bus.warnings
+
+
+@pytest.mark.parametrize("quickack", [True, False], ids=["at once", "after 40 ms"])
+@pytest.mark.parametrize("way", Transaction)
+def test_a_server_with_nagles_algorithm_confirms_that_it_is_off(
+    opened: ExitStack, monkeypatch: pytest.MonkeyPatch, way: Transaction, quickack: bool
+) -> None:
+    """Zero torque follows a request whose answer is late; its own is then held back until that one is acknowledged."""
+    if not quickack:
+        monkeypatch.setattr(tcp, "QUICKACK", None)
+    server = opened.enter_context(tcp_server(Drive(), nagle=True))
+    bench = opened.enter_context(Bench(plan_of(server.name, way=way, rate=4.0))).open().enable()
+    for _ in range(50):  # the kernel acknowledges at once until it takes the connection for a dialogue
+        bench.write((0x0F, 200))
+        bench.read()
+    released = Event()
+
+    def late(frame: bytes, asked: int) -> Iterator[Piece]:
+        server.mischief = honestly
+        released.wait(10.0)
+        yield frame
+
+    server.mischief = late
+    bench.write((0x0F, 200))
+    bench.read(0.001)
+    bench.bus.release()
+    released.set()
+    while not bench.bus.settle():
+        pass
+    assert bench.bus.leave() is True
+    assert server.drive.value(DEMAND) == 0
+    assert not [warning for warning in bench.bus.warnings if "did not confirm" in warning]
 
 
 def test_a_drive_that_refuses_to_be_put_back_is_told(opened: ExitStack) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from haptic_fieldbus.buses.modbus.opening import open_line
 from haptic_fieldbus.buses.modbus.serial_port import SerialTransport
-from haptic_fieldbus.buses.modbus.tcp import TcpTransport
+from haptic_fieldbus.buses.modbus.tcp import DELAYED_ACK, TcpTransport
 from haptic_fieldbus.buses.modbus.transport import Transport
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.errors import BusError, UsageError
@@ -33,11 +33,12 @@ class Ends:
     end: Callable[[], None]
 
 
-def tcp_ends() -> Iterator[Ends]:
+def tcp_ends(*, nagle: bool = False) -> Iterator[Ends]:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         ours = TcpTransport(f"modbus-tcp:127.0.0.1:{port}", ("127.0.0.1", port), CLOCK)
         theirs, _ = listener.accept()
+        theirs.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, not nagle)
 
         def reset() -> None:
             theirs.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
@@ -123,6 +124,24 @@ def test_a_dead_line_raises_in_a_sentence_whatever_is_asked_of_it(ends: Ends) ->
     for action in actions:
         with pytest.raises(BusError, match="closed"):
             action()
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_QUICKACK"), reason="this system has no TCP_QUICKACK")
+def test_a_peer_that_waits_for_our_acknowledgement_gets_it_when_more_is_waited_for() -> None:
+    """Nagle's algorithm holds the second piece back; without an acknowledgement it comes 40 ms later."""
+    for ends in tcp_ends(nagle=True):
+        for _ in range(50):  # the kernel acknowledges at once until it takes the connection for a dialogue
+            ends.ours.send(b"question")
+            assert ends.take() == b"question"
+            ends.put(b"answer")
+            assert received(ends.ours, 6) == b"answer"
+        for _ in range(3):
+            ends.ours.send(b"question")
+            assert ends.take() == b"question"
+            ends.put(b"head")
+            ends.put(b"tail")
+            assert received(ends.ours, 4) == b"head"
+            assert ends.ours.receive(CLOCK.now_ns() + round(0.5e9 * DELAYED_ACK)) == b"tail"
 
 
 def test_tcp_connects_again() -> None:
