@@ -138,3 +138,13 @@ class DriveFaultError(HapticFieldbusError):
 
 class SafetyTripError(HapticFieldbusError):
     """A safety limit that was exceeded; torque was set to zero before this was raised."""
+
+
+def wrong_kind(name: str, expected: str, given: object) -> TypeError:
+    """Return the error for an argument of the wrong kind: its name, what was expected, and what was given."""
+    try:
+        shown = repr(given)
+    except Exception:  # of an object of somebody else
+        shown = ""
+    shown = f"{shown[:60]}… " if len(shown) > 60 else f"{shown} " if shown else ""
+    return TypeError(f"{name}: expected {expected}, not {shown}({type(given).__name__})")

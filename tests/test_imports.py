@@ -48,7 +48,7 @@ def test_no_module_imports_itself_by_any_way_round() -> None:
 DOES_WITHOUT = {
     "import haptic_fieldbus.cli": {
         "cli": "cli.app cli.failures errors",
-        "cli.options": "planning.request protocols.registry",
+        "cli.options": "documents.quantities planning.request protocols.registry signals",
         "cli.pictures": "planning.request",
         "cli.doctor": "api.bench",
         "cli.estimate": "api.estimation report.estimates report.plot_estimate",

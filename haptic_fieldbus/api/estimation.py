@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_fieldbus.api.arguments import check_arguments
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.documents.samples import Samples, read_samples
 from haptic_fieldbus.errors import DocumentError, Fault, UsageError
@@ -87,6 +88,7 @@ class Estimation:
 
 def estimate_from(asked: SignalRequest) -> Estimation:
     """Return the estimate from a file; raises DocumentError for the file, UsageError for all else."""
+    check_arguments("estimate_from", asked)
     signal = read_samples(asked.file, (POSITION, VELOCITY))
     period, unevenness = _period_of(asked.file, signal)
     resolution = _resolution(signal.values, asked.resolution)

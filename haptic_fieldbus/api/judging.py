@@ -17,6 +17,7 @@ from haptic_fieldbus.planning.selection import check_rendering, select
 from haptic_fieldbus.planning.settings import settled
 from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.planning.ways import WayLimit, way_limits
+from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -101,6 +102,7 @@ class Judgement:
         return any(Signal.VELOCITY in each.needs for each in (*member.elements, *couplings))
 
 
+@own_faults()
 def judge_scene(inquiry: Inquiry) -> Judgement:
     """Judge the scene on its bench, or on the device if one is given; raises DocumentError, UsageError or PlanError."""
     check_request(bus=inquiry.bus or DEFAULT_BUS, node=inquiry.node, rate=inquiry.rate)

@@ -23,6 +23,7 @@ from haptic_fieldbus.numerics.sampled import spectral_radius
 from haptic_fieldbus.numerics.transfer import TransferFunction, transfer_function
 from haptic_fieldbus.planning.task import Rendering
 from haptic_fieldbus.scenes.element import DynamicElement
+from haptic_fieldbus.scenes.own_faults import own_faults
 
 Poles = NDArray[np.complex128]
 
@@ -95,6 +96,7 @@ class EnvironmentModel:
         }
 
 
+@own_faults()
 def model_of(task: Rendering) -> EnvironmentModel:
     """Return the model of the scene's first axis; raises DocumentError or UsageError."""
     period, axis, elements = rendered_axis(task)

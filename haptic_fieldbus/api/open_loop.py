@@ -32,6 +32,7 @@ from haptic_fieldbus.planning.selection import check_rendering
 from haptic_fieldbus.planning.settings import parsed, with_settings
 from haptic_fieldbus.planning.task import Rendering
 from haptic_fieldbus.scenes.element import CouplingElement, DynamicElement, Element, Law
+from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
 
@@ -173,7 +174,7 @@ class _Answers:
     def to(self, time: Array, position: Array, rest: float, workspace: Workspace) -> Response:
         """Return the sum of all forces; the samples end where the first element diverges."""
         velocity = self._velocity(position, rest)
-        answers = [self._answer(element, position, velocity, rest) for element in self._elements]
+        answers = [self._guarded(element, position, velocity, rest) for element in self._elements]
         rows = min([len(answer.force) for answer in answers], default=len(time))
         force = np.sum([answer.force[:rows] for answer in answers], axis=0) if answers else np.zeros(rows)
         finite = np.isfinite(force)
@@ -207,6 +208,10 @@ class _Answers:
         if not chosen(self._estimator).estimator.timed:
             return np.array([estimate(x) for x in [rest, *position.tolist()]])[1:]
         return np.array([estimate(x, k * period_ns) for k, x in enumerate([rest, *position.tolist()])])[1:]
+
+    def _guarded(self, element: Element, position: Array, velocity: Array, rest: float) -> _Answer:
+        with own_faults(element):
+            return self._answer(element, position, velocity, rest)
 
     def _answer(self, element: Element, position: Array, velocity: Array, rest: float) -> _Answer:
         if isinstance(element, DynamicElement):

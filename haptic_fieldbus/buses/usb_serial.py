@@ -1,8 +1,11 @@
-"""The latency timer of a USB serial adapter: the time for which an FTDI chip holds back what it received.
+"""Serial ports: whether a path leads to one, and the latency timer of a USB adapter.
 
-Reference: AN232B-04 of FTDI.
+The latency timer is the time for which an FTDI chip holds back what it received (AN232B-04 of FTDI).
 """
 
+import errno
+import os
+import stat
 from pathlib import Path
 
 from haptic_fieldbus.buses.found import Check
@@ -10,6 +13,19 @@ from haptic_fieldbus.buses.found import Check
 SYS = Path("/sys")
 LONGEST_LATENCY = 1
 """[ms]; it is 16 after plugging in."""
+NO_SERIAL_LINE = "it is no serial line; expected the device of an adapter, such as /dev/ttyUSB0"
+
+
+def leads_elsewhere(port: str, error: BaseException | None) -> bool:
+    """Return whether a port could not be opened because its path leads to a file, a folder or another device."""
+    while error is not None:
+        if error.args[:1] == (errno.ENOTTY,):  # pyserial repeats an error of termios in words alone
+            return True
+        error = error.__context__
+    try:
+        return not stat.S_ISCHR(os.stat(port).st_mode)
+    except (OSError, ValueError):  # there is nothing of this name
+        return False
 
 
 def latency_timer(port: str, root: Path = SYS) -> Check:

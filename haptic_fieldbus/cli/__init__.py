@@ -45,15 +45,22 @@ def _ended(arguments: Sequence[str] | None, ending: EndSignals) -> int:
     """Run a command to its end, its output included, and return its exit status."""
     # Imported here, so that a signal meets our handlers while the command is loaded.
     from haptic_fieldbus.cli.app import app
-    from haptic_fieldbus.cli.failures import tell
+    from haptic_fieldbus.cli.failures import TYPER_ERROR, print_object, tell
     from haptic_fieldbus.errors import HapticFieldbusError
 
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    as_json = "--json" in (given[: given.index("--")] if "--" in given else given)
     try:
         app(args=arguments, prog_name="haptic-fieldbus")
         status = 0
     except HapticFieldbusError as error:
+        if as_json and error.result is None:  # else `run` has printed the object of its result
+            print_object(error)
         status = tell(error)
     except SystemExit as ended:
+        wrong = ended.__context__  # Typer exits while it handles an error of its own
+        if as_json and isinstance(wrong, TYPER_ERROR):
+            print_object(wrong)
         status = ended.code if isinstance(ended.code, int) else 0
     try:
         sys.stdout.flush()

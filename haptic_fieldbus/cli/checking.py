@@ -9,8 +9,8 @@ from haptic_fieldbus.errors import DocumentError, Fault, UsageError
 
 FAULTY = 2
 """Exit status when any file has a fault."""
-Told = tuple[str, Fault]
-"""The file, or what was given as its name, and a fault of it."""
+Told = tuple[str | None, Fault]
+"""The file, or what was given as its name, or None where there is neither; and a fault of it."""
 
 
 def check_files(names: Sequence[str], load: Callable[[str], object], as_json: bool) -> None:

@@ -10,6 +10,7 @@ from haptic_fieldbus.cli.options import (
     BENCH,
     DRIVE,
     RENDERING,
+    frequency,
     note_assumed_bitrate,
     option,
     options_of,
@@ -44,9 +45,9 @@ class DriveOptions(BusOptions):
 class DoctorOptions(DriveOptions):
     """Options of `doctor`."""
 
-    rate: Annotated[float, option("HZ", "Rate of the loop that is to run.", RENDERING, default=DEFAULT_RATE)] = (
-        DEFAULT_RATE
-    )
+    rate: Annotated[
+        float, option("HZ", "Rate of the loop that is to run.", RENDERING, default=DEFAULT_RATE, parser=frequency)
+    ] = DEFAULT_RATE
 
 
 @options_of(DoctorOptions)

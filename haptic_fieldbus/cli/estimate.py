@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from haptic_fieldbus.cli.options import JsonOption, option, options_of
+from haptic_fieldbus.cli.options import JsonOption, number, option, options_of
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import plain, print_json, show
 
@@ -27,7 +27,8 @@ class EstimateOptions:
         ),
     ] = None
     resolution: Annotated[
-        float | None, option("STEP", r"One step of the signal. \[default: the least difference of two values]")
+        float | None,
+        option("STEP", r"One step of the signal. \[default: the least difference of two values]", parser=number),
     ] = None
     plot: PlotOption = None
     as_json: JsonOption = False

@@ -3,11 +3,15 @@
 import sys
 from dataclasses import dataclass
 
-from haptic_fieldbus.cli.screen import show
+import typer
+
+from haptic_fieldbus.cli.checking import faults_to_json
+from haptic_fieldbus.cli.screen import json_text, plain, show
 from haptic_fieldbus.errors import (
     BusError,
     DocumentError,
     DriveFaultError,
+    Fault,
     HapticFieldbusError,
     PlanError,
     SafetyTripError,
@@ -39,6 +43,21 @@ OUTCOMES: dict[type[HapticFieldbusError], ExitStatus] = {
 def outcome_of(error: type[HapticFieldbusError]) -> ExitStatus:
     """Return the outcome of the error's class or of its nearest base; 1 ("failed") when none is in the table."""
     return next((OUTCOMES[kind] for kind in error.__mro__ if kind in OUTCOMES), ExitStatus(1, "failed"))
+
+
+TYPER_ERROR: type[BaseException] = typer.BadParameter.__mro__[2]
+"""Base of what Typer raises for wrong words of a command line: one of Click, or in later versions one of its own."""
+
+
+def print_object(error: BaseException) -> None:
+    """Print a failure as one JSON object in one line: class, exit status, and the faults as `profiles check` does."""
+    kind = type(error) if isinstance(error, HapticFieldbusError) else UsageError
+    if isinstance(error, DocumentError):
+        faults = faults_to_json((error.source, fault) for fault in error.faults)
+    else:
+        message = "\n".join([getattr(error, "format_message", error.__str__)(), *getattr(error, "__notes__", ())])
+        faults = faults_to_json([(None, Fault("", message))])
+    print(json_text({"error": kind.__name__, "exit_status": outcome_of(kind).status, "errors": plain(faults)}))
 
 
 def tell(error: HapticFieldbusError) -> int:

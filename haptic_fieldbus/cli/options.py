@@ -6,6 +6,7 @@ the fields as parameters; `given` turns their values into the dataclass that the
 
 import inspect
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
@@ -46,11 +47,48 @@ HANDS = "push, tap, sine, guide, shake, release or none."
 
 
 def option(
-    metavar: str | None, text: str, panel: str | None = None, *names: str, default: float | str | None = None
+    metavar: str | None,
+    text: str,
+    panel: str | None = None,
+    *names: str,
+    default: float | str | None = None,
+    parser: Callable[[str], float] | None = None,
 ) -> object:
     """Return an option whose help text ends with the default; without `names` it has the name of its field."""
     told = "" if default is None else rf" \[default: {exactly(default) if isinstance(default, float) else default}]"
-    return typer.Option(*names, metavar=metavar, help=text + told, rich_help_panel=panel, show_default=False)
+    return typer.Option(
+        *names, metavar=metavar, help=text + told, rich_help_panel=panel, show_default=False, parser=parser
+    )
+
+
+def number(text: str, quantity: str = "") -> float:
+    """Return the number of an option; with the name of a `Quantity` it may have a unit, such as 1kHz or "500 ms".
+
+    Raises BadParameter, which names the option, with the spelling to use.
+    """
+    from haptic_fieldbus.documents.quantities import Quantity, parse_quantity, refuse_comma
+    from haptic_fieldbus.signals import Workspace
+
+    with suppress(ValueError):
+        return float(text)
+    try:
+        if quantity:
+            return parse_quantity(text, Quantity[quantity], Workspace.LINEAR)
+        refuse_comma(text)
+        expected = "a number without a unit"
+    except ValueError as error:
+        expected = str(error).replace(" without quotes", "")
+    raise typer.BadParameter(f'"{text}"; expected {expected}')
+
+
+def frequency(text: str) -> float:
+    """Return the frequency that an option says [Hz]."""
+    return number(text, "FREQUENCY")
+
+
+def seconds(text: str) -> float:
+    """Return the time that an option says [s]."""
+    return number(text, "TIME")
 
 
 JsonOption = Annotated[bool, option(None, "Print one JSON object and nothing else.", None, "--json")]
@@ -67,7 +105,9 @@ class SceneOptions:
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A scene of the library by name, or the path of a scene file.")
     ]
-    rate: Annotated[float | None, option("HZ", rf"Periods a second. \[default: {RATE}]", RENDERING)] = None
+    rate: Annotated[
+        float | None, option("HZ", rf"Periods a second. \[default: {RATE}]", RENDERING, parser=frequency)
+    ] = None
     settings: Annotated[
         list[str] | None,
         option("ELEMENT.PARAMETER=VALUE", "Change the scene; may be repeated.", RENDERING, "--set"),
@@ -86,6 +126,8 @@ class SceneOptions:
         # Options such as --plot and --json concern the command alone, and are no fields of `asked`.
         names = {field.name for field in fields(kind)}
         values = {name: value for name, value in vars(self).items() if name in names and value is not None}
+        if empty := [name for name, value in values.items() if value == ""]:  # as of a variable of a shell
+            raise UsageError("\n".join(f"--{name.replace('_', '-')}: empty; expected a name" for name in empty))
         return kind(**{**values, "settings": parse_settings(self.settings or [])})
 
 

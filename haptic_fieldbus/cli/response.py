@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from haptic_fieldbus.cli.options import RENDERING, SceneOptions, option, options_of
+from haptic_fieldbus.cli.options import RENDERING, SceneOptions, number, option, options_of, seconds
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import plain, print_json, show
 from haptic_fieldbus.defaults import DEFAULT_AMPLITUDE, DEFAULT_MOTION, DEFAULT_MOTION_DURATION
@@ -30,10 +30,15 @@ class ResponseOptions(SceneOptions):
     amplitude: Annotated[
         float,
         option(
-            "M", "Of the motion; a ramp reaches it after one second, a file is multiplied.", default=DEFAULT_AMPLITUDE
+            "M",
+            "Of the motion; a ramp reaches it after one second, a file is multiplied.",
+            default=DEFAULT_AMPLITUDE,
+            parser=number,
         ),
     ] = DEFAULT_AMPLITUDE
-    duration: Annotated[float | None, option("S", "Of the motion.", RENDERING, default=MOTION_DURATION)] = None
+    duration: Annotated[
+        float | None, option("S", "Of the motion.", RENDERING, default=MOTION_DURATION, parser=seconds)
+    ] = None
     model: Annotated[
         bool,
         option(None, "Tell A, B, C, D, poles and transfer function too; --plot then draws the poles.", None, "--model"),

@@ -19,6 +19,7 @@ from haptic_fieldbus.cli.options import (
     note_assumed_bitrate,
     option,
     options_of,
+    seconds,
 )
 from haptic_fieldbus.cli.output import never_wait
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
@@ -38,9 +39,9 @@ if TYPE_CHECKING:
 class RunOptions(BenchOptions):
     """Further options of `run`."""
 
-    duration: Annotated[float, option("S", "Time from enabling on.", RENDERING, default=DEFAULT_DURATION)] = (
-        DEFAULT_DURATION
-    )
+    duration: Annotated[
+        float, option("S", "Time from enabling on.", RENDERING, default=DEFAULT_DURATION, parser=seconds)
+    ] = DEFAULT_DURATION
     change: Annotated[
         list[str] | None,
         option(
@@ -52,7 +53,7 @@ class RunOptions(BenchOptions):
     force: Annotated[bool, option(None, "Go on although the loop would be unstable.", RENDERING, "--force")] = False
     fade_in: Annotated[
         float,
-        option("S", "Time from enabling to the full force limit.", RENDERING, default=DEFAULT_FADE_IN),
+        option("S", "Time from enabling to the full force limit.", RENDERING, default=DEFAULT_FADE_IN, parser=seconds),
     ] = DEFAULT_FADE_IN
     hand: Annotated[
         str | None,

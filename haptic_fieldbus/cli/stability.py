@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
-from haptic_fieldbus.cli.options import BenchOptions, note_assumed_bitrate, option, options_of
+from haptic_fieldbus.cli.options import BenchOptions, note_assumed_bitrate, number, option, options_of, seconds
 from haptic_fieldbus.cli.pictures import PlotOption, check_plot, draw
 from haptic_fieldbus.cli.screen import plain, print_json, show
 
@@ -18,11 +18,13 @@ DEVICE_PANEL = "Device, instead of a bench (SI, in the scene's workspace; what i
 class StabilityOptions(BenchOptions):
     """Further options of `stability`."""
 
-    mass: Annotated[float | None, option("KG", "Mass or inertia.", DEVICE_PANEL)] = None
-    damping: Annotated[float | None, option("N·S/M", "Viscous damping.", DEVICE_PANEL)] = None
-    coulomb: Annotated[float | None, option("N", "Coulomb friction.", DEVICE_PANEL)] = None
-    resolution: Annotated[float | None, option("M", "One encoder count.", DEVICE_PANEL)] = None
-    delay: Annotated[float | None, option("S", "From sampling to acting, the hold not counted.", DEVICE_PANEL)] = None
+    mass: Annotated[float | None, option("KG", "Mass or inertia.", DEVICE_PANEL, parser=number)] = None
+    damping: Annotated[float | None, option("N·S/M", "Viscous damping.", DEVICE_PANEL, parser=number)] = None
+    coulomb: Annotated[float | None, option("N", "Coulomb friction.", DEVICE_PANEL, parser=number)] = None
+    resolution: Annotated[float | None, option("M", "One encoder count.", DEVICE_PANEL, parser=number)] = None
+    delay: Annotated[
+        float | None, option("S", "From sampling to acting, the hold not counted.", DEVICE_PANEL, parser=seconds)
+    ] = None
     plot: PlotOption = None
 
 

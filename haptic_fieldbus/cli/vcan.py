@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from haptic_fieldbus.cli.failures import tell
-from haptic_fieldbus.cli.options import option
+from haptic_fieldbus.cli.options import option, seconds
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.defaults import DEFAULT_VCAN
 from haptic_fieldbus.errors import UsageError, VcanError
@@ -23,7 +23,8 @@ def vcan(
         list[Path] | None, option("DIR", "Folder that the command can write to in a guest, may be repeated.")
     ] = None,
     time_limit: Annotated[
-        float, option("S", "End the command after so many seconds, with exit status 124. \\[default: none]")
+        float,
+        option("S", "End the command after so many seconds, with exit status 124. \\[default: none]", parser=seconds),
     ] = inf,
     guest: Annotated[bool, option(None, "Use a guest kernel at any rate.", None, "--guest")] = False,
 ) -> None:

@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, TextIO
 
 from haptic_fieldbus.cli.doctor import DriveOptions
-from haptic_fieldbus.cli.options import RENDERING, note_assumed_bitrate, option, options_of
+from haptic_fieldbus.cli.options import RENDERING, note_assumed_bitrate, option, options_of, seconds
 from haptic_fieldbus.cli.screen import KEY_WIDTH, console, json_text, show
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import in_unit, rounded
@@ -29,7 +29,9 @@ Shown = Callable[[Mapping[str, "View"]], None]
 class WatchOptions(DriveOptions):
     """Options of `watch`."""
 
-    duration: Annotated[float | None, option("S", "Time to watch; until Ctrl-C unless given.", RENDERING)] = None
+    duration: Annotated[
+        float | None, option("S", "Time to watch; until Ctrl-C unless given.", RENDERING, parser=seconds)
+    ] = None
 
 
 @options_of(WatchOptions)

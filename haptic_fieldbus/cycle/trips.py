@@ -18,6 +18,8 @@ from haptic_fieldbus.numerals import in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.sign_probe import raising
+from haptic_fieldbus.scenes.own_faults import blamed
+from haptic_fieldbus.scenes.scene import Scene, axes_of
 from haptic_fieldbus.signals import LinkFlag
 
 TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
@@ -74,6 +76,20 @@ def explained(trip: Trip, causes: Mapping[str, tuple[LinkFlag, int]]) -> Trip:
     if flag is None or trip.kind not in CONSEQUENCES:
         return trip
     return replace(trip, kind=LINK_TRIPS[flag], value=code)
+
+
+def failed_in(trip: Trip, error: Exception, scene: Scene) -> Trip:
+    """Return the trip of a scene that raised an error, with element, file and line where it came from an own element.
+
+    To be called after the bus was stopped, because reading a traceback takes time.
+    """
+    found = blamed(error, scene.elements)
+    if trip.kind is not TripKind.ELEMENT_FAILED or found is None:
+        return trip
+    source, fault = found
+    place = source if fault.line is None else f"{source}, line {fault.line}"
+    axis = next((axes_of(each)[0] for each in scene.elements if fault.key == f"element {each.name}"), trip.axis)
+    return replace(trip, axis=axis, detail=f"{fault.key}: {fault.message} ({place})")
 
 
 def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> HapticFieldbusError:
@@ -179,12 +195,17 @@ def _limit(trip: Trip) -> str:
 
 def _speed(trip: Trip, axis: AxisPlan) -> str:
     unit = axis.workspace.length_unit
-    return f"speed {rounded(trip.value)} {unit}/s, the limit is {_limit(trip)} {unit}/s"
+    return f"speed {rounded(trip.value)} {unit}/s, the limit is {_limit(trip)} {unit}/s{_weak(axis)}"
 
 
 def _position(trip: Trip, axis: AxisPlan) -> str:
     unit = axis.workspace.length_unit
-    return f"position {rounded_limit(trip.value)} {unit}, the limit is {_limit(trip)} {unit}"
+    return f"position {rounded_limit(trip.value)} {unit}, the limit is {_limit(trip)} {unit}{_weak(axis)}"
+
+
+def _weak(axis: AxisPlan) -> str:
+    """Return the cap of the force, with which a hand pushes through any wall; empty without one."""
+    return f" ({axis.cap}; a hand can push through walls)" if axis.cap else ""
 
 
 def _dead(trip: Trip, axis: AxisPlan) -> str:

@@ -7,7 +7,7 @@ positions only when there is a fault.
 
 from haptic_fieldbus.documents.document import Document, knows, read_document, schema_of
 from haptic_fieldbus.documents.expected import KeyPath
-from haptic_fieldbus.documents.kinds import check_kind
+from haptic_fieldbus.documents.kinds import check_kind, table_of
 from haptic_fieldbus.documents.names import beside, file_names, file_of, is_eds, is_path, nearest, suggestion
 from haptic_fieldbus.documents.octets import EDS_SIZE, TABLE_SIZE, TOML_SIZE, read_octets
 
@@ -29,4 +29,5 @@ __all__ = [
     "read_octets",
     "schema_of",
     "suggestion",
+    "table_of",
 ]

@@ -49,6 +49,7 @@ class Document:
         """Names for values that do not come from the file; a fault has them in the place of key and line."""
         self.faults: dict[KeyPath, list[str]] = {}
         """Messages noted so far, by key."""
+        self.cause: BaseException | None = None  # in the code of an own element; `checked` raises from it
         self.data = self._parse()
 
     @property
@@ -64,8 +65,7 @@ class Document:
 
     def table(self, *path: str | int) -> dict[str, object]:
         """Return the table at a key; empty when there is none."""
-        value = self.value(*path)
-        return value if isinstance(value, dict) else {}
+        return value if isinstance(value := self.value(*path), dict) else {}
 
     def fault(self, path: KeyPath, message: str, *, also: bool = False) -> None:
         """Note a fault at a key; a further message for the same key is dropped unless it has `also`."""
@@ -92,7 +92,7 @@ class Document:
             faults.sort(key=lambda fault: fault.line or math.inf)
             if len(self.faults) >= _MOST_FAULTS:
                 faults.append(Fault("", f"these are the first {_MOST_FAULTS} faults; there may be more"))
-            raise self.error(self.source, faults)
+            raise self.error(self.source, faults) from self.cause
         return value
 
     def validate(self, schema: type[T], path: KeyPath = (), *, loaded: Sequence[str] = ()) -> T | None:

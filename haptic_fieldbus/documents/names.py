@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import UsageError, wrong_kind
 
 LISTED = 12
 """The longest list of names that is shown when none is near; a longer one would hide the message."""
@@ -41,7 +41,9 @@ def file_names(folder: Path) -> list[str]:
 
 
 def is_path(name: str | Path) -> bool:
-    """Return whether `name` is the path of a file, and not the name of a shipped one."""
+    """Return whether `name` is the path of a file, and not the name of a shipped one; raises TypeError for neither."""
+    if not isinstance(name, str | Path):
+        raise wrong_kind("name", "a name or a path", name)
     return isinstance(name, Path) or name.lower().endswith(_SUFFIXES) or "/" in name or "\\" in name
 
 

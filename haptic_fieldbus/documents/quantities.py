@@ -15,6 +15,7 @@ from typing import Any, get_origin
 
 from annotated_types import Interval
 
+from haptic_fieldbus.documents.names import suggestion
 from haptic_fieldbus.signals import Workspace
 
 
@@ -120,6 +121,7 @@ _FACTORS: dict[Quantity, tuple[dict[str, float], dict[str, float]]] = {
 }
 """SI value of one of each unit, on a linear and on a rotary axis."""
 _WRITTEN = re.compile(r"\s*([-+]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+_WITH_COMMA = re.compile(r"\s*([-+]?[\d.]*(?:,\d+)+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 _ONE_SPELLING = str.maketrans({"*": "", "·": "", "⋅": "", "μ": "µ", "−": "-"})
 """Multiplication signs are dropped, so that N·m, N*m and Nm are one unit; both codes of µ and of − become one."""
 # Spellings without superscripts and µ, as typed on a plain keyboard.
@@ -132,6 +134,7 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: 
     Raises ValueError with the expected form, such as "a stiffness in N·m/rad, as the axis is rotary", when the text is
     no number with a unit, or its unit measures another quantity. A `reason` is told in the place of that of the axis.
     """
+    refuse_comma(text)
     match = _WRITTEN.fullmatch(text.translate(_ONE_SPELLING))
     if match is None or not match.group(2):
         raise ValueError(f"a number without quotes{_example(quantity, workspace)}")
@@ -143,13 +146,41 @@ def parse_quantity(text: str, quantity: Quantity, workspace: Workspace, reason: 
     if unit in factors:
         return float(number) * factors[unit]
     reason = f"as the axis is {workspace.value}" if reason is None else reason
-    raise ValueError(f"{_in_words(quantity, workspace, reason)}{_other(unit, quantity, workspace)}")
+    slip = next((known for known in _FACTORS[quantity][rotary] if _typed(known).lower() == unit.lower()), None)
+    told = _other(unit, quantity, workspace) if slip is None else f'; write "{number} {slip}"'
+    raise ValueError(f"{_in_words(quantity, workspace, reason)}{told}")
+
+
+def refuse_comma(text: str) -> None:
+    """Raise ValueError with the spelling to use for a number with a comma, `100,5`; it is never taken for a point."""
+    match = _WITH_COMMA.fullmatch(text)
+    if match is not None:
+        number, unit = match.groups()
+        spellings = [_with_point(number)]
+        # A comma before three digits may stand between thousands as well.
+        spellings += [number.replace(",", "")] if re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", number) else []
+        raise ValueError("a number without a comma: " + " or ".join(f"{each} {unit}".rstrip() for each in spellings))
+
+
+def _with_point(number: str) -> str:
+    """Return a number with commas as it is to be written; its last separator is the decimal one, unless it repeats."""
+    last = max(number.rfind(","), number.rfind("."))
+    ends = number.replace(",", "").replace(".", "")
+    if number.count(number[last]) > 1:
+        return ends
+    after = len(number) - last - 1
+    return f"{ends[:-after] or '0'}.{ends[-after:]}"
+
+
+def _typed(unit: str) -> str:
+    """Return a unit as `_ONE_SPELLING` leaves it."""
+    return unit.replace("·", "")
 
 
 @cache
 def _spelt(quantity: Quantity, rotary: bool) -> dict[str, float]:
-    """Return the factors of a quantity, with the units as `_ONE_SPELLING` leaves them."""
-    return {unit.replace("·", ""): factor for unit, factor in _FACTORS[quantity][rotary].items()}
+    """Return the factors of a quantity by their units without multiplication signs."""
+    return {_typed(unit): factor for unit, factor in _FACTORS[quantity][rotary].items()}
 
 
 def _example(quantity: Quantity, workspace: Workspace) -> str:
@@ -189,7 +220,7 @@ def _other(unit: str, quantity: Quantity, workspace: Workspace) -> str:
         for space in (workspace, other):
             if unit in _spelt(found, space is Workspace.ROTARY):
                 return f"; {unit} measures {_named(found, space)} on a {space.value} axis"
-    return "; the unit is not known"
+    return f"; the unit is not known{suggestion(unit, _FACTORS[quantity][workspace is Workspace.ROTARY])}"
 
 
 def annotations(hint: Any) -> Iterator[object]:

@@ -12,10 +12,11 @@ from haptic_fieldbus.drive.units import velocity_step
 from haptic_fieldbus.errors import Fault, PlanError, RigError, SceneError, SignalUnavailableError
 from haptic_fieldbus.margins import Plant, Stability
 from haptic_fieldbus.margins.group import Group
+from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.numerics.sampled import TACHOMETER
-from haptic_fieldbus.planning.guards import check_guarded, unguarded
+from haptic_fieldbus.planning.guards import cap_reason, check_guarded
 from haptic_fieldbus.planning.image import canonical
-from haptic_fieldbus.planning.limits import EffortLimits, limits_of
+from haptic_fieldbus.planning.limits import HOLDING_SHARE, EffortLimits, check_places, limits_of
 from haptic_fieldbus.planning.scales import plant_of, position_steps, rated_effort, torque_unit
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import protocol_named
@@ -113,6 +114,15 @@ class AxisPlan:
         return Signal.POSITION not in self.profile.offers()
 
     @property
+    def cap(self) -> str:
+        """The cap of the force with its value and its reason; empty where the limit of the rig is lower, or none is."""
+        reason = cap_reason(self.profile, self.rig, known=self.plant is not None)
+        if not reason or self.limits.effort < self.limits.holding:
+            return ""
+        value = in_unit(self.limits.effort, self.workspace.effort_unit)
+        return f"{self.workspace.effort_name} limited to {value}, {percent(HOLDING_SHARE)} of rated torque: {reason}"
+
+    @property
     def velocity_unit(self) -> float:
         """One step of the drive's own velocity in the workspace, with the sign of the mechanism [m/s or rad/s]."""
         mechanism, unit = self.rig.mechanism, self.profile.offers()[Signal.VELOCITY].unit
@@ -154,8 +164,10 @@ def draft_axis(
         rated_effort(axis, profile.offers()[Signal.TARGET_TORQUE].unit),
         position_steps(profile, axis),
     )
-    unproved = profile.echo is None or unguarded(profile, axis)
     protocol, plant = _protocol(profile, rig, axis), plant_of(axis, profile, steps)
+    capped = bool(cap_reason(profile, axis, known=plant is not None))
+    limits = limits_of(axis, rated, effort_unit, plant, scene_axis.workspace, capped=capped)
+    check_places(scene, scene_axis.name, rig, elements, limits)
     return AxisPlan(
         name=scene_axis.name,
         node=axis.node,
@@ -168,7 +180,7 @@ def draft_axis(
         couplings=couplings,
         estimator=_estimator(estimator, profile) if _needed((*elements, *couplings), Signal.VELOCITY) else None,
         method=(method or DEFAULT_METHOD) if any(isinstance(element, DynamicElement) for element in elements) else None,
-        limits=limits_of(axis, rated, effort_unit, plant, scene_axis.workspace, proved=not unproved),
+        limits=limits,
         effort_unit=effort_unit,
         shown_unit=torque_unit(Signal.TORQUE_ACTUAL, profile, axis),
         demand_unit=torque_unit(Signal.TORQUE_DEMAND, profile, axis),

@@ -31,6 +31,15 @@ def unguarded(profile: DriveProfile, axis: RigAxis) -> str:
     return f"the guard of {profile.title} {_failed(proved)} when it was tried on {proved.date} (rig file)"
 
 
+def cap_reason(profile: DriveProfile, axis: RigAxis, *, known: bool) -> str:
+    """Return the reason for which force is capped; empty when it is not. `known` is whether stability can be judged."""
+    if not known:
+        return "inertia and viscous_damping of the axis are not known"
+    if profile.echo is None:
+        return f"{profile.title} does not show what it was sent (torque.echo of its profile)"
+    return unguarded(profile, axis)
+
+
 def _failed(proved: Proved) -> str:
     if proved.guard_ms is None:
         return "did not act"

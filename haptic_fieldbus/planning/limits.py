@@ -4,9 +4,14 @@ import math
 from dataclasses import dataclass
 
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN
-from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.drive.rig import Rig, RigAxis
+from haptic_fieldbus.errors import Fault, SceneError
 from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.traffic import answer_time
+from haptic_fieldbus.scenes.element import Element, is_varying
+from haptic_fieldbus.scenes.parameters import place_names
+from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Signal, Workspace
 
 SHORTEST_FADE_IN, LONGEST_FADE_IN = 0.1, 60.0
@@ -125,16 +130,16 @@ class EffortLimits:
 
 
 def limits_of(
-    axis: RigAxis, rated: float, step: float, plant: Plant | None, workspace: Workspace, *, proved: bool
+    axis: RigAxis, rated: float, step: float, plant: Plant | None, workspace: Workspace, *, capped: bool
 ) -> EffortLimits:
     """Return the limits of an axis: those of the rig, else those that follow from motor, hand and inertia.
 
     `rated` is the rated effort in the workspace [N or N·m], `step` one step of the drive's target torque. `plant` is
-    None when inertia or damping is unknown. Then, and when set-points are not `proved` to act or the guard is known not
-    to, the effort is what a hand may be left alone with.
+    None when inertia or damping is unknown. A `capped` effort is what a hand may be left alone with
+    (`guards.cap_reason`).
     """
     limits = axis.limits
-    effort = min(limits.effort or math.inf, rated if plant and proved else HOLDING_SHARE * rated)
+    effort = min(limits.effort or math.inf, HOLDING_SHARE * rated if capped else rated)
     unseen = min(effort, *permitted_unseen(axis, rated, workspace))
     possible = (effort + HAND[workspace.value]) / plant.mass if plant and plant.mass else math.inf
     return EffortLimits(
@@ -156,3 +161,37 @@ def permitted_unseen(axis: RigAxis, rated: float, workspace: Workspace) -> tuple
     given = axis.permissions
     share = PULSE_SHARE if given.sign_pulse is None else given.sign_pulse
     return share * rated, PULSE_EFFORT[workspace.value] if given.sign_effort is None else given.sign_effort
+
+
+def check_places(scene: Scene, name: str, rig: Rig, elements: tuple[Element, ...], limits: EffortLimits) -> None:
+    """Refuse places that the handle cannot reach: such a wall would never be felt, or always with all of the force."""
+    if limits.position is None:
+        return
+    low, high = limits.position
+    wrong = [
+        (f"{element.name}.{parameter}", place)
+        for element in elements
+        for parameter in place_names(type(element))
+        if isinstance(place := getattr(element, parameter), float | int)
+        and not low <= place <= high
+        and not _felt(element, low if place < low else high, limits.effort)
+    ]
+    if wrong:
+        unit = rig.axis[name].mechanism.workspace.length_unit
+        bench = f"(limits.position in {rig.source})" if rig.source else "on this bench"
+        told = f"expected {exactly(low)} to {exactly(high)} {unit}, the range of the axis {name} {bench}"
+        faults = [Fault(key, f"{exactly(place)} {unit}; {told}{_in_thousandths(place, unit)}") for key, place in wrong]
+        raise SceneError(scene.source or scene.name, faults)
+
+
+def _felt(element: Element, end: float, effort: float) -> bool:
+    """Return whether an element acts at an end of the range with less than the limit, as a preloaded spring does."""
+    if not is_varying(element):
+        return False
+    there = element.local(end, end)
+    return max(map(abs, there.force)) < effort and any((*there.force, *there.stiffness))
+
+
+def _in_thousandths(place: float, unit: str) -> str:
+    """Return how a place in mm or mrad is written, where a place in m or rad would be far; else nothing."""
+    return f'; {exactly(place)} m{unit} is written "{exactly(place)} m{unit}"' if abs(place) >= 1.0 else ""

@@ -14,10 +14,11 @@ from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.planning.settings import Settled, settled
 from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.bus_name import BusName
-from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
+from haptic_fieldbus.protocols.catalogue import check_rig, load_profile, load_rig
 from haptic_fieldbus.protocols.folders import own_profile
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
-from haptic_fieldbus.scenes.checked import check_elements
+from haptic_fieldbus.scenes.checked import check_elements, check_kinds
+from haptic_fieldbus.scenes.own_faults import check_shapes
 from haptic_fieldbus.scenes.scene import Scene
 from haptic_fieldbus.signals import Workspace
 
@@ -67,13 +68,14 @@ def load(task: Task) -> Loaded:
 
 
 def _checked(rig: Rig | None) -> Rig | None:
-    """Return a rig that was made in Python; raises RigError with every value that no bench for a hand has."""
+    """Return a rig that was made in Python; raises RigError for what no file may say or no bench for a hand has."""
+    if rig is None:
+        return None
+    check_rig(rig)
     found = [
-        Fault(f"axis.{name}.{key}", message)
-        for name, axis in (rig.axis.items() if rig else ())
-        for key, message in implausible_of(axis)
+        Fault(f"axis.{name}.{key}", message) for name, axis in rig.axis.items() for key, message in implausible_of(axis)
     ]
-    if rig is not None and found:
+    if found:
         raise RigError(rig.source or "the rig", found)
     return rig
 
@@ -102,7 +104,8 @@ def _with_own_profiles(rig: Rig, profiles: str | Path | None) -> Rig:
 def check_rendering(rendering: Rendering) -> None:
     """Check the names of method and estimator, even if the scene needs neither, and the elements of a ready-made scene.
 
-    Raises UsageError for an unknown name, SceneError for an element that a scene file could not have.
+    Raises UsageError for an unknown name, SceneError for an element that a scene file could not have, TypeError for an
+    element that is none.
     """
     # Imported only when named, because a scene that needs neither must not import them.
     if rendering.method is not None:
@@ -114,6 +117,8 @@ def check_rendering(rendering: Rendering) -> None:
 
         chosen(rendering.estimator)
     if isinstance(rendering.scene, Scene):
+        check_kinds(rendering.scene)
+        check_shapes(rendering.scene)
         check_elements(rendering.scene, 1.0 / (rendering.rate or DEFAULT_RATE), rendering.method)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import UsageError, wrong_kind
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.margins.contact import stiffest_of
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
@@ -89,8 +89,21 @@ def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> S
 
 
 def parsed(settings: Mapping[str, Setting] | None) -> dict[str, Setting]:
-    """Return the settings with texts of a number, `true` or `false` converted; other values stay as they are."""
-    return {key: _parsed(value) if isinstance(value, str) else value for key, value in (settings or {}).items()}
+    """Return the settings with texts of a number, `true` or `false` converted; other values stay as they are.
+
+    Raises TypeError for what is no mapping, and for a value that no file could have.
+    """
+    if not isinstance(settings, Mapping | None):
+        raise wrong_kind("settings", 'a mapping such as {"wall.stiffness": 800.0}', settings)
+    return {key: _plain(key, value) for key, value in (settings or {}).items()}
+
+
+def _plain(key: str, value: Setting) -> Setting:
+    """Return a value as a file would have it; raises TypeError when none could."""
+    value = value.item() if hasattr(value, "item") else value  # a number of numpy
+    if not isinstance(value, float | int | str | bool | list | tuple):
+        raise wrong_kind(f"settings: {key}", "a number, a text, True or False", value)
+    return _parsed(value) if isinstance(value, str) else value
 
 
 def _parsed(text: str) -> Setting:

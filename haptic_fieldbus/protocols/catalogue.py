@@ -21,13 +21,14 @@ from haptic_fieldbus.documents import (
     read_document,
     schema_of,
     suggestion,
+    table_of,
 )
 from haptic_fieldbus.drive.mechanics import LARGEST_COGGING
 from haptic_fieldbus.drive.plausible import check_plausible
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import BusSection, Rig, RigAxis
 from haptic_fieldbus.drive.rig_units import convert_units, schema_with_units
-from haptic_fieldbus.errors import DocumentError, ProfileError, RigError, UsageError
+from haptic_fieldbus.errors import DocumentError, ProfileError, RigError, UsageError, wrong_kind
 from haptic_fieldbus.protocols.folders import known_names, own_profile, profile_file
 from haptic_fieldbus.protocols.folders import profile_folder as profile_folder
 from haptic_fieldbus.protocols.folders import profile_names as profile_names
@@ -119,6 +120,8 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
     It may name every profile that `load_profile` finds. Raises RigError with all faults of the file, UsageError for a
     folder of profiles that cannot be listed.
     """
+    if not isinstance(path, str | Path):
+        raise wrong_kind("path", "that of a rig file", path)
     document = read_document(Path(path), RigError)
     check_kind(document, "bus")
     for name in document.table("bus"):
@@ -144,6 +147,26 @@ def load_rig(path: str | Path, profiles: str | Path | None = None) -> Rig:
         name: replace(axis, profile=_found_profile(axis.profile, folder, profiles)) for name, axis in rig.axis.items()
     }
     return replace(rig, axis=axes, bus={name: bus for name, bus in buses.items() if bus}, source=document.source)
+
+
+def check_rig(rig: Rig) -> None:
+    """Raise RigError with all faults for which the file of a rig made in Python would be refused.
+
+    Its profiles are looked up later, since a run may have fitted them to its drives.
+    """
+    document = Document(rig.source or "the rig", "", RigError)
+    document.data["bus"] = {name: table_of(section) for name, section in rig.bus.items()}
+    document.data["axis"] = {name: table_of(axis) for name, axis in rig.axis.items()}
+    nodes: dict[tuple[object, object], str] = {}
+    for name, section in rig.bus.items():
+        document.validate(type(section), ("bus", name))
+    for name in rig.axis:
+        document.validate(RigAxis, ("axis", name))
+        _check_bus(document, name, nodes)
+        _check_node(document, name)
+        _check_position_limits(document, name)
+        _check_simulation(document, name)
+    document.checked(rig)
 
 
 def _found_profile(name: str, folder: Path, profiles: str | Path | None) -> str:

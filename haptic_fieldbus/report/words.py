@@ -53,8 +53,8 @@ def _keys_once(lines: Iterable[Line]) -> list[Line]:
 
 def _announcement(plan: Plan) -> Iterator[Line]:
     yield "scene", scene_text(plan)
-    for axis in plan.axes:
-        yield "bench", bench_text(plan, axis)
+    yield from (("bench", bench_text(plan, axis)) for axis in plan.axes)
+    yield from (("limit", f"{axis.name}: {axis.cap}") for axis in plan.axes if axis.cap)
     for axis in plan.axes:
         for text in axis.traffic.summary():
             yield "plan", text

@@ -8,16 +8,18 @@ elements, both of which were judged.
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.errors import HapticFieldbusError, UsageError, wrong_kind
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.live_changes import RAMP, Applied, Change, plan_change
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.catalogue import Setting
+from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -42,7 +44,9 @@ class Changes:
     """
 
     def __init__(self, scheduled: Iterable[Scheduled] = (), *, ramp: float = RAMP) -> None:
-        self.scheduled = tuple(scheduled)
+        self.scheduled = tuple(_checked(scheduled))
+        if not _is_number(ramp):
+            raise wrong_kind("ramp", "a number in s", ramp)
         self.ramp = ramp
         self.applied: list[Applied] = []
         """Changes whose ramp has begun, in order."""
@@ -70,6 +74,7 @@ class Changes:
         """Time at which the ramp to `scene` began [s from operation enabled]; 0 when nothing has changed."""
         return self.applied[-1].time if self.applied else 0.0
 
+    @own_faults()
     def request(self, settings: Mapping[str, Setting]) -> Change:
         """Check new values and hand them to the loop; returns the change. May be called from any thread during the run.
 
@@ -153,3 +158,21 @@ class Changes:
         """Prepare a change in the thread of the caller and append it for the loop."""
         # `append` and `popleft` of a deque are atomic, so neither side needs a lock.
         self.waiting.append(Ready(change, cycle.prepare(before, change.plan, self._periods(before.period_ns))))
+
+
+def _checked(scheduled: object) -> Iterator[Scheduled]:
+    """Yield each time with its settings; raises TypeError for anything else."""
+    expected = 'pairs of a time in s and settings, such as (2.0, {"wall.stiffness": 800.0})'
+    if not isinstance(scheduled, Iterable):
+        raise wrong_kind("changes", expected, scheduled)
+    for each in scheduled:
+        if not (isinstance(each, list | tuple) and len(each) == 2):
+            raise wrong_kind("changes", expected, each)
+        time, settings = each
+        if not (_is_number(time) and isinstance(settings, Mapping)):
+            raise wrong_kind("changes", expected, each)
+        yield time, settings
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real)

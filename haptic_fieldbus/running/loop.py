@@ -14,7 +14,7 @@ from haptic_fieldbus.assessing.record import Record
 from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.trips import explained, moment, trip_error
+from haptic_fieldbus.cycle.trips import explained, failed_in, moment, trip_error
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
@@ -80,8 +80,10 @@ def run_loop(
     if cycle.trip is not None:
         # After `bus.stop`, which may have received the emergency or boot-up message of a node that had fallen silent.
         cycle.trip = explained(cycle.trip, bus.causes)
+        if cycle.failure is not None:
+            cycle.trip = failed_in(cycle.trip, cycle.failure, plan.scene)
         tripped = trip_error(cycle.trip, plan, report.enabled_at_ns)
-        tripped.__cause__ = failure
+        tripped.__cause__ = cycle.failure or failure
         failure = tripped
     if failure is not None:
         if not report.released:

@@ -7,7 +7,9 @@ from typing import Any, Literal
 
 from haptic_fieldbus.documents import file_names, file_of, schema_of
 from haptic_fieldbus.documents.quantities import with_units
+from haptic_fieldbus.errors import wrong_kind
 from haptic_fieldbus.scenes.files import apply_settings, check_together, elements_of, raise_faults
+from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.parameters import quantities
 from haptic_fieldbus.scenes.parts import LIBRARY, SceneFile, ScenePart, read_parts
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, own_elements
@@ -22,12 +24,15 @@ def scene_names() -> list[str]:
     return file_names(LIBRARY)
 
 
+@own_faults()
 def load_scene(name_or_path: str | Path, settings: Mapping[str, Setting] | None = None) -> Scene:
     """Load a shipped scene by its name, or any scene by the path of its file.
 
     `settings` replace single parameters, such as {"wall.stiffness": 800.0}. Raises SceneError with all faults of files
     and settings, UsageError for an unknown scene, element or parameter.
     """
+    if not isinstance(settings, Mapping | None):
+        raise wrong_kind("settings", 'a mapping such as {"wall.stiffness": 800.0}', settings)
     path = file_of("scene", name_or_path, LIBRARY)
     parts = read_parts(path)
     apply_settings(parts, settings or {}, path.stem)

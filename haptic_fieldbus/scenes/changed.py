@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-from haptic_fieldbus.documents import Document
+from haptic_fieldbus.documents import Document, table_of
 from haptic_fieldbus.errors import SceneError
-from haptic_fieldbus.scenes.checked import table_of
 from haptic_fieldbus.scenes.element import AnyElement
 from haptic_fieldbus.scenes.files import convert, named, put
 from haptic_fieldbus.scenes.scene import Scene

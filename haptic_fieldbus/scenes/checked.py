@@ -6,24 +6,54 @@ used.
 """
 
 import math
-from dataclasses import MISSING, Field, fields, is_dataclass, replace
-from enum import Enum
+from dataclasses import fields, replace
+from inspect import getattr_static
 from typing import Any
 
 from haptic_fieldbus.defaults import DEFAULT_METHOD
-from haptic_fieldbus.documents import Document, suggestion
-from haptic_fieldbus.errors import Fault, SceneError
+from haptic_fieldbus.documents import Document, suggestion, table_of
+from haptic_fieldbus.errors import Fault, SceneError, wrong_kind
 from haptic_fieldbus.numerals import rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import spectral_radius
-from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.element import LAWS, AnyElement
 from haptic_fieldbus.scenes.files import check_ratio
-from haptic_fieldbus.scenes.scene import Scene, axes_of
+from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
+from haptic_fieldbus.signals import Workspace
 
 LIGHTEST, HEAVIEST = 1e-4, 1e6
 """Range of the search for the smallest mass, in units of k·T²: T·√(k/m) from 100 down to 1/1000."""
 ROUNDING = 1e-9
 """A spectral radius that is above 1 by no more than this counts as 1: the difference may be rounding."""
+
+
+PASSIVITIES = ("observer", "controller")
+
+
+def check_kinds(scene: Scene) -> None:
+    """Raise TypeError for a scene made in Python with a field of the wrong kind, or an axis or element that is none."""
+    for name in ("name", "description", "source"):
+        if not isinstance(getattr(scene, name), str):
+            raise wrong_kind(f"scene: {name}", "a text", getattr(scene, name))
+    if scene.passivity not in PASSIVITIES:
+        raise wrong_kind("scene: passivity", " or ".join(PASSIVITIES), scene.passivity)
+    if not (isinstance(scene.axes, list | tuple) and scene.axes):
+        raise wrong_kind("scene: axes", "a tuple of at least one SceneAxis", scene.axes)
+    for axis in scene.axes:
+        if not (isinstance(axis, SceneAxis) and isinstance(axis.name, str) and isinstance(axis.workspace, Workspace)):
+            raise wrong_kind("scene: axes", "a SceneAxis of a name and a Workspace", axis)
+    if not isinstance(scene.elements, list | tuple):
+        raise wrong_kind("scene: elements", "a tuple of elements", scene.elements)
+    for element in scene.elements:
+        needed = (("name",), ("needs",), ("linearised",), ("axis", "axes"), LAWS)
+        lacking = [" or ".join(names) for names in needed if not any(_has(element, name) for name in names)]
+        if lacking:
+            raise wrong_kind("scene: elements", f"an element with {', '.join(lacking)}", element)
+
+
+def _has(element: object, name: str) -> bool:
+    """Return whether an object has a member, without running the code of a property."""
+    return getattr_static(element, name, None) is not None
 
 
 def check_elements(scene: Scene, period: float, method: str | None) -> None:
@@ -50,35 +80,6 @@ def check_elements(scene: Scene, period: float, method: str | None) -> None:
 
 def _says_how(element: AnyElement) -> bool:
     return hasattr(type(element), "__pydantic_config__")
-
-
-def table_of(element: AnyElement) -> dict[str, object]:
-    """Return the table of a file that would give this element. A None is left out where its key may be missing."""
-    given: Any = element
-    return {
-        field.name: _plain(getattr(element, field.name))
-        for field in fields(given)
-        if field.init and not (getattr(element, field.name) is None and _may_be_left_out(field))
-    }
-
-
-def _may_be_left_out(field: Field[Any]) -> bool:
-    """Return whether a missing key stands for None: it is the default, or its absence will be reported."""
-    return field.default is None or (field.default is MISSING and field.default_factory is MISSING)
-
-
-def _plain(value: object) -> object:
-    """Return the value as TOML would give it; objects that TOML does not have are left for the schema to refuse."""
-    if value is None:
-        # TOML has no null. This text fails as a number, and the message then shows None as the value.
-        return "None"
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, list | tuple):
-        return [_plain(member) for member in value]
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value) if field.init}
-    return value.item() if hasattr(value, "item") else value
 
 
 def _check_values(document: Document, place: int, element: AnyElement, scene: Scene) -> None:

@@ -21,6 +21,7 @@ are checked when a file is read (`documents`).
 """
 
 from collections.abc import Callable
+from enum import Enum
 from typing import Annotated, Protocol, Self, TypeGuard, runtime_checkable
 
 from annotated_types import Ge, Le, Len
@@ -33,12 +34,21 @@ from haptic_fieldbus.signals import Signal
 # Pydantic's configuration of every element: an unknown key, an infinity or not-a-number is a fault of the file.
 STRICT = {"extra": "forbid", "allow_inf_nan": False}
 
+LAWS = ("force", "begin", "dynamics")
+"""Members of which an element has one: its law."""
 Law = Callable[..., float]
 """Signals of the axis in the order of `needs` → force or torque on the handle [N or N·m]."""
 PairLaw = Callable[..., tuple[float, float]]
 """Signals of the first axis, then of the second → (force on the first, force on the second) [N or N·m]."""
 
-Place = Annotated[float, RANGES[Quantity.LENGTH].any, Quantity.LENGTH]
+
+class Mark(Enum):
+    """A property of a parameter beyond its quantity and bounds."""
+
+    PLACE = "a place of the handle, refused where the handle cannot reach it"
+
+
+Place = Annotated[float, RANGES[Quantity.LENGTH].any, Quantity.LENGTH, Mark.PLACE]
 Length = Annotated[float, RANGES[Quantity.LENGTH].positive, Quantity.LENGTH]
 NonNegativeLength = Annotated[float, RANGES[Quantity.LENGTH].from_zero, Quantity.LENGTH]
 Speed = Annotated[float, RANGES[Quantity.SPEED].positive, Quantity.SPEED]

@@ -34,7 +34,10 @@ def named(setting: str, kinds: Mapping[str, type[AnyElement]], scene: str) -> tu
     """Split "element.parameter" into both names; raises UsageError with the nearest names when one is unknown."""
     name, dot, parameter = setting.rpartition(".")
     if not dot:
-        raise UsageError(f"--set {setting}: expected element.parameter, such as {next(iter(kinds), 'wall')}.{setting}")
+        name, parameter = next(iter(kinds), "wall"), setting
+        if setting in kinds:  # an element alone
+            name, parameter = setting, parameters(kinds[setting])[0]
+        raise UsageError(f"--set {setting}: expected element.parameter, such as {name}.{parameter}")
     if name not in kinds:
         raise UsageError(f'--set {setting}: no element "{name}" in scene {scene}{suggestion(name, list(kinds))}')
     known = parameters(kinds[name])
@@ -102,11 +105,13 @@ def _validated(document: Document, index: int, kind: str) -> AnyElement | None:
     element = document.validate(element_type(kind), ("element", index))
     if element is None or kind in ELEMENTS:
         return element
-    from haptic_fieldbus.scenes.own import fault_of
+    from haptic_fieldbus.scenes.own import check_own
 
-    fault = fault_of(element)
-    if fault is not None:
+    try:
+        check_own(element)
+    except UsageError as fault:
         document.fault(("element", index), f'element "{kind}": {fault}')
+        document.cause = fault.__cause__
     return element
 
 
@@ -125,7 +130,9 @@ def raise_faults(parts: list[ScenePart]) -> None:
         raise errors[0]
     if errors:
         main = parts[-1].document.source
-        raise SceneError(main, [_in_file(fault, error.source, main) for error in errors for fault in error.faults])
+        cause = next((error.__cause__ for error in errors if error.__cause__), None)
+        faults = [_in_file(fault, error.source, main) for error in errors for fault in error.faults]
+        raise SceneError(main, faults) from cause
 
 
 def _in_file(fault: Fault, source: str, main: str) -> Fault:

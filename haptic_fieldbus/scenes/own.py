@@ -12,19 +12,16 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from traceback import walk_tb
 from typing import Any, cast, get_type_hints
 
 from haptic_fieldbus.documents import schema_of
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.numerics.linear import StateSpace
-from haptic_fieldbus.scenes.element import STRICT, AnyElement, CouplingElement
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.scenes.element import LAWS, STRICT, AnyElement
+from haptic_fieldbus.scenes.own_faults import shape_fault, told
 
 GROUP = "haptic_fieldbus.elements"
 _KIND = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
-_LAWS = ("force", "begin", "dynamics")
-_SIGNALS = (Signal.POSITION, Signal.VELOCITY, Signal.TORQUE_ACTUAL, Signal.ELAPSED_NS)
-"""Signals that an element may need."""
 
 
 @dataclass(frozen=True)
@@ -53,15 +50,15 @@ def _entry_points_on(path: tuple[str, ...]) -> dict[str, tuple[EntryPoint, ...]]
 
 def own_type(kind: str) -> type[AnyElement]:
     """Import the class of a kind; KeyError for an unknown one, UsageError that names package, entry point and fault."""
-    entries = own_entry_points()[kind]
+    entries, cause = own_entry_points()[kind], None
     if not _KIND.fullmatch(kind):
         found, faults = None, ["its name is no kind; expected a letter, then letters, digits, _, - or ."]
     elif len(entries) > 1:
         found, faults = None, ["several packages add it; uninstall all but one"]
     else:
-        found, faults = _loaded(entries[0])
+        found, faults, cause = _loaded(entries[0])
     if faults:
-        raise UsageError(f'element "{kind}" of {_places(entries)}: {"; ".join(faults)}')
+        raise UsageError(f'element "{kind}" of {_places(entries)}: {"; ".join(faults)}') from cause
     return cast(type[AnyElement], found)
 
 
@@ -89,29 +86,24 @@ def _described(kind: str, taken: Container[str]) -> OwnElement:
     return OwnElement(kind, ", ".join(packages), ", ".join(map(_value, entries)), fault)
 
 
-def fault_of(element: AnyElement) -> str | None:
-    """Return the fault of an element with wrong needs or a linearised form of another shape, else None."""
-    axes = 2 if isinstance(element, CouplingElement) else 1
+def check_own(element: AnyElement) -> None:
+    """Raise UsageError for an element with wrong needs or a linearised form of another shape."""
     try:
-        unknown = [each for each in element.needs if each not in _SIGNALS]
-        space: object = element.linearised()
+        fault = shape_fault(element)
     except Exception as error:  # whatever somebody else's code raises is a fault of it
-        return f"its needs or linearised() end in {_told(error)}"
-    if unknown:
-        return f"needs {unknown[0]!r}; expected {', '.join(map(str, _SIGNALS))}"
-    if not isinstance(space, StateSpace) or space.d.shape != (axes, 2 * axes):
-        return f"linearised() must give a StateSpace of {2 * axes} inputs and {axes} output{'s' * (axes > 1)}"
-    return None
+        raise UsageError(f"its needs or linearised() end in {_told(error)}") from error
+    if fault:
+        raise UsageError(fault)
 
 
-def _loaded(entry: EntryPoint) -> tuple[object, list[str]]:
-    """Import the object of an entry point, and list what is wrong with it."""
+def _loaded(entry: EntryPoint) -> tuple[object, list[str], BaseException | None]:
+    """Import the object of an entry point, list what is wrong with it, and return the error of the import if any."""
     try:
         with redirect_stdout(sys.stderr):  # standard output may be one JSON object and nothing else
             found = entry.load()
     except (Exception, SystemExit) as error:  # the module is somebody else's, and may do anything
-        return None, [f"it cannot be imported: {_told(error)}"]
-    return found, list(_faults(found))
+        return None, [f"it cannot be imported: {_told(error)}"], error
+    return found, list(_faults(found)), None
 
 
 def _present(entry: EntryPoint) -> object:
@@ -136,7 +128,7 @@ def _faults(found: Any) -> Iterator[str]:
     if len(names & {"axis", "axes"}) != 1:
         yield 'expected one field "axis", or "axes" where it acts on two'
     yield from (f"no {member}" for member in ("needs", "linearised") if not hasattr(found, member))
-    laws = [law for law in _LAWS if hasattr(found, law)]
+    laws = [law for law in LAWS if hasattr(found, law)]
     if len(laws) != 1 or ("axes" in names and laws != ["begin"]):
         yield f"expected {'begin' if 'axes' in names else 'one of force, begin and dynamics'}, not {laws or 'none'}"
     try:
@@ -147,9 +139,14 @@ def _faults(found: Any) -> Iterator[str]:
 
 
 def _told(error: BaseException) -> str:
-    """Return the kind of an error and the first line of its words."""
-    words = str(error).strip().partition("\n")[0]
-    return f"{type(error).__name__}{': ' * bool(words)}{words}"
+    """Return the kind of an error, the first line of its words, and the file and line of somebody else that raised."""
+    ours = ("haptic_fieldbus", "importlib", "pydantic")
+    places = [
+        f" ({frame.f_code.co_filename}, line {line})"
+        for frame, line in walk_tb(error.__traceback__)
+        if str(frame.f_globals.get("__name__")).partition(".")[0] not in ours
+    ]
+    return told(error) + (places[-1] if places and not isinstance(error, SyntaxError) else "")
 
 
 def _places(entries: tuple[EntryPoint, ...]) -> str:

@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any, cast, get_type_hints
 
 from haptic_fieldbus.documents.quantities import Quantity, annotations
-from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.element import AnyElement, Mark
 
 # Fields that tie an element to its scene, and are no parameters.
 NOT_SETTABLE = ("name", "axis", "axes")
@@ -26,3 +26,10 @@ def quantities(element: type[AnyElement]) -> dict[str, Quantity]:
         for quantity in annotations(hints[name])
         if isinstance(quantity, Quantity)
     }
+
+
+@cache
+def place_names(element: type[AnyElement]) -> tuple[str, ...]:
+    """Return the names of the parameters of an element class that are places of the handle."""
+    hints = get_type_hints(element, include_extras=True)
+    return tuple(name for name in parameters(element) if Mark.PLACE in annotations(hints[name]))

@@ -115,6 +115,7 @@ def _is_known(document: Document, index: int, kind: str) -> bool:
         return False
     except UsageError as error:
         document.fault(("element", index, "kind"), str(error))
+        document.cause = error.__cause__
         return False
     return True
 

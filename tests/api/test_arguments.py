@@ -7,7 +7,8 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.api import Trial
-from haptic_fieldbus.api.arguments import arguments_of
+from haptic_fieldbus.api.arguments import KINDS, arguments_of
+from haptic_fieldbus.api.estimation import SignalRequest
 from haptic_fieldbus.api.judging import Inquiry
 from haptic_fieldbus.api.open_loop import OpenLoop
 from haptic_fieldbus.planning.task import Rendering, Task
@@ -64,3 +65,8 @@ def test_the_python_api_takes_the_fields_of_its_value(name: str) -> None:
         *(["rig"] if issubclass(VALUES[name], Task) else []),
     ]
     assert issubclass(VALUES[name], Rendering)
+
+
+@pytest.mark.parametrize("asked", [*VALUES.values(), SignalRequest], ids=lambda asked: asked.__name__)
+def test_every_argument_has_a_kind(asked: type) -> None:
+    assert {field.name for field in fields(asked)} <= set(KINDS)

@@ -1,4 +1,5 @@
 import inspect
+import json
 
 import pytest
 
@@ -14,6 +15,7 @@ from haptic_fieldbus.errors import (
     UsageError,
 )
 from tests.cases import every
+from tests.cli.command import Command
 
 ERRORS = [
     member
@@ -85,3 +87,57 @@ def test_notes_of_an_error_follow_its_sentence(capsys: pytest.CaptureFixture[str
     error.add_note("would be stable: less")
     tell(error)
     assert capsys.readouterr().err == "refused    unstable\n           would be stable: less\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "status", "faults"),
+    [
+        ("run wall --rate 1khz", "UsageError", 2, [(None, None, """Invalid value for '--rate': "1khz"; expected""")]),
+        ("run wall --node x", "UsageError", 2, [(None, None, "Invalid value for '--node'")]),
+        ("run wall --nope", "UsageError", 2, [(None, None, "No such option: --nope")]),
+        ("run", "UsageError", 2, [(None, None, "Missing argument 'SCENE'")]),
+        ("nope", "UsageError", 2, [(None, None, "No such command 'nope'")]),
+        ("run wall --hand foot --seed 1", "UsageError", 2, [(None, None, 'no hand "foot"')]),
+        ("plan wall --rig nowhere.toml", "RigError", 2, [("nowhere.toml", None, "no such file")]),
+        (
+            "plan damped_wall --set wall.stiffness=1n/m --set wall.damping=1,5",
+            "SceneError",
+            2,
+            [
+                ("damped_wall.toml", "--set wall.stiffness", '"1n/m"; expected a stiffness in N/m'),
+                ("damped_wall.toml", "--set wall.damping", '"1,5"; expected a number without a comma: 1.5'),
+            ],
+        ),
+        ("plan wall --drive faulhaber_mclm", "PlanError", 4, [(None, None, "Faulhaber MCLM")]),
+        (
+            "scan --bus modbus-rtu:/dev/null",
+            "BusError",
+            1,
+            [(None, None, "cannot open modbus-rtu:/dev/null")],
+        ),
+    ],
+)
+def test_with_json_a_failure_is_an_object_on_standard_output_too(
+    command: Command, words: str, error: str, status: int, faults: list[tuple[str | None, str | None, str]]
+) -> None:
+    done = command(*words.split(), "--json")
+    told = json.loads(done.out)
+    assert (done.status, told["error"], told["exit_status"]) == (status, error, status)
+    assert len(told["errors"]) == len(faults)
+    for found, (source, key, message) in zip(told["errors"], faults, strict=True):
+        assert (found["source"] or "").endswith(source or "")
+        assert (found["key"], found["line"]) == (key, None)
+        assert found["message"].startswith(message)
+    plain = command(*words.split())
+    assert (plain.out, plain.status) == ("", status)
+    assert done.err == plain.err, "the text on standard error stays"
+
+
+def test_the_result_of_a_refused_run_stays_the_only_object(command: Command) -> None:
+    done = command("run", "wall", "--set", "wall.stiffness=1e6", "--json")
+    assert done.status == 4
+    assert json.loads(done.out)["scene"] == "wall"
+
+
+def test_the_json_of_another_command_is_not_ours(command: Command) -> None:
+    assert command("plan", "nowhere", "--", "--json").out == ""

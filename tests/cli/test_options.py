@@ -1,20 +1,24 @@
 """The options of commands are the arguments of the Python API, declared once."""
 
 import inspect
+import math
+from collections.abc import Callable
 from dataclasses import fields
 
 import pytest
+import typer
 
 from haptic_fieldbus.api import Trial
 from haptic_fieldbus.api.judging import Inquiry
 from haptic_fieldbus.api.open_loop import OpenLoop
-from haptic_fieldbus.cli.options import SHOWN, BenchOptions, SceneOptions
+from haptic_fieldbus.cli.options import SHOWN, BenchOptions, SceneOptions, frequency, number, seconds
 from haptic_fieldbus.cli.plan import plan
 from haptic_fieldbus.cli.response import ResponseOptions, response
 from haptic_fieldbus.cli.run import RunOptions, run
 from haptic_fieldbus.cli.stability import StabilityOptions, stability
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.task import Rendering, Task
+from tests.cases import every
 
 PAIRS = [(BenchOptions, Task), (RunOptions, Trial), (StabilityOptions, Inquiry), (ResponseOptions, OpenLoop)]
 """The options of each command, and the value of the API that they make."""
@@ -47,3 +51,41 @@ def test_shared_options_stand_first_and_in_one_order(command: object) -> None:
     names = list(inspect.signature(command).parameters)  # type: ignore[arg-type]
     first = [name for name in SHOWN if name in names]
     assert names[: len(first)] == first
+
+
+@every(
+    ("parse", "text", "value"),
+    [
+        (frequency, "1kHz", 1000.0),
+        (frequency, "0.5 kHz", 500.0),
+        (frequency, "800", 800.0),
+        (seconds, "500ms", 0.5),
+        (seconds, "2 min", 120.0),
+        (seconds, "inf", math.inf),
+        (number, "1e-3", 0.001),
+    ],
+)
+def test_a_number_of_an_option_may_have_its_unit(parse: Callable[[str], float], text: str, value: float) -> None:
+    assert parse(text) == value
+
+
+@every(
+    ("parse", "text", "told"),
+    [
+        (frequency, "1khz", '"1khz"; expected a frequency in Hz; write "1 kHz"'),
+        (frequency, "5 ms", '"5 ms"; expected a frequency in Hz; ms measures a time on a linear axis'),
+        (frequency, "fast", '"fast"; expected a number, or one with its unit such as "2 Hz"'),
+        (seconds, "1,5", '"1,5"; expected a number without a comma: 1.5'),
+        (number, "0,5", '"0,5"; expected a number without a comma: 0.5'),
+        (number, "5mm", '"5mm"; expected a number without a unit'),
+    ],
+)
+def test_a_number_in_another_spelling_is_refused(parse: Callable[[str], float], text: str, told: str) -> None:
+    with pytest.raises(typer.BadParameter) as refused:
+        parse(text)
+    assert refused.value.message == told
+
+
+def test_an_empty_name_is_no_default() -> None:
+    with pytest.raises(UsageError, match=r"^--drive: empty; expected a name\n--bus: empty; expected a name$"):
+        BenchOptions(scene="wall", bus="", drive="").given(Task)

@@ -1,12 +1,18 @@
 """Every trip becomes one exception with a sentence."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
 import pytest
 
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
-from haptic_fieldbus.cycle.trips import CAUSES, CONSEQUENCES, TRIP_ERRORS, explained, trip_error
+from haptic_fieldbus.cycle.trips import CAUSES, CONSEQUENCES, TRIP_ERRORS, explained, failed_in, trip_error
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, PlanError, SafetyTripError
-from haptic_fieldbus.signals import LinkFlag
-from tests.builders import PROFILE, VELOCITY_ONLY, plan_of
+from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import LinkFlag, Signal
+from tests.builders import PROFILE, VELOCITY_ONLY, WALL, plan_of, rig_of, scene_of
 from tests.cases import every
 
 
@@ -67,3 +73,61 @@ def test_a_limit_of_ours_is_never_explained_away() -> None:
     """Nor is a fault that is a cause itself."""
     assert {TRIP_ERRORS[kind] for kind in CONSEQUENCES} == {BusError, BusTimeoutError, DriveFaultError}
     assert not {TripKind.BUS_OFF, TripKind.EMERGENCY, TripKind.FOREIGN_MASTER, TripKind.CLOCK} & set(CONSEQUENCES)
+
+
+@pytest.mark.parametrize("kind", [TripKind.POSITION, TripKind.SPEED])
+def test_a_handle_that_goes_too_far_with_a_capped_force_is_told_of_the_cap(kind: TripKind) -> None:
+    capped = plan_of(rig=rig_of(WALL, inertia=None))
+    told = str(trip_error(Trip(kind, "handle", 0, 0.1234, 0.1), capped, None))
+    assert f" ({capped.axes[0].cap}; a hand can push through walls), before operation" in told
+    assert "push through" not in str(trip_error(Trip(kind, "handle", 0, 0.1234, 0.1), plan_of(), None))
+
+
+@dataclass(frozen=True)
+class Own:
+    """An element of one's own on the axis `other`, whose law is a closure that fails."""
+
+    axis: str = "other"
+    name: str = "own"
+    needs: ClassVar = (Signal.POSITION,)
+
+    def begin(self, period: float) -> Callable[[float], float]:
+        def law(position: float) -> float:
+            raise ValueError("no such force")
+
+        return law
+
+    def linearised(self) -> StateSpace:
+        return gain([[0.0, 0.0]])
+
+
+FAILED = Trip(TripKind.ELEMENT_FAILED, "handle", 0, 0.0, detail="ValueError: no such force")
+
+
+def raised(call: Callable[[], object]) -> Exception:
+    """What a call raises."""
+    with pytest.raises(Exception) as caught:  # noqa: PT011 - whatever it is
+        call()
+    return caught.value
+
+
+def test_the_failure_of_an_own_element_is_told_with_its_axis_name_file_and_line() -> None:
+    scene = scene_of(Wall("handle", 100.0), Own())
+    law = Own().begin(0.001)
+    found = failed_in(FAILED, raised(lambda: law(0.0)), scene)
+    line = Own.begin.__code__.co_firstlineno + 2
+    words = "element own: Own.begin.<locals>.law raised ValueError: no such force"
+    assert found == replace(FAILED, axis="other", detail=f"{words} ({__file__}, line {line})")
+
+
+def test_a_law_that_does_not_fit_its_call_is_told_with_the_file_of_its_class() -> None:
+    scene = scene_of(Wall("handle", 100.0), Own())
+    found = failed_in(FAILED, TypeError("takes 1 positional argument"), scene)
+    assert found.detail == f"element own: a call of Own ended in TypeError: takes 1 positional argument ({__file__})"
+
+
+def test_an_error_that_no_own_element_raised_stays_as_it_is() -> None:
+    error = raised(lambda: Own().begin(0.001)(0.0))
+    assert failed_in(FAILED, TypeError("ours"), WALL) == FAILED
+    other = replace(FAILED, kind=TripKind.SPEED)
+    assert failed_in(other, error, scene_of(Own())) == other

@@ -38,6 +38,7 @@ COMMANDS = {
     "scenes list": "scenes list",
     "scenes show": "scenes show wall",
     "scenes check": "scenes check wall no_such_scene",
+    "a failed command": "plan no_such_scene",
 }
 BY_NAMES_OF_THEIR_OWN = ("by_source", "booked_j", "settings", "age_s", "states", "elements", "axes", "growth", "depth")
 """Objects whose keys are not ours, and those that a page of their own lists."""

@@ -95,3 +95,40 @@ def test_any_text_is_a_number_or_refused(text: str, quantity: Quantity, workspac
     except ValueError as error:
         told = str(error)
     assert not told or told.startswith(("a ", "an "))
+
+
+@every(
+    ("text", "told"),
+    [
+        ("100,5", "a number without a comma: 100.5"),
+        ("100,5 N/m", "a number without a comma: 100.5 N/m"),
+        (",5", "a number without a comma: 0.5"),
+        ("-1,5e3", "a number without a comma: -1.5e3"),
+        ("1,000", "a number without a comma: 1.000 or 1000"),
+        ("1.000,5", "a number without a comma: 1000.5"),
+        ("1,000.5 N/m", "a number without a comma: 1000.5 N/m"),
+        ("1,234,567", "a number without a comma: 1234567"),
+    ],
+)
+def test_a_decimal_comma_is_refused_with_the_spelling_to_use(text: str, told: str) -> None:
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 - its text is compared whole
+        parse_quantity(text, Quantity.STIFFNESS, LINEAR)
+    assert str(caught.value) == told
+
+
+@every(
+    ("text", "quantity", "workspace", "told"),
+    [
+        ("1n/mm", Quantity.STIFFNESS, LINEAR, 'as the axis is linear; write "1 N/mm"'),
+        ("1 nm/RAD", Quantity.STIFFNESS, ROTARY, 'as the axis is rotary; write "1 N·m/rad"'),
+        ("1khz", Quantity.FREQUENCY, LINEAR, 'a frequency in Hz; write "1 kHz"'),
+        ("2 KG", Quantity.MASS, LINEAR, 'as the axis is linear; write "2 kg"'),
+        ("1 sec", Quantity.TIME, LINEAR, "a time in s; the unit is not known; known: min, ms, s, µs"),
+    ],
+)
+def test_a_unit_in_another_spelling_is_refused_with_the_spelling_to_use(
+    text: str, quantity: Quantity, workspace: Workspace, told: str
+) -> None:
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 - its text is compared whole
+        parse_quantity(text, quantity, workspace)
+    assert str(caught.value).endswith(told)

@@ -127,7 +127,8 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
         (
             "bitrate = 500_000",
             'bitrate = "500k"',
-            'line 4: bus.can0.bitrate: "500k"; expected a bit rate in bit/s; the unit is not known',
+            'line 4: bus.can0.bitrate: "500k"; expected a bit rate in bit/s; the unit is not known; '
+            "known: Mbit/s, bit/s, kbit/s",
         ),
         ('channel = "can0"', "", "line 1: bus.can0.channel: missing; expected text that is not empty"),
         ('bus = "can0"', 'bus = "cann0"', "line 6: axis.handle.bus: no [bus.cann0] in this file; nearest: can0"),

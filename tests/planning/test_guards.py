@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.drive.rig import Proved, Rig
+from haptic_fieldbus.drive.rig import Limits, Proved, Rig
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.guards import to_prove
@@ -140,3 +140,22 @@ def test_a_rig_file_holds_a_proof_as_it_was_written(tmp_path: Path) -> None:
     path.write_text(rig_text() + f'[axis.handle.proved]\n{table}date = "{GOOD.date}"\n', encoding="utf-8")
     assert load_rig(path).axis["handle"].proved == GOOD
     assert load_rig(path).unproved().axis["handle"].proved is None
+
+
+def test_a_cap_of_the_force_is_told_with_its_value_and_its_reason() -> None:
+    stopped = rig_of(WALL, emergency_stop="power")
+    axis = plan_of(rig=stopped, profile=UNGUARDED).axes[0]
+    assert axis.limits.effort == pytest.approx(0.05 * axis.rated_effort)
+    told = "force limited to 2.51 N, 5 % of rated torque: test drive offers no watch on its master that takes the "
+    assert axis.cap == f"{told}torque away (profile)"
+    mute = replace(PROFILE, torque=replace(PROFILE.torque, echo="none"))
+    why = "test drive does not show what it was sent (torque.echo of its profile)"
+    assert plan_of(profile=mute).axes[0].cap.endswith(why)
+    unknown = plan_of(rig=rig_of(WALL, inertia=None)).axes[0]
+    assert unknown.cap.endswith("rated torque: inertia and viscous_damping of the axis are not known")
+
+
+def test_a_limit_of_the_rig_below_the_cap_is_no_cap() -> None:
+    assert plan_of().axes[0].cap == ""
+    low = rig_of(WALL, emergency_stop="power", limits=Limits(effort=1.0))
+    assert plan_of(rig=low, profile=UNGUARDED).axes[0].cap == ""

@@ -1,19 +1,29 @@
 """Which buses a run is on: those of the rig, or the simulation in their place."""
 
-from dataclasses import replace
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
 
 import pytest
 from can.interfaces.virtual import channels
 
 from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.drive.rig import LinearMechanism, Rig
-from haptic_fieldbus.errors import BusError, BusOverloadError, PlanError, SafetyTripError, SceneError, UsageError
+from haptic_fieldbus.errors import (
+    BusError,
+    BusOverloadError,
+    PlanError,
+    RigError,
+    SafetyTripError,
+    SceneError,
+    UsageError,
+)
+from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.planning.selection import check_rendering, compiled, load, select
 from haptic_fieldbus.planning.task import Rendering, Task
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
+from haptic_fieldbus.signals import Signal
 from tests.builders import bit_rates, canopen, scene_of
 from tests.several_buses import rig_on
 
@@ -167,3 +177,36 @@ def test_a_profile_that_is_known_already_is_not_loaded() -> None:
     known = {"no file has this name": canopen("generic_cia402")}
     (axis,) = compiled(replace(loaded, rig=replace(loaded.rig, axis=axes), profiles=known)).plan.axes
     assert axis.profile is known["no file has this name"]
+
+
+@dataclass(frozen=True)
+class Own:
+    """An element of one's own, with a linear model that may be none."""
+
+    linear: Any
+    axis: str = "left"
+    name: str = "own"
+    needs: ClassVar = (Signal.POSITION,)
+
+    def force(self, position: float) -> float:
+        return 0.0
+
+    def linearised(self) -> Any:
+        return self.linear
+
+
+def test_the_linear_model_of_an_own_element_has_one_form() -> None:
+    check_rendering(Rendering(scene_of(Own(gain([[0.0, 0.0]])))))
+    told = r"scene: element own: linearised\(\) must give a StateSpace of 2 inputs and 1 output"
+    for wrong in (3, gain([[0.0]])):
+        with pytest.raises(UsageError, match=told):
+            check_rendering(Rendering(scene_of(Own(wrong))))
+
+
+def test_a_rig_made_in_python_is_held_to_the_rules_of_files() -> None:
+    rig = counted_from("start")
+    wrong = replace(rig, axis={"handle": replace(rig.axis["handle"], inertia=-1.0, bus="nowhere")})
+    with pytest.raises(RigError) as refused:
+        plan("wall", wrong)
+    assert [fault.key for fault in refused.value.faults] == ["axis.handle.inertia", "axis.handle.bus"]
+    assert plan("wall", rig).rig == rig

@@ -1,5 +1,6 @@
 """Settings of a scene, in two steps where one of them is a part of the stability limit."""
 
+import numpy as np
 import pytest
 
 import haptic_fieldbus
@@ -95,3 +96,19 @@ def test_without_a_limit_there_is_no_part_of_it() -> None:
         found.at(None)
     with pytest.raises(UsageError, match=r"^wall\.stiffness=max/0: the limit cannot be divided by zero$"):
         settled("wall", {"wall.stiffness": "max/0"}).at(plan("wall").stability)
+
+
+def test_a_number_of_numpy_is_a_number() -> None:
+    assert parsed({"wall.stiffness": np.float32(500.0)}) == {"wall.stiffness": 500.0}  # type: ignore[dict-item]
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        (["wall.stiffness=3"], r"^settings: expected a mapping such as .* not \['wall.stiffness=3'\] \(list\)$"),
+        ({"wall.stiffness": None}, r"^settings: wall\.stiffness: expected a number, a text, True or False, not None"),
+    ],
+)
+def test_settings_of_the_wrong_kind_are_told_by_name(settings: object, told: str) -> None:
+    with pytest.raises(TypeError, match=told):
+        parsed(settings)  # type: ignore[arg-type]

@@ -1,20 +1,27 @@
 """What files of each protocol may say, for editors."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.errors import ProfileError, UsageError
+from haptic_fieldbus.drive.rig import Limits, Rig
+from haptic_fieldbus.errors import ProfileError, RigError, UsageError
+from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import (
     bus_schema,
+    check_rig,
     load_profile,
+    load_rig,
     profile_schema,
     profile_summaries,
     rig_schema,
 )
 from haptic_fieldbus.protocols.folders import known_names, profile_file, profile_folder
+from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.registry import BUILT_IN, protocol_named
 from haptic_fieldbus.signals import Signal
+from tests.builders import PROFILE, WALL, rig_of
 
 
 @pytest.mark.parametrize("protocol", BUILT_IN)
@@ -90,3 +97,31 @@ def test_a_shipped_profile_is_read_once_and_a_file_of_ones_own_each_time(tmp_pat
     with pytest.raises(ProfileError):
         load_profile(own)
     assert first.drive == load_profile("maxon_epos4").drive
+
+
+MADE = rig_of(WALL)
+CAN = CanSection("slcan", "/dev/ttyACM0", arguments={"ttyBaudrate": 115_200})
+
+
+def test_a_rig_made_in_python_is_held_to_the_rules_of_its_file() -> None:
+    handle = MADE.axis["handle"]
+    check_rig(MADE)
+    check_rig(Rig({"bus": CAN}, {"handle": replace(handle, profile=f"{PROFILE.name} of handle")}))
+    check_rig(Rig({"bus": ModbusSection("modbus-tcp", "10.0.0.2")}, {"handle": replace(handle, node=255)}))
+    wrong = replace(handle, inertia=-1.0, node=200, limits=Limits(position=(0.1, -0.1)))
+    other = replace(handle, bus="nowhere", limits=None)  # type: ignore[arg-type]
+    with pytest.raises(RigError) as refused:
+        check_rig(Rig({"bus": replace(CAN, bitrate=1)}, {"handle": wrong, "other": other}))
+    assert [fault.key for fault in refused.value.faults] == [
+        "bus.bus.bitrate",
+        "axis.handle.inertia",
+        "axis.handle.node",
+        "axis.handle.limits.position",
+        "axis.other.limits",
+        "axis.other.bus",
+    ]
+
+
+def test_a_rig_is_loaded_from_a_path() -> None:
+    with pytest.raises(TypeError, match=r"^path: expected that of a rig file, not 3 \(int\)$"):
+        load_rig(3)  # type: ignore[arg-type]

@@ -1,6 +1,7 @@
 """Protocols by name, and what is said where a part of another protocol is handed over."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,7 @@ from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import BUILT_IN, TRAFFIC_KEYS, WORDS, parse_bus, protocol_named
 from haptic_fieldbus.signals import Workspace
 from tests.builders import PROFILE
+from tests.cases import every
 
 PLUGIN = Path(__file__).parent / "plugin"
 
@@ -65,3 +67,27 @@ class TestMixedUp:
     def test_a_protocol_without_vendors_files_says_so(self) -> None:
         with pytest.raises(ProfileError, match=r"drive\.eds: toy reads no vendors' files"):
             self.toy().vendor_profile("drive.eds")
+
+
+@every(
+    ("text", "rate"),
+    [
+        ("sim@1M", 1_000_000),
+        ("sim@500k", 500_000),
+        ("sim@0.5M", 500_000),
+        ("sim@250kbit/s", 250_000),
+        ("socketcan:can0@125k", 125_000),
+        ("haptic_sim:maxon_epos4@5@500k", 500_000),
+        ("sim-modbus-rtu@115.2k", 115_200),
+        ("modbus-rtu:/dev/ttyUSB0@1M", 1_000_000),
+    ],
+)
+def test_a_bit_rate_may_have_its_prefix(text: str, rate: int) -> None:
+    section: Any = parse_bus(text).section
+    assert (section.bitrate if isinstance(section, CanSection) else section.baud) == rate
+
+
+@every("text", ["sim@1m", "sim@1 M", "sim@M", "sim@1G", "sim@0.3k1", "sim@" + "9" * 5000])
+def test_another_spelling_of_a_bit_rate_is_refused_with_one_that_is_understood(text: str) -> None:
+    with pytest.raises(UsageError, match=r"after @ stands the bit rate in bit/s, for example @500000, @500k or @1M$"):
+        parse_bus(text)

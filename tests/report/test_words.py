@@ -250,3 +250,12 @@ def test_a_picture_has_one_line_of_figures() -> None:
         "wall on maxon_epos4, sim, 1000 Hz · 10000 periods, none missed · "
         "force error 0.09 N rms, 0.412 N max · bus load 27 %"
     )
+
+
+def test_a_capped_force_stands_in_the_first_lines_of_a_run() -> None:
+    capped = announcement(plan("wall", drive="iris_orca", bus="sim-modbus-rtu", settings={"wall.stiffness": 15.0}))
+    assert [key for key, _ in capped[:4]] == ["scene", "bench", "limit", "plan"]
+    assert capped[2][1].startswith(
+        "handle: force limited to 2.51 N, 5 % of rated torque: Iris Dynamics ORCA offers no watch"
+    )
+    assert "limit" not in dict(announcement(plan("wall")))

@@ -15,7 +15,7 @@ from haptic_fieldbus.errors import SceneError
 from haptic_fieldbus.numerals import rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
-from haptic_fieldbus.scenes.checked import check_elements
+from haptic_fieldbus.scenes.checked import check_elements, check_kinds
 from haptic_fieldbus.scenes.element import STRICT
 from haptic_fieldbus.scenes.registry import ELEMENTS
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis, axes_of
@@ -157,3 +157,23 @@ def test_an_element_of_ones_own_is_ones_own_affair() -> None:
 
     check_elements(made(Free("handle", math.nan)), PERIOD, None)
     assert refusal(made(Strict("handle", math.nan))) == "mine.strength: nan; expected a finite number"
+
+
+WALLS = made(Wall("handle", stiffness=100.0))
+
+
+@every(
+    ("changes", "told"),
+    [
+        ({"name": 3}, r"^scene: name: expected a text, not 3 \(int\)$"),
+        ({"passivity": "x"}, r"^scene: passivity: expected observer or controller, not 'x' \(str\)$"),
+        ({"axes": ()}, r"^scene: axes: expected a tuple of at least one SceneAxis, not \(\) \(tuple\)$"),
+        ({"axes": ("handle",)}, r"^scene: axes: expected a SceneAxis of a name and a Workspace, not 'handle' \(str\)$"),
+        ({"elements": Wall("handle", 1.0)}, r"^scene: elements: expected a tuple of elements, not Wall\("),
+        ({"elements": ("wall",)}, r"^scene: elements: expected an element with name, needs, .* not 'wall' \(str\)$"),
+    ],
+)
+def test_a_scene_of_the_wrong_kinds_is_told_by_its_field(changes: dict[str, Any], told: str) -> None:
+    check_kinds(WALLS)
+    with pytest.raises(TypeError, match=told):
+        check_kinds(replace(WALLS, **changes))

@@ -5,19 +5,25 @@
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import Any, ClassVar
 
 import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.cli import main
-from haptic_fieldbus.errors import SceneError, UsageError
+from haptic_fieldbus.errors import SafetyTripError, SceneError, UsageError
 from haptic_fieldbus.margins import Verdict
+from haptic_fieldbus.numerics.linear import gain
 from haptic_fieldbus.scenes.catalogue import load_scene, scene_names, scene_schema
+from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.registry import ELEMENTS, element_type, kind_names, kind_of, own_elements
 from haptic_fieldbus.schemas import main as write_schemas
+from haptic_fieldbus.signals import Signal
+from tests.builders import scene_of
 from tests.scenes.packages import CLASS, install
 from tests.test_schemas import accepts
 
@@ -25,6 +31,7 @@ PLUGIN = Path(__file__).parent / "plugin"
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 AXIS = '[axis.handle]\nworkspace = "linear"\n'
 CLAY = f'{AXIS}[[element]]\nkind = "clay"\naxis = "handle"\nstiffness = "0.5 N/mm"\nlimit = 3.0\nposition = "10 mm"\n'
+OWN = f'{AXIS}[[element]]\nkind = "own"\naxis = "handle"\n'
 SHAFT = f'{AXIS}[axis.other]\nworkspace = "linear"\n[[element]]\nkind = "soft_shaft"\naxes = ["handle", "other"]\n'
 NUMBERS = count()
 
@@ -256,6 +263,59 @@ class TestBroken:
         (fault,) = caught.value.faults
         assert fault.message.startswith(f'element "own": {told}')
 
+    @pytest.mark.parametrize(
+        ("old", "new", "where"),
+        [
+            ("@dataclass", "1 / 0\n@dataclass", "@dataclass"),
+            ("return gain([[-self.stiffness, 0.0]])", "return 1 / 0", "return gain"),
+        ],
+        ids=["at its import", "in linearised"],
+    )
+    def test_its_error_keeps_cause_file_and_line(self, broken: Broken, old: str, new: str, where: str) -> None:
+        install(broken.folder, broken.package, f"own = {broken.package}:Own", CLASS.replace(old, new))
+        with pytest.raises(SceneError) as caught:
+            load_scene(write(broken.folder, f"{OWN}stiffness = 3\n"))
+        line = 1 + CLASS[: CLASS.index(where)].count("\n")
+        place = f"({broken.folder / broken.package}.py, line {line})"
+        assert f"ZeroDivisionError: division by zero {place}" in str(caught.value)
+        assert 'element "own"' in str(caught.value)
+        assert isinstance(caught.value.__cause__, ZeroDivisionError)
+
+    def test_an_error_of_its_making_names_element_file_and_line(
+        self, broken: Broken, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        """Of other errors than ValueError, which is a fault of the value."""
+        making = CLASS + "\n    def __post_init__(self):\n        raise OSError('no disk')\n"
+        install(broken.folder, broken.package, f"own = {broken.package}:Own", making)
+        scene = write(broken.folder, f"{OWN}stiffness = 3\n")
+        with pytest.raises(SceneError) as caught:
+            haptic_fieldbus.plan(scene)
+        source, line = f"{broken.folder / broken.package}.py", making.count("\n")
+        words = "Own.__post_init__ raised OSError: no disk"
+        assert str(caught.value) == f"{source}: line {line}: element own: {words}"
+        assert isinstance(caught.value.__cause__, OSError)
+        status, out, err = outcome(capsys, "run", scene, "--json")
+        assert (status, err) == (2, f"{caught.value}\n")
+        assert json.loads(out)["errors"] == [{"source": source, "key": "element own", "line": line, "message": words}]
+
+    def test_an_error_in_its_force_ends_the_run_with_element_file_and_line(
+        self, broken: Broken, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        law = CLASS.replace("return -self", "return helper() if position > 1e-3 else -self")
+        law += "\n\ndef helper():\n    raise KeyError('table')\n"
+        install(broken.folder, broken.package, f"own = {broken.package}:Own", law)
+        scene = write(broken.folder, f'{OWN}name = "mine"\nstiffness = 30\n')
+        with pytest.raises(SafetyTripError) as caught:
+            haptic_fieldbus.run(scene, duration=1.0)
+        place = f"({broken.folder / broken.package}.py, line {law.count(chr(10))})"
+        told = f"axis handle: the scene failed: element mine: helper raised KeyError: 'table' {place}, "
+        assert str(caught.value).startswith(told)
+        assert isinstance(caught.value.__cause__, KeyError)
+        status, out, err = outcome(capsys, "run", scene, "--duration", 1, "--json")
+        assert status == 3
+        assert told in err
+        assert place in json.loads(out)["trips"][0]["message"]
+
     def test_it_prints_nothing_beside_an_object(self, broken: Broken, capsys: pytest.CaptureFixture[str]) -> None:
         install(broken.folder, broken.package, f"own = {broken.package}:Own", "print('hello')" + CLASS)
         status, out, err = outcome(capsys, "scenes", "list", "--json")
@@ -294,3 +354,59 @@ def test_a_shipped_element_keeps_its_name(tmp_path: Path, monkeypatch: pytest.Mo
     )
     assert kind_names() == list(ELEMENTS)
     assert "walled" not in sys.modules
+
+
+@dataclass(frozen=True)
+class Own:
+    """An element made in Python; `fault` says what of it is wrong."""
+
+    fault: str
+    axis: str = "handle"
+    name: str = "mine"
+    needs: ClassVar = (Signal.POSITION,)
+
+    def begin(self, period: float) -> Any:
+        if self.fault == "begin":
+            raise KeyError("table")
+
+        def law(position: float) -> float:
+            raise OSError("no disk")
+
+        return (lambda: 0.0) if self.fault == "call" else law
+
+    def linearised(self) -> Any:
+        if self.fault == "linearised":
+            raise RuntimeError("no model")
+        return gain([[-1.0, 0.0]])
+
+
+MADE = {
+    "begin": ("Own.begin raised KeyError: 'table'", 'raise KeyError("table")', KeyError),
+    "law": ("Own.begin.<locals>.law raised OSError: no disk", 'raise OSError("no disk")', OSError),
+    "call": ("a call of Own ended in TypeError: ", "", TypeError),
+    "linearised": ("Own.linearised raised RuntimeError: no model", 'raise RuntimeError("no model")', RuntimeError),
+}
+"""Words, the text of the line, and the class of each error."""
+
+
+@pytest.mark.parametrize("fault", MADE)
+def test_an_error_of_an_element_made_in_python_is_told_by_every_function(fault: str) -> None:
+    words, text, cause = MADE[fault]
+    lines = Path(__file__).read_text(encoding="utf-8").splitlines()
+    line = f"line {next(place for place, each in enumerate(lines, 1) if each.strip() == text)}: " if text else ""
+    scene = scene_of(Own(fault))
+    calls: dict[str, Callable[[], object]] = {
+        "begin": lambda: haptic_fieldbus.run(scene, duration=0.1),
+        "law": lambda: haptic_fieldbus.response(scene),
+        "call": lambda: haptic_fieldbus.response(scene),
+        "linearised": lambda: haptic_fieldbus.stability(scene, mass=1.0),
+    }
+    with pytest.raises(SceneError) as caught:
+        calls[fault]()
+    assert str(caught.value).startswith(f"{__file__}: {line}element mine: {words}")
+    assert isinstance(caught.value.__cause__, cause)
+
+
+def test_an_error_of_ours_is_not_blamed_on_an_element() -> None:
+    with pytest.raises(ZeroDivisionError), own_faults():
+        raise ZeroDivisionError

@@ -144,6 +144,7 @@ def test_a_setting_can_mend_a_file(tmp_path: Path) -> None:
         ("wall.name", '--set wall.name: no parameter "name" of wall'),
         ("wall.axis", '--set wall.axis: no parameter "axis" of wall'),
         ("stiffness", "--set stiffness: expected element.parameter, such as wall.stiffness"),
+        ("wall", "--set wall: expected element.parameter, such as wall.stiffness"),
     ],
 )
 def test_an_unknown_element_or_parameter_is_wrong_usage(setting: str, message: str) -> None:

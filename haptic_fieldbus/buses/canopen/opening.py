@@ -16,7 +16,9 @@ from typing import Any
 
 import can
 
+from haptic_fieldbus.buses.canopen.adapter import SERIAL
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
+from haptic_fieldbus.buses.usb_serial import NO_SERIAL_LINE, leads_elsewhere
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 
@@ -83,6 +85,8 @@ def open_can(section: CanSection) -> can.BusABC:
     try:
         bus = can.Bus(section.channel, section.interface, **given)
     except FOREIGN as error:
+        if section.interface in SERIAL and leads_elsewhere(section.channel.partition("@")[0], error):
+            raise BusError(f"{subject}: {NO_SERIAL_LINE}") from error
         raise type(ours := translate(error, subject))(f"{ours}; {advice}") from error
     except _NO_DRIVER as error:
         raise BusError(f"{subject}: its driver is missing ({error}); {advice}") from error

@@ -14,6 +14,7 @@ from select import select
 import serial
 
 from haptic_fieldbus.buses.modbus.errors import port_errors, translate
+from haptic_fieldbus.buses.usb_serial import NO_SERIAL_LINE, leads_elsewhere
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.modbus.profile import Parity
@@ -46,7 +47,10 @@ class SerialTransport:
         try:
             self._port.open()
         except self._errors as error:  # pyserial's own errors are among them
-            raise translate(error, f"cannot open {self.name}") from error
+            subject = f"cannot open {self.name}"
+            if leads_elsewhere(str(self._port.port), error):
+                raise BusError(f"{subject}: {NO_SERIAL_LINE}") from error
+            raise translate(error, subject) from error
         with suppress(OSError, ValueError):  # not every driver knows of it
             self._port.set_low_latency_mode(True)
         self._number = self._port.fileno()

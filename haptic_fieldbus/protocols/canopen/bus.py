@@ -15,7 +15,7 @@ from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.drive.fields import STRICT, Measured, NonNegativeTime
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.bus_name import BusName, bit_rate
 
 BITRATES = (10_000, 1_000_000)
 """Lowest and highest bit rate of CiA 301, table 1 [bit/s]."""
@@ -149,7 +149,7 @@ def _parse_simulation(text: str, rest: str) -> BusName:
     """Parse a simulated bus as a rig names it, `haptic_sim:CHANNEL[@BITRATE]`."""
     # The channel may itself have an @ before node-IDs, so only a number as large as a bit rate is taken for one.
     channel, _, digits = rest.rpartition("@")
-    if channel and digits.isdecimal() and int(digits) >= BITRATES[0]:
+    if channel and (bit_rate(digits) or 0) >= BITRATES[0]:
         return BusName(text, CanSection(SIMULATION_INTERFACE, channel, _bitrate(text, digits)))
     return BusName(text, CanSection(SIMULATION_INTERFACE, rest))
 
@@ -203,8 +203,9 @@ def can_interfaces() -> tuple[str, ...]:
 
 def _bitrate(text: str, digits: str) -> int:
     """Return the bit rate [bit/s]; raises UsageError for a text or a number that is none."""
-    if not digits.isdecimal():
-        raise UsageError(f'bus "{text}": after @ stands the bit rate in bit/s, for example @500000')
-    if not BITRATES[0] <= int(digits) <= BITRATES[1]:
-        raise UsageError(f'bus "{text}": {digits} bit/s is outside of what CAN can do, {BITRATES[0]} to {BITRATES[1]}')
-    return int(digits)
+    rate = bit_rate(digits)
+    if rate is None:
+        raise UsageError(f'bus "{text}": after @ stands the bit rate in bit/s, for example @500000, @500k or @1M')
+    if not BITRATES[0] <= rate <= BITRATES[1]:
+        raise UsageError(f'bus "{text}": {rate} bit/s is outside of what CAN can do, {BITRATES[0]} to {BITRATES[1]}')
+    return rate

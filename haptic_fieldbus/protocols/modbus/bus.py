@@ -9,7 +9,7 @@ from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.drive.fields import STRICT, Measured, NonNegativeTime
 from haptic_fieldbus.drive.rig import BusSection
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.bus_name import BusName
+from haptic_fieldbus.protocols.bus_name import BusName, bit_rate
 
 TCP, RTU, SIM_TCP, SIM_RTU = INTERFACES = ("modbus-tcp", "modbus-rtu", "sim-modbus-tcp", "sim-modbus-rtu")
 """First words of bus names, and interfaces in rig files."""
@@ -133,6 +133,7 @@ def simulated(section: ModbusSection, channel: str | None) -> ModbusSection:
 
 def _baud(text: str, digits: str) -> int:
     """Return the bit rate [bit/s]; raises UsageError for a text or a number that is none."""
-    if not digits.isdecimal() or not BAUDS[0] <= int(digits) <= BAUDS[1]:
+    rate = bit_rate(digits)
+    if rate is None or not BAUDS[0] <= rate <= BAUDS[1]:
         raise UsageError(f'bus "{text}": after @ stands the bit rate in bit/s, {BAUDS[0]} to {BAUDS[1]}')
-    return int(digits)
+    return rate

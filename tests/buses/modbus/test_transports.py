@@ -8,6 +8,7 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -194,3 +195,21 @@ def test_a_bit_rate_that_the_port_does_not_have_is_told() -> None:
     for ends in rtu_ends():
         with pytest.raises(BusError, match="-5 bit/s"):
             ends.ours.tune(-5, "even", 1)
+
+
+@pytest.mark.parametrize("device", ["/dev/null", "/dev/zero", "folder", "file", "socket"])
+def test_a_device_that_is_no_serial_line_says_so(device: str, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with socket.socket(socket.AF_UNIX) as bound:
+        bound.bind(str(tmp_path / "socket"))
+        path = tmp_path / device  # an absolute path stays as it is
+        with pytest.raises(BusError) as refused:
+            open_line(ModbusSection("modbus-rtu", str(path)), CLOCK)
+    expected = "it is no serial line; expected the device of an adapter, such as /dev/ttyUSB0"
+    assert str(refused.value) == f"cannot open modbus-rtu:{path}: {expected}"
+
+
+def test_a_device_that_is_not_there_is_told_as_such() -> None:
+    with pytest.raises(BusError, match="there is no such device"):
+        open_line(ModbusSection("modbus-rtu", "/dev/nowhere"), CLOCK)
