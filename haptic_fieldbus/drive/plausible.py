@@ -12,7 +12,7 @@ beside each.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, TypeGuard, get_args
 
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.fields import Ranged
@@ -138,7 +138,7 @@ def _excused(key: str) -> str:
     return f'if the bench is like that, write i_know = ["{key}"]'
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

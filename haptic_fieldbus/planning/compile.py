@@ -17,7 +17,7 @@ from haptic_fieldbus.planning.exchange import plan_buses
 from haptic_fieldbus.planning.guards import CAPPED, unguarded
 from haptic_fieldbus.planning.image import lay_out_image
 from haptic_fieldbus.planning.plan import BusPlan, LeftOut, Plan
-from haptic_fieldbus.planning.sign_probe import check_step, sign_probe, sign_text
+from haptic_fieldbus.planning.sign_probe import check_steps, sign_probe, sign_text
 from haptic_fieldbus.planning.verdicts import on_bus, with_verdicts
 from haptic_fieldbus.protocols.registry import protocol_named
 from haptic_fieldbus.scenes.element import DynamicElement, MemoryElement
@@ -58,7 +58,7 @@ def compile_plan(
     timed = scene.at_period(period)
     drafts = drafts_of(timed)  # of the elements of the plan's own scene, not of copies
     for draft in drafts:
-        check_step(draft)
+        check_steps(draft)
     traffic = {axis: bus.traffic for bus in buses for axis in bus.axes}
     seen = [on_bus(draft, traffic[draft.name], period) for draft in drafts]
     axes = with_energy_limits(with_verdicts(seen, period), timed.couplings)

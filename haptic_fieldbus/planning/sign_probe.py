@@ -127,15 +127,23 @@ def sign_probe(axis: AxisPlan, period: float) -> SignProbe | None:
     return None if axis.sign_known else probe_of(axis, period)
 
 
-def check_step(axis: AxisPlan) -> None:
-    """Raise PlanError when the sign is unknown and one step of target torque is more than is permitted until then."""
-    if axis.limits.unseen <= 0.0 and not axis.sign_known:
-        force = axis.workspace.effort_unit
+def check_steps(axis: AxisPlan) -> None:
+    """Raise PlanError when the drive cannot be sent what is permitted, because its steps of torque are of another size.
+
+    That is when one step is more than is permitted before the sign is seen, or when the limit of the axis has more
+    steps than the type of the target torque.
+    """
+    target, force = axis.profile.offers()[Signal.TARGET_TORQUE], axis.workspace.effort_unit
+    step = f"axis {axis.name}: one step of target torque is {in_unit(axis.effort_unit, force)} at the handle"
+    scale = "Check the mechanism and what scales the torque in the rig"
+    most = target.type.limits[1]
+    if axis.limits.effort > most * axis.effort_unit:
+        limit = in_unit(axis.limits.effort, force)
         raise PlanError(
-            f"axis {axis.name}: one step of target torque is {in_unit(axis.effort_unit, force)} at the handle, more "
-            "than is permitted before the sign is seen. Check the mechanism and what scales the torque in the rig; "
-            f"{raising(axis)}"
+            f"{step}, and the drive takes {most} of them: less than the limit of the axis, {limit}. {scale}"
         )
+    if axis.limits.unseen <= 0.0 and not axis.sign_known:
+        raise PlanError(f"{step}, more than is permitted before the sign is seen. {scale}; {raising(axis)}")
 
 
 def probe_of(axis: AxisPlan, period: float) -> SignProbe:

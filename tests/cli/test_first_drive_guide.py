@@ -28,7 +28,7 @@ SCANNED, WATCHED, EXAMINED = re.findall(r"^```text\n(.*?)^```", TEXT, re.MULTILI
 ON_PAGE = "socketcan:can0@1000000"
 (BUS,) = re.findall(r"--bus (\S+)", SIMULATE)
 OTHER = "simulate --drive generic_cia402@9 --hand guide --bus udp_multicast:239.74.163.3@1000000"
-"""A drive on another group of the same port, which sends heartbeats."""
+"""A drive on another group of the same port."""
 
 
 HERE = (sys.executable, "-m", "haptic_fieldbus")
@@ -76,12 +76,27 @@ class Walk:
             hosting.communicate()
 
 
+@contextmanager
+def another_bench(walk: Walk) -> Iterator[None]:
+    """A drive and a master on another group of the same port, with SYNC and heartbeats: another bus."""
+    group = OTHER.partition("udp_multicast:")[2].partition("@")[0]
+    with (
+        walk.beside(OTHER, "generic_cia402, node 9"),
+        can.Bus(interface="udp_multicast", channel=group, port=walk.port) as master,
+    ):
+        sync = master.send_periodic(can.Message(arbitration_id=0x080, is_extended_id=False), 0.02)
+        beat = master.send_periodic(can.Message(arbitration_id=0x77F, data=b"\x05", is_extended_id=False), 0.05)
+        yield
+        sync.stop()
+        beat.stop()
+
+
 @pytest.fixture
 def walk(tmp_path: Path) -> Iterator[Walk]:
-    """A walk beside the simulated drive of the page, and beside another drive on another group."""
+    """A walk beside the simulated drive of the page, and beside another bench on another group."""
     walk = Walk(tmp_path)
     require_multicast(walk.port)
-    with walk.beside(SIMULATE, "maxon_epos4, node 5"), walk.beside(OTHER, "generic_cia402, node 9"):
+    with walk.beside(SIMULATE, "maxon_epos4, node 5"), another_bench(walk):
         yield walk
 
 
@@ -123,6 +138,7 @@ def _scanned(walk: Walk) -> None:
     assert status == 0, err
     heading, row, sure = out.splitlines()[-3:]
     assert len(re.findall(r"^\d+ ", out, re.MULTILINE)) == 1, "the drive on the other group is not heard"
+    assert "another master" not in out
     shown = SCANNED.splitlines()
     assert heading.split() == shown[0].split()
     assert row.split()[0] == "5"

@@ -26,7 +26,14 @@ def loaded_by(*words: str) -> set[str]:
 @pytest.mark.thorough("starts a process for each command", quick=1)
 @pytest.mark.parametrize(
     "words",
-    [("--help",), ("run", "--help"), ("profiles", "--help"), ("profiles", "list"), ("profiles", "show", "maxon_epos4")],
+    [
+        ("--help",),
+        ("run", "--help"),
+        ("rehearse", "--help"),
+        ("profiles", "--help"),
+        ("profiles", "list"),
+        ("profiles", "show", "maxon_epos4"),
+    ],
     ids=" ".join,
 )
 def test_help_and_profiles_load_nothing_heavy(words: tuple[str, ...]) -> None:

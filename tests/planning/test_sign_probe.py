@@ -151,6 +151,18 @@ def test_a_step_of_torque_above_the_bound_is_refused() -> None:
     assert known.axes[0].limits.before_sign == 0.0, "of a doubt while a scene runs"
 
 
+def test_a_limit_of_more_steps_than_the_type_of_the_target_has_is_refused() -> None:
+    """A torque constant a thousand times too small makes milliamperes of 8 N·m more than 16 bits hold."""
+    amperes = replace(PROFILE.torque.target, unit="mA")
+    profile = replace(PROFILE, torque=replace(PROFILE.torque, target=amperes, rated=None))
+    words = (
+        r"one step of target torque is 6.28 µN at the handle, and the drive takes 32767 of them: less than the limit"
+    )
+    rig = rig_of(WALL, torque_constant=5e-5, rated_current=None, limits=Limits(effort=20.0))
+    with pytest.raises(PlanError, match=words):
+        plan_of(rig=rig, profile=profile)
+
+
 NOT_CHECKED = {"iris_orca", "maxon_epos2", "simplex_motion", "technosoft_ipos"}
 
 

@@ -100,7 +100,7 @@ def test_the_page_of_the_first_drive_is_walked_from_the_wheel_with_the_extra_tha
         pytest.skip(f"no package index can be reached, so the wheel is not installed: {fetched.stderr.strip()[-200:]}")
     walk = first_drive.Walk(folder, [str(programs / "haptic-fieldbus")], seen="")
     require_multicast(walk.port)
-    with walk.beside(first_drive.SIMULATE, "node 5"), walk.beside(first_drive.OTHER, "node 9"):
+    with walk.beside(first_drive.SIMULATE, "node 5"), first_drive.another_bench(walk):
         first_drive.walked(walk)
 
 

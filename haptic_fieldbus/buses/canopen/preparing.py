@@ -9,7 +9,8 @@ from collections.abc import Iterator
 
 from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.rating import check_rating, rated_torque
-from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.units import COUNTS
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -17,6 +18,8 @@ from haptic_fieldbus.planning.enabling import first_enabling
 from haptic_fieldbus.protocols.canopen.periods import period_objects
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile, ShownObject
 
+ENCODER_RESOLUTION = tuple(ObjectEntry(0x608F, DataType.UINT32, subindex) for subindex in (1, 2))
+"""Position encoder resolution of CiA 402-2: increments, and the revolutions of the motor for which they are."""
 MAX_MOTOR_SPEED, MOTOR_SPEED_UNIT = 0x6080, "r/min"
 """Object of CiA 402-2; some drives have it in a unit of their own."""
 
@@ -59,6 +62,7 @@ def commissioned(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterato
             told.extend(_slower(node, each, value, axis))
     if profile.torque.rated_current is not None:
         _check_rated_current(node, profile.torque.rated_current.entry, axis)
+    told.extend(_other_counts(node, profile, axis))
     if shown:
         yield f"set by {section.tool or 'the tool of its vendor'}: {', '.join(shown)}"
     yield from told
@@ -88,6 +92,26 @@ def _slower(node: Node, shown: ShownObject, value: int, axis: AxisPlan) -> Itera
             f"{node.label}: its {shown.name} of {value} {shown.unit} (6080h) is {rounded(allowed)} {unit} at "
             f"the handle, below the {exactly(limit)} {unit} at which the run ends, so the drive may take torque "
             f"away or fault before that. Raise it with the drive's tool, or lower axis.{axis.name}.limits.speed"
+        )
+
+
+def _other_counts(node: Node, profile: CanopenProfile, axis: AxisPlan) -> Iterator[str]:
+    """Yield a sentence when the drive tells another encoder than the rig (CiA 402-2, 608Fh).
+
+    It is no refusal, because the factor group of a drive may scale its position besides.
+    """
+    if profile.position is None or profile.position.actual.unit != COUNTS:
+        return
+    increments, revolutions = (node.optional(each) for each in ENCODER_RESOLUTION)
+    if not increments or not revolutions:
+        return
+    counts, expected = increments / revolutions, axis.rig.encoder_counts_per_revolution
+    if abs(counts - expected) > 0.5:
+        hint = ". Are the counts in the rig lines?" if round(counts) == 4 * expected else ""
+        yield (
+            f"{node.label}: its encoder has {exactly(counts)} counts in a revolution (608Fh), the rig says {expected} "
+            f"(axis.{axis.name}.encoder_counts_per_revolution): positions, speeds and stiffnesses would be off by a "
+            f"factor of {rounded(counts / expected)}, unless the drive scales its position{hint}"
         )
 
 

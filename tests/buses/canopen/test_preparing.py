@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.drive.cia402 import MappedObject, WrittenObject
+from haptic_fieldbus.drive.cia402 import MappedObject, PositionSection, WrittenObject
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.profile import (
@@ -155,6 +155,34 @@ class TestCommissioning:
         with pytest.raises(BusConfigurationError, match=r"its rated current is 6 A .*the rig says 8 A"):
             bench.open()
         assert bench.written() == []
+
+    @pytest.mark.parametrize(
+        ("told", "words"),
+        [
+            ((4096, 1), None),
+            ((8192, 2), None),
+            ((0, 1), None),
+            ((16384, 0), None),
+            ((16384, 1), "16384 counts in a revolution (608Fh), the rig says 4096"),
+            (
+                (16384, 1),
+                "off by a factor of 4, unless the drive scales its position. Are the counts in the rig lines?",
+            ),
+            ((1024, 1), "off by a factor of 0.25, unless the drive scales its position"),
+        ],
+    )
+    def test_another_encoder_than_the_rigs_is_told(self, told: tuple[int, int], words: str | None) -> None:
+        objects = {(0x608F, subindex): value for subindex, value in enumerate(told, 1)}
+        bench = bench_of(objects, sizes=dict.fromkeys(objects, 4)).open()
+        changes = " ".join(bench.bus.facts["handle"].changes)
+        assert ("608Fh" in changes) is (words is not None)
+        assert (words or "") in changes
+
+    def test_a_drive_that_tells_no_encoder_or_no_counts_is_not_compared(self) -> None:
+        other = {(0x608F, 1): 2000, (0x608F, 2): 1}
+        tenths = PositionSection(MappedObject(0x6064, DataType.INT32, unit="0.1 deg"))
+        for bench in (bench_of({}, sizes={}), bench_of(other, sizes=dict.fromkeys(other, 4), position=tenths)):
+            assert "608Fh" not in " ".join(bench.open().bus.facts["handle"].changes)
 
     @pytest.mark.parametrize(("held_ma", "asked"), [(8, True), (9, False)])
     def test_a_value_in_the_rig_that_is_a_thousand_times_too_large_is_asked_for_its_unit(
