@@ -189,7 +189,7 @@ GUARDS = {
     ),
     "little force until the sign is seen": _cycle(
         "safety",
-        "bounded(permission.proof(force), effort)",
+        "bounded(permission.proof(force), unseen)",
         "bounded(force, effort)",
         "test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled",
         of=TIED,
@@ -453,7 +453,7 @@ GUARDS = {
     ),
     "signals while torque is taken away": Guard(
         "haptic_fieldbus/running/ending.py",
-        "if first and not self._held:",
+        "if now >= self._raises_from:",
         "if True:",
         (
             "tests/running/test_ending.py::test_in_the_loop_it_is_only_noted_however_often_it_comes",
@@ -537,9 +537,9 @@ GUARDS = {
         "test_another_fault_is_told_and_left_as_it_is",
     ),
     "the cap without a guard": Guard(
-        "haptic_fieldbus/planning/axis_plan.py",
-        "unproved = profile.echo is None or unguarded(profile, axis)",
-        "unproved = profile.echo is None",
+        "haptic_fieldbus/planning/guards.py",
+        "    return unguarded(profile, axis)\n\n\ndef _failed(",
+        '    return ""\n\n\ndef _failed(',
         (
             "tests/planning/test_guards.py::"
             "test_a_known_failure_is_refused_without_an_emergency_stop_and_capped_with_one",

@@ -68,7 +68,7 @@ def test_an_element_that_fails_to_tell_its_depth_hides_neither_a_trip_nor_a_resu
     assert told(found).depth == {}
     assert found.warnings.count(sentence) == 1
     with pytest.raises(SafetyTripError) as tripped:
-        run(scene_of(Unsure("handle", 600.0, 1.0)), duration=2.0)
+        run(scene_of(Unsure("handle", 600.0, 0.0999)), duration=2.0)
     assert "position" in str(tripped.value)
     assert sentence in tripped.value.result.warnings  # type: ignore[attr-defined]
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import can
 import pytest
 
+from haptic_fieldbus.buses.canopen.opening import hears_its_group_alone
 from haptic_fieldbus.cli.watch import lines_of
 from haptic_fieldbus.running.watching import View
 from tests.cli.test_beside_guide import TOO_SLOW
@@ -175,6 +176,7 @@ def _examined(walk: Walk) -> None:
 @pytest.mark.thorough("real time beside a drive in another process")
 def test_while_another_master_commands_all_three_only_listen(walk: Walk) -> None:
     with can.Bus(interface="udp_multicast", channel=GROUP, port=walk.port) as other:
+        assert hears_its_group_alone(other.fileno())
         sync = other.send_periodic(can.Message(arbitration_id=0x080, is_extended_id=False), 0.05)
         status, out, err = walk.done(SCAN)
         assert (status, f"another master on udp_multicast:{GROUP}" in out) == (0, True), err

@@ -31,6 +31,15 @@ def test_true_and_false_are_no_texts_and_what_is_no_text_stays() -> None:
     assert parsed(None) == {}
 
 
+def test_a_value_that_cannot_even_be_shown_is_refused_by_its_kind() -> None:
+    class Unseen:
+        def __repr__(self) -> str:
+            raise ValueError("not for you")
+
+    with pytest.raises(TypeError, match=r"settings: a\.b: expected a number, a text, True or False, not \(Unseen\)"):
+        parsed({"a.b": Unseen()})  # type: ignore[dict-item]
+
+
 def test_without_settings_a_scene_made_in_python_is_itself() -> None:
     scene = scene_of(Wall("handle", 300.0))
     assert settled(scene, None).scene is scene

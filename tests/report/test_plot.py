@@ -33,7 +33,7 @@ def push(duration: float = 2.0, workspace: Workspace = Workspace.LINEAR, *, simu
 
 def result_of(*traces: Trace, walls: tuple[Wall, ...] = ()) -> Result:
     """A result that shows these traces."""
-    plan = SimpleNamespace(scene=SimpleNamespace(of_axis=lambda axis: walls), axes=())
+    plan = SimpleNamespace(scene=SimpleNamespace(of_axis=lambda axis: walls), axes=(), bus_load=0.27)
     return Result(
         scene="wall",
         drive="maxon EPOS4",

@@ -32,8 +32,8 @@ from tests.lanes import examples
 from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand
 
 NOT_ELEMENTS = {
-    "__init__", "catalogue", "changed", "checked", "element", "files", "local", "own", "parameters", "parts", "renamed",
-    "registry", "scene",
+    "__init__", "catalogue", "changed", "checked", "element", "files", "local", "own", "own_faults",
+    "parameters", "parts", "renamed", "registry", "scene",
 }  # fmt: skip
 SHEETS: dict[str, Sheet] = {}
 for _kind in ELEMENTS:

@@ -91,7 +91,6 @@ class TestUsedLikeOurs:
         answer = haptic_fieldbus.response(path, input="ramp", amplitude=0.1)
         assert answer.force.min() == pytest.approx(-3.0)
 
-    @pytest.mark.thorough("2 cases of one rule", quick=1)
     @pytest.mark.parametrize(
         ("text", "verdict"),
         [

@@ -235,6 +235,7 @@ def test_a_run_imports_only_what_its_scene_needs(scene: str) -> None:
         "haptic_fieldbus.scenes.element",
         "haptic_fieldbus.scenes.local",
         "haptic_fieldbus.scenes.files",
+        "haptic_fieldbus.scenes.own_faults",
         "haptic_fieldbus.scenes.parameters",
         "haptic_fieldbus.scenes.parts",
         "haptic_fieldbus.scenes.registry",
