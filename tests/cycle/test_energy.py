@@ -179,6 +179,15 @@ def test_while_the_limit_fades_in_energy_is_booked_and_not_judged() -> None:
     assert bench.tally.largest == pytest.approx(0.02, rel=0.1)
 
 
+def test_energy_above_the_limit_that_comes_while_the_limit_fades_in_is_booked_and_trips_nothing() -> None:
+    bench = Bench(WALL)
+    bench.tally.limit = 0.005
+    bench.permission.fade, bench.permission.unchanged = 0.5, False
+    contact(bench, 0.05)
+    assert bench.tally.booked["fade-in"] == pytest.approx(0.05, rel=0.1)
+    assert not bench.trips
+
+
 def test_a_contact_in_which_the_limit_has_faded_in_is_booked_until_then_and_judged_from_there() -> None:
     """In against no force: ½·K·x² is there that nobody put in. Out by the law, and 20 mJ beyond."""
     bench, depth, source = Bench(WALL), 0.01, 0.02
