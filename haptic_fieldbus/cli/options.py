@@ -126,8 +126,9 @@ class SceneOptions:
         # Options such as --plot and --json concern the command alone, and are no fields of `asked`.
         names = {field.name for field in fields(kind)}
         values = {name: value for name, value in vars(self).items() if name in names and value is not None}
-        if empty := [name for name, value in values.items() if value == ""]:  # as of a variable of a shell
-            raise UsageError("\n".join(f"--{name.replace('_', '-')}: empty; expected a name" for name in empty))
+        # As of a variable of a shell; other empty names have their own message.
+        if empty := [name for name in ("drive", "bus") if values.get(name) == ""]:
+            raise UsageError("\n".join(f"--{name}: empty; expected a name" for name in empty))
         return kind(**{**values, "settings": parse_settings(self.settings or [])})
 
 

@@ -204,7 +204,7 @@ class TestRefused:
     def test_an_empty_word(self, command: Command) -> None:
         finished = command("plan", "wall", "--profiles", "")
         assert finished.status == 2
-        assert finished.err == "--profiles: empty; expected a name\n"
+        assert 'profiles "": expected a folder of drive profiles' in finished.err
 
     def test_a_folder_that_may_not_be_read(self, folder: Path) -> None:
         assert own_files(folder)  # all that this imports is imported before any right is given up
