@@ -17,11 +17,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.numerals import exactly, in_unit, percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 
-Entry = TypeVar("Entry")
+
+class Typed(Protocol):
+    """A value of a drive: an object or a register."""
+
+    @property
+    def type(self) -> DataType: ...
+
+
+Entry = TypeVar("Entry", bound=Typed)
 """An object or a register that holds a limit; its text is its name."""
 
 
@@ -74,7 +83,7 @@ class TorqueLimits(Generic[Entry]):
         another one's. `read` returns None for an entry that is not there.
 
         Raises BusConfigurationError when the drive allows less than the axis may ask for, and the rig does not say
-        that this is to be changed.
+        that this is to be changed, or when an entry cannot hold the limit of the axis.
         """
         self.notes = Notes(drive) if self.noted and drive is not None else None
         noted = {} if self.notes is None else self.notes.read()
@@ -91,6 +100,11 @@ class TorqueLimits(Generic[Entry]):
                 continue
             if original < self.wanted and not self.axis.rig.raise_max_torque:
                 raise self._too_low(entry, original)
+            if self.wanted > entry.type.limits[1]:
+                raise BusConfigurationError(
+                    f"{self.node.label}: {entry} holds no more than {entry.type.limits[1]}, and the limit of the axis "
+                    f"is {self.wanted} of its steps. Check what scales the torque in the rig"
+                )
             self.before[entry] = original
             self.sentences.append(self._words(entry, original))
 

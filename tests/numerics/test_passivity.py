@@ -25,7 +25,7 @@ def by_aliases(force: complex, angle: float, delay: float, lag: float, count: in
     return float(0.5 * (along.real + math.sqrt(max(0.0, abs(force) ** 2 * product - along.imag**2))))
 
 
-@pytest.mark.thorough("60 searches for the worst motion", quick=3)
+@pytest.mark.thorough("60 searches for the worst motion", quick=8)
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 1.7])
 @pytest.mark.parametrize("lag", LAGS)

@@ -61,6 +61,17 @@ def test_a_higher_limit_is_lowered_for_the_time_of_the_run(index: int) -> None:
     assert (bench.drive.value(index), bench.bus.warnings) == (3000, [])
 
 
+def test_a_limit_that_the_object_cannot_hold_is_refused_before_anything_is_written() -> None:
+    plan = half_plan(raised=True)
+    (axis,) = plan.axes
+    limits = replace(axis.limits, effort=70.0 * axis.rated_effort)
+    bench = Bench(replace(plan, axes=(replace(axis, limits=limits),)))
+    bench.drive.objects[MAX_TORQUE] = (3000).to_bytes(2, "little")
+    with pytest.raises(BusConfigurationError, match=r"6072h.* holds no more than 65535, and the limit .* is 70000 of"):
+        bench.open()
+    assert bench.written() == []
+
+
 @pytest.mark.parametrize("held", [0, 100, HALF - 1])
 def test_a_lower_limit_is_raised_only_where_the_rig_says_so(held: int) -> None:
     refused = bench_of(held)
