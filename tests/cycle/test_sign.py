@@ -108,7 +108,6 @@ def test_a_hand_that_leads_the_handle_evenly_decides_nothing(power: int, size: f
     assert watched.decided == 0
 
 
-@pytest.mark.thorough("8 cases of one rule", quick=4)
 @pytest.mark.parametrize("frequency", [0.5, 2.0, 5.0, 10.0])
 @pytest.mark.parametrize("amplitude", [0.001, 0.03])
 def test_a_hand_that_goes_to_and_fro_rigidly_decides_nothing(frequency: float, amplitude: float) -> None:

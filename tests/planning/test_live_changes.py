@@ -44,7 +44,6 @@ def test_a_change_is_the_plan_with_the_new_values_and_all_else_kept() -> None:
     assert [axis.traffic for axis in found.plan.axes] == [axis.traffic for axis in plan.axes]
 
 
-@pytest.mark.thorough("4 cases of one rule", quick=2)
 @pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize("tied", [(), (Coupling(("left", "right"), 400.0),)])
 def test_a_change_to_what_no_ledger_can_judge_is_refused(tied: tuple[Coupling, ...], force: bool) -> None:
