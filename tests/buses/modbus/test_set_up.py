@@ -249,3 +249,12 @@ def test_a_statusword_is_asked_for_beside_the_exchange(opened: ExitStack) -> Non
     assert len(server.drive.written) == writes
     server.drives.clear()
     assert bench.bus.ask("handle") is None
+
+
+def test_a_limit_that_the_drives_register_cannot_hold_is_refused_and_nothing_is_written(opened: ExitStack) -> None:
+    """20 N are 0.159 N·m, in µN·m 159155, and 16 bits hold 65535."""
+    torque = replace(PROFILE.torque, limit=Register(LIMIT, DataType.UINT16, unit="µN·m"))
+    bench, server = bench_on(opened, Drive(), replace(PROFILE, torque=torque), limits=Limits(effort=20.0))
+    with pytest.raises(BusConfigurationError, match=r"holds no more than 65535, and the limit of the axis"):
+        bench.open()
+    assert server.drive.written == []
