@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from statistics import median
 
 import can
 import pytest
@@ -22,8 +21,10 @@ from haptic_fieldbus.sim.faults import DriveFault
 from tests.sim.bench import NODE, axis, profile
 
 CHANNEL = "maxon_epos4@5,generic_cia402@6"
-LONG = 10.0
+LONG = 60.0
 """[s]: no frame takes so long, on any machine."""
+CLOCKS_DIFFER = 0.5
+"""[s]: how far the time of day may be set while a test runs."""
 READ_IDENTITY = bytes.fromhex("40 18 10 01 00 00 00 00")
 OVERFLOW = 0x004
 
@@ -73,17 +74,25 @@ class TestWhoMovesTheTime:
             assert threading.active_count() == before
 
     def test_messages_carry_the_time_of_day(self, bus: SimulatedBus) -> None:
+        before = time.time()
         bus.send(frame(0x605, READ_IDENTITY))
         answer = bus.recv(LONG)
         assert answer is not None
-        assert answer.timestamp == pytest.approx(time.time(), rel=0, abs=1.0)
+        assert before - CLOCKS_DIFFER < answer.timestamp < time.time() + CLOCKS_DIFFER
 
-    def test_a_time_out_takes_its_time_and_no_event_is_early(self, bus: SimulatedBus) -> None:
+    def test_a_time_out_takes_its_time(self, bus: SimulatedBus) -> None:
         start = time.monotonic()
         assert bus.recv(0.02) is None
         assert time.monotonic() - start >= 0.02
-        bus.send(frame(0x605, READ_IDENTITY))
-        assert bus.recv(0) is None, "a frame is not received before its last bit"
+
+    def test_no_frame_is_received_before_its_last_bit(self, bus: SimulatedBus) -> None:
+        """Request and answer have 8 octets each, at least 111 bits at 1 Mbit/s."""
+        for _ in range(20):
+            start = time.monotonic()
+            bus.send(frame(0x605, READ_IDENTITY))
+            while bus.recv(0) is None:
+                pass
+            assert time.monotonic() - start >= 2 * 111e-6
 
     def test_periods_are_kept_on_average_however_late_the_program_wakes(self, bus: SimulatedBus) -> None:
         heartbeat_every(bus, 10)
@@ -102,15 +111,16 @@ class TestWhoMovesTheTime:
         steps = [later.timestamp - earlier.timestamp for earlier, later in pairwise(beats)]
         assert steps == pytest.approx([0.005] * len(steps), abs=1e-6)
 
-    def test_a_round_trip_takes_about_a_millisecond(self, bus: SimulatedBus) -> None:
-        """Two frames of 8 octets take 0.25 ms; the bound is what a busy machine keeps as well."""
-        times = []
-        for _ in range(50):
-            start = time.perf_counter()
-            bus.send(frame(0x605, READ_IDENTITY))
-            assert bus.recv(LONG) is not None
-            times.append(time.perf_counter() - start)
-        assert 0.0002 < median(times) < 0.02
+    def test_an_answer_comes_within_a_millisecond_of_the_bus(self, bus: SimulatedBus) -> None:
+        """By the stamps of a listener: how late a program reads them is a matter of the machine."""
+        with SimulatedBus(CHANNEL) as listener:
+            for _ in range(20):
+                bus.send(frame(0x605, READ_IDENTITY))
+                request, answer = listener.recv(LONG), listener.recv(LONG)
+                assert request is not None
+                assert answer is not None
+                assert (request.arbitration_id, answer.arbitration_id) == (0x605, 0x585)
+                assert 111e-6 < answer.timestamp - request.timestamp < 1e-3
 
 
 class TestWaiting:
@@ -276,9 +286,10 @@ def test_periodic_tasks_of_python_can_send_and_end_with_the_bus() -> None:
         with SimulatedBus(CHANNEL) as bus:
             bus.send_periodic(frame(0x123), 0.005)
             assert _take(listener, 10) == [0x123] * 10
-        time.sleep(0.02)
         _drain(listener)
-        assert listener.recv(0.03) is None
+        sent_before_the_end = list(iter(lambda: listener.recv(0), None))
+        assert {message.arbitration_id for message in sent_before_the_end} <= {0x123}
+        assert listener.recv(0.05) is None
 
 
 def _take(bus: can.BusABC, count: int) -> list[int]:
