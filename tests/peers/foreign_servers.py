@@ -35,8 +35,8 @@ WAYS = {"FC23": "[3, 23]", "FC3 + FC16": "[3, 16]"}
 PROFILE, PRIORITY = "foreign_drive", 40
 UNTIMELY = ("no feedback from node", "was lost within a second", "the loop missed", "the loop slept")
 """Parts of the sentences by which a run ends that computer or server kept waiting."""
-WITHHELD = 0.02
-"""A machine that was late by so much [s] itself keeps no loop of a guard of 50 ms in time."""
+WITHHELD = 0.015
+"""A machine that was late by so much itself [s], half of the age that ends a run, keeps no loop in time."""
 MOST_REPEATED = 3
 """Starts of a line that are made again."""
 TIMER = """

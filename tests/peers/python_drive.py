@@ -57,6 +57,7 @@ class Handled(Drive):
         self.registers[ACTUAL] = demand
 
     def write(self, address: int, value: int) -> None:
+        self.advance()  # up to now the torque of before has acted
         before = self.registers[STATUS]
         super().write(address, value)
         self.written.clear()
