@@ -556,9 +556,87 @@ GUARDS = {
     ),
     "the serial number of a proof": Guard(
         "haptic_fieldbus/planning/guards.py",
-        "and recorded.serial != serial:",
-        "and False:",
+        "if other and known.serial is not None and drive.serial is not None:",
+        "if False:",
         ("tests/planning/test_guards.py::test_a_known_failure_is_not_tried_again_on_the_same_drive",),
+    ),
+    "a serial number that was never given": Guard(
+        "haptic_fieldbus/drive/identity.py",
+        "number & ones in (0, ones)",
+        "False",
+        (
+            "tests/drive/test_identity.py::test_a_number_that_was_never_given_is_unknown",
+            "tests/running/test_proofs.py::TestADriveWithoutASerialNumber::"
+            "test_gets_no_proof_of_another_one_although_both_tell_the_same",
+        ),
+    ),
+    "no proof counts for a drive without a serial number": Guard(
+        "haptic_fieldbus/planning/guards.py",
+        "if drive.serial is None:",
+        "if False:",
+        ("tests/planning/test_guards.py::test_a_proof_counts_for_one_drive_one_profile_and_one_time",),
+    ),
+    "what was written for the guard that was proved": Guard(
+        "haptic_fieldbus/planning/guards.py",
+        "if proved.digest != proved.digest_with(set_to.written):",
+        "if False:",
+        ("tests/planning/test_guards.py::test_a_proof_does_not_outlive_what_was_written_for_it_nor_its_place",),
+    ),
+    "the place of a proof": Guard(
+        "haptic_fieldbus/planning/plan.py",
+        "(*traffic.guarding(axis.name, axis.rig), self.place(axis))",
+        "traffic.guarding(axis.name, axis.rig)",
+        ("tests/planning/test_guards.py::test_a_proof_does_not_outlive_what_was_written_for_it_nor_its_place",),
+    ),
+    "the measured time of a proof": Guard(
+        "haptic_fieldbus/planning/guards.py",
+        "return _out_of_time(proved, set_to)",
+        'return ""',
+        ("tests/planning/test_guards.py::test_a_measured_time_counts_where_a_proof_at_this_rate_would_have_passed",),
+    ),
+    "a measured time that no proof accepts": Guard(
+        "haptic_fieldbus/drive/plausible.py",
+        "not low <= measured <= high",
+        "False",
+        (
+            "tests/planning/test_guards.py::"
+            "test_a_measured_time_that_no_proof_accepts_is_refused_with_file_key_value_and_what_is_expected",
+        ),
+    ),
+    "no note of a drive without a serial number": Guard(
+        "haptic_fieldbus/drive/identity.py",
+        "if self.serial is None:",
+        "if False:",
+        (
+            f"{BUSES}/test_max_torque.py::TestKilled::"
+            "test_another_drive_without_a_serial_number_keeps_the_limit_that_a_person_has_set",
+        ),
+    ),
+    "a note that was damaged or changed by hand": Guard(
+        "haptic_fieldbus/buses/torque_limits.py",
+        "or digest != self._digest(changes):",
+        "or False:",
+        (
+            f"{BUSES}/test_max_torque.py::TestKilled::test_a_note_that_was_changed_by_hand_is_told_and_nothing_is_restored",
+        ),
+    ),
+    "values of a note that the object cannot hold": Guard(
+        "haptic_fieldbus/buses/torque_limits.py",
+        "if any(not low <= value <= high for value in (*ours, original)):",
+        "if False:",
+        (
+            f"{BUSES}/test_max_torque.py::TestKilled::"
+            "test_a_note_with_values_that_the_object_cannot_hold_is_told_whoever_wrote_it",
+        ),
+    ),
+    "a note on the disk before the limit is changed": Guard(
+        "haptic_fieldbus/documents/replacing.py",
+        "            os.fsync(descriptor)\n        yield name",
+        "            pass\n        yield name",
+        (
+            f"{BUSES}/test_max_torque.py::TestKilled::"
+            "test_a_note_has_reached_the_disk_as_a_whole_before_the_limit_is_changed",
+        ),
     ),
     "Modbus: a set-point that is not ours": _line(
         "foreign",

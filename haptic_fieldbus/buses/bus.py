@@ -8,23 +8,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+from haptic_fieldbus.drive.identity import Identity
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import LinkFlag
 
 
 @dataclass(frozen=True)
 class DriveFacts:
-    """Facts that a drive reported when it was inspected; None for an object that it lacks."""
+    """Facts that a drive reported when it was inspected."""
 
     axis: str
     node: int
     title: str
-    vendor_id: int | None
-    product_code: int | None
-    revision: int | None
-    serial: int | None
+    identity: Identity
     rated_torque: float | None
-    """[N·m]; from the drive's own object."""
+    """[N·m]; from the drive's own object, None where it has none."""
     link_loss: str
     """Sentence for people: the reaction that is configured for the loss of the master, and its deadline."""
     changes: tuple[str, ...] = ()

@@ -5,18 +5,22 @@ seem to work, but no force could be felt. Such a limit is raised only when the r
 that the drive itself holds the limit of the axis whatever the loop asks for.
 
 The values of before are put back when a run ends in order. A run that was killed leaves its own behind. So that the
-next one can tell them from the drive's, each change is noted in a file of the user until it is undone.
+next one can tell them from the drive's, each change is noted in a file of the user until it is undone. Of a drive
+without a serial number nothing is noted, because the note could change the limit of another one. A note that is not as
+a run has written it is told, and nothing is restored from it.
 """
 
 import json
 import math
 import os
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
+from haptic_fieldbus.documents.octets import read_octets
+from haptic_fieldbus.documents.replacing import remove_file, write_file
+from haptic_fieldbus.drive.identity import Identity, digest_of
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.numerals import exactly, in_unit, percent
@@ -62,6 +66,8 @@ class TorqueLimits(Generic[Entry]):
     """All limits that a drive may have."""
     step: float
     """Effort at the handle of one step [N or N·m]."""
+    place: str
+    """Bus and number of the drive."""
     notes: "Notes | None" = None
     before: dict[Entry, int] = field(default_factory=dict)
     """The value of each limit that is to be changed, before any run of ours changed it."""
@@ -76,17 +82,17 @@ class TorqueLimits(Generic[Entry]):
         # The small addend keeps a ratio that is a whole number from being rounded down by its last digit.
         return math.floor(self.axis.limits.effort / self.step + 1e-6)
 
-    def inspect(self, drive: str | None, read: Callable[[Entry], int | None]) -> None:
+    def inspect(self, drive: Identity, read: Callable[[Entry], int | None]) -> None:
         """Compare the limits with that of the axis and write nothing.
 
-        `drive` is a name that is unique to the drive; None: it has no serial number, and what is noted could be
-        another one's. `read` returns None for an entry that is not there.
+        `read` returns None for an entry that is not there.
 
         Raises BusConfigurationError when the drive allows less than the axis may ask for, and the rig does not say
         that this is to be changed, or when an entry cannot hold the limit of the axis.
         """
-        self.notes = Notes(drive) if self.noted and drive is not None else None
-        noted = {} if self.notes is None else self.notes.read()
+        name = drive.file_name(self.place)
+        self.notes = Notes(name) if self.noted and name is not None else None
+        noted = self._read_notes()
         for entry in self.entries:
             held = read(entry)
             if held is None:
@@ -107,6 +113,27 @@ class TorqueLimits(Generic[Entry]):
                 )
             self.before[entry] = original
             self.sentences.append(self._words(entry, original))
+        if self.before and self.noted and self.notes is None:
+            self.warn(f"{self.node.label} has no serial number: a run that is killed leaves its torque limit in it")
+
+    def _read_notes(self) -> "Changes":
+        """Return what is noted of the drive; warn, and return nothing, where that is not as a run has written it."""
+        if self.notes is None:
+            return {}
+        try:
+            noted = self.notes.read()
+            for entry in self.entries:
+                ours, original = noted.get(str(entry), ([], 0))
+                low, high = entry.type.limits
+                if any(not low <= value <= high for value in (*ours, original)):
+                    raise ValueError(f"{entry} holds no such value")
+        except (OSError, ValueError, TypeError) as error:
+            self.warn(
+                f"{self.notes.path} is not used ({getattr(error, 'strerror', None) or error}): if a run was killed, "
+                f"the torque limit that it left in {self.node.label} is not put back. Compare it with the drive's tool"
+            )
+            return {}
+        return noted
 
     def configure(self) -> None:
         """Write the limits and read them back; warn where the drive does not let one be lowered.
@@ -115,8 +142,6 @@ class TorqueLimits(Generic[Entry]):
         """
         if self.before and self.notes is not None:
             self._note(self.notes)
-        elif self.before and self.noted:
-            self.warn(f"{self.node.label} has no serial number: a run that is killed leaves its torque limit in it")
         for entry, original in list(self.before.items()):
             try:
                 self.node.write(entry, self.wanted)
@@ -145,8 +170,12 @@ class TorqueLimits(Generic[Entry]):
 
     def restored(self) -> None:
         """Forget the changes, since the drive has confirmed that they are undone, or holds values of its own."""
-        if self.notes is not None:
-            self.notes.remove()
+        if self.notes is None:
+            return
+        try:
+            remove_file(self.notes.path)
+        except OSError as error:
+            self.warn(f"{self.notes.path} cannot be removed ({error.strerror}), and says what is undone; remove it")
 
     def _words(self, entry: Entry, original: int) -> str:
         """Return the sentence about a change."""
@@ -178,6 +207,12 @@ class TorqueLimits(Generic[Entry]):
         return f"{exactly(1e3 * self._share(steps))} ‰"
 
 
+Changes = Mapping[str, tuple[list[int], int]]
+"""Name of an entry → (values that runs have set, the drive's own value)."""
+_LARGEST = 10_000
+"""Octets of a note."""
+
+
 class Notes:
     """The file that says what was changed in one drive: for each entry the values that we set, and the drive's own."""
 
@@ -186,23 +221,28 @@ class Notes:
         state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
         self.path = Path(state) / "haptic-fieldbus" / "torque-limits" / f"{drive}.json"
 
-    def read(self) -> dict[str, tuple[list[int], int]]:
-        """Return the changes that were not undone; nothing when there is no file, or one that is not ours."""
+    def read(self) -> "Changes":
+        """Return the changes that were not undone; nothing when there is no file.
+
+        Raises OSError for a file that cannot be read, ValueError for one that is not as `write` has written it.
+        """
         try:
-            with self.path.open("rb") as file:
-                told = json.loads(file.read(10_000))
-            return {str(entry): ([int(each) for each in ours], int(own)) for entry, (ours, own) in told.items()}
-        except (OSError, ValueError, TypeError, AttributeError):
+            held = json.loads(read_octets(self.path, _LARGEST))
+        except (FileNotFoundError, NotADirectoryError):
             return {}
+        except (ValueError, RecursionError):
+            held = None
+        changes, digest = (held.get("changes"), held.get("digest")) if isinstance(held, dict) else (None, None)
+        if not isinstance(changes, dict) or digest != self._digest(changes):
+            raise ValueError("it is damaged, was changed by hand, or an earlier version wrote it")
+        return {entry: (ours, original) for entry, (ours, original) in changes.items()}
 
-    def write(self, changes: dict[str, tuple[list[int], int]]) -> None:
-        """Write the changes, before they are made; raises OSError."""
-        aside = self.path.with_suffix(f".{os.getpid()}")
+    def write(self, changes: "Changes") -> None:
+        """Write the changes, before they are made; raises OSError, and an earlier note is then as it was."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_text(json.dumps(changes))
-        aside.replace(self.path)
+        held = {"changes": changes, "digest": self._digest(changes)}
+        write_file(self.path, json.dumps(held).encode())
 
-    def remove(self) -> None:
-        """Remove the file, when all is undone."""
-        with suppress(OSError):
-            self.path.unlink(missing_ok=True)
+    def _digest(self, changes: Mapping[str, object]) -> str:
+        """Return a digest of the changes, and of the drive whose they are."""
+        return digest_of((self.path.name, json.dumps(changes)))

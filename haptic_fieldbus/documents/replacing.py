@@ -9,8 +9,8 @@ import errno
 import os
 import stat
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from haptic_fieldbus.documents.octets import TOML_SIZE, read_octets
@@ -40,25 +40,43 @@ def _replaced(target: Path, content: bytes, before: os.stat_result) -> bool:
     # A rename asks only for the rights to the folder, but who took the right to write meant the file.
     if not before.st_mode & stat.S_IWUSR or not os.access(target, os.W_OK):
         raise OSError(errno.EACCES, "it is read-only")
+    with _aside(target, content, before) as name:
+        if _seen(before) != _seen(_state(target)):
+            return False
+        os.replace(name, target)
+    _sync_folder(target.parent)
+    return True
+
+
+def write_file(target: Path, content: bytes) -> None:
+    """Create a file, or replace the whole of it; raises OSError, and the file is then as it was."""
+    with _aside(target, content) as name:
+        os.replace(name, target)
+    _sync_folder(target.parent)
+
+
+def remove_file(target: Path) -> None:
+    """Remove a file for good, if it is there; raises OSError."""
+    target.unlink(missing_ok=True)
+    if target.parent.is_dir():
+        _sync_folder(target.parent)
+
+
+@contextmanager
+def _aside(target: Path, content: bytes, rights: os.stat_result | None = None) -> Iterator[str]:
+    """Write a file beside the target onto the disk, and yield its name; it is removed unless it was renamed."""
     descriptor, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".new", dir=target.parent)
     try:
         with open(descriptor, "wb") as file:
             file.write(content)
             file.flush()
-            if hasattr(os, "fchown"):  # Windows has neither modes nor owners of this kind
-                _keep_rights(descriptor, before)
+            if rights is not None and hasattr(os, "fchown"):  # Windows has neither modes nor owners of this kind
+                _keep_rights(descriptor, rights)
             os.fsync(descriptor)
-        same = _seen(before) == _seen(_state(target))
-        if same:
-            os.replace(name, target)
-    except BaseException:
-        os.unlink(name)
-        raise
-    if not same:
-        os.unlink(name)
-        return False
-    _sync_folder(target.parent)
-    return True
+        yield name
+    finally:
+        with suppress(FileNotFoundError):
+            os.unlink(name)
 
 
 def _keep_rights(descriptor: int, before: os.stat_result) -> None:

@@ -46,6 +46,11 @@ class OptionCode:
     value: Annotated[int, Ge(-32768), Le(32767)]  # option codes are of the type INTEGER16
     __pydantic_config__: ClassVar = STRICT
 
+    @property
+    def entry(self) -> ObjectEntry:
+        """The object as an entry of the object dictionary."""
+        return ObjectEntry(self.object, DataType.INT16)
+
 
 @dataclass(frozen=True)
 class WrittenObject:

@@ -16,7 +16,6 @@ from typing import Any, TypeGuard, get_args
 
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.fields import Ranged
-from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.signals import Workspace
 
@@ -25,6 +24,11 @@ AMPERES = ((1e-3, "mA"),)
 LARGEST_RATIO = 10.0
 """By which rated torque and rated current times torque constant may differ: constants are told of amplitudes and of
 effective values, and rated values at standstill or at speed, which is a factor of 3."""
+
+MEASURED = ((0.4, 0.0), (2.0, 50.0))
+"""(factor, [ms]) of the shortest and of the longest time that any proof of a guard accepts. The factor is that of the
+time for which the guard is set, which covers five periods at least. A proof accepts a fifth and two periods less, and
+it accepts two periods more, the delay of a set-point (two periods at most), and the time of a question to the drive."""
 
 
 @dataclass(frozen=True)
@@ -150,18 +154,19 @@ def check_plausible(document: Document, axis: str) -> None:
     known = {key: document.value(*path, *key.split(".")) for key in (*get_args(Ranged), "i_know")}
     for key, expected in implausible(known, workspace):
         document.refuse((*path, *key.split(".")), expected)
+    _check_measured(document, axis)
 
 
-def implausible_of(axis: RigAxis) -> list[tuple[str, str]]:
-    """Return what `implausible` finds in an axis that was made in Python: (key, message with the value)."""
-    known = {key: _held(axis, key) for key in get_args(Ranged)} | {"i_know": axis.i_know}
-    return [
-        (key, f"{known[key]}; expected {expected}") for key, expected in implausible(known, axis.mechanism.workspace)
-    ]
-
-
-def _held(axis: RigAxis, key: str) -> Any:
-    value: Any = axis
-    for part in key.split("."):
-        value = getattr(value, part, None)
-    return value
+def _check_measured(document: Document, axis: str) -> None:
+    """Note a proof of a guard with a measured time that no proof accepts, or without one."""
+    path = ("axis", axis, "proved")
+    asked, measured = document.value(*path, "asked_ms"), document.value(*path, "guard_ms")
+    if document.value(*path, "guard") != "proved" or not _is_number(asked):
+        return
+    low, high = (factor * asked + more for factor, more in MEASURED)
+    if measured is None or (_is_number(measured) and not low <= measured <= high):
+        document.refuse(
+            (*path, "guard_ms"),
+            f"from {rounded(low)} to {rounded(high)} ms, which a proof of asked_ms = {exactly(asked)} can accept; "
+            f"without [axis.{axis}.proved] the next run proves the guard",
+        )

@@ -4,6 +4,7 @@ All values are at the motor shaft and SI, except `limits`, which are in the work
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -33,6 +34,7 @@ from haptic_fieldbus.drive.fields import (
     TorqueConstant,
     UInt32,
 )
+from haptic_fieldbus.drive.identity import Identity, digest_of, known_number
 from haptic_fieldbus.drive.mechanics import Mechanics
 from haptic_fieldbus.signals import Workspace
 
@@ -179,7 +181,32 @@ class Proved:
     """Measured time from the last thing that we sent until the motor was off [ms]; None: it stayed on."""
     serial: UInt32 | None = None
     """Serial number of the drive; a proof of another drive does not count. None: the drive tells none."""
+    vendor: UInt32 | None = None
+    """Vendor of the drive, as it told; compared like its serial number."""
+    product: UInt32 | None = None
+    """Product code of the drive, as it told; compared like its serial number."""
+    revision: UInt32 | None = None
+    """Revision of the drive, as it told; after an update of its firmware the proof does not count."""
+    digest: Annotated[str, Len(1)] | None = None
+    """Digest of the values above, of all that was written to the drive for its guard, and of its bus and node. A proof
+    with another one does not count; None: an earlier version made the proof, and it does not count either."""
     __pydantic_config__: ClassVar = STRICT
+
+    @property
+    def drive(self) -> Identity:
+        """The drive whose guard was proved."""
+        return Identity(
+            known_number(self.vendor),
+            known_number(self.product),
+            known_number(self.revision),
+            known_number(self.serial),
+        )
+
+    def digest_with(self, written: Iterable[str]) -> str:
+        """Return the digest of the values of this table and of what was written for the guard."""
+        own = (self.guard, self.guard_ms, self.asked_ms, self.profile)
+        numbers = (self.vendor, self.product, self.revision, self.serial)
+        return digest_of((*map(str, (*own, *numbers)), *written))
 
 
 @dataclass(frozen=True)

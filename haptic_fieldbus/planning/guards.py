@@ -9,6 +9,7 @@ only where a person can cut its power.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from haptic_fieldbus.drive.identity import Identity
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import Proved, RigAxis
 from haptic_fieldbus.errors import PlanError
@@ -19,6 +20,12 @@ from haptic_fieldbus.protocols.traffic import Json
 CAPPED = f"torque stays within {100 * HOLDING_SHARE:g} % of rated, what a hand may hold for ever"
 SAME_GUARD_MS = 0.5
 """Two guards that differ by less are the same; drives count them in whole milliseconds."""
+BETWEEN_PROOFS = 0.2
+"""Longest time between two proofs of our life, in guards; a bus keeps every guard up at least so often."""
+_ROUNDED_MS = 0.001
+"""A measured time is kept in whole microseconds."""
+LONGEST_QUESTION = 0.02
+"""Time for asking a drive that has left the exchange, as far as it counts for the drive [s]."""
 
 
 def unguarded(profile: DriveProfile, axis: RigAxis) -> str:
@@ -58,11 +65,41 @@ def check_guarded(name: str, profile: DriveProfile, axis: RigAxis) -> None:
 
 
 @dataclass(frozen=True)
+class SetGuard:
+    """A guard as a plan sets it, and the times at which a proof must see it act."""
+
+    seconds: float
+    """Time for which it is set [s]."""
+    late: float
+    """Time in which the last write reaches the drive and its controller acts [s]."""
+    period: float
+    """Length of a period [s]."""
+    written: tuple[str, ...] = ()
+    """All that is written to the drive for it, and the place of the drive."""
+
+    @property
+    def between(self) -> float:
+        """Longest time between two looks at the drive [s]."""
+        # Two looks are a period apart, and one that waits for feedback in vain ends nearly a period later.
+        return 2.0 * self.period
+
+    @property
+    def earliest(self) -> float:
+        """Time from the last write at which it can act at the earliest [s]."""
+        return self.seconds - BETWEEN_PROOFS * self.seconds - self.between
+
+    @property
+    def allowed(self) -> float:
+        """Time from the last write within which the drive must be seen off [s], questions to it not included."""
+        return self.seconds + self.late + self.between
+
+
+@dataclass(frozen=True)
 class AxisGuard:
-    """The guard of one axis: the time for which it is set [s], and all that is known of it before a bus is opened."""
+    """The guard of one axis, and all that is known of it before a bus is opened."""
 
     axis: str
-    seconds: float
+    set_to: SetGuard
     proved: Proved | None
     """Proof that counts for this profile and this time, as far as the serial number is not known yet."""
     why_not: str
@@ -72,6 +109,11 @@ class AxisGuard:
     emergency_stop: str | None
     exists: bool
     """False: the profile offers none, so there is nothing to prove."""
+
+    @property
+    def seconds(self) -> float:
+        """Time for which it is set [s]."""
+        return self.set_to.seconds
 
     def to_json(self) -> dict[str, Json]:
         """Return the object of `plan --json`."""
@@ -101,56 +143,79 @@ class AxisGuard:
 
 
 def to_prove(
-    guards: Sequence[AxisGuard], recorded: Mapping[str, Proved | None], serials: Mapping[str, int | None]
+    guards: Sequence[AxisGuard], recorded: Mapping[str, Proved | None], drives: Mapping[str, Identity]
 ) -> dict[str, str]:
     """Return the axes whose guards are to be proved now, with the reason of each; empty when all proofs count.
 
     When one is to be proved, all others are proved with it, without a reason of their own. An axis without a guard, and
     one whose guard is known not to act, is never among them. All mappings go by the names of the axes.
     """
-    reasons = {each.axis: unproved(each, recorded[each.axis], serials[each.axis]) for each in guards}
+    reasons = {each.axis: unproved(each, recorded[each.axis], drives[each.axis]) for each in guards}
     if not any(reasons.values()):
         return {}
     return {each.axis: reasons[each.axis] for each in guards if each.exists and (reasons[each.axis] or not each.cap)}
 
 
 def _serial(proved: Proved) -> str:
-    return "" if proved.serial is None else f", drive with serial number {proved.serial:#010x}"
+    serial = proved.drive.serial
+    return "" if serial is None else f", drive with serial number {serial:#010x}"
 
 
-def guard_of(name: str, profile: DriveProfile, axis: RigAxis, seconds: float, source: str) -> AxisGuard:
+def guard_of(name: str, profile: DriveProfile, axis: RigAxis, set_to: SetGuard, source: str) -> AxisGuard:
     """Return the guard of an axis of the rig file `source`, which is empty for a rig without a file."""
     cap = unguarded(profile, axis)
-    why_not = "" if cap else _why_not(profile, axis, seconds, source)
+    why_not = "" if cap else _why_not(profile, axis, set_to, source)
     known = axis.proved if not cap and not why_not else None
-    return AxisGuard(name, seconds, known, why_not, cap, axis.emergency_stop, profile.guarded)
+    return AxisGuard(name, set_to, known, why_not, cap, axis.emergency_stop, profile.guarded)
 
 
-def _why_not(profile: DriveProfile, axis: RigAxis, seconds: float, source: str) -> str:
+def _why_not(profile: DriveProfile, axis: RigAxis, set_to: SetGuard, source: str) -> str:
     proved = axis.proved
     if proved is None:
         return "the rig file has no proof of it yet" if source else "without a rig file no proof is kept"
     if proved.profile != profile.name:
         return f"the proof in the rig file was made with the profile {proved.profile}"
-    if abs(proved.asked_ms - 1e3 * seconds) > SAME_GUARD_MS:
+    if abs(proved.asked_ms - 1e3 * set_to.seconds) > SAME_GUARD_MS:
         return f"the proof in the rig file is one of {exactly(proved.asked_ms)} ms"
-    return ""
+    if proved.digest is None:
+        return "the proof in the rig file is by an earlier version and has no digest; run --prove makes a new one"
+    if proved.digest != proved.digest_with(set_to.written):
+        return "profile, reaction, bus, node or the proof itself was changed since the proof was kept in the rig file"
+    return _out_of_time(proved, set_to)
 
 
-def unproved(guard: AxisGuard, recorded: Proved | None, serial: int | None) -> str:
+def _out_of_time(proved: Proved, set_to: SetGuard) -> str:
+    """Return the reason for which the measured time of a proof would not pass at this rate; empty when it would."""
+    low, high = 1e3 * set_to.earliest, 1e3 * (set_to.allowed + LONGEST_QUESTION)
+    if proved.guard_ms is not None and low - _ROUNDED_MS <= proved.guard_ms <= high + _ROUNDED_MS:
+        return ""
+    measured = "no time" if proved.guard_ms is None else f"{rounded(proved.guard_ms)} ms"
+    return f"the proof in the rig file has {measured}, and {rounded(low)} to {rounded(high)} ms pass at this rate"
+
+
+def unproved(guard: AxisGuard, recorded: Proved | None, drive: Identity) -> str:
     """Return the reason for which a guard must be proved now; empty when its proof counts for the drive that is there.
 
-    `recorded` is the outcome in the rig file, `serial` the serial number of the drive, None when it tells none.
+    `recorded` is the outcome in the rig file, `drive` the drive that is there.
     """
     if not guard.exists:
         return ""
-    if recorded is not None and recorded.serial is not None and serial is not None and recorded.serial != serial:
-        return f"the proof in the rig file is that of the drive {recorded.serial:#010x}, this one is {serial:#010x}"
-    if guard.cap or guard.why_not:
+    if guard.why_not:
         return guard.why_not
-    if serial is None:
+    known = Identity() if recorded is None else recorded.drive
+    other = known.difference(drive)
+    if other and known.serial is not None and drive.serial is not None:
+        before, now = (_hexadecimal(getattr(each, other)) for each in (known, drive))
+        return f"the proof in the rig file is that of another drive: its {other} is {before}, that of this one {now}"
+    if guard.cap:
+        return ""
+    if drive.serial is None:
         return "the drive tells no serial number, so a proof cannot be told to be its own"
-    return "" if recorded is not None and recorded.serial == serial else "the proof in the rig file names no drive"
+    return "the proof in the rig file names no drive" if other else ""
+
+
+def _hexadecimal(number: int | None) -> str:
+    return "unknown" if number is None else f"{number:#010x}"
 
 
 def guard_lines(guards: Sequence[AxisGuard], *, simulated: bool) -> Iterator[str]:

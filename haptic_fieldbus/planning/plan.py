@@ -9,7 +9,7 @@ from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.assumed import assumed_lines
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import TorqueDeadline, torque_deadlines
-from haptic_fieldbus.planning.guards import AxisGuard, guard_of
+from haptic_fieldbus.planning.guards import AxisGuard, SetGuard, guard_of
 from haptic_fieldbus.planning.image import ImageLayout
 from haptic_fieldbus.protocols.traffic import COMPUTE_NS, BusTraffic, Delay
 from haptic_fieldbus.scenes.scene import Scene
@@ -115,11 +115,19 @@ class Plan:
     @property
     def guards(self) -> tuple[AxisGuard, ...]:
         """Guard of the drive of each axis, and what is known of it."""
-        traffic, source = self._traffic, self.rig.source
-        return tuple(
-            guard_of(axis.name, axis.profile, axis.rig, traffic[axis.name].guard(axis.name), source)
-            for axis in self.axes
+        return tuple(self._guard_of(axis) for axis in self.axes)
+
+    def _guard_of(self, axis: AxisPlan) -> AxisGuard:
+        traffic = self._traffic[axis.name]
+        late = axis.delay.transport + axis.profile.timing.control_period
+        set_to = SetGuard(
+            traffic.guard(axis.name), late, self.period, (*traffic.guarding(axis.name, axis.rig), self.place(axis))
         )
+        return guard_of(axis.name, axis.profile, axis.rig, set_to, self.rig.source)
+
+    def place(self, axis: AxisPlan) -> str:
+        """Return where the drive of an axis is: the wires of its bus, and its number on it."""
+        return f"{self.rig.bus[axis.rig.bus].wires} {axis.node}"
 
     @property
     def _traffic(self) -> dict[str, BusTraffic]:

@@ -166,6 +166,7 @@ def check_rig(rig: Rig) -> None:
         _check_node(document, name)
         _check_position_limits(document, name)
         _check_simulation(document, name)
+        check_plausible(document, name)
     document.checked(rig)
 
 

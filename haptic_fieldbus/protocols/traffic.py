@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from haptic_fieldbus.drive.profile import MappedSignal
+from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.signals import LinkFlag
 
 COMPUTE_NS = 50_000
@@ -128,6 +129,10 @@ class BusTraffic(Protocol):
 
     def guard(self, axis: str) -> float:
         """Time after which the drive of an axis takes the torque away by itself, when nothing comes from us [s]."""
+
+    def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
+        """Return what is written to the drive of an axis before its guard is proved, in a fixed order: an object or
+        register with its value in each text. `rig` is the axis in the rig."""
 
     @property
     def silence(self) -> float:

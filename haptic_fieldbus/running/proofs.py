@@ -1,6 +1,7 @@
 """Proofs of guards around a run: which are due, what a person is told before, and what is kept in the rig file."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from datetime import datetime
 from functools import partial
 
@@ -8,11 +9,16 @@ from haptic_fieldbus.assessing.proof import Proof
 from haptic_fieldbus.buses.bus import DriveFacts
 from haptic_fieldbus.documents.edits import Value, table_text, with_table
 from haptic_fieldbus.documents.replacing import edit_file
+from haptic_fieldbus.drive.identity import Identity
+from haptic_fieldbus.drive.rig import Proved
 from haptic_fieldbus.errors import BusError, UnprovedGuardError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.guards import CAPPED
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.proving import ATTEMPTS
+
+KEYS = ("serial", "vendor", "product", "revision", "guard", "guard_ms", "asked_ms", "profile", "digest", "date")
+"""Keys of a proof, in the order in which they are written."""
 
 
 def questions(plan: Plan, due: Mapping[str, str]) -> Iterator[str]:
@@ -47,7 +53,7 @@ def keep(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof]) -
     for proof in proofs if plan.rig.source and not plan.simulated else ():
         if proof.early or proof.missed:
             continue
-        values = _values(plan, proof, facts[proof.axis].serial)
+        values = _values(plan, proof, facts[proof.axis].identity)
         if values is None:
             continue
         path = ("axis", proof.axis, "proved")
@@ -59,23 +65,29 @@ def keep(plan: Plan, facts: Mapping[str, DriveFacts], proofs: Sequence[Proof]) -
             yield f"the proof of axis {proof.axis} was not kept in {plan.rig.source}: {why}. It would be: {table}"
 
 
-def _values(plan: Plan, proof: Proof, serial: int | None) -> dict[str, Value] | None:
+def _values(plan: Plan, proof: Proof, drive: Identity) -> dict[str, Value] | None:
     """Return the keys of a proof; None when it could never be told to be that of the drive that is there."""
-    if proof.holds and serial is None:
+    if proof.holds and drive.serial is None:
         return None
-    values: dict[str, Value] = {} if serial is None else {"serial": serial}
-    values |= {"guard": "proved" if proof.holds else "none"}
-    if proof.off is not None:
-        values["guard_ms"] = round(1e3 * proof.off, 3)
-    values |= {"asked_ms": round(1e3 * proof.guard, 3), "profile": plan.axis(proof.axis).profile.name}
-    return values | {"date": datetime.now().astimezone().isoformat(timespec="seconds")}
+    kept = Proved(
+        guard="proved" if proof.holds else "none",
+        guard_ms=None if proof.off is None else round(1e3 * proof.off, 3),
+        asked_ms=round(1e3 * proof.guard, 3),
+        profile=plan.axis(proof.axis).profile.name,
+        date=datetime.now().astimezone().isoformat(timespec="seconds"),
+        **asdict(drive),
+    )
+    written = next(guard.set_to.written for guard in plan.guards if guard.axis == proof.axis)
+    values = asdict(replace(kept, digest=kept.digest_with(written)))
+    return {key: values[key] for key in KEYS if values[key] is not None}
 
 
 def _failure(plan: Plan, facts: Mapping[str, DriveFacts], proof: Proof) -> str:
     """Return what was measured, and what to do."""
     axis = plan.axis(proof.axis)
     told = facts.get(proof.axis)
-    serial = "" if told is None or told.serial is None else f" (serial {told.serial:#010x})"
+    number = None if told is None else told.identity.serial
+    serial = "" if number is None else f" (serial {number:#010x})"
     stayed = f"for {rounded(1e3 * proof.enabled)} ms, and was never seen off"
     when = stayed if proof.off is None else f"until {rounded(1e3 * proof.off)} ms after it"
     return (

@@ -23,6 +23,7 @@ from haptic_fieldbus.cycle.watch import EMERGENCY, FLAGS, STATUSWORD, T_NS
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusTimeoutError, DriveFaultError
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.guards import LONGEST_QUESTION, SetGuard
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals
@@ -30,14 +31,10 @@ from haptic_fieldbus.running.loop import enabling_time, feedback_time_ns, not_en
 from haptic_fieldbus.running.torque_free import check_link, started
 from haptic_fieldbus.signals import LinkFlag
 
-BETWEEN_PROOFS = 0.2
-"""Longest time between two proofs of our life, in guards; a bus keeps every guard up at least so often."""
 PATIENCE = 4.0
 """Longest time for which drives are left alone, in guards."""
 ATTEMPTS = 5
 """How often drives are left alone before it is given up to learn something about their guards."""
-LONGEST_QUESTION = 0.02
-"""Time for asking a drive that has left the exchange, as far as it counts for the drive [s]."""
 FAULTS = (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE)
 WHILE_ALONE = LinkFlag.BUS_OFF | LinkFlag.FOREIGN | LinkFlag.DUPLICATE
 """Flags that end a proof; others are what a drive may say when it has lost its master."""
@@ -65,12 +62,8 @@ def prove(plan: Plan, bus: Bus, clock: Clock, axes: Collection[str], ending: End
 class _Looked:
     """One drive as it is seen, and the times at which it was."""
 
-    def __init__(self, axis: AxisPlan, image: AxisImage, guard: float, period: float) -> None:
+    def __init__(self, axis: AxisPlan, image: AxisImage, guard: SetGuard) -> None:
         self.axis, self.guard = axis, guard
-        # Two looks are a period apart, and one that waits for feedback in vain ends nearly a period later.
-        self.between = 2.0 * period
-        self.allowed = guard + axis.delay.transport + self.between + axis.profile.timing.control_period
-        self.earliest = guard - BETWEEN_PROOFS * guard - self.between
         self.state = PowerState.UNKNOWN
         self.enabled_ns = 0
         self.off_ns: int | None = None
@@ -122,8 +115,9 @@ class _Looked:
         asking = min(self._asking_ns * 1e-9, LONGEST_QUESTION)
         off = None if self.off_ns is None else (self.off_ns - alone_ns) * 1e-9
         seen = (self.enabled_ns - alone_ns) * 1e-9
-        allowed, between = self.allowed + asking, self.between + asking
-        return Proof(self.axis.name, self.guard, self.earliest, allowed, seen, off, between)
+        guard = self.guard
+        allowed, between = guard.allowed + asking, guard.between + asking
+        return Proof(self.axis.name, guard.seconds, guard.earliest, allowed, seen, off, between)
 
 
 class _ProofExchange:
@@ -134,10 +128,9 @@ class _ProofExchange:
         self._output = bytearray(plan.image.output_size)
         self._feedback_ns = feedback_time_ns(plan)
         self._deadline_ns = clock.now_ns()
-        guards = {guard.axis: guard.seconds for guard in plan.guards}
+        guards = {guard.axis: guard.set_to for guard in plan.guards}
         every = [
-            _Looked(axis, image, guards[axis.name], plan.period)
-            for axis, image in zip(plan.axes, plan.image.axes, strict=True)
+            _Looked(axis, image, guards[axis.name]) for axis, image in zip(plan.axes, plan.image.axes, strict=True)
         ]
         self._proved = tuple(each for each in every if each.axis.name in axes)
         self._others = tuple(each for each in every if each.axis.name not in axes)
@@ -161,7 +154,7 @@ class _ProofExchange:
     def leave_alone(self) -> Iterator[Proof]:
         """Write nothing until all drives are seen off, or patience is over; yield what came of it."""
         alone_ns = self._clock.now_ns()
-        patience_ns = round(1e9 * PATIENCE * max(looked.guard for looked in self._proved))
+        patience_ns = round(1e9 * PATIENCE * max(looked.guard.seconds for looked in self._proved))
         for looked in self._proved:
             looked.enabled_ns = alone_ns
         waiting = self._proved

@@ -21,6 +21,7 @@ from haptic_fieldbus.buses.bus import Bus
 from haptic_fieldbus.buses.group import BusGroup
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
+from haptic_fieldbus.drive.identity import Identity
 from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
 from haptic_fieldbus.planning.guards import to_prove
@@ -206,10 +207,10 @@ class Preparation:
         plan = self._plan
         if plan.simulated and not self._asked:
             return {}
-        serials = {name: facts.serial for name, facts in bus.facts.items()}
+        drives = {name: facts.identity for name, facts in bus.facts.items()}
         # With --prove the plan knows of no proof, so each guard has a reason.
         recorded = {axis.name: axis.rig.proved for axis in plan.axes}
-        return to_prove(plan.guards, recorded, {name: serials.get(name) for name in recorded})
+        return to_prove(plan.guards, recorded, {name: drives.get(name, Identity()) for name in recorded})
 
 
 def _open(request: Request, plan: Plan, bus: Bus, clock: Clock, prepared: Preparation, ending: EndSignals) -> None:
@@ -256,7 +257,8 @@ def _warning(plan: Plan, name: str, bus: Bus) -> str:
     axis = next(axis for axis in plan.axes if axis.name == name)
     facts = bus.facts[name]
     share, probe = axis.limits.effort / axis.rated_effort, sign_probe(axis, plan.period)
-    serial = "" if facts.serial is None else f" (serial {facts.serial:#06x})"
+    number = facts.identity.serial
+    serial = "" if number is None else f" (serial {number:#06x})"
     return (
         f"about to enable torque on {facts.title}, node {facts.node}, {plan.rig.bus[axis.rig.bus].channel}{serial}: "
         f"at most {percent(share)} of rated torque, {exactly(axis.limits.speed)} {axis.workspace.length_unit}/s; "

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.documents.replacing import edit_file
+from haptic_fieldbus.documents.replacing import edit_file, remove_file, write_file
 
 OLD, NEW = "old\r\nlines # kept\n", "new\r\n"
 
@@ -101,6 +101,18 @@ def test_a_file_that_cannot_be_replaced_stays(
     assert all(not name.endswith(".new") for name in os.listdir(path.parent))
 
 
+def test_a_file_is_created_replaced_and_removed_as_a_whole(tmp_path: Path) -> None:
+    path = tmp_path / "note.json"
+    for content in (b"one", b"", b"three"):
+        write_file(path, content)
+        assert path.read_bytes() == content
+    assert os.listdir(tmp_path) == [path.name]
+    remove_file(path)
+    remove_file(path)
+    assert os.listdir(tmp_path) == []
+    remove_file(tmp_path / "no folder" / path.name)
+
+
 def test_an_edit_that_raises_leaves_the_file(path: Path) -> None:
     def edit(_text: str) -> str:
         raise ValueError("no such table")
@@ -110,31 +122,38 @@ def test_an_edit_that_raises_leaves_the_file(path: Path) -> None:
     assert path.read_bytes() == OLD.encode()
 
 
-def in_a_process(path: Path, before: str) -> "subprocess.CompletedProcess[str]":
-    """Edit the file in a process of its own, after some lines of Python."""
+EDIT, WRITE = "edit_file(path, lambda text: new)", "write_file(path, new.encode())"
+
+
+def in_a_process(path: Path, before: str, change: str = EDIT) -> "subprocess.CompletedProcess[str]":
+    """Change the file in a process of its own, after some lines of Python."""
     code = f"""
 import os, resource, signal, sys
-from haptic_fieldbus.documents.replacing import edit_file
+from pathlib import Path
+from haptic_fieldbus.documents.replacing import edit_file, write_file
+path, new = Path({str(path)!r}), {NEW!r} * 1000
 {before}
 try:
-    edit_file({str(path)!r}, lambda text: {NEW!r} * 1000)
+    {change}
 except OSError as error:
     print(error.errno)
 """
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
 
 
+@pytest.mark.parametrize("change", [EDIT, WRITE])
 @pytest.mark.parametrize("call", ["os.replace", "os.fsync"])
-def test_after_a_kill_before_the_rename_the_old_file_is_whole(call: str, path: Path) -> None:
-    killed = in_a_process(path, f"{call} = lambda *_: os.kill(os.getpid(), signal.SIGKILL)")
+def test_after_a_kill_before_the_rename_the_old_file_is_whole(call: str, change: str, path: Path) -> None:
+    killed = in_a_process(path, f"{call} = lambda *_: os.kill(os.getpid(), signal.SIGKILL)", change)
     assert killed.returncode == -signal.SIGKILL
     assert path.read_bytes() == OLD.encode()
     edit_file(path, renewed)  # what was left behind is in nobody's way
     assert path.read_bytes() == NEW.encode()
 
 
-def test_on_a_full_disk_the_old_file_is_whole_and_nothing_is_left(path: Path) -> None:
-    full = in_a_process(path, "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))")
+@pytest.mark.parametrize("change", [EDIT, WRITE])
+def test_on_a_full_disk_the_old_file_is_whole_and_nothing_is_left(change: str, path: Path) -> None:
+    full = in_a_process(path, "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))", change)
     assert (full.returncode, full.stdout.strip()) == (0, str(errno.EFBIG)), full.stderr
     assert path.read_bytes() == OLD.encode()
     assert os.listdir(path.parent) == [path.name]

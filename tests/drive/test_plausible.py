@@ -7,12 +7,13 @@ from typing import Any, get_args
 import pytest
 
 from haptic_fieldbus.drive.fields import Ranged
-from haptic_fieldbus.drive.plausible import OF_HANDLE, RANGES, implausible, implausible_of
-from haptic_fieldbus.drive.rig import Limits, RigAxis, RotaryMechanism, default_axis
+from haptic_fieldbus.drive.plausible import OF_HANDLE, RANGES, implausible
+from haptic_fieldbus.drive.rig import Limits, Rig, RigAxis, RotaryMechanism, default_axis
 from haptic_fieldbus.errors import RigError
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.planning.task import Task
-from haptic_fieldbus.protocols.catalogue import load_rig
+from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.catalogue import check_rig, load_rig
 from haptic_fieldbus.signals import Workspace
 
 RIG = """\
@@ -167,7 +168,15 @@ def test_a_rig_that_was_made_in_python_is_judged_alike() -> None:
     assert load(Task("wall", rig=known)).rig.axis["handle"].inertia == 400.0
 
 
+def test_all_faults_of_a_rig_that_was_made_in_python_are_told_at_once() -> None:
+    rig = load(Task("wall")).rig
+    wrong = {name: replace(axis, inertia=400.0, limits=Limits(position=(0.1, -0.1))) for name, axis in rig.axis.items()}
+    with pytest.raises(RigError) as refused:
+        check_rig(replace(rig, axis=wrong))
+    assert [fault.key for fault in refused.value.faults] == ["axis.handle.limits.position", "axis.handle.inertia"]
+
+
 def test_what_is_unknown_has_no_range() -> None:
     unknown = bench(rated_torque=None, inertia=None, torque_constant=None, limits=Limits())
-    assert implausible_of(unknown) == []
-    assert implausible_of(replace(unknown, mechanism=RotaryMechanism("rotary", 3.0))) == []
+    for axis in (unknown, replace(unknown, mechanism=RotaryMechanism("rotary", 3.0))):
+        check_rig(Rig({"b": CanSection("socketcan", "can0")}, {"handle": axis}))

@@ -7,34 +7,56 @@ from typing import Any
 
 import pytest
 
+from haptic_fieldbus.drive.cia402 import OptionCode, WrittenObject
+from haptic_fieldbus.drive.identity import Identity
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.rig import Limits, Proved, Rig
-from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.errors import PlanError, RigError
 from haptic_fieldbus.planning.explain import explain
 from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.plan_json import plan_json
 from haptic_fieldbus.protocols.canopen.bus import CanSection
-from haptic_fieldbus.protocols.canopen.profile import LinkLossSection
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SetupSection
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import PROFILE, WALL, plan_of, rig_of, scene_of
 from tests.running.guard_bench import rig_text
 
-GOOD = Proved("proved", PROFILE.name, 50.0, "2026-11-22T12:00:00+01:00", 48.9, 0xC17B76A7)
-FAILED = replace(GOOD, guard="none", guard_ms=None)
+UNSEALED = Proved("proved", PROFILE.name, 50.0, "2026-11-22T12:00:00+01:00", 48.9, 0xC17B76A7, 0xFB, 0x6050, 7)
+DRIVE = UNSEALED.drive
 UNGUARDED = replace(PROFILE, link_loss=LinkLossSection())
 TWO = scene_of(Wall("left", stiffness=100.0, name="a"), Wall("right", stiffness=100.0, name="b"))
 
 
-def planned(proved: Proved | None = None, *, source: str = "rig.toml", real: bool = True, **changes: object) -> Plan:
+def planned(
+    proved: Proved | None = None,
+    *,
+    source: str = "rig.toml",
+    real: bool = True,
+    channel: str = "can0",
+    profile: CanopenProfile = PROFILE,
+    rate: float = 1000.0,
+    **changes: object,
+) -> Plan:
     rig = rig_of(WALL, proved=proved, **changes)
-    section = CanSection("socketcan", "can0") if real else rig.bus["bus"]
-    return plan_of(rig=replace(rig, source=source, bus={"bus": section}))
+    section = CanSection("socketcan", channel) if real else rig.bus["bus"]
+    return plan_of(rig=replace(rig, source=source, bus={"bus": section}), profile=profile, rate=rate)
 
 
-def due(plan: Plan, serial: int | None = GOOD.serial) -> Mapping[str, str]:
+def sealed(proved: Proved) -> Proved:
+    """The proof with the digest that a run of this plan would have given it."""
+    (guard,) = planned().guards
+    return replace(proved, digest=proved.digest_with(guard.set_to.written))
+
+
+GOOD = sealed(UNSEALED)
+FAILED = replace(GOOD, guard="none", guard_ms=None)
+
+
+def due(plan: Plan, drive: Identity = DRIVE) -> Mapping[str, str]:
     recorded = {axis.name: axis.rig.proved for axis in plan.axes}
-    return to_prove(plan.guards, recorded, dict.fromkeys(recorded, serial))
+    return to_prove(plan.guards, recorded, dict.fromkeys(recorded, drive))
 
 
 def told(plan: Plan) -> dict[str, Any]:
@@ -46,29 +68,104 @@ def told(plan: Plan) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("proved", "source", "serial", "why"),
+    ("proved", "source", "drive", "why"),
     [
-        (GOOD, "rig.toml", GOOD.serial, ""),
-        (None, "rig.toml", GOOD.serial, "the rig file has no proof of it yet"),
-        (None, "", GOOD.serial, "without a rig file no proof is kept"),
-        (GOOD, "rig.toml", 7, "that of the drive 0xc17b76a7, this one is 0x00000007"),
-        (GOOD, "rig.toml", None, "the drive tells no serial number"),
-        (replace(GOOD, serial=None), "rig.toml", 7, "names no drive"),
-        (replace(GOOD, profile="another"), "rig.toml", GOOD.serial, "made with the profile another"),
-        (replace(GOOD, asked_ms=100.0), "rig.toml", GOOD.serial, "one of 100 ms"),
+        (GOOD, "rig.toml", DRIVE, ""),
+        (None, "rig.toml", DRIVE, "the rig file has no proof of it yet"),
+        (None, "", DRIVE, "without a rig file no proof is kept"),
+        (GOOD, "rig.toml", replace(DRIVE, serial=7), "its serial is 0xc17b76a7, that of this one 0x00000007"),
+        (GOOD, "rig.toml", replace(DRIVE, vendor=7), "its vendor is 0x000000fb, that of this one 0x00000007"),
+        (GOOD, "rig.toml", replace(DRIVE, product=None), "its product is 0x00006050, that of this one unknown"),
+        (GOOD, "rig.toml", replace(DRIVE, revision=8), "its revision is 0x00000007, that of this one 0x00000008"),
+        (GOOD, "rig.toml", replace(DRIVE, serial=None), "the drive tells no serial number"),
+        (sealed(replace(UNSEALED, serial=None)), "rig.toml", DRIVE, "names no drive"),
+        (sealed(replace(UNSEALED, serial=None)), "rig.toml", replace(DRIVE, serial=None), "no serial number"),
+        (sealed(replace(UNSEALED, serial=0)), "rig.toml", DRIVE, "names no drive"),
+        (sealed(replace(UNSEALED, serial=0xFFFF_FFFF)), "rig.toml", replace(DRIVE, serial=None), "no serial number"),
+        (replace(GOOD, profile="another"), "rig.toml", DRIVE, "made with the profile another"),
+        (replace(GOOD, asked_ms=100.0), "rig.toml", DRIVE, "one of 100 ms"),
+        (UNSEALED, "rig.toml", DRIVE, "by an earlier version and has no digest; run --prove makes a new one"),
     ],
 )
 def test_a_proof_counts_for_one_drive_one_profile_and_one_time(
-    proved: Proved | None, source: str, serial: int | None, why: str
+    proved: Proved | None, source: str, drive: Identity, why: str
 ) -> None:
-    found = due(planned(proved, source=source), serial)
+    found = due(planned(proved, source=source), drive)
     assert (why in found["handle"]) if why else not found
 
 
-@pytest.mark.parametrize("serial", [GOOD.serial, None])
-def test_a_known_failure_is_not_tried_again_on_the_same_drive(serial: int | None) -> None:
-    assert not due(planned(FAILED, emergency_stop="power"), serial)
-    assert due(planned(FAILED, emergency_stop="power"), 7)
+def edited(**link_loss: Any) -> CanopenProfile:
+    """The profile with other options for a lost master."""
+    return replace(PROFILE, link_loss=replace(PROFILE.link_loss, **link_loss))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"on_link_loss": "brake"},
+        {"node": 2},
+        {"channel": "can1"},
+        {"profile": edited(abort_connection_option=OptionCode(0x6007, 1))},
+        {"profile": edited(abort_connection_option=None)},
+        {"profile": edited(fault_reaction_option=OptionCode(0x605E, 2))},
+        {"profile": edited(fault_reaction_option=None)},
+        {"profile": edited(heartbeat_consumer=None, life_guarding=True)},
+        {"profile": replace(PROFILE, torque=replace(PROFILE.torque, mode_of_operation=4))},
+        {"profile": replace(PROFILE, setup=SetupSection((WrittenObject(0x1029, DataType.UINT8, 1, 1),)))},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_a_proof_does_not_outlive_what_was_written_for_it_nor_its_place(changes: dict[str, Any]) -> None:
+    assert "was changed since the proof was kept" in due(planned(GOOD, **changes))["handle"]
+
+
+@pytest.mark.parametrize(
+    "edit", [{"guard_ms": 50.1}, {"serial": 7}, {"vendor": 7}, {"revision": None}, {"asked_ms": 50.1}, {"digest": "0"}]
+)
+def test_a_proof_that_was_edited_by_hand_does_not_count(edit: dict[str, Any]) -> None:
+    proved = replace(GOOD, **edit)
+    assert "was changed since the proof was kept" in due(planned(proved), proved.drive)["handle"]
+
+
+def test_a_failure_that_was_made_a_proof_by_hand_does_not_count() -> None:
+    assert due(planned(replace(sealed(FAILED), guard="proved", guard_ms=48.9)))
+
+
+def test_a_proof_counts_at_each_rate_with_the_same_guard_and_what_is_written_for_it() -> None:
+    for rate in (1000.0, 500.0, 100.0):
+        assert not due(planned(GOOD, rate=rate))
+    assert "one of 50 ms" in due(planned(GOOD, rate=50.0))["handle"]
+
+
+@pytest.mark.parametrize(
+    ("rate", "passes"),
+    [(1000.0, (38.0, 72.8)), (100.0, (20.0, 90.8))],
+)
+def test_a_measured_time_counts_where_a_proof_at_this_rate_would_have_passed(
+    rate: float, passes: tuple[float, float]
+) -> None:
+    """A fifth of 50 ms and two periods less; two periods, 0.4 ms of delay, a tick of 0.4 ms and a question of 20 ms
+    more."""
+    low, high = passes
+    for measured in (low + 0.1, high - 0.1):
+        assert not due(planned(sealed(replace(UNSEALED, guard_ms=measured)), rate=rate))
+    for beyond in (low - 0.1, high + 0.1):
+        assert "pass at this rate" in due(planned(sealed(replace(UNSEALED, guard_ms=beyond)), rate=rate))["handle"]
+    assert "has no time" in due(planned(sealed(replace(UNSEALED, guard_ms=None)), rate=rate))["handle"]
+
+
+@pytest.mark.parametrize("drive", [DRIVE, replace(DRIVE, serial=None)])
+def test_a_known_failure_is_not_tried_again_on_the_same_drive(drive: Identity) -> None:
+    assert not due(planned(FAILED, emergency_stop="power"), drive)
+    assert due(planned(FAILED, emergency_stop="power"), replace(DRIVE, serial=7))
+    assert due(planned(FAILED, emergency_stop="power"), replace(DRIVE, revision=8)), "its firmware is a new one"
+
+
+def test_a_known_failure_holds_whatever_else_is_written_to_the_drive() -> None:
+    """It permits less, so that nothing is lost by keeping it."""
+    braking = planned(replace(FAILED, digest=None), emergency_stop="power", on_link_loss="brake", node=3)
+    assert not due(braking)
+    assert braking.guards[0].cap
 
 
 @pytest.mark.parametrize(
@@ -137,9 +234,39 @@ def test_a_plan_says_what_it_knows(proved: Proved | None, real: bool, text: str)
 def test_a_rig_file_holds_a_proof_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     table = 'serial = 0xC17B76A7\nguard = "proved"\nguard_ms = 48.9\nasked_ms = 50.0\nprofile = "test_drive"\n'
+    table += f'vendor = 0xFB\nproduct = 0x6050\nrevision = 7\ndigest = "{GOOD.digest}"\n'
     path.write_text(rig_text() + f'[axis.handle.proved]\n{table}date = "{GOOD.date}"\n', encoding="utf-8")
     assert load_rig(path).axis["handle"].proved == GOOD
     assert load_rig(path).unproved().axis["handle"].proved is None
+
+
+def test_a_measured_time_that_no_proof_accepts_is_refused_with_file_key_value_and_what_is_expected(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "rig.toml"
+    table = '[axis.handle.proved]\nguard = "proved"\n{}asked_ms = 50.0\nprofile = "test_drive"\ndate = "today"\n'
+    for line, shown in (("guard_ms = 5000\n", "5000"), ("guard_ms = 19\n", "19"), ("", "missing")):
+        path.write_text(rig_text() + table.format(line), encoding="utf-8")
+        expected = f"axis.handle.proved.guard_ms.*: {shown}; expected from 20 to 150 ms, which a proof of asked_ms = 50"
+        with pytest.raises(RigError, match=expected) as refused:
+            load_rig(path)
+        assert str(path) in str(refused.value)
+    for line in ("guard_ms = 20\n", "guard_ms = 150\n"):
+        path.write_text(rig_text() + table.format(line), encoding="utf-8")
+        assert load_rig(path).axis["handle"].proved is not None
+
+
+@pytest.mark.parametrize("table", ['guard = "none"', 'guard = "proved"\nguard_ms = "soon"', "guard = 3"])
+def test_other_faults_of_a_proof_are_those_of_the_schema(table: str, tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    whole = f'[axis.handle.proved]\n{table}\nasked_ms = 50.0\nprofile = "test_drive"\ndate = "today"\n'
+    path.write_text(rig_text() + whole, encoding="utf-8")
+    if "none" in table:
+        assert load_rig(path).axis["handle"].proved is not None
+    else:
+        with pytest.raises(RigError) as refused:
+            load_rig(path)
+        assert "can accept" not in str(refused.value)
 
 
 def test_a_cap_of_the_force_is_told_with_its_value_and_its_reason() -> None:

@@ -156,6 +156,14 @@ class GuardBench:
             if can_id == 0x600 + node and data[0] >> 5 == 1 and data[1:4] == head
         ]
 
+    def downloads(self, node: int = 1) -> set[tuple[int, int]]:
+        """Objects to which something was downloaded."""
+        return {
+            (int.from_bytes(data[1:3], "little"), data[3])
+            for _, can_id, data in self.frames
+            if can_id == 0x600 + node and data[0] >> 5 == 1
+        }
+
     def is_free(self, node: int = 1) -> bool:
         """Whether the motor of a drive is off."""
         return bool(self.world.slave(node).drive.objects.statusword.value & 0x6F != 0x27)

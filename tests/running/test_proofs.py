@@ -1,14 +1,24 @@
 """What a run writes of a proof into the rig file, what it leaves there, and what it says when it cannot write."""
 
-from collections.abc import Sequence
+import errno
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from haptic_fieldbus.drive.rig import Proved
-from haptic_fieldbus.errors import UnprovedGuardError
-from haptic_fieldbus.protocols.catalogue import load_rig
+from haptic_fieldbus.errors import RigError, UnprovedGuardError
+from haptic_fieldbus.protocols.catalogue import load_profile, load_rig
+from haptic_fieldbus.sim.canopen.world import World
 from tests.running.guard_bench import DEAD, GuardBench, rig_text
+
+UNKNOWN = [0, 0xFFFF_FFFF]
+"""Serial numbers of drives that were never given one."""
 
 
 @pytest.fixture
@@ -41,6 +51,8 @@ def test_what_is_kept_is_the_drive_the_time_and_the_day_and_all_else_stays_octet
     assert kept is not None
     assert (kept.guard, kept.profile, kept.asked_ms) == ("proved", "generic_cia402", 50.0)
     assert kept.serial == bench.world.slave(1).drive.settings.serial
+    assert (kept.vendor, kept.revision) == (None, 0x0001_0000), "1018h:01 is 0, 1018h:03 is told"
+    assert kept.digest == kept.digest_with(bench.plan.guards[0].set_to.written)
     assert kept.guard_ms == pytest.approx(1e3 * (proof.off or 0.0), abs=1e-3)
     assert kept.date.startswith("20")
     assert "T" in kept.date
@@ -98,3 +110,166 @@ def test_a_rig_that_can_no_longer_hold_it_is_told(spoil, why: str, rig: Path) ->
     result = bench.run()
     assert result.cycles == 50
     assert why in result.warnings[0]
+
+
+def with_serial(serial: int) -> Callable[[World], None]:
+    """Let the drive tell this serial number."""
+
+    def tell(world: World) -> None:
+        held = world.slave(1).drive.dictionary.find(0x1018, 4)
+        assert held is not None
+        held.value = serial
+
+    return tell
+
+
+class TestADriveWithoutASerialNumber:
+    @pytest.mark.thorough("two runs each", quick=1)
+    @pytest.mark.parametrize("serial", UNKNOWN)
+    def test_is_proved_at_every_start_and_nothing_is_kept(self, serial: int, rig: Path) -> None:
+        before = rig.read_bytes()
+        for _ in range(2):
+            bench = GuardBench(rig).put(but=with_serial(serial))
+            assert bench.run().proofs[0].holds
+            assert rig.read_bytes() == before
+            assert "(serial" not in bench.asked
+
+    @pytest.mark.thorough("two runs each", quick=1)
+    @pytest.mark.parametrize("serial", UNKNOWN)
+    def test_gets_no_proof_of_another_one_although_both_tell_the_same(self, serial: int, rig: Path) -> None:
+        GuardBench(rig).put().run()
+        kept, text = proved(rig), rig.read_text()
+        assert kept is not None
+        shared = replace(kept, serial=serial)
+        digest = shared.digest_with(GuardBench(rig).plan.guards[0].set_to.written)
+        rig.write_text(
+            text.replace(f"{kept.serial:#010X}".replace("X", "x"), hex(serial)).replace(str(kept.digest), digest)
+        )
+        bench = GuardBench(rig).put(but=with_serial(serial))
+        assert bench.run().proofs[0].holds
+        assert "the drive tells no serial number" in bench.asked
+
+
+class TestAProofIsMadeAgain:
+    @pytest.fixture
+    def proved_rig(self, rig: Path) -> Path:
+        assert GuardBench(rig).put().run().proofs[0].holds
+        assert GuardBench(rig).put().run().proofs == (), "it counts for the same bench"
+        return rig
+
+    def again(self, rig: Path) -> str:
+        """Run, and return the question; the new proof counts."""
+        bench = GuardBench(rig).put()
+        assert bench.run().proofs[0].holds
+        assert GuardBench(rig).put().run().proofs == ()
+        assert rig.read_text().count("[axis.handle.proved]") == 1
+        return bench.asked
+
+    def test_when_an_earlier_version_made_it(self, proved_rig: Path) -> None:
+        lines = proved_rig.read_text().splitlines(keepends=True)
+        old = [line for line in lines if not line.startswith(("digest", "vendor", "product", "revision"))]
+        proved_rig.write_text("".join(old))
+        assert "by an earlier version and has no digest; run --prove makes a new one" in self.again(proved_rig)
+
+    @pytest.mark.thorough("four runs each", quick=("brake",))
+    @pytest.mark.parametrize(
+        ("old", "new"),
+        [
+            ("[axis.handle]\n", '[axis.handle]\non_link_loss = "brake"\n'),
+            ('channel = "can0"', 'channel = "can1"'),
+            ("node = 1 ", "node = 2 "),
+            ("asked_ms = 50.0", "asked_ms = 50.2"),
+        ],
+        ids=["brake", "bus", "node", "edited"],
+    )
+    def test_when_the_rig_was_changed(self, old: str, new: str, proved_rig: Path) -> None:
+        text = proved_rig.read_text()
+        assert old in text
+        proved_rig.write_text(text.replace(old, new))
+        assert "was changed since the proof was kept" in self.again(proved_rig)
+
+    @pytest.mark.thorough("four runs each")
+    @pytest.mark.parametrize(
+        "edit",
+        [("object = 0x6007, value = 2", "object = 0x6007, value = 1"), ("0x605E, value = 0", "0x605E, value = 2")],
+    )
+    def test_when_the_own_profile_was_edited(self, edit: tuple[str, str], tmp_path: Path, rig: Path) -> None:
+        own = tmp_path / "own.toml"
+        own.write_text(Path(load_profile("generic_cia402").source).read_text(encoding="utf-8"), encoding="utf-8")
+        rig.write_text(rig_text(profile=str(own)), encoding="utf-8")
+        assert GuardBench(rig).put().run().proofs[0].holds
+        text = own.read_text(encoding="utf-8")
+        assert edit[0] in text
+        own.write_text(text.replace(*edit), encoding="utf-8")
+        assert "was changed since the proof was kept" in self.again(rig)
+
+
+def test_a_proof_that_somebody_wrote_by_hand_is_refused_where_no_proof_could_say_so(rig: Path) -> None:
+    table = 'guard = "proved"\nguard_ms = 5000\nasked_ms = 50.0\nprofile = "generic_cia402"\ndate = "today"\n'
+    rig.write_text(f"{rig_text()}[axis.handle.proved]\n{table}", encoding="utf-8")
+    with pytest.raises(RigError, match=r"axis\.handle\.proved\.guard_ms.*5000; expected from 20 to 150 ms"):
+        GuardBench(rig)
+
+
+def test_on_a_full_disk_the_rig_stays_as_it_was_and_the_run_goes_on(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = rig.read_bytes()
+
+    def full(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    result = GuardBench(rig).put().run()
+    assert any(f"was not kept in {rig}: No space left on device" in each for each in result.warnings)
+    assert (result.cycles, rig.read_bytes(), os.listdir(rig.parent)) == (50, before, [rig.name])
+
+
+@pytest.mark.thorough("a process each", quick=1)
+@pytest.mark.parametrize("call", ["os.replace", "os.fsync"])
+def test_a_run_that_is_killed_while_it_keeps_a_proof_leaves_the_rig_of_before(call: str, rig: Path) -> None:
+    before = rig.read_bytes()
+    code = f"""
+import os, signal
+from pathlib import Path
+from tests.running.guard_bench import GuardBench
+
+def kill_at_the_rig(given, *more):
+    path = os.readlink(f"/proc/self/fd/{{given}}") if isinstance(given, int) else given
+    if Path(path).name.startswith(".rig.toml"):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return real(given, *more)
+
+bench = GuardBench(Path({str(rig)!r})).put()
+real, {call} = {call}, kill_at_the_rig
+bench.run()
+"""
+    killed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert rig.read_bytes() == before
+    assert GuardBench(rig).put().run().proofs[0].holds
+    assert proved(rig) is not None
+
+
+def test_after_a_power_cut_the_rig_is_that_of_before_or_has_the_whole_proof(
+    rig: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is renamed over the rig has reached the disk as a whole before."""
+    on_disk: dict[int, bytes] = {}
+    fsync, rename = os.fsync, os.replace
+    renamed: dict[Path, bytes] = {}
+
+    def synced(descriptor: int) -> None:
+        fsync(descriptor)
+        path = Path(f"/proc/self/fd/{descriptor}")
+        if path.is_file():
+            on_disk[os.fstat(descriptor).st_ino] = path.read_bytes()
+
+    def replaced(name: str, target: Path) -> None:
+        renamed[target] = on_disk.get(os.stat(name).st_ino, b"torn")
+        rename(name, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", replaced)
+    GuardBench(rig).put().run()
+    assert renamed[Path(os.path.realpath(rig))] == rig.read_bytes()
+    assert b"torn" not in renamed.values()
+    assert proved(rig) is not None

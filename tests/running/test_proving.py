@@ -1,5 +1,6 @@
 """Drives left alone at zero torque: the time until they let go, judged by what the wire and the drive saw."""
 
+import re
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -113,6 +114,25 @@ class TestAGuardThatActs:
             bench.run()
         assert bench.world.slave(1).drive.objects.error_code.value == 0x2310
 
+    @pytest.mark.thorough("a run for each profile", quick=("generic_cia402",))
+    @pytest.mark.parametrize("profile", SHIPPED)
+    def test_of_every_shipped_profile_is_digested_with_all_that_was_written(self, profile: str, rig: Path) -> None:
+        """But for PDOs, limits that are put back, the period, and the controlword: no guard depends on them."""
+        rig.write_text(rig_text(profile=profile), encoding="utf-8")
+        bench = GuardBench(rig).put()
+        bench.run()
+        *told, place = bench.plan.guards[0].set_to.written
+        assert place.startswith("socketcan:can0")
+        stated = [re.fullmatch(r"(\w{4})h:(\w\w) = (-?\d+)", each) for each in told]
+        digested = {(int(each[1], 16), int(each[2], 16)): int(each[3]) for each in stated if each}
+        assert len(digested) == len(told)
+        for (index, subindex), value in digested.items():
+            held = bench.world.slave(1).drive.dictionary.find(index, subindex)
+            sent = {each & 0xFF for each in bench.written(index, subindex)} or {(held.value if held else 0) & 0xFF}
+            assert value & 0xFF in sent
+        apart = {*range(0x1400, 0x1C00), 0x1006, 0x6040, 0x6072, 0x6087, 0x60C2, 0x60E0, 0x60E1}
+        assert {index for index, _ in bench.downloads()} - {index for index, _ in digested} <= apart
+
     @pytest.mark.thorough("one more reaction")
     def test_brakes_where_the_rig_says_so(self, rig: Path) -> None:
         rig.write_text(rig_text(more='on_link_loss = "brake"\n'), encoding="utf-8")
@@ -184,7 +204,7 @@ class TestAGuardThatDoesNot:
         bench = GuardBench(rig, seed=2).put()
         result = bench.run()
         assert result.proofs[0].holds
-        assert "the proof in the rig file is that of the drive 0x" in bench.asked
+        assert "the proof in the rig file is that of another drive: its serial is 0x" in bench.asked
         assert rig.read_text() != before
         assert rig.read_text().count("[axis.handle.proved]") == 1
 

@@ -19,16 +19,17 @@ from itertools import chain, cycle, islice
 
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.ports import Received
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.objects import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
-from haptic_fieldbus.protocols.canopen.beside import PROOFS_PER_GUARD
+from haptic_fieldbus.protocols.canopen.beside import (
+    LIFE_TIME_FACTOR,
+    PRODUCER_HEARTBEAT,
+    consumer_heartbeat,
+    guard_objects,
+)
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.protocols.canopen.profile import LinkLossSection
 from haptic_fieldbus.protocols.canopen.traffic import CanTraffic
-
-GUARD_TIME = ObjectEntry(0x100C, DataType.UINT16)
-LIFE_TIME_FACTOR = ObjectEntry(0x100D, DataType.UINT8)
-PRODUCER_HEARTBEAT = ObjectEntry(0x1017, DataType.UINT16)
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,15 @@ class Guard:
     master_node: int
     node_heartbeat_ms: int
 
+    @property
+    def objects(self) -> dict[ObjectEntry, int]:
+        """Objects of the guard, with the values that are written."""
+        return dict(guard_objects(self.section, self.milliseconds, self.master_node, self.node_heartbeat_ms))
+
     def hear(self) -> None:
         """Let the drive give its sign of life: by heartbeats of its own, or by answers; raises BusError."""
         if not self.section.life_guarding:
-            self.node.write(PRODUCER_HEARTBEAT, self.node_heartbeat_ms)
+            self.node.write(PRODUCER_HEARTBEAT, self.objects[PRODUCER_HEARTBEAT])
             return
         # A master that was killed left the life time there; our first request would begin to count it.
         self.node.write(LIFE_TIME_FACTOR, 0)
@@ -54,15 +60,14 @@ class Guard:
 
     def arm(self) -> None:
         """Write what the guard needs while the node is pre-operational; raises BusError."""
-        if self.section.life_guarding:
-            self.node.write(GUARD_TIME, self.milliseconds // PROOFS_PER_GUARD)
-        elif self.section.heartbeat_consumer is not None:
-            self.node.write(_consumer(self.section.heartbeat_consumer), self.master_node << 16 | self.milliseconds)
+        for entry, value in self.objects.items():
+            if entry not in (PRODUCER_HEARTBEAT, LIFE_TIME_FACTOR):  # the one is written before, the other last
+                self.node.write(entry, value)
 
     def engage(self) -> None:
         """Let life guarding begin with our next request; raises BusError."""
         if self.section.life_guarding:
-            self.node.write(LIFE_TIME_FACTOR, PROOFS_PER_GUARD)
+            self.node.write(LIFE_TIME_FACTOR, self.objects[LIFE_TIME_FACTOR])
 
     @property
     def disarming(self) -> tuple[tuple[ObjectEntry, int], ...]:
@@ -70,7 +75,7 @@ class Guard:
         if self.section.life_guarding:
             return ((LIFE_TIME_FACTOR, 0),)
         index = self.section.heartbeat_consumer
-        return () if index is None else ((_consumer(index), 0),)
+        return () if index is None else ((consumer_heartbeat(index), 0),)
 
     def _silence_heartbeat(self, held: int) -> None:
         """Switch the heartbeat of the node off, which would keep it from answering."""
@@ -108,7 +113,3 @@ class ProofsOfLife:
             return next(self._rounds)
         skipped = min(round(passed_ns / self._period_ns), self._every)
         return tuple(chain.from_iterable(islice(self._rounds, skipped)))
-
-
-def _consumer(index: int) -> ObjectEntry:
-    return ObjectEntry(index, DataType.UINT32, 1)

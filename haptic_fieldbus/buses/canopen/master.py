@@ -127,9 +127,7 @@ class CanopenBus(InSteps):
     def _bind(self, plan: Plan, image: bytearray) -> None:
         """Prepare nodes, links, frames and offsets, so that the loop looks nothing up."""
         traffic = traffic_of(plan)
-        self._setups = tuple(
-            self._setup_of(axis, traffic, traffic.member(axis.name), real=not plan.simulated) for axis in plan.axes
-        )
+        self._setups = tuple(self._setup_of(axis, traffic.member(axis.name), traffic, plan) for axis in plan.axes)
         self._image = image
         self._links = tuple(
             Link(
@@ -158,10 +156,10 @@ class CanopenBus(InSteps):
         )
         self._sync_ns = round(SYNC_BITS * 1e9 / traffic.bitrate)
 
-    def _setup_of(self, axis: AxisPlan, traffic: CanTraffic, member: BusMember, *, real: bool) -> Setup:
+    def _setup_of(self, axis: AxisPlan, member: BusMember, traffic: CanTraffic, plan: Plan) -> Setup:
         node = Node(self._wire, axis.node, f"node {axis.node} (axis {axis.name})", guarded=member.traffic.life_guarding)
-        permille = 1e-3 * axis.rated_effort
-        limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille)
+        permille, real = 1e-3 * axis.rated_effort, not plan.simulated
+        limits = TorqueLimits(node, axis, self.warnings.append, real, TORQUE_LIMITS, permille, plan.place(axis))
         return Setup(node, axis, traffic, member, limits, self.warnings.append)
 
     def _asking_of(self, setup: Setup, start: int, period: float) -> Asking:

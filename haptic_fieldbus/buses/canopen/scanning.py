@@ -16,7 +16,6 @@ from typing import TypeVar
 
 from haptic_fieldbus.buses.canopen.expedited import request
 from haptic_fieldbus.buses.canopen.foreign import ForeignMaster, OneMaster, frame_words
-from haptic_fieldbus.buses.canopen.guard import GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from haptic_fieldbus.buses.canopen.listening import Heard, listen
 from haptic_fieldbus.buses.canopen.node import GUARDING_NS, HEARTBEAT_STATE, Node, nmt_state_name
 from haptic_fieldbus.buses.canopen.setup import (
@@ -33,6 +32,7 @@ from haptic_fieldbus.buses.found import FoundNode, Scan
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
+from haptic_fieldbus.protocols.canopen.beside import GUARD_TIME, LIFE_TIME_FACTOR, PRODUCER_HEARTBEAT
 from haptic_fieldbus.protocols.canopen.bus import NODES
 from haptic_fieldbus.protocols.canopen.cob_ids import FROM_A_NODE, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.canopen.matching import Sureness, fitting

@@ -17,12 +17,14 @@ from haptic_fieldbus.buses.canopen.node import READ_ONLY, SDO_TIMEOUT, NmtState,
 from haptic_fieldbus.buses.canopen.preparing import check_rated_torque, commissioned, prepare
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.drive.cia402 import OptionCode
+from haptic_fieldbus.drive.identity import Identity, known_number
 from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.drive.power import ENERGISED, PowerState
 from haptic_fieldbus.drive.profile import STANDARD
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.protocols.canopen.beside import MODE, SHAFT_BRAKES, reactions
 from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID
 from haptic_fieldbus.protocols.canopen.traffic import BusMember, CanTraffic
 from haptic_fieldbus.protocols.cia402 import CIA402, DISABLE_VOLTAGE
@@ -33,7 +35,6 @@ VENDOR_ID, PRODUCT_CODE, REVISION, SERIAL = (ObjectEntry(0x1018, DataType.UINT32
 ERROR_CODE = ObjectEntry(0x603F, DataType.UINT16)
 CONTROLWORD = ObjectEntry(0x6040, DataType.UINT16)
 STATUSWORD = ObjectEntry(0x6041, DataType.UINT16)
-MODE = ObjectEntry(0x6060, DataType.INT8)
 MODE_DISPLAY = ObjectEntry(0x6061, DataType.INT8)
 TORQUE_LIMITS = tuple(ObjectEntry(index, DataType.UINT16) for index in (0x6072, 0x60E0, 0x60E1))
 """Max torque, positive and negative torque limit value (CiA 402-2), all in ‰ of rated torque."""
@@ -41,7 +42,7 @@ TORQUE_LIMITS = tuple(ObjectEntry(index, DataType.UINT16) for index in (0x6072, 
 DRIVE_PROFILE = 0x0192  # low word of the device type: CiA 402
 SYNC_PRODUCER = 0x4000_0000  # bit 30 of 1005h: the device sends SYNC itself
 COB_ID_MASK = 0x7FF
-SHAFT_FREE, SHAFT_BRAKES = 2, 3  # abort connection option codes (6007h): disable voltage, quick stop
+SHAFT_FREE = 2  # abort connection option code (6007h): disable voltage
 SHAFT_WORDS = {1: "the drive faults", SHAFT_FREE: "the shaft is free", SHAFT_BRAKES: "the drive brakes by quick stop"}
 NO_ANSWER_ADVICE = "check that the drive has power, its node-ID, the bit rate, the wiring and both 120 Ω terminators"
 HEARTBEATS_TO_CONFIRM = 3  # the time for an NMT command, in heartbeat periods of the node
@@ -70,17 +71,15 @@ class Setup:
         self._check_no_fault()
         self._check_sync()
         revision, serial = self.node.optional(REVISION), self.node.optional(SERIAL)
-        self._check_torque_limits(f"{vendor:08x}-{product:08x}", serial)
+        identity = Identity(known_number(vendor), known_number(product), known_number(revision), known_number(serial))
+        self.torque_limits.inspect(identity, self.node.optional)
         if self.member.traffic.asked:
             check_asked(self.node, self.member.profile.torque.target.entry)
         return DriveFacts(
             axis=self.axis.name,
             node=self.node.id,
             title=self.member.profile.title,
-            vendor_id=vendor,
-            product_code=product,
-            revision=revision,
-            serial=serial,
+            identity=identity,
             rated_torque=check_rated_torque(self.node, self.member.profile, self.axis),
             link_loss=self._link_loss_words(),
             changes=(*self.torque_limits.sentences, *commissioned(self.node, self.member.profile, self.axis)),
@@ -181,7 +180,6 @@ class Setup:
 
     def _guard_link(self) -> None:
         """Arm the drive's guard on us, and set the reactions to our loss, which leave no torque."""
-        section = self.member.profile.link_loss
         if not self.member.profile.guarded:
             if self.axis.rig.emergency_stop == "power":
                 return  # the plan permits little torque then
@@ -190,19 +188,18 @@ class Setup:
                 "link_loss): it could hold the last torque when the cable breaks; refused"
             )
         self.guard.arm()
-        for option in (section.abort_connection_option, section.fault_reaction_option):
-            if option is not None:
-                self._write_option(option)
+        for option, value in self._reactions:
+            self._write_option(option, value)
 
-    def _write_option(self, option: OptionCode) -> None:
+    def _write_option(self, option: OptionCode, value: int) -> None:
         """Write a reaction; raises BusConfigurationError when it is not kept.
 
         A profile of no particular drive leaves out the reaction to a fault where the drive lets it only be read, as a
         draft from the vendor's file does, if there is the reaction to a lost link beside it.
         """
-        entry, section = ObjectEntry(option.object, DataType.INT16), self.member.profile.link_loss
+        entry, section = option.entry, self.member.profile.link_loss
         try:
-            self.node.write(entry, self._reaction(option))
+            self.node.write(entry, value)
         except BusConfigurationError as error:
             alone = option is not section.fault_reaction_option or section.abort_connection_option is None
             read_only = getattr(error.__cause__, "code", None) == READ_ONLY
@@ -224,21 +221,16 @@ class Setup:
     def _deadline_ms(self) -> int:
         return round(self.bus.guard(self.axis.name) * 1e3)
 
-    def _reaction(self, option: OptionCode) -> int:
-        brakes = (
-            self.axis.rig.on_link_loss == "brake" and option is self.member.profile.link_loss.abort_connection_option
-        )
-        return SHAFT_BRAKES if brakes else option.value
-
-    def _check_torque_limits(self, model: str, serial: int | None) -> None:
-        self.torque_limits.inspect(None if serial is None else f"{model}-{serial:08x}", self.node.optional)
+    @property
+    def _reactions(self) -> tuple[tuple[OptionCode, int], ...]:
+        return reactions(self.member.profile.link_loss, brakes=self.axis.rig.on_link_loss == "brake")
 
     def _link_loss_words(self) -> str:
         if not self.member.profile.guarded:
             return "on link loss the motor keeps its torque until its power is cut"
         option = self.member.profile.link_loss.abort_connection_option
         # Without 6007h a lost link is a fault, after which 605Eh says the same of the shaft.
-        reaction = SHAFT_FREE if option is None else self._reaction(option)
+        reaction = SHAFT_FREE if option is None else self._reactions[0][1]
         words = SHAFT_WORDS.get(reaction, f"the drive reacts as it was set up ({reaction})")
         return f"on link loss {words} within {self._deadline_ms} ms"
 

@@ -103,7 +103,7 @@ class ModbusBus(InSteps):
     def _bind(self, plan: Plan, traffic: ModbusTraffic, image: bytearray) -> None:
         """Prepare all requests and offsets, so that the loop looks nothing up."""
         axes = tuple(zip(plan.axes, plan.image.axes, strict=True))
-        self._set_ups = tuple(self._set_up_of(axis, traffic, real=not plan.simulated) for axis in plan.axes)
+        self._set_ups = tuple(self._set_up_of(axis, traffic, plan) for axis in plan.axes)
         self._links = tuple(self._link_of(axis, places, traffic, image) for axis, places in axes)
         readings = tuple(
             reading
@@ -119,20 +119,21 @@ class ModbusBus(InSteps):
         guard = max(UNGUARDED if each.watchdog is None else traffic.guard(each.axis.name) for each in self._set_ups)
         self._release = LineRelease(self._requester, self._partings, exchange=longest, guard=guard)
 
-    def _set_up_of(self, axis: AxisPlan, traffic: ModbusTraffic, *, real: bool) -> SetUp:
+    def _set_up_of(self, axis: AxisPlan, traffic: ModbusTraffic, plan: Plan) -> SetUp:
         profile = traffic.member(axis.name).profile
         unit = UnitClient(self._requester, axis.node, f"unit {axis.node} (axis {axis.name})", profile.line)
         section = profile.watchdog
         watchdog = None if section is None else DriveWatch(unit, section, traffic.guard(axis.name))
-        return SetUp(unit, axis, profile, watchdog, self._limits_of(unit, axis, profile, real=real))
+        return SetUp(unit, axis, profile, watchdog, self._limits_of(unit, axis, profile, plan))
 
     def _limits_of(
-        self, unit: UnitClient, axis: AxisPlan, profile: ModbusProfile, *, real: bool
+        self, unit: UnitClient, axis: AxisPlan, profile: ModbusProfile, plan: Plan
     ) -> TorqueLimits[Register]:
-        held = profile.torque.limit
+        held, real = profile.torque.limit, not plan.simulated
         # The unit of the limit need not be that of the set-point.
         step = axis.effort_unit if held is None else effort_step(held.unit, profile, axis.rig)
-        return TorqueLimits(unit, axis, self.warnings.append, real, () if held is None else (held,), step)
+        entries = () if held is None else (held,)
+        return TorqueLimits(unit, axis, self.warnings.append, real, entries, step, plan.place(axis))
 
     def _link_of(self, axis: AxisPlan, places: AxisImage, traffic: ModbusTraffic, image: bytearray) -> UnitLink:
         member = traffic.member(axis.name)

@@ -13,6 +13,7 @@ from haptic_fieldbus.buses.modbus.unit import UnitClient
 from haptic_fieldbus.buses.modbus.watchdog import DriveWatch
 from haptic_fieldbus.buses.rating import check_rating, rated_torque
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
+from haptic_fieldbus.drive.identity import Identity, known_number
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.numerals import exactly
@@ -49,15 +50,13 @@ class SetUp:
         known = self._check_identity()
         refuse_unrest(self.unit, self.profile, self.axis.power, "Nothing was written")
         serial = None if self.profile.serial is None else self.unit.optional(self.profile.serial)
-        self.torque_limits.inspect(self._unique(known, serial), self.unit.optional)
+        identity = self._identity(known, serial)
+        self.torque_limits.inspect(identity, self.unit.optional)
         return DriveFacts(
             axis=self.axis.name,
             node=self.unit.id,
             title=self.profile.title,
-            vendor_id=known.get("vendor"),
-            product_code=known.get("product code"),
-            revision=known.get("revision"),
-            serial=serial,
+            identity=identity,
             rated_torque=self._check_rated_torque(),
             link_loss=UNGUARDED if self.watchdog is None else self.watchdog.words,
             changes=tuple(self.torque_limits.sentences),
@@ -120,10 +119,19 @@ class SetUp:
                 )
         return known
 
-    def _unique(self, known: dict[str, int], serial: int | None) -> str | None:
-        """Return a name that no other drive has; None for a drive without a serial number."""
-        model = "-".join(f"{value:08x}" for value in known.values())
-        return None if serial is None else f"modbus-{self.profile.name}-{model}-{serial:08x}"
+    def _identity(self, known: dict[str, int], serial: int | None) -> Identity:
+        """Return what the drive tells of itself in the registers of its profile; Modbus itself has none for that."""
+        types = {each.name: each.type for each in self.profile.identity}
+        vendor, product, revision = (
+            known_number(known[name], types[name]) if name in known else None
+            for name in ("vendor", "product code", "revision")
+        )
+        return Identity(
+            vendor,
+            product,
+            revision,
+            None if self.profile.serial is None else known_number(serial, self.profile.serial.type),
+        )
 
     def _check_rated_torque(self) -> float | None:
         register = self.profile.torque.rated

@@ -10,6 +10,8 @@ Master and drive watch each other, in one of two ways:
 
 import math
 
+from haptic_fieldbus.drive.cia402 import OptionCode
+from haptic_fieldbus.drive.objects import DataType, ObjectEntry
 from haptic_fieldbus.protocols.canopen.pdo import worst_case_bits
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection
 from haptic_fieldbus.signals import Signal
@@ -25,6 +27,39 @@ LOST_HEARTBEATS = 3
 ASK_EVERY = 0.005
 """Shortest time between two questions for an echo that is asked by SDO [s]: a question and its answer are two frames
 of eight octets, which is more than a period needs."""
+
+GUARD_TIME = ObjectEntry(0x100C, DataType.UINT16)
+LIFE_TIME_FACTOR = ObjectEntry(0x100D, DataType.UINT8)
+PRODUCER_HEARTBEAT = ObjectEntry(0x1017, DataType.UINT16)
+MODE = ObjectEntry(0x6060, DataType.INT8)
+SHAFT_BRAKES = 3
+"""Abort connection option code (6007h) for quick stop."""
+
+
+def guard_objects(
+    section: LinkLossSection, milliseconds: int, master_node: int, node_heartbeat_ms: int
+) -> tuple[tuple[ObjectEntry, int], ...]:
+    """Return the objects by which master and drive watch each other, with their values; `milliseconds` is the guard."""
+    if section.life_guarding:
+        return (
+            (PRODUCER_HEARTBEAT, 0),
+            (GUARD_TIME, milliseconds // PROOFS_PER_GUARD),
+            (LIFE_TIME_FACTOR, PROOFS_PER_GUARD),
+        )
+    index, ours = section.heartbeat_consumer, ((PRODUCER_HEARTBEAT, node_heartbeat_ms),)
+    return ours if index is None else (*ours, (consumer_heartbeat(index), master_node << 16 | milliseconds))
+
+
+def consumer_heartbeat(index: int) -> ObjectEntry:
+    """Return the entry of a heartbeat consumer (1016h) that watches the master."""
+    return ObjectEntry(index, DataType.UINT32, 1)
+
+
+def reactions(section: LinkLossSection, *, brakes: bool) -> tuple[tuple[OptionCode, int], ...]:
+    """Return the options for a lost master that a drive has, each with the value that it is to hold."""
+    abort, fault = section.abort_connection_option, section.fault_reaction_option
+    held = () if abort is None else ((abort, SHAFT_BRAKES if brakes else abort.value),)
+    return held if fault is None else (*held, (fault, fault.value))
 
 
 def guard_time(section: LinkLossSection, rate: float) -> float:

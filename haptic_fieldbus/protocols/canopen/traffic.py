@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.protocols.acting import IDEAL, HostTimes, ways
@@ -66,6 +67,19 @@ class CanTraffic:
     def guard(self, axis: str) -> float:
         """Time after which the drive misses us [s]: that of its profile, but five periods at least."""
         return beside.guard_time(self.member(axis).profile.link_loss, self.rate)
+
+    def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
+        """Return what is written to the drive of an axis before its guard is proved: the guard, the reactions to a lost
+        master, and what the profile sets up."""
+        profile = self.member(axis).profile
+        section, milliseconds = profile.link_loss, round(1e3 * self.guard(axis))
+        held = [
+            *beside.guard_objects(section, milliseconds, self.master_node, self.node_heartbeat_ms),
+            *((option.entry, value) for option, value in beside.reactions(section, brakes=rig.on_link_loss == "brake")),
+            *((each.entry, each.value) for each in profile.setup.writes),
+            (beside.MODE, profile.torque.mode_of_operation),
+        ]
+        return tuple(f"{entry.object:04X}h:{entry.subindex:02X} = {value}" for entry, value in held)
 
     def silence_of(self, axis: str) -> float:
         """Time without a sign of life of the drive after which it counts as gone [s]."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from haptic_fieldbus.defaults import DEFAULT_RATE
+from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.protocols.acting import IDEAL, HostTimes, ways
@@ -101,6 +102,18 @@ class ModbusTraffic:
         """Time after which the watchdog of the drive acts [s]: that of its profile, but five periods at least."""
         watchdog = self.member(axis).profile.watchdog
         return watchdog_time(0.0 if watchdog is None else watchdog.deadline, self.rate)
+
+    def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
+        """Return what is written to the drive of an axis before its watchdog is proved: watchdog, reactions, set-up."""
+        profile = self.member(axis).profile
+        watchdog, mode = profile.watchdog, profile.mode
+        held = [(each.address, str(each.value)) for each in profile.setup]
+        if watchdog is not None:
+            held += [(each.address, str(each.value)) for each in watchdog.writes]
+            held += [(watchdog.time.address, f"{round(1e3 * self.guard(axis))} ms, in {watchdog.time.unit}")]
+        if mode is not None:
+            held += [(mode.write.address, str(mode.value))]
+        return tuple(f"register {address:04X}h = {value}" for address, value in held)
 
     @property
     def silence(self) -> float:

@@ -1,18 +1,25 @@
 """Torque limits in the drive: those of the axis while a run lasts, the drive's own before and after it."""
 
+import errno
+import os
 from dataclasses import replace
 from pathlib import Path
+from random import Random
+from typing import Any
 
 import pytest
 
+from haptic_fieldbus.buses.torque_limits import Notes
+from haptic_fieldbus.drive.cia402 import IdentitySection
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.bus import CanSection
-from tests.builders import WALL, plan_of, rig_of
+from tests.builders import PROFILE, WALL, plan_of, rig_of
 from tests.buses.canopen.benches import Bench
 
-MAX_TORQUE = (0x6072, 0)
+MAX_TORQUE, SERIAL = (0x6072, 0), (0x1018, 4)
+NAME = "6072h:00 max torque"
 READ_ONLY = 0x0601_0002
 HALF = 500
 """The limit of the axis [‰ of rated torque]."""
@@ -203,11 +210,183 @@ class TestKilled:
         assert notes(tmp_path) == []
         assert "has no serial number: a run that is killed leaves its torque limit in it" in bench.bus.warnings[0]
 
-    @pytest.mark.parametrize("content", ["", "{", "[]", "3", '{"6072h:00 max torque": 5}', '{"a": ["x", 1]}', "\udc80"])
-    def test_notes_that_are_not_ours_are_passed_over(self, content: str, tmp_path: Path) -> None:
+    def test_another_drive_without_a_serial_number_keeps_the_limit_that_a_person_has_set(self, tmp_path: Path) -> None:
+        """A run on A is killed; B tells the same 0, and a person has set it to what the run on A had."""
+        for serial in (0, 0xFFFF_FFFF):
+            first = bench_of(3000, real=True)
+            second = bench_of(HALF, real=True)
+            for bench in (first, second):
+                bench.drive.objects[SERIAL] = serial.to_bytes(4, "little")
+                bench.open()
+            assert notes(tmp_path) == []
+            assert second.bus.facts["handle"].changes == ()
+            assert second.bus.stop() is True
+            assert second.drive.value(*MAX_TORQUE) == HALF
+
+    def test_two_runs_at_once_on_two_drives_without_serial_numbers_put_back_what_each_had(self, tmp_path: Path) -> None:
+        first, second = bench_of(3000, real=True), bench_of(2000, real=True, wanted=0.4)
+        for bench in (first, second):
+            bench.drive.objects[SERIAL] = bytes(4)
+        first.open()
+        second.open()
+        assert notes(tmp_path) == [], "neither finds a note of the other one"
+        assert first.bus.stop() is True
+        assert second.bus.stop() is True
+        assert (first.drive.value(*MAX_TORQUE), second.drive.value(*MAX_TORQUE)) == (3000, 2000)
+        assert notes(tmp_path) == []
+
+    def test_of_an_unknown_model_a_note_holds_at_one_bus_and_node_alone(self) -> None:
+        """Vendor 0 is unknown, and another maker may give the same serial number."""
+
+        def of_no_vendor(held: int, channel: str) -> Bench:
+            rig = half_plan(real=True).rig
+            rig = replace(rig, bus={"bus": CanSection("socketcan", channel)})
+            bench = Bench(plan_of(rig=rig, profile=replace(PROFILE, identity=IdentitySection())))
+            bench.drive.objects |= {MAX_TORQUE: held.to_bytes(2, "little"), (0x1018, 1): bytes(4)}
+            return bench.open()
+
+        of_no_vendor(3000, "can0")
+        assert of_no_vendor(HALF, "can1").bus.facts["handle"].changes == ()
+        assert "left it at 50 %" in of_no_vendor(HALF, "can0").bus.facts["handle"].changes[0]
+
+    @pytest.mark.parametrize(
+        "content", ["", "{", "[]", "3", '{"6072h:00 max torque": [[500], 3000]}', "\udc80", "[" * 9999]
+    )
+    def test_a_note_that_is_damaged_or_of_an_earlier_version_is_told_and_nothing_is_restored(
+        self, content: str, tmp_path: Path
+    ) -> None:
         bench_of(3000, real=True).open()
-        notes(tmp_path)[0].write_text(content, errors="surrogateescape")
-        assert bench_of(HALF, real=True).open().bus.facts["handle"].changes == ()
+        (path,) = notes(tmp_path)
+        path.write_text(content, errors="surrogateescape")
+        after = bench_of(HALF, real=True).open()
+        assert after.bus.facts["handle"].changes == ()
+        (told,) = after.bus.warnings
+        assert told.startswith(
+            f"{path} is not used (it is damaged, was changed by hand, or an earlier version wrote it)"
+        )
+        assert after.bus.stop() is True
+        assert (after.drive.value(*MAX_TORQUE), notes(tmp_path)) == (HALF, []), "told once"
+
+    @pytest.mark.parametrize(
+        ("old", "new"),
+        [
+            ("3000", "65535"),
+            ("3000", "-3000"),
+            ("3000", "1e9"),
+            ("3000", "true"),
+            ("[500, 500]", "[0, 500]"),
+            ("6072h", "60E0h"),
+        ],
+    )
+    def test_a_note_that_was_changed_by_hand_is_told_and_nothing_is_restored(
+        self, old: str, new: str, tmp_path: Path
+    ) -> None:
+        bench_of(3000, real=True).open()
+        (path,) = notes(tmp_path)
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new))
+        after = bench_of(HALF, real=True).open()
+        assert "was changed by hand" in after.bus.warnings[0]
+        assert after.bus.stop() is True
+        assert after.drive.value(*MAX_TORQUE) == HALF
+
+    @pytest.mark.parametrize(
+        "changes", [{NAME: [[HALF], 70_000]}, {NAME: [[HALF], -1]}, {NAME: [[HALF], "x"]}, {NAME: 5}]
+    )
+    def test_a_note_with_values_that_the_object_cannot_hold_is_told_whoever_wrote_it(
+        self, changes: dict[str, Any], tmp_path: Path
+    ) -> None:
+        bench_of(3000, real=True).open()
+        (path,) = notes(tmp_path)
+        Notes(path.stem).write(changes)
+        after = bench_of(HALF, real=True).open()
+        assert " is not used (" in after.bus.warnings[0]
+        assert after.bus.facts["handle"].changes == ()
+
+    def test_the_note_of_one_drive_is_none_of_another(self, tmp_path: Path) -> None:
+        bench_of(3000, real=True).open()
+        (path,) = notes(tmp_path)
+        path.rename(path.with_name(path.name.replace("1234", "4321")))
+        other = bench_of(HALF, real=True)
+        other.drive.objects[SERIAL] = (0x4321).to_bytes(4, "little")
+        assert other.open().bus.facts["handle"].changes == ()
+        assert " is not used (" in other.bus.warnings[0]
+
+    def test_a_note_that_cannot_be_removed_is_told(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        bench = bench_of(3000, real=True).open()
+
+        def refused(*_: object, **__: object) -> None:
+            raise PermissionError(errno.EACCES, "Permission denied")
+
+        monkeypatch.setattr(Path, "unlink", refused)
+        assert bench.bus.stop() is True
+        assert bench.drive.value(*MAX_TORQUE) == 3000
+        assert "cannot be removed (Permission denied)" in bench.bus.warnings[0]
+
+    def test_a_full_disk_is_told_before_the_limit_is_changed_and_leaves_the_note_of_before(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        bench_of(3000, real=True).open()
+        (path,) = notes(tmp_path)
+        before = path.read_bytes()
+
+        def full(_descriptor: int) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        monkeypatch.setattr(os, "fsync", full)
+        bench = bench_of(HALF, real=True, wanted=0.4).open()
+        assert "cannot be written (No space left on device): a run that is killed" in bench.bus.warnings[0]
+        assert (path.read_bytes(), notes(tmp_path), os.listdir(path.parent)) == (before, [path], [path.name])
+
+    @pytest.mark.parametrize("call", ["replace", "fsync"])
+    def test_a_run_that_is_killed_while_it_notes_has_changed_nothing_in_the_drive(
+        self, call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """An exception stands for the kill; that a killed process leaves a whole file is tested where it is written."""
+
+        class Killed(BaseException):
+            pass
+
+        def kill(*_: object) -> None:
+            raise Killed
+
+        bench_of(3000, real=True).open()
+        (path,) = notes(tmp_path)
+        before, second = path.read_bytes(), bench_of(HALF, real=True, wanted=0.4)
+        second.bus.inspect(second.plan, bytearray(second.plan.image.input_size))
+        monkeypatch.setattr(os, call, kill)
+        with pytest.raises(Killed):
+            second.bus.configure(second.plan)
+        assert second.drive.value(*MAX_TORQUE) == HALF
+        assert path.read_bytes() == before
+
+    def test_a_note_has_reached_the_disk_as_a_whole_before_the_limit_is_changed(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """So that a power cut leaves the old note or the new one, and never a change without a note."""
+        events: list[str] = []
+        bench, fsync, rename = bench_of(3000, real=True), os.fsync, os.replace
+        store = bench.drive._store
+
+        def synced(descriptor: int) -> None:
+            fsync(descriptor)
+            events.append("synced" if Path(f"/proc/self/fd/{descriptor}").is_file() else "folder synced")
+
+        def replaced(name: str, target: Path) -> None:
+            events.append("renamed")
+            rename(name, target)
+
+        def stored(key: tuple[int, int], data: bytes) -> None:
+            if key == MAX_TORQUE:
+                events.append("changed")
+            store(key, data)
+
+        monkeypatch.setattr(os, "fsync", synced)
+        monkeypatch.setattr(os, "replace", replaced)
+        bench.drive._store = stored  # type: ignore[method-assign]
+        bench.open()
+        assert events == ["synced", "renamed", "folder synced", "changed"]
 
     def test_a_folder_that_cannot_be_made_is_a_warning(self, tmp_path: Path) -> None:
         (tmp_path / "state").write_text("a file")
@@ -218,3 +397,39 @@ class TestKilled:
     def test_a_simulated_drive_leaves_no_notes(self, tmp_path: Path) -> None:
         bench_of(3000).open()
         assert notes(tmp_path) == []
+
+
+class Shelf:
+    """Drives of one model, each with the limit that a person has set last; a run may be killed or end in order."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = Random(seed)
+        # Two that were never given a number, one with all ones, and two with numbers of their own.
+        self.serials = (0, 0, 0xFFFF_FFFF, 1, 2)
+        self.held = [self.random.choice((1000, 3000)) for _ in self.serials]
+        self.own = list(self.held)
+
+    def run(self) -> None:
+        place, wanted = self.random.randrange(len(self.serials)), self.random.choice((300, 400, HALF))
+        if self.random.random() < 0.3:
+            self.held[place] = self.own[place] = self.random.choice((600, 1000, 3000))
+        bench = bench_of(self.held[place], real=True, raised=True, wanted=1e-3 * wanted)
+        bench.drive.objects[SERIAL] = self.serials[place].to_bytes(4, "little")
+        bench.open()
+        assert bench.drive.value(*MAX_TORQUE) == wanted
+        if self.random.random() < 0.4:  # killed
+            self.held[place] = bench.drive.value(*MAX_TORQUE)
+            return
+        assert bench.bus.stop() is True
+        left, self.held[place] = self.held[place], bench.drive.value(*MAX_TORQUE)
+        numbered = self.serials[place] not in (0, 0xFFFF_FFFF)
+        assert self.held[place] == (self.own[place] if numbered else left)
+
+
+@pytest.mark.thorough("forty shelves", quick=2)
+@pytest.mark.parametrize("seed", range(40))
+def test_whatever_runs_were_killed_a_drive_never_gets_the_limit_of_another_one(seed: int) -> None:
+    """A drive with a number gets back its own limit; one without keeps what was in it when the run began."""
+    shelf = Shelf(seed)
+    for _ in range(12):
+        shelf.run()

@@ -7,6 +7,7 @@ from itertools import pairwise
 import pytest
 
 from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject
+from haptic_fieldbus.drive.identity import Identity
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DriveFaultError, PlanError
 from haptic_fieldbus.protocols.canopen.profile import LinkLossSection
@@ -75,7 +76,7 @@ def test_the_node_is_pre_operational_while_it_is_written_and_operational_at_the_
 
 def test_what_the_drive_said_is_kept_as_facts() -> None:
     facts = Bench().open().bus.facts["handle"]
-    assert (facts.node, facts.vendor_id, facts.product_code, facts.serial) == (NODE, 0xFB, 0x6050_0000, 0x1234)
+    assert (facts.node, facts.identity) == (NODE, Identity(0xFB, 0x6050_0000, 0x0168_0000, 0x1234))
     assert facts.rated_torque == pytest.approx(0.4)
     assert facts.link_loss == "on link loss the shaft is free within 50 ms"
 
@@ -99,8 +100,7 @@ def test_objects_that_only_some_drives_have_may_be_absent() -> None:
     for key in ((0x1005, 0), (0x1018, 3), (0x1018, 4)):
         del bench.drive.objects[key]
     facts = bench.open().bus.facts["handle"]
-    assert facts.revision is None
-    assert facts.serial is None
+    assert facts.identity == Identity(0xFB, 0x6050_0000)
 
 
 def test_answers_and_restarts_from_before_opening_are_dropped() -> None:
@@ -114,7 +114,7 @@ def test_the_answer_to_a_question_that_is_not_ours_is_passed_over() -> None:
     """One of ours that was given up, or somebody else's, whose own request is heard as such."""
     bench = Bench()
     bench.can.reply(0x580 + NODE, b"\x43\x08\x10\x00\xff\xff\xff\xff", delay_ns=LISTENING_NS + 1)
-    assert bench.open().bus.facts["handle"].vendor_id == 0xFB
+    assert bench.open().bus.facts["handle"].identity.vendor == 0xFB
 
 
 def test_silence_is_explained_by_what_the_drive_said_before() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from haptic_fieldbus.drive.identity import Identity
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerRow, PowerState
 from haptic_fieldbus.drive.rig import Limits
@@ -31,6 +32,7 @@ from tests.buses.modbus.servers import (
     LIMIT,
     MODE,
     RATED,
+    SERIAL,
     STATUS,
     TARGET,
     WATCHDOG,
@@ -147,10 +149,33 @@ def test_facts_are_those_that_the_drive_tells(opened: ExitStack) -> None:
     bench, _ = bench_on(opened, drive)
     bench.open()
     facts = bench.bus.facts["handle"]
-    assert (facts.node, facts.vendor_id, facts.product_code, facts.revision) == (1, 0x22, 0x33, 2)
-    assert (facts.serial, facts.rated_torque) == (4711, 0.4)
+    assert (facts.node, facts.identity) == (1, Identity(0x22, 0x33, 2, 4711))
+    assert facts.rated_torque == 0.4
     assert "within" in facts.link_loss
     assert "cannot be heard on TCP" in facts.listened
+
+
+@pytest.mark.parametrize(
+    ("registers", "serial", "known"),
+    [
+        ({SERIAL + 1: 0}, PROFILE.serial, None),
+        ({SERIAL: 0xFFFF, SERIAL + 1: 0xFFFF}, PROFILE.serial, None),
+        ({SERIAL + 1: 0xFFFF}, PROFILE.serial, 0xFFFF),
+        ({SERIAL + 1: 0xFFFF}, Register(SERIAL + 1, DataType.UINT16), None),
+        ({}, None, None),
+    ],
+    ids=["zero", "all ones", "16 bits set of 32", "all ones of 16 bits", "no register"],
+)
+def test_a_serial_number_that_was_never_given_is_unknown_and_nothing_is_noted(
+    opened: ExitStack, tmp_path: Path, registers: dict[int, int], serial: Register | None, known: int | None
+) -> None:
+    drive = Drive()
+    drive.registers |= registers
+    bench, _ = bench_on(opened, drive, replace(PROFILE, serial=serial), limits=Limits(effort=20.0))
+    bench.open()
+    assert bench.bus.facts["handle"].identity.serial == known
+    assert bool(list(tmp_path.rglob("*.json"))) is (known is not None)
+    assert any("has no serial number" in each for each in bench.bus.warnings) is (known is None)
 
 
 STUCK = {"watchdog": WATCHDOG, "limit": LIMIT, "mode": MODE}

@@ -3,11 +3,16 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from haptic_fieldbus.api import plan
+from haptic_fieldbus.drive.cia402 import WrittenObject
+from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.errors import BusOverloadError
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SetupSection
 from haptic_fieldbus.protocols.canopen.traffic import CanTraffic, acts_on_reception
 from haptic_fieldbus.protocols.traffic import Delay
 from haptic_fieldbus.signals import LinkFlag
@@ -25,6 +30,33 @@ def acting(control_period: float, acts: str = "reception") -> CanTraffic:
         pdo=replace(PROFILE.pdo, rpdo_acts=acts),  # type: ignore[arg-type]
     )
     return replace(TRAFFIC, members=(replace(MEMBER, profile=profile),))
+
+
+def guarding(profile: CanopenProfile = PROFILE, rate: float = 1000.0, **changes: Any) -> list[str]:
+    """What is written for the guard of a drive of this profile."""
+    rig: RigAxis = replace(plan_of().axes[0].rig, **changes)
+    traffic = replace(TRAFFIC, members=(replace(MEMBER, profile=profile),), rate=rate)
+    return list(traffic.guarding("handle", rig))
+
+
+def test_what_is_written_for_a_guard_is_heartbeats_reactions_and_mode() -> None:
+    """1016h:01 is the node-ID of the master, 127, with 50 ms; at 50 Hz five periods are 100 ms."""
+    heard = ["1017h:00 = 100", f"1016h:01 = {127 << 16 | 50}"]
+    assert guarding() == [*heard, "6007h:00 = 2", "605Eh:00 = 0", "6060h:00 = 10"]
+    assert guarding(on_link_loss="brake") == [*heard, "6007h:00 = 3", "605Eh:00 = 0", "6060h:00 = 10"]
+    assert guarding(rate=50.0)[1] == f"1016h:01 = {127 << 16 | 100}"
+    assert guarding(rate=500.0) == guarding()
+
+
+def test_what_is_written_for_life_guarding_is_the_life_time_without_a_heartbeat() -> None:
+    watched = replace(PROFILE, link_loss=LinkLossSection(life_guarding=True, reacts=True))
+    assert guarding(watched) == ["1017h:00 = 0", "100Ch:00 = 10", "100Dh:00 = 5", "6060h:00 = 10"]
+
+
+def test_what_a_profile_sets_up_belongs_to_its_guard() -> None:
+    own = SetupSection((WrittenObject(0x1029, DataType.UINT8, 1, subindex=1),))
+    assert guarding(replace(PROFILE, setup=own))[-2:] == ["1029h:01 = 1", "6060h:00 = 10"]
+    assert guarding(replace(PROFILE, link_loss=LinkLossSection())) == ["1017h:00 = 100", "6060h:00 = 10"]
 
 
 def test_a_period_is_sync_eight_octets_in_and_four_out() -> None:

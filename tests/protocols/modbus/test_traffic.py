@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.planning.compile import compile_plan
@@ -18,7 +19,7 @@ from haptic_fieldbus.planning.plan_json import plan_json
 from haptic_fieldbus.planning.ways import way_limits
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
-from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
+from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register, WrittenRegister
 from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
 from haptic_fieldbus.protocols.registry import parse_bus
 from haptic_fieldbus.scenes.wall import Wall
@@ -222,6 +223,16 @@ class TestGuard:
     @pytest.mark.parametrize(("rate", "seconds"), [(1000.0, 0.05), (100.0, 0.05), (80.0, 0.063), (20.0, 0.25)])
     def test_covers_five_periods_in_whole_milliseconds(self, rate: float, seconds: float) -> None:
         assert traffic_of(planned(TCP, rate)).guard("handle") == pytest.approx(seconds)
+
+    def test_is_written_with_its_reactions_the_set_up_and_the_mode(self) -> None:
+        assert GENERIC.watchdog is not None
+        watchdog = replace(GENERIC.watchdog, writes=(WrittenRegister(0x0210, DataType.UINT16, value=3),))
+        own = replace(GENERIC, watchdog=watchdog, setup=(WrittenRegister(0x0107, DataType.UINT16, value=5),))
+        plan = planned(TCP, 80.0, own)
+        written = ("register 0107h = 5", "register 0210h = 3", "register 0204h = 63 ms, in ms", "register 0202h = 10")
+        assert traffic_of(plan).guarding("handle", plan.axes[0].rig) == written
+        none = planned(TCP, 80.0, replace(GENERIC, watchdog=None, mode=None), emergency_stop="power")
+        assert traffic_of(none).guarding("handle", none.axes[0].rig) == ()
 
     def test_that_does_not_exist_caps_the_torque_and_needs_an_emergency_stop(self) -> None:
         alone = replace(GENERIC, watchdog=None)

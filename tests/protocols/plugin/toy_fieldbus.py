@@ -151,6 +151,9 @@ class ToyTraffic:
     def guard(self, axis: str) -> float:
         return DEADLINE_NS * 1e-9
 
+    def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
+        return ()
+
     def check(self, bus: str) -> None:
         if self.rate > self.highest_rate:
             raise BusOverloadError(f"{bus} {self.rate:g} Hz is too fast for a toy: at most {self.highest_rate:.0f} Hz")
