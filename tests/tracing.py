@@ -1,8 +1,8 @@
 """Which lines of the package the tests of the pure rooms run: `python -m pytest -p tests.tracing --coverage FILE`.
 
 Counting lines doubles the time of what is counted. So it is done where it proves something: while the pure half is
-imported, and in the body of each test of a room of the pure half. A line is covered by a test of its own, not by a
-simulation that happens to pass it.
+imported, and in the body of each test of a room of the pure half, for the lines of that room and of the modules that
+belong to no room. A line is covered by a test of its own room, not by a simulation that happens to pass it.
 """
 
 import pkgutil
@@ -13,12 +13,24 @@ from pathlib import Path
 import pytest
 from coverage import Coverage
 
-from tests.coverage_gates import pure_modules, pure_rooms
+from tests.coverage_gates import PROJECT, pure_modules, pure_rooms
+
+PACKAGE = PROJECT / "haptic_fieldbus"
 
 
-def coverage_beside(file: Path) -> Coverage:
-    """Of one process and the pure half alone; what all have counted is beside the report."""
-    return Coverage(data_file=str(file.with_name(".coverage")), data_suffix=True, source_pkgs=pure_modules())
+def coverage_beside(file: Path, modules: list[str]) -> Coverage:
+    """Of one process and these modules alone; what all have counted is beside the report."""
+    return Coverage(data_file=str(file.with_name(".coverage")), data_suffix=True, source_pkgs=modules)
+
+
+def of_room(room: str) -> list[str]:
+    """The pure modules of one room, and those that are in none."""
+    return [name for name in pure_modules() if name.split(".")[1] == room or is_single(name)]
+
+
+def is_single(name: str) -> bool:
+    """Whether a module stands in the package itself, in no room."""
+    return (PACKAGE / f"{name.split('.')[1]}.py").exists()
 
 
 class Tracing:
@@ -26,24 +38,31 @@ class Tracing:
 
     def __init__(self, file: Path) -> None:
         tests = Path(__file__).parent
-        self._rooms = {tests / room for room in pure_rooms()}
-        self._coverage = coverage_beside(file)
-        self._coverage.start()
+        self._file, self._rooms = file, {tests / room: room for room in pure_rooms()}
+        imports = coverage_beside(file, pure_modules())
+        self._counted = {"": imports}
+        """By room; without a name what is run while the pure half is imported."""
+        imports.start()
         import_pure_half()
-        self._coverage.stop()
+        imports.stop()
 
     @pytest.hookimpl(wrapper=True, trylast=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
-        if self._rooms.isdisjoint(item.path.parents):
+        room = next((self._rooms[path] for path in item.path.parents if path in self._rooms), None)
+        if room is None:
             return (yield)
-        self._coverage.start()
+        if room not in self._counted:  # one that counts nothing would warn of it
+            self._counted[room] = coverage_beside(self._file, of_room(room))
+        coverage = self._counted[room]
+        coverage.start()
         try:
             return (yield)
         finally:
-            self._coverage.stop()
+            coverage.stop()
 
     def pytest_sessionfinish(self) -> None:
-        self._coverage.save()
+        for coverage in self._counted.values():
+            coverage.save()
 
 
 class Report:
@@ -57,7 +76,7 @@ class Report:
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self) -> None:
-        coverage = coverage_beside(self._file)
+        coverage = coverage_beside(self._file, pure_modules())
         coverage.combine([str(self._file.parent)])
         coverage.json_report(outfile=str(self._file))
 
