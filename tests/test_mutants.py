@@ -5,8 +5,9 @@ from collections import Counter
 
 import pytest
 
-from tests.mutation.__main__ import PROJECT, ROOMS, diff
-from tests.mutation.mutants import chosen, mutants
+from tests.mutation.__main__ import PROJECT, ROOMS, ROOMS_OF_CONSTANTS, diff
+from tests.mutation.mutants import chosen, chosen_constants, mutants, scaled
+from tests.mutation.reach import uses
 
 CHANGES = {
     "x = a < b": {"x = (a <= b)"},
@@ -46,6 +47,41 @@ def test_a_mutant_stands_in_the_lines_of_its_statement() -> None:
         "(not (a or b))": (5, 5, 6, False),
         "pass": (7, 7, 7, False),
     }
+
+
+SCALED = {
+    "LIMIT = 0.005": {"LIMIT = (4 * (0.005))", "LIMIT = (type(0.005)((0.005) / 4))"},
+    "class A:\n    MOST = 4": {"class A:\n    MOST = (4 * (4))", "class A:\n    MOST = (type(4)((4) / 4))"},
+    "MASK, INDEX, BITS, NAME, IS = 0x10, 1, 2, 3, 4": set(),
+    "INDEX = 0x6071": set(),
+    "SIZE = 1 << 16": set(),
+    "NAME = 'handle'": set(),
+    "IS_ON = True": set(),
+    "step = 0.5": set(),
+    "def f():\n    return 3 * x[1] + 0.0": set(),
+    "def f():\n    return 0.5 * x": {
+        "def f():\n    return (4 * (0.5)) * x",
+        "def f():\n    return (type(0.5)((0.5) / 4)) * x",
+    },
+}
+
+
+@pytest.mark.parametrize("before", SCALED)
+def test_quantities_are_changed_by_a_factor_and_names_of_bits_are_left_alone(before: str) -> None:
+    made = scaled("haptic_fieldbus/cycle/x.py", before.encode())
+    assert {mutant.apply(before.encode()).decode() for mutant in made} == SCALED[before]
+
+
+def test_a_constant_is_reached_where_a_function_reads_it_also_in_another_module() -> None:
+    made = chosen_constants(PROJECT, ROOMS_OF_CONSTANTS, 10_000, 1)
+    assert len(made) > 300
+    (gap,) = [each for each in made if each.constant == "LARGEST_SHARE" and each.kind == "constant × 4"]
+    read = uses(gap)
+    assert read.keys() == {"haptic_fieldbus/cycle/gaps.py", "haptic_fieldbus/cycle/watch.py"}
+    for file, lines in read.items():
+        source = (PROJECT / file).read_text().splitlines()
+        assert all("LARGEST_SHARE" in source[line - 1] for line in lines)
+        assert not any(source[line - 1].startswith("LARGEST_SHARE") for line in lines)
 
 
 @pytest.mark.thorough("finds all mutants of three rooms")

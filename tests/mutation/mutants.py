@@ -1,5 +1,8 @@
 """Small changes to a module: operators swapped, numbers changed, conditions negated, statements removed.
 
+Constants that have a name are also changed by a factor: four times as large and a quarter, and by a fifth where a
+decision states the value.
+
 Texts are left alone (docstrings, messages, f-strings, and all that is raised, except that raising itself is removed),
 and so are annotations and decorators. A value that is returned is changed only to one that its type allows.
 """
@@ -39,6 +42,14 @@ SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.And: ast.Or,
     ast.Or: ast.And,
 }
+FACTORS = (("constant × 4", "(4 * ({}))"), ("constant ÷ 4", "(type({0})(({0}) / 4))"))
+FIFTHS = (("constant × 1.2", "(type({0})(1.2 * ({0})))"), ("constant × 0.8", "(type({0})(0.8 * ({0})))"))
+STATED = {
+    "haptic_fieldbus/planning/limits.py": ("AGE_SHARE", "SOON_SHARE", "PULSE_SHARE", "ENERGY_LIMIT", "START_SHARE"),
+    "haptic_fieldbus/planning/sign_probe.py": ("GROWTH",),
+    "haptic_fieldbus/cycle/gaps.py": ("LARGEST_SHARE", "WINDOW"),
+}
+"""Constants whose value a decision states as a bound: for these a fifth more or less matters too."""
 LEFT_ALONE = {"annotation", "returns", "decorator_list"}
 """Fields of nodes in which nothing is changed."""
 
@@ -58,6 +69,8 @@ class Mutant:
     """Lines of the statement: tests that reach one of them reach the mutant."""
     at_import: bool
     """Whether the line is run as the module is imported, and not by a call."""
+    constant: str = ""
+    """Name of the constant that is changed by a factor."""
 
     @property
     def room(self) -> str:
@@ -79,11 +92,73 @@ def chosen(project: Path, rooms: tuple[str, ...], count: int, seed: int) -> list
     return [random.choice(lines[places[int((each + offset) * len(places) / count)]]) for each in range(count)]
 
 
-def mutants(file: str, source: bytes) -> Iterator[Mutant]:
-    """Every change that is known of one module."""
+def chosen_constants(project: Path, rooms: tuple[str, ...], count: int, seed: int) -> list[Mutant]:
+    """So many changes of named constants by a factor; all of them, when there are no more."""
+    every = [
+        mutant
+        for room in rooms
+        for path in sorted((project / "haptic_fieldbus" / room).glob("**/*.py"))
+        for mutant in scaled(path.relative_to(project).as_posix(), path.read_bytes())
+    ]
+    return Random(seed).sample(every, min(count, len(every)))
+
+
+def scaled(file: str, source: bytes) -> Iterator[Mutant]:
+    """Every quantity of one module by each factor: named constants, and floating-point numbers inside of functions.
+
+    Bit masks, indices and addresses are no quantities; zero stays zero.
+    """
+    starts = _starts(source)
+    for node, statement, function in _nodes(ast.parse(source), None, None):
+        for value, factors, name in _quantities(file, source, node, function):
+            text = ast.unparse(value)
+            for kind, form in factors:
+                yield Mutant(
+                    file=file,
+                    line=value.lineno,
+                    kind=kind,
+                    start=starts[value.lineno - 1] + value.col_offset,
+                    end=starts[(value.end_lineno or 0) - 1] + (value.end_col_offset or 0),
+                    text=form.format(text),
+                    first=min(value.lineno, statement.lineno),
+                    last=_lines(statement, value)[1],
+                    at_import=function is None,
+                    constant=name,
+                )
+
+
+def _quantities(
+    file: str, source: bytes, node: ast.AST, function: ast.FunctionDef | None
+) -> Iterator[tuple[ast.expr, tuple[tuple[str, str], ...], str]]:
+    """What of a node is a quantity: the value, the factors to try, and its name if it has one."""
+    match node:
+        case ast.Assign(targets=[ast.Name(id=name)], value=value) if name.isupper() and _is_quantity(source, value):
+            yield value, FACTORS + (FIFTHS if name in STATED.get(file, ()) else ()), name
+        case ast.Constant(value=float() as number) if number and function is not None:
+            yield node, FACTORS, ""
+
+
+def _is_quantity(source: bytes, value: ast.expr) -> bool:
+    """Whether a value is made of numbers alone, none of them written in another base than ten."""
+    parts = [part for part in ast.walk(value) if not isinstance(part, (ast.operator, ast.unaryop))]
+    plain = all(isinstance(part, (ast.Constant, ast.BinOp, ast.UnaryOp)) for part in parts)
+    numbers = [part.value for part in parts if isinstance(part, ast.Constant)]
+    written = ast.get_source_segment(source.decode(), value) or ""
+    is_number = all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in numbers)
+    return plain and is_number and any(numbers) and "0x" not in written and "<<" not in written
+
+
+def _starts(source: bytes) -> list[int]:
+    """At which octet each line begins."""
     starts = [0]
     for line in source.split(b"\n"):
         starts.append(starts[-1] + len(line) + 1)
+    return starts
+
+
+def mutants(file: str, source: bytes) -> Iterator[Mutant]:
+    """Every change that is known of one module."""
+    starts = _starts(source)
     for node, statement, function in _nodes(ast.parse(source), None, None):
         for kind, target, text in [*_changes(node), *_returned(node, function)]:
             first, last = _lines(statement, target)

@@ -4,6 +4,7 @@ As a plugin of pytest (`-p tests.mutation.reach`) it names each line that is run
 fixture, when several tests share it. Processes that a test starts count as its own.
 """
 
+import ast
 import json
 import os
 import subprocess
@@ -19,6 +20,7 @@ from coverage import Coverage, CoverageData
 
 from tests.mutation.mutants import Mutant
 
+PROJECT = Path(__file__).resolve().parents[2]
 FOLDER, NAME = "MUTATION_REACH", "MUTATION_TEST"
 """Environment of the traced run: where to write, and which test runs at the moment."""
 SETTINGS = """[run]
@@ -46,8 +48,12 @@ class Reach:
         """Tests that passed and reach a mutant.
 
         A line that is run at import counts as reached by each test that reaches the module or one that imports it,
-        and by the tests of their rooms.
+        and by the tests of their rooms. A constant that functions read is reached by the tests that run these lines.
         """
+        read = uses(mutant) if mutant.constant else {}
+        if read:
+            lines = ((file, line) for file, places in read.items() for line in places)
+            return self._named({name for file, line in lines for name in self._contexts(file, line, line)})
         if not mutant.at_import:
             return self._named(self._contexts(mutant.file, mutant.first, mutant.last))
         name = mutant.file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
@@ -75,6 +81,26 @@ class Reach:
             for test in self._passed()
             if test in contexts or any(test.startswith(base) and name in self.tests[test][2] for base, name in shared)
         }
+
+
+def uses(mutant: Mutant) -> dict[str, set[int]]:
+    """Of each file the lines inside of functions that read a constant, in its own module or where it is imported."""
+    module = mutant.file.removesuffix(".py").replace("/", ".")
+    found: dict[str, set[int]] = {}
+    for path in sorted((PROJECT / "haptic_fieldbus").glob("**/*.py")):
+        file, tree = path.relative_to(PROJECT).as_posix(), ast.parse(path.read_bytes())
+        if file == mutant.file or _imports(tree, module, mutant.constant):
+            functions = (each for each in ast.walk(tree) if isinstance(each, ast.FunctionDef))
+            names = (name for each in functions for statement in each.body for name in ast.walk(statement))
+            lines = {name.lineno for name in names if isinstance(name, ast.Name) and name.id == mutant.constant}
+            if lines:
+                found[file] = lines
+    return found
+
+
+def _imports(tree: ast.Module, module: str, name: str) -> bool:
+    froms = (each for each in ast.walk(tree) if isinstance(each, ast.ImportFrom) and each.module == module)
+    return any(alias.name == name for each in froms for alias in each.names)
 
 
 def traced(tree: Path, folder: Path, lane: str, rooms: tuple[str, ...], environment: dict[str, str]) -> Reach:
