@@ -72,6 +72,7 @@ def test_quantities_are_changed_by_a_factor_and_names_of_bits_are_left_alone(bef
     assert {mutant.apply(before.encode()).decode() for mutant in made} == SCALED[before]
 
 
+@pytest.mark.thorough("reads the whole package")
 def test_a_constant_is_reached_where_a_function_reads_it_also_in_another_module() -> None:
     made = chosen_constants(PROJECT, ROOMS_OF_CONSTANTS, 10_000, 1)
     assert len(made) > 300
