@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_fieldbus.cycle.safety import Permission, bind_hold, bind_limiter
-from haptic_fieldbus.planning.limits import HOLD_FADE, EffortLimits
+from haptic_fieldbus.planning.limits import EffortLimits
 
 PERIOD = 0.001
 FADED_IN = 1.0
@@ -95,7 +95,7 @@ def after_contact(force: float) -> tuple[Permission, list[float]]:
 
 def test_one_missing_period_is_held_and_a_longer_gap_fades_to_zero() -> None:
     _, held = after_contact(4.0)
-    fading = [4.0 * max(0.0, 1.0 - number * PERIOD / HOLD_FADE) for number in range(20)]
+    fading = [4.0 * max(0.0, 1.0 - number * PERIOD / 0.01) for number in range(20)]
     assert held == pytest.approx(fading)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from haptic_fieldbus.running.ending import AGAIN, RESULT_TIME, SIGNALS, ended_by_signals
+from haptic_fieldbus.running.ending import SIGNALS, ended_by_signals
 
 EACH = pytest.mark.parametrize("number", SIGNALS, ids=[each.name for each in SIGNALS])
 
@@ -69,7 +69,7 @@ def test_a_command_that_holds_nothing_can_be_interrupted_again() -> None:
             with pytest.raises(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGINT)
-            clock.time += AGAIN
+            clock.time += 1.0
 
 
 def test_a_result_that_hangs_is_given_up_once_the_drives_are_off() -> None:
@@ -77,9 +77,9 @@ def test_a_result_that_hangs_is_given_up_once_the_drives_are_off() -> None:
         ending.hold()
         signal.raise_signal(signal.SIGINT)
         ending.freed()
-        clock.time += 0.99 * RESULT_TIME
+        clock.time += 9.9
         signal.raise_signal(signal.SIGINT)
-        clock.time += 0.02 * RESULT_TIME
+        clock.time += 0.2
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGTERM)
     assert ending.signal == signal.SIGINT
