@@ -467,8 +467,29 @@ GUARDS = {
         "test_a_source_above_the_limit_trips_and_one_below_does_not_however_often",
         of="tests/cycle/test_energy.py",
     ),
-    "credit ends with its contact": _cycle(
+    "energy of the law while another force is sent": _cycle(
         "energy",
+        "ledger.compare(self._energy - ledger.memory.reserve)",
+        "pass",
+        "test_a_source_in_the_law_trips_whatever_is_sent_of_it",
+        of="tests/cycle/test_energy.py",
+    ),
+    "the law takes over a contact in which a gap falls": _cycle(
+        "energy",
+        "self.law.open(energy, self._origin)",
+        "self.law.open(0.0, self.stored(positions))",
+        "test_a_source_trips_when_another_force_is_sent_from_the_middle_of_a_contact_on",
+        of="tests/cycle/test_energy.py",
+    ),
+    "what is forgiven within a second": _cycle(
+        "energy",
+        "if second > self.tally.budget:",
+        "if False:",
+        "test_more_within_a_second_than_is_forgiven_trips_and_the_same_over_more_seconds_does_not",
+        of="tests/cycle/test_energy.py",
+    ),
+    "credit ends with its contact": _cycle(
+        "energy_steps",
         "energy, settles = 0.0, ledger.reason is not None or ledger.changing",
         "settles = ledger.reason is not None or ledger.changing",
         "test_credit_does_not_outlive_a_contact",

@@ -5,9 +5,9 @@ from collections import Counter
 
 import pytest
 
-from tests.mutation.__main__ import PROJECT, ROOMS, ROOMS_OF_CONSTANTS, diff
+from tests.mutation.__main__ import ROOMS, ROOMS_OF_CONSTANTS, diff
 from tests.mutation.mutants import chosen, chosen_constants, mutants, scaled
-from tests.mutation.reach import uses
+from tests.mutation.reach import PROJECT, uses
 
 CHANGES = {
     "x = a < b": {"x = (a <= b)"},
@@ -76,13 +76,17 @@ def test_quantities_are_changed_by_a_factor_and_names_of_bits_are_left_alone(bef
 def test_a_constant_is_reached_where_a_function_reads_it_also_in_another_module() -> None:
     made = chosen_constants(PROJECT, ROOMS_OF_CONSTANTS, 10_000, 1)
     assert len(made) > 300
-    (gap,) = [each for each in made if each.constant == "LARGEST_SHARE" and each.kind == "constant × 4"]
+    (gap,) = [each for each in made if each.constant == "LARGEST_MISSING_SHARE" and each.kind == "constant × 4"]
     read = uses(gap)
-    assert read.keys() == {"haptic_fieldbus/cycle/gaps.py", "haptic_fieldbus/cycle/watch.py"}
+    assert read.keys() == {
+        "haptic_fieldbus/cycle/gaps.py",
+        "haptic_fieldbus/cycle/watch.py",
+        "haptic_fieldbus/planning/energy.py",
+    }
     for file, lines in read.items():
         source = (PROJECT / file).read_text().splitlines()
-        assert all("LARGEST_SHARE" in source[line - 1] for line in lines)
-        assert not any(source[line - 1].startswith("LARGEST_SHARE") for line in lines)
+        assert all("LARGEST_MISSING_SHARE" in source[line - 1] for line in lines)
+        assert not any(source[line - 1].startswith("LARGEST_MISSING_SHARE") for line in lines)
 
 
 @pytest.mark.thorough("finds all mutants of three rooms")

@@ -1,9 +1,11 @@
 """What the energy ledgers of a run have seen, and what the passivity controller cost."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.energy import CHANGE
 from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.traffic import Json
@@ -35,9 +37,13 @@ class Passivity:
     """Most that an account was above what is granted; a run ends above the limit."""
     limit: float
     booked: Mapping[str, float]
-    """Energy given during the fade-in, live changes and gaps, by the reason."""
+    """Energy that was granted to live changes, or forgiven in fade-in, gaps, stalls and doubts, by the reason."""
     controller: Controlled | None
     """None in a scene without the controller."""
+    forgiven: float = 0.0
+    """Most that was forgiven within a second; a run ends above the limit."""
+    forgiven_limit: float = math.inf
+    """Infinity where nothing is judged."""
 
     def to_json(self) -> Json:
         return {
@@ -45,6 +51,8 @@ class Passivity:
             "largest_j": self.largest,
             "limit_j": self.limit,
             "booked_j": dict(self.booked),
+            "forgiven_j": self.forgiven,
+            "forgiven_limit_j": self.forgiven_limit if math.isfinite(self.forgiven_limit) else None,
             "controller": None if self.controller is None else self.controller.to_json(),
         }
 
@@ -57,7 +65,20 @@ def passivities(plan: Plan, cycle: Cycle, cycles: int) -> Iterator[Passivity]:
             unit = ledger.axes[0].workspace.effort_unit
             controller = Controlled(tally.taken, tally.strongest, tally.damped / cycles if cycles else 0.0, unit)
         names = tuple(axis.name for axis in ledger.axes)
-        yield Passivity(names, tally.largest, tally.limit, dict(tally.booked), controller)
+        booked = dict(tally.booked)
+        yield Passivity(names, tally.largest, tally.limit, booked, controller, tally.most, tally.budget)
+
+
+def forgiven_text(found: Passivity) -> str | None:
+    """Return what was forgiven in a sentence; None below the limit of the energy of its own."""
+    if found.forgiven <= found.limit:
+        return None
+    reasons = sorted(reason for reason in found.booked if reason != CHANGE)
+    return (
+        f"the hand got {in_unit(sum(found.booked[reason] for reason in reasons), 'J')} beyond what the scene had "
+        f"stored, because less was sent before than it asked for ({', '.join(reasons)}); at most "
+        f"{in_unit(found.forgiven, 'J')} within a second, the limit is {in_unit(found.forgiven_limit, 'J')}"
+    )
 
 
 def cost_text(found: Passivity) -> str | None:

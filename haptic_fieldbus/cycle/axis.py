@@ -41,6 +41,8 @@ class AxisCycle:
         self, owner: Owner, axis: AxisPlan, image: AxisImage, output: bytearray, period: float, *, controlled: bool
     ) -> None:
         self.state, self.sensed, self.permission = AxisState(), Sensed(), Permission()
+        self.forgive: Callable[[float], None] = lambda energy: None
+        """Books energy [J] that the drive gave beyond what was sent, by its echo; the cycle sets it."""
         self.stalls = 0
         """How often counts stood still under torque for so long that the limit fell."""
         self._owner, self._axis, self._period = owner, axis, period
@@ -215,12 +217,14 @@ class AxisCycle:
         state = self.state
         if not self._owner.enabled:
             return
-        before = state.position
+        before, way, force, work = state.position, (here - state.position) / steps, state.force, 0.0
         for step in range(1, steps):
-            state.position = before + (here - before) * step / steps
+            state.position = before + way * step
             if self._step_estimator is not None:
                 self._step_estimator()
-            self._field(state.position)
+            last, force = force, self._field(state.position)
+            work += 0.5 * (last + force) * way
+        state.led_work, state.led_force = work + force * way, force
 
     def _power(self) -> None:
         """Derive the power state from the statusword, and the controlword that requests the next transition.
@@ -264,7 +268,8 @@ class AxisCycle:
             pack_into(output, offset, state.controlword, sign * target)
 
         watched = bind_sign_watch(axis, state, self._period, self.sign.doubt, render)
-        proved = bind_echo(axis, state, self._period, trip, lambda: self._feedback, watched)
+        forgive: Callable[[float], None] = lambda energy: self.forgive(energy)  # noqa: E731 - bound late, by the cycle
+        proved = bind_echo(axis, state, self._period, trip, forgive, lambda: self._feedback, watched)
         return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
 
     def _check_power(self) -> None:

@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
+from haptic_fieldbus.cycle.energy_steps import bind_ledger
 from haptic_fieldbus.cycle.laws import PairField, blended_pair
 from haptic_fieldbus.cycle.safety import GapTally, Trip, TripKind
 from haptic_fieldbus.cycle.sensing import in_order
-from haptic_fieldbus.cycle.tied_energy import bind_ledger
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.energy import judged_groups, ledger_elements
@@ -256,15 +256,18 @@ class Cycle:
         """Return the ledger of axes that are judged together; an account above its limit is a trip of the first."""
         name = axes[0].name
 
-        def trip(energy: float, limit: float) -> None:
+        def trip(energy: float, limit: float, kind: TripKind = TripKind.ENERGY) -> None:
             if self.trip is None:
                 position = self._axes[name].state.position
-                self.trip = Trip(TripKind.ENERGY, name, self.t_ns, energy, limit, position=position)
+                self.trip = Trip(kind, name, self.t_ns, energy, limit, position=position)
                 self.enabled = False
 
         cycles = [(axis, self._axes[axis.name]) for axis in axes]
         ports = [LedgerAxis(axis, each.state, each.sensed, each.permission) for axis, each in cycles]
-        return Ledger(ports, *ledger_elements(plan, axes), plan.period, trip)
+        ledger = Ledger(ports, *ledger_elements(plan, axes), plan.period, trip)
+        for _, each in cycles:
+            each.forgive = ledger.doubted
+        return ledger
 
     def _pair(self, element: CouplingElement, period: float) -> PairField:
         """Return a fresh law of the coupling, which reads the signals of its two axes itself."""

@@ -14,11 +14,14 @@ has agreed for a whole deadline; it becomes a trip when the echo still differs a
 have moved is for torques that swing: a frozen torque agrees with a swinging one now and then. While the torque is
 constant nothing can be proved: the deadline runs from the first change that does not come back. An echo that is asked
 for may also stay away altogether; after its own deadline that is a trip too, because nothing is proved any more.
+
+While there is a doubt the motor may give what was not sent. The work of the difference is booked by the energy ledger
+as forgiven when the doubt ends, if it was given to the hand.
 """
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import islice
 
 from haptic_fieldbus.cycle.safety import TripKind
@@ -36,11 +39,18 @@ FEWEST_TARGETS = 3
 
 
 def bind_echo(
-    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, feedback: Feedback, render: PeriodStep
+    axis: AxisPlan,
+    state: AxisState,
+    period: float,
+    trip: TripOff,
+    forgive: Callable[[float], None],
+    feedback: Feedback,
+    render: PeriodStep,
 ) -> PeriodStep:
     """Return a step that checks the echo and then renders; `render` alone when the drive shows nothing of its targets.
 
-    The check comes first, while the state still has the target that was sent last.
+    The check comes first, while the state still has the target that was sent last. `forgive` takes the energy that was
+    given beyond what was sent while there was a doubt [J].
     """
     echo = axis.profile.echo
     if echo is None or math.isinf(axis.limits.echo):
@@ -51,7 +61,7 @@ def bind_echo(
     tolerance = ECHO_STEPS * max(1.0, shown / axis.effort_unit)
     if lags:
         tolerance = max(tolerance, ECHO_SHARE * axis.rated_effort / axis.effort_unit)
-    doubt = Doubt(axis, period, tolerance, trip)
+    doubt = Doubt(axis, state, period, tolerance, trip, forgive)
     bind = _bind_asked if echo is Signal.TARGET_ASKED else _bind_actual if lags else _bind_demand
     return bind(axis, state, period, place, doubt, feedback, render)
 
@@ -151,10 +161,20 @@ def _ratio(unit: float, axis: AxisPlan) -> float:
 class Doubt:
     """The doubt whether set-points act, and its way to a trip; values in steps of target torque."""
 
-    def __init__(self, axis: AxisPlan, period: float, tolerance: float, trip: TripOff) -> None:
+    def __init__(
+        self,
+        axis: AxisPlan,
+        state: AxisState,
+        period: float,
+        tolerance: float,
+        trip: TripOff,
+        forgive: Callable[[float], None],
+    ) -> None:
         self.tolerance = tolerance
         self.open = False
-        self._trip = trip
+        self._state, self._trip, self._forgive = state, trip, forgive
+        self._given = 0.0
+        """Work of the motor in this doubt beyond that of what was sent [J]."""
         self._unit = axis.effort_unit
         self._period_ns = round(period * 1e9)
         # A sample that comes a little early still ends the deadline.
@@ -177,10 +197,19 @@ class Doubt:
         moved = abs(shown - self._stuck) > self.tolerance
         agrees = min(targets) - self.tolerance <= shown <= max(targets) + self.tolerance
         if (moved and agrees) or (not differs and now_ns - self._differed_ns > self._deadline_ns):
-            self.open = False
+            self._end()
         elif differs:
+            # The first sample does not count: after a gap a set-point may act a period later than usual.
+            self._given += (shown - expected) * self._unit * self._state.way
             self._differed_ns = now_ns
             waited_ns = now_ns - self._since_ns
             if waited_ns > self._deadline_ns:
+                self._end()
                 sent = round(expected) * self._unit
                 self._trip(TripKind.SET_POINTS_DEAD, shown * self._unit, sent, f"{waited_ns * 1e-6:.0f}")
+
+    def _end(self) -> None:
+        """End the doubt, and tell what was given to the hand meanwhile."""
+        self.open, given, self._given = False, self._given, 0.0
+        if given > 0.0:
+            self._forgive(given)

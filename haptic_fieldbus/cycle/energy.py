@@ -27,9 +27,21 @@ force was cut, and gives back what it would have taken. Their leak is −ΔF·Δ
 because their force also changes while the handle stands still.
 
 A live change fades from one set of elements to another, and the stored energy with them: what it grows by where the
-handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. While the limit fades in,
-and under a cap after a gap, the force follows no law that is passive; what it gives then, beyond
-what is stored, is booked by the contact, and not judged; an account of its own begins when the law is followed again.
+handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked.
+
+Another force than that of the law. While the limit fades in, after a gap, after a stall and while the sign is looked
+for, less is sent than the law asks for. Two things are then looked at apart from each other. The law itself is judged
+on, by an account of what it asks for along the samples that it saw, by the trapezoid,
+
+    Σ ½·(F_k + F_{k+1})·Δx ≤ U(then) − U(now) + Σ ¼·K·Δx² + Σ Fa·|Δx| + reserve
+
+which holds whatever is sent: the work of a law with the slope K along a way Δx is off by at most ¼·K·Δx². It takes the
+open account over, and gives it back when the law is followed again. Of the way through a gap the law asked for nothing;
+there U is moved along. And what is sent gives the hand what the law alone would not: the force was less on the way in
+than on the way out. This energy, beyond all that the contact took and that fell of U, is forgiven: it is booked by its
+reason, and ends the run above a budget for each second (`planning.energy.forgiven_limit`). When the law is followed
+again within a contact, what it owes is booked too, at most the force limit times the way since the account was opened.
+Virtual masses are judged by the law anyhow; it is led through a gap along a straight line, and they with it.
 
 Controller. A scene with passivity = "controller" also has its excess taken back, by damping: each period
 
@@ -41,10 +53,13 @@ Technology 13(5), 2005, 737, doi:10.1109/TCST.2005.847336). B, twice the damping
 R periods to take an excess back keep the delay from answering twice. The force goes through the limits with all others.
 """
 
+import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
-from haptic_fieldbus.cycle.safety import Permission
+from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.cycle.sensing import PeriodStep
 from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.numerics.sampled import split_delay
@@ -63,11 +78,17 @@ RECOVERY = 4.0
 """Periods in which the controller takes an excess back; the damping of one period is seen two periods later."""
 LEAKS = 2.0
 """Largest damping of the controller, in dampings that make up for the leak."""
-FADE_IN, CHANGE, GAP = "fade-in", "change", "gap"
-"""Reasons for which energy is booked: a change is granted, the others are not judged."""
+FADE_IN, CHANGE, GAP, STALL, SIGN, ECHO = "fade-in", "change", "gap", "stall", "sign", "echo"
+"""Reasons for which energy is booked: a change is granted, the others are forgiven within a budget."""
+SECOND_NS = 1_000_000_000
+LIPSCHITZ = 0.25
+"""Of K·Δx², by which the trapezoid of a law of the slope K is off at most."""
 
-TripOff = Callable[[float, float], None]
-"""Takes the torque away: (energy given beyond what is granted, its limit) [J]."""
+
+class EnergyTrip(Protocol):
+    """Takes the torque away: energy given beyond what is granted, or forgiven within a second, and its limit [J]."""
+
+    def __call__(self, energy: float, limit: float, kind: TripKind = ..., /) -> None: ...
 
 
 @dataclass(slots=True)
@@ -75,10 +96,16 @@ class Tally:
     """What a ledger has seen; energies in J."""
 
     limit: float
+    budget: float = math.inf
+    """Of what is forgiven within a second."""
     largest: float = 0.0
     """Most that an account was above what is granted."""
     booked: dict[str, float] = field(default_factory=dict)
-    """Energy given while the force followed no passive law, by the reason."""
+    """Energy that was granted to changes or forgiven, by the reason."""
+    most: float = 0.0
+    """Most that was forgiven within a second."""
+    recent: deque[tuple[int, float]] = field(default_factory=deque)
+    """What was forgiven within the last second, with its time [ns]."""
     taken: float = 0.0
     """Energy that the controller's damping took from the handle."""
     strongest: float = 0.0
@@ -89,6 +116,16 @@ class Tally:
     def book(self, reason: str, energy: float) -> None:
         if energy > 0.0:
             self.booked[reason] = self.booked.get(reason, 0.0) + energy
+
+    def forgive(self, reason: str, energy: float, t_ns: int) -> float:
+        """Book what is not judged, and return how much that was within the last second."""
+        self.book(reason, energy)
+        self.recent.append((t_ns, energy))
+        while self.recent[0][0] <= t_ns - SECOND_NS:
+            self.recent.popleft()
+        second = sum(each for _, each in self.recent)
+        self.most = max(self.most, second)
+        return second
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,16 +147,19 @@ class Ledger:
         elements: Sequence[Sequence[Element]],
         couplings: Sequence[CouplingElement],
         period: float,
-        trip: TripOff,
+        trip: EnergyTrip,
     ) -> None:
         self.ports, self.period = tuple(ports), period
         self.axes = tuple(port.axis for port in ports)
-        self.tally = Tally(self.axes[0].limits.energy)
+        self.tally = Tally(self.axes[0].limits.energy, self.axes[0].limits.forgiven)
         self._trip = trip
         self._ramp, self._done = 0, 0
-        self._origin = 0.0
+        self._origin, self._clipped = 0.0, 0
+        self._opened: Sequence[float] = ()
+        """Stored energy left as credit, periods cut so far, and places, when the account was opened."""
         self.reason: str | None = None
-        """Reason for which the open account is booked, and not judged."""
+        """Reason for which another force may be sent than that of the law, since the account was opened."""
+        self.law = LawAccount(self)
         self.reopen: PeriodStep = lambda: None
         """Makes the bound step follow a change that begins; the step itself sets it."""
         self.terms, self.memory, self._after = self._of(elements, couplings)
@@ -155,6 +195,7 @@ class Ledger:
         self._done += 1
         change = self.stored(positions) - stored
         self._origin += change
+        self.law.origin += change
         self.tally.book(CHANGE, change)
         if self._done > self._ramp:  # the loop begins its own ramp in the period after
             self._ramp = 0
@@ -170,42 +211,92 @@ class Ledger:
         for port in self.ports:
             permission = port.permission
             if not permission.unchanged:
-                return FADE_IN if permission.fade < 1.0 else GAP
+                if permission.proof is not None:
+                    return SIGN
+                if permission.fade < 1.0:
+                    return FADE_IN
+                return STALL if math.isfinite(permission.cap) and not permission.after_gap else GAP
         return None
 
     @property
-    def lawful(self) -> bool:
-        """Whether the force has followed its law since the account was opened, and does now."""
-        return self.reason is None and self.unsettled() is None
-
-    @property
     def settles(self) -> bool:
-        """Whether the force follows its law again, which it did not when the account was opened."""
+        """Whether the force follows its law again, which it did not since the account was opened."""
         return self.reason is not None and self.unsettled() is None
 
     def open(self, positions: Sequence[float]) -> None:
         """Open an account at these positions."""
-        self._origin, self.reason = self.stored(positions), self.unsettled()
+        before, self.reason = self.reason, self.unsettled()
+        self._origin, self._opened, self._clipped = self.stored(positions), positions, self._cut()
+        if self.reason is not None and before is None:
+            self.law.open(0.0, self._origin)
+
+    def loosen(self, energy: float, positions: Sequence[float]) -> None:
+        """Judge the law itself from here on; it takes over the open account, which shows `energy` [J].
+
+        An account whose force was cut at the effort limit took less than the law asked for, and is none of the law.
+        """
+        self.reason = self.unsettled()
+        if self._cut() == self._clipped:
+            self.law.open(energy, self._origin)
+        else:
+            self.law.open(0.0, self.stored(positions))
+
+    def settle(self, energy: float, positions: Sequence[float]) -> float:
+        """Forgive what the account owes, and return what that of the law shows, by which it goes on [J]."""
+        ways = zip(self.axes, positions, self._opened, strict=True)
+        back = sum(axis.limits.effort * abs(here - there) for axis, here, there in ways)
+        self.forgive(energy + min(self.stored(positions) - self._origin, back))
+        shown = self.law.finished()
+        self.reason, self._origin, self._clipped = None, self.law.origin, self._cut()
+        return shown
 
     def close(self, energy: float, positions: Sequence[float]) -> None:
-        """Judge the open account, which shows `energy` [J]; book it where the force did not follow its law."""
-        reason = self.reason or self.unsettled()
-        if reason is not None:
-            self.tally.book(reason, energy + self.stored(positions) - self._origin)
-        elif energy > self.tally.largest:
+        """Judge the open account, which shows `energy` [J]; forgive it where another force was sent."""
+        if self.reason is not None or energy > self.tally.largest:
             self.judge(energy, positions)
 
     def judge(self, energy: float, positions: Sequence[float]) -> float:
-        """Return what of `energy` [J] remains above the stored energy that was given back; trip above the limit."""
-        tally, stored = self.tally, self.stored(positions)
-        if stored < self._origin:
-            energy -= self._origin - stored
-            self._origin = stored
-        excess = energy - self.memory.reserve
+        """Return what of `energy` [J] remains above the stored energy that was given back; trip above the limit.
+
+        Where another force is sent than that of the law, what remains is forgiven.
+        """
+        energy, self._origin = self.remaining(energy, self._origin, positions)
+        if self.reason is None or self.memory.silence:
+            self.compare(energy - self.memory.reserve)
+            return energy
+        self.forgive(energy - self.memory.reserve)
+        return min(energy, self.memory.reserve)
+
+    def remaining(self, energy: float, origin: float, positions: Sequence[float]) -> tuple[float, float]:
+        """Return what of `energy` is above the stored energy that fell below `origin`, and how much is left there."""
+        stored = self.stored(positions)
+        return (energy - (origin - stored), stored) if stored < origin else (energy, origin)
+
+    def compare(self, excess: float) -> None:
+        """Keep what is given beyond all that is granted [J], and trip when it is above the limit."""
+        tally = self.tally
         tally.largest = max(tally.largest, excess)
         if excess > tally.limit:
             self._trip(excess, tally.limit)
-        return energy
+
+    def doubted(self, energy: float) -> None:
+        """Forgive what a drive gave beyond what it was sent, by its echo [J]."""
+        self.forgive(energy, ECHO)
+
+    def forgive(self, energy: float, reason: str | None = None) -> None:
+        """Book energy [J] that the law alone would not have given, and trip above what is forgiven within a second."""
+        if energy > 0.0:
+            t_ns = max(port.state.moved_ns for port in self.ports)
+            second = self.tally.forgive(reason or self.reason or GAP, energy, t_ns)
+            if second > self.tally.budget:
+                self._trip(second, self.tally.budget, TripKind.FORGIVEN)
+
+    def _cut(self) -> int:
+        """Return in how many periods so far a limit cut the force."""
+        periods = 0
+        for port in self.ports:
+            periods += port.permission.clipped
+        return periods
 
     def _of(
         self, elements: Sequence[Sequence[Element]], couplings: Sequence[CouplingElement]
@@ -215,69 +306,72 @@ class Ledger:
         return terms, memory_terms(every, self.period), bind_stored(self.axes, elements, couplings)
 
 
+class LawAccount:
+    """Judges what the law of the scene asks for while another force is sent; its theory is at the beginning.
+
+    It is one sample late: the force at a place is known when the next place is.
+    """
+
+    def __init__(self, ledger: Ledger) -> None:
+        self.origin = 0.0
+        """Stored energy that is left as credit [J]."""
+        self._ledger = ledger
+        self._energy = 0.0
+        self._places, self._here = list[float](), list[float]()
+        self._forces, self._sides = list[float](), list[float]()
+        """At the sample before the last: places and forces; places of the last one; signs when contact began."""
+        self._unseen = False
+        """Whether samples are missing on the way to the last place."""
+
+    def open(self, energy: float, origin: float) -> None:
+        """Begin at the present places with what an account shows, and the credit that it has left [J]."""
+        self._energy, self.origin = energy, origin
+        self._here = [port.state.position for port in self._ledger.ports]
+        self._places, self._forces, self._sides, self._unseen = self._here, [], [], False
+
+    def take(self) -> bool:
+        """Take in the force at the last place, and the place of this period; return whether contact was left."""
+        ledger, states = self._ledger, [port.state for port in self._ledger.ports]
+        forces = [state.force for state in states]
+        if self._unseen:
+            self._move()
+        elif self._forces:
+            self._add(forces)
+        left = not any(force * side > 0.0 for force, side in zip(forces, self._sides or forces, strict=True))
+        if left:
+            self._energy, self.origin, self._sides = 0.0, ledger.stored(self._here), forces
+        self._sides = self._sides or forces
+        self._places, self._forces, self._here = self._here, forces, [state.position for state in states]
+        self._unseen = any(state.steps > 1 for state in states)
+        return left
+
+    def _add(self, forces: Sequence[float]) -> None:
+        """Add the work between the last two places, less what is granted, and judge it."""
+        ledger = self._ledger
+        for terms, there, here, before, force in zip(
+            ledger.terms, self._places, self._here, self._forces, forces, strict=True
+        ):
+            way = here - there
+            stiffness = terms.damping / (terms.age * ledger.period)
+            self._energy += way * (0.5 * (before + force) - LIPSCHITZ * stiffness * way) - terms.active * abs(way)
+        if self._energy > ledger.tally.largest + ledger.memory.reserve:
+            self._energy, self.origin = ledger.remaining(self._energy, self.origin, self._here)
+            ledger.compare(self._energy - ledger.memory.reserve)
+
+    def finished(self) -> float:
+        """Return what the account shows, with the way to the present places under the last force [J]."""
+        if self._unseen:
+            self._move()
+            return self._energy
+        last = zip(self._places, self._here, self._forces, strict=True)
+        return self._energy + sum(force * (here - there) for there, here, force in last)
+
+    def _move(self) -> None:
+        """Move the credit with the stored energy along a way that was not seen."""
+        self.origin += self._ledger.stored(self._here) - self._ledger.stored(self._places)
+
+
 def shares(axis: AxisPlan, period: float) -> tuple[int, float]:
     """Return (n, δ/T) of the delay from a sample to the motor's torque: n·T + δ."""
     whole, fraction = split_delay(axis.delay.total, period)
     return whole, fraction / period
-
-
-def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
-    """Return the step of a plain ledger: it looks at the period that has passed, and then renders the coming one."""
-    (port,) = ledger.ports
-    state, unit = port.state, port.axis.effort_unit
-    share = shares(port.axis, ledger.period)[1]
-    early, late = share * unit, (1.0 - share) * unit
-    last, older, energy, side, kept, settles = state.position, 0, 0.0, 0, 0, True
-    leak = active = limit = 0.0
-    ledger.open((last,))
-
-    def step() -> None:
-        nonlocal last, older, energy
-        before, here = state.target, state.position
-        if here != last:
-            way = here - last
-            last = here
-            energy += way * (early * older + late * before - leak * way) - (
-                active * way if way > 0.0 else -active * way
-            )
-            if energy > limit:
-                judge()
-        if before != older or settles:
-            older = before
-            if before * side <= 0:
-                begin(before)
-        render()
-
-    def begin(before: int) -> None:
-        """Contact is left, or begins, or its force follows the law again: open another account."""
-        nonlocal energy, side, kept, settles, leak, active, limit
-        if ledger.changing:
-            ledger.tick((last,))
-            leak, active = ledger.terms[0].damping / ledger.period, ledger.terms[0].active
-            if before * kept > 0 and ledger.reason is None:
-                side, settles = 0 if ledger.changing else kept, ledger.changing
-                return
-        if ledger.reason and before * kept > 0 and not ledger.settles:
-            return
-        ledger.close(energy, (last,))
-        ledger.open((last,))
-        energy, settles = 0.0, ledger.reason is not None or ledger.changing
-        side, kept = 0 if settles else before, before
-        leak, active = ledger.terms[0].damping / ledger.period, ledger.terms[0].active
-        limit = ledger.tally.limit + ledger.memory.reserve
-
-    def judge() -> None:
-        nonlocal energy, side, settles
-        if ledger.lawful:
-            energy = ledger.judge(energy, (last,))
-            return
-        ledger.close(energy, (last,))
-        ledger.open((last,))
-        energy, side, settles = 0.0, 0, True
-
-    def reopen() -> None:
-        nonlocal side, kept, settles
-        side, kept, settles = 0, side, True
-
-    ledger.reopen = reopen
-    return step

@@ -12,11 +12,11 @@ One or two gaps are no pattern: after them the handle comes to rest again.
 
 from collections import deque
 
+from haptic_fieldbus.planning.limits import LARGEST_MISSING_SHARE
+
 WINDOW = 1.0
 """[s]; gaps longer ago are forgotten."""
 FEWEST_PERIODS = 20
-LARGEST_SHARE = 0.2
-"""Of the samples of a window that may be missing, whatever the margin."""
 FEWEST_GAPS = 3
 """So many gaps of a window are a pattern."""
 
@@ -57,6 +57,6 @@ class Gaps:
     @property
     def too_many(self) -> bool:
         """Whether the loop is to be given up."""
-        if self.share > LARGEST_SHARE:
+        if self.share > LARGEST_MISSING_SHARE:
             return True
         return len(self._gaps) >= FEWEST_GAPS and self.stretch > self._margin

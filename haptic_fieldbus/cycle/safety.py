@@ -51,6 +51,7 @@ class TripKind(Enum):
     ACCELERATION = "acceleration limit"
     POWER = "power limit"
     ENERGY = "energy limit"
+    FORGIVEN = "energy forgiven"
     POSITION = "position limit"
     DRIFT = "position drift"
     SET_POINTS_DEAD = "set-points do not act"
@@ -113,6 +114,10 @@ class GapTally:
         self.lessened += taken > CONSIDERABLE * asked
 
 
+def _nothing() -> None:
+    """Do nothing: no ledger follows this axis."""
+
+
 @dataclass(slots=True)
 class Permission:
     """How much force one axis is permitted at present [N or N·m]; its automaton is the first half of this file."""
@@ -141,10 +146,18 @@ class Permission:
     gaps: GapTally = field(default_factory=GapTally)
     after_gap: bool = False
     """Whether the present cap is that of a gap."""
+    loosened: Callable[[], None] = _nothing
+    """Tells the energy ledger that from now on another force may be sent than that of the law."""
+
+    def loosen(self) -> None:
+        """Note that more than effort and slew limit the force from now on."""
+        self.unchanged = False
+        self.loosened()
 
     def cap_at(self, cap: float, side: float) -> None:
         """Permit no more than `cap` in the direction `side` until contact is left."""
-        self.cap, self.side, self.unchanged, self.after_gap = cap, side, False, False
+        self.cap, self.side, self.after_gap = cap, side, False
+        self.loosen()
 
     def cap_after_gap(self, cap: float, side: float) -> None:
         """Permit no more than before a gap in the feedback, until contact is left."""
@@ -154,7 +167,8 @@ class Permission:
 
     def begin_gap(self) -> None:
         """A second period passes without feedback."""
-        self.blind, self.unchanged = True, False
+        self.blind = True
+        self.loosen()
 
     def resume(self, force: float, risen: float) -> float:
         """Return the force of a period with feedback less the deficit; `risen` is how far the limit has faded in."""

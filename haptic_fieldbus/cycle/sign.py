@@ -74,10 +74,11 @@ class Sign:
 
     def hold(self) -> None:
         """Permit no more than a hand may hold: the sign of this axis or of another one is unseen."""
-        self._state.permitted_ns, self._permission.unchanged = None, False
+        self._state.permitted_ns = None
         if self._permission.proof is None:
             holding = self._axis.limits.before_sign
             self._permission.proof = lambda force: max(-holding, min(holding, force))
+        self._permission.loosen()
 
     def permit(self, t_ns: int) -> None:
         """Let the force rise to its limit, from what a hand may hold on: the sign of all axes is seen."""

@@ -35,6 +35,10 @@ class AxisState:
     """Bound on the error of the position [m or rad]; 0 unless the position is integrated from a velocity."""
     force: float = 0.0
     """Force of the scene, before any limit [N or N·m]."""
+    led_work: float = 0.0
+    led_force: float = 0.0
+    """Work and last force of the scene's law on the straight line on which it was led through periods without a
+    sample [J; N or N·m]."""
     target: int = 0
     """Target torque in steps of the drive, without the sign of the mechanism."""
 

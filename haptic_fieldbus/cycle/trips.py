@@ -46,6 +46,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.ACCELERATION: SafetyTripError,
     TripKind.POWER: SafetyTripError,
     TripKind.ENERGY: SafetyTripError,
+    TripKind.FORGIVEN: SafetyTripError,
     TripKind.SPEED: SafetyTripError,
     TripKind.POSITION: SafetyTripError,
     TripKind.DRIFT: SafetyTripError,
@@ -184,6 +185,13 @@ def _energy(trip: Trip, axis: AxisPlan) -> str:
     )
 
 
+def _forgiven(trip: Trip, axis: AxisPlan) -> str:
+    return (
+        f"gaps in the feedback, fade-in and doubts gave the hand {rounded(1e3 * trip.value)} mJ within a second beyond "
+        f"what the scene had stored, the limit is {rounded(1e3 * (trip.limit or 0.0))} mJ. Look for what loses feedback"
+    )
+
+
 def _not_finite(trip: Trip, axis: AxisPlan) -> str:
     return f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
 
@@ -268,6 +276,7 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.ACCELERATION: _acceleration,
     TripKind.POWER: _exceeded_power,
     TripKind.ENERGY: _energy,
+    TripKind.FORGIVEN: _forgiven,
     TripKind.SPEED: _speed,
     TripKind.POSITION: _position,
     TripKind.DRIFT: _drift,

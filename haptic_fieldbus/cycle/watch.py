@@ -8,10 +8,11 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
-from haptic_fieldbus.cycle.gaps import LARGEST_SHARE, Gaps
+from haptic_fieldbus.cycle.gaps import Gaps
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.limits import LARGEST_MISSING_SHARE
 from haptic_fieldbus.signals import LinkFlag
 
 T_NS, AGE_NS, FLAGS, EMERGENCY, STATUSWORD = range(5)
@@ -90,7 +91,7 @@ class AxisWatch:
         self._gaps.note(t_ns, steps)
         if self._gaps.too_many:
             kind = TripKind.FEEDBACK_SPARSE if lost else TripKind.PERIODS_MISSED
-            self._trip(kind, self._gaps.share, LARGEST_SHARE, f"{self._gaps.stretch:.2f}")
+            self._trip(kind, self._gaps.share, LARGEST_MISSING_SHARE, f"{self._gaps.stretch:.2f}")
 
     def motion(self, here: float, way: float, elapsed_ns: int, age_ns: int) -> float:
         """Trip when the handle, now at `here` [m or rad], went `way` too fast or too suddenly, or left its range.

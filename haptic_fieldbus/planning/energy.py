@@ -12,7 +12,7 @@ import numpy as np
 from haptic_fieldbus.margins.group import connected
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.limits import ENERGY_LIMIT
+from haptic_fieldbus.planning.limits import ENERGY_LIMIT, LARGEST_MISSING_SHARE
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import Active, AnyElement, CouplingElement, Element, Reserving, Storing
 
@@ -23,6 +23,17 @@ TWIST = 2.0
 def energy_limit(axis: AxisPlan) -> float:
     """Return the energy [J] beyond which the loop is active: what a hand hardly feels, and a count's worth of force."""
     return ENERGY_LIMIT + axis.limits.effort * axis.resolution
+
+
+def forgiven_limit(axis: AxisPlan) -> float:
+    """Return the energy [J] that gaps in the feedback of this axis can give to a hand within a second.
+
+    After a gap no force is above the one before it, at most the limit F; the handle went at most v·t meanwhile, at the
+    limit v of its speed. So a gap of t gives at most F·v·t beyond what was stored, and all gaps of a second together
+    last at most a fifth of it. A limit of power that is lower than F·v takes its place.
+    """
+    limits = axis.limits
+    return LARGEST_MISSING_SHARE * min(limits.effort * limits.speed, limits.power)
 
 
 @dataclass(frozen=True)
@@ -94,12 +105,19 @@ NEVER = 2**62
 
 def with_energy_limits(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> tuple[AxisPlan, ...]:
     """Return the axes with the energy that each may give, together with those that couplings tie to it."""
-    limits = {
-        axis.name: max(energy_limit(each) for each in group) if has_ledger(group) else math.inf
-        for group in _groups(axes, couplings)
-        for axis in group
-    }
-    return tuple(replace(axis, limits=replace(axis.limits, energy=limits[axis.name])) for axis in axes)
+    granted = {axis.name: _granted(group) for group in _groups(axes, couplings) for axis in group}
+    return tuple(
+        replace(axis, limits=replace(axis.limits, energy=energy, forgiven=forgiven))
+        for axis in axes
+        for energy, forgiven in (granted[axis.name],)
+    )
+
+
+def _granted(group: Sequence[AxisPlan]) -> tuple[float, float]:
+    """Return what axes that are judged together may give of their own, and what is forgiven within a second [J]."""
+    if not has_ledger(group):
+        return math.inf, math.inf
+    return max(map(energy_limit, group)), sum(map(forgiven_limit, group))
 
 
 def judged_groups(axes: Sequence[AxisPlan], couplings: Sequence[CouplingElement]) -> list[tuple[AxisPlan, ...]]:

@@ -52,6 +52,7 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         LimitRow("jump in a period", limits.jump(period, axis.resolution), length, Reaction.DISABLE),
         LimitRow("power", limits.power, "W", Reaction.DISABLE),
         LimitRow("energy of its own", limits.energy, "J", Reaction.DISABLE),
+        LimitRow("energy forgiven in a second", limits.forgiven, "J", Reaction.DISABLE),
         *_range(axis),
         LimitRow("drift", limits.drift if axis.integrates else math.inf, length, Reaction.DISABLE),
     )

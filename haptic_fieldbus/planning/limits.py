@@ -50,6 +50,8 @@ ECHO_SHARE = 0.03
 current. Below `HOLDING_SHARE`: a torque that stands still unnoticed is one that a hand may be left alone with."""
 ENERGY_LIMIT = 0.005
 """[J] that the loop may give beyond everything that is granted: at a handle of 0.6 kg 0.13 m/s."""
+LARGEST_MISSING_SHARE = 0.2
+"""Share of the samples of a second that may be missing, whatever the stability margin."""
 AGE_SHARE = 0.6
 """Share of the drive's own guard at which feedback is too old."""
 SOON_SHARE = 0.5
@@ -115,6 +117,8 @@ class EffortLimits:
     """[s] for which the drive may show another torque than it was sent; infinity where it shows none."""
     energy: float = math.inf
     """[J] that this axis and those that couplings tie to it may give of their own together; infinity: not judged."""
+    forgiven: float = math.inf
+    """[J] that these axes may give within a second because another force than that of the law is sent."""
 
     @property
     def before_sign(self) -> float:

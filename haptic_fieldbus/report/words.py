@@ -6,7 +6,7 @@ from dataclasses import fields
 from itertools import chain
 from typing import Any, cast
 
-from haptic_fieldbus.assessing.passivity import cost_text
+from haptic_fieldbus.assessing.passivity import cost_text, forgiven_text
 from haptic_fieldbus.assessing.result import Percentiles, Result, TorqueError
 from haptic_fieldbus.assessing.rights import rights_texts
 from haptic_fieldbus.assessing.travel import Travel
@@ -85,8 +85,8 @@ def _outcome(result: Result) -> Iterator[Line]:
     if result.verdict is not None:  # only a run that went to its end has a verdict, so nothing tripped
         yield "result", f"{energy_text(result.energy_generated)}no trip"
         yield "verdict", result.verdict
-    for text in filter(None, map(cost_text, result.passivity)):
-        yield "passivity", text
+    for told in (forgiven_text, cost_text):
+        yield from (("passivity", text) for text in filter(None, map(told, result.passivity)))
     for change in result.changes:
         yield "changed", change_text(change.time, change.settings)
     for text in rights_texts(result.host):

@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.echo import Doubt
 from haptic_fieldbus.cycle.safety import Trip, TripKind
+from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.trips import trip_error
 from haptic_fieldbus.drive.cia402 import MappedObject
 from haptic_fieldbus.drive.objects import DataType
@@ -22,7 +24,7 @@ from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.signals import LinkFlag, Signal
-from tests.builders import PERMILLE, PROFILE, rig_of, scene_of
+from tests.builders import PERMILLE, PROFILE, plan_of, rig_of, scene_of
 from tests.lanes import examples
 
 ENABLED = 0x0637
@@ -257,3 +259,28 @@ def test_whatever_is_asked_a_frozen_torque_trips_once_the_targets_stay_away_from
         trip = trip_of(plan_with(steps, 1000.0, profile_of(way)), deaf, 1.3)
         assert trip is not None
         assert trip.t_ns <= 1_245_000_000
+
+
+@pytest.mark.parametrize(("way", "told"), [(1e-3, [10.0 * UNIT * 1e-3]), (-1e-3, [])])
+def test_what_the_motor_gave_beyond_what_was_sent_is_told_when_the_doubt_ends(way: float, told: list[float]) -> None:
+    """Two samples of 5 steps more than were sent, each along 1 mm; the first of a doubt is a matter of timing."""
+    found = list[float]()
+    (axis,) = plan_of().axes
+    doubt = Doubt(axis, AxisState(way=way), 1e-3, 1.0, lambda *_: None, found.append)
+    for number, shown in enumerate((10, 11, 10)):
+        doubt.look(number * 1_000_000, shown, 5 + shown % 2, (5,))
+    assert not found
+    doubt.look(3_000_000, 5, 5, (5,))
+    assert found == pytest.approx(told)
+    assert not doubt.open
+
+
+def test_it_is_told_too_when_the_doubt_ends_the_run() -> None:
+    found, trips = list[float](), list[object]()
+    (axis,) = plan_of().axes
+    doubt = Doubt(axis, AxisState(way=1e-3), 1e-3, 1.0, lambda *trip: trips.append(trip), found.append)
+    for number in range(40):
+        doubt.look(number * 1_000_000, 10, 5, (5,))
+        if trips:
+            break
+    assert found == [pytest.approx(number * 5.0 * UNIT * 1e-3)]

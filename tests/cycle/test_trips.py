@@ -44,6 +44,7 @@ def test_only_our_own_limits_are_safety_trips() -> None:
         TripKind.ACCELERATION,
         TripKind.POWER,
         TripKind.ENERGY,
+        TripKind.FORGIVEN,
         TripKind.POSITION,
         TripKind.DRIFT,
     }

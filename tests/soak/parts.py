@@ -11,7 +11,7 @@ from haptic_fieldbus import api
 from haptic_fieldbus.errors import HapticFieldbusError
 from tests.builders import endless_rig
 from tests.invariants.attach import watched
-from tests.soak import files, frames
+from tests.soak import active, files, frames
 from tests.soak.case import case_of, run_case
 from tests.soak.find import shrunk_case
 
@@ -84,6 +84,12 @@ def into_reader(name: str, large: bool, first: int, count: int) -> Found:
     return {"broken": files.into_reader(name, first, count, large=large)}
 
 
+def active_elements(first: int, count: int) -> Found:
+    """Walls with a source of energy while feedback is lost, and the same walls without it."""
+    cases = map(active.active_case, range(first, first + count))
+    return {"broken": [sentence for case in cases for sentence in active.wrong_with(case)]}
+
+
 def into_drive(first: int, count: int) -> Found:
     return {"broken": frames.into_drive(first, count)}
 
@@ -96,6 +102,7 @@ PARTS: Mapping[str, Part] = {
     # The longest chunk first: the others fill the second process meanwhile.
     "an hour": Part(int(HOUR), int(HOUR), an_hour),
     "seeded runs": Part(WHOLE, 50, seeded_runs),
+    "active elements under gaps": Part(500, 10, active_elements),
     "frames into the drive": Part(500_000, 10_000, into_drive),
     "frames into the master": Part(500_000, 10_000, into_master),
     **{f"small files: {name}": Part(10_000, 500, partial(into_reader, name, False)) for name in files.READERS},

@@ -6,9 +6,9 @@ import pytest
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
+from haptic_fieldbus.cycle.energy_steps import bind_ledger
 from haptic_fieldbus.cycle.safety import Permission
 from haptic_fieldbus.cycle.state import AxisState, Sensed
-from haptic_fieldbus.cycle.tied_energy import bind_ledger
 from haptic_fieldbus.errors import SafetyTripError
 from haptic_fieldbus.planning.energy import ledger_elements
 from haptic_fieldbus.scenes.catalogue import load_scene
@@ -66,6 +66,7 @@ class TiedBench:
     """A ledger of two axes on a spring, of which the left one is moved by hand, and the right one stands still."""
 
     def __init__(self, permission: Permission) -> None:
+        self.permission = permission
         plan = plan_of(scene_of(Coupling(("left", "right"), STIFFNESS)))
         self.states = AxisState(), AxisState()
         self._unit = plan.axes[0].effort_unit
@@ -75,13 +76,13 @@ class TiedBench:
         self.ledger = Ledger(ports, *ledger_elements(plan, plan.axes), plan.period, lambda *trip: None)
         self._step = bind_ledger(self.ledger, lambda: None, controls=False)
 
-    def move(self, position: float, force: float) -> None:
-        """Latch a position of the left handle, and send a force on both sides for the coming period."""
+    def move(self, position: float, force: float, law: float) -> None:
+        """Latch a position of the left handle, and send a force on both sides; the scene's law asks for `law`."""
         left, right = self.states
         left.position = position
         self._step()
-        for state, sent in ((left, force), (right, -force)):
-            state.target, state.force = round(sent / self._unit), sent
+        for state, sent, asked in ((left, force, law), (right, -force, -law)):
+            state.target, state.force = round(sent / self._unit), asked
 
 
 def test_what_a_shaft_gives_while_the_limit_fades_in_is_booked_and_not_judged() -> None:
@@ -93,8 +94,8 @@ def test_what_a_shaft_gives_while_the_limit_fades_in_is_booked_and_not_judged() 
     for k in range(periods + 1):
         out = 2 * k <= periods
         position = stretch * (2 * k if out else 2 * (periods - k)) / periods
-        bench.move(position, -STIFFNESS * position * (0.5 if out else 1.0))
+        bench.move(position, -STIFFNESS * position * (0.5 if out else 1.0), -STIFFNESS * position)
     for _ in range(20):
-        bench.move(0.0, 0.0)
-    assert bench.ledger.tally.largest == 0.0
+        bench.move(0.0, 0.0, 0.0)
+    assert bench.ledger.tally.largest == pytest.approx(0.0, abs=1e-6)
     assert bench.ledger.tally.booked["fade-in"] == pytest.approx(0.25 * STIFFNESS * stretch**2, rel=0.05)

@@ -1,11 +1,14 @@
-"""The ledger's step for tied axes, virtual states, long delays and the controller; its theory is in `energy`."""
+"""The ledger's steps, whose theory is in `energy`: the plain one of a single axis, and the one for all else.
+
+That is for tied axes, virtual states, long delays and the controller.
+"""
 
 import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from haptic_fieldbus.cycle.energy import LEAKS, RECOVERY, Ledger, LedgerAxis, bind_alone, shares
+from haptic_fieldbus.cycle.energy import LEAKS, RECOVERY, Ledger, LedgerAxis, shares
 from haptic_fieldbus.cycle.sensing import PeriodStep
 from haptic_fieldbus.planning.energy import AxisTerms
 
@@ -37,12 +40,20 @@ class _Side:
     def passed(self) -> float:
         """Take in the period that has passed, and return the work that was done on the handle in it [J]."""
         state, before = self.port.state, self.acting
+        here = state.position
+        self.way, self.last = here - self.last, here
+        if self.by_law and state.steps > 1:
+            return self._led()
         self.sent.appendleft(state.force if self.by_law else state.target * self.unit)
         self.acting = acting = self.sent.pop()
         self.changed = changed = acting - before
-        here = state.position
-        self.way, self.last = here - self.last, here
         return self.way * (acting - self.share * changed)
+
+    def _led(self) -> float:
+        """Take in a way of several periods, through which the law was led; nothing leaks on it."""
+        self.acting, self.changed = self.port.state.led_force, 0.0
+        self.sent = deque([self.acting] * len(self.sent))
+        return self.port.state.led_work
 
 
 def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
@@ -50,6 +61,72 @@ def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> Period
     if ledger.is_plain and not controls:
         return bind_alone(ledger, render)
     return bind_tied(ledger, render, controls=controls)
+
+
+def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
+    """Return the step of a plain ledger: it looks at the period that has passed, and then renders the coming one."""
+    (port,) = ledger.ports
+    state, unit = port.state, port.axis.effort_unit
+    share = shares(port.axis, ledger.period)[1]
+    early, late = share * unit, (1.0 - share) * unit
+    last, older, energy, side, kept, settles = state.position, 0, 0.0, 0, 0, True
+    leak = active = limit = 0.0
+    ledger.open((last,))
+
+    def step() -> None:
+        nonlocal last, older, energy
+        before, here = state.target, state.position
+        if here != last:
+            way = here - last
+            last = here
+            energy += way * (early * older + late * before - leak * way) - (
+                active * way if way > 0.0 else -active * way
+            )
+            if energy > limit:
+                judge()
+        if before != older or settles:
+            older = before
+            if before * side <= 0:
+                begin(before)
+        render()
+
+    def begin(before: int) -> None:
+        """Contact is left or begins: open another account. While another force is sent: judge the law, each period."""
+        nonlocal energy, side, kept, settles, leak, active, limit
+        if ledger.changing:
+            ledger.tick((last,))
+            leak, active = ledger.terms[0].damping / ledger.period, ledger.terms[0].active
+            if before * kept > 0 and ledger.reason is None:
+                side, settles = 0 if ledger.changing else kept, ledger.changing
+                return
+        if ledger.reason is not None and not ledger.law.take():
+            if ledger.settles:
+                energy, settles = ledger.settle(energy, (last,)), ledger.changing
+                side, kept = 0 if settles else before, before
+            return
+        ledger.close(energy, (last,))
+        ledger.open((last,))
+        energy, settles = 0.0, ledger.reason is not None or ledger.changing
+        side, kept = 0 if settles else before, before
+        leak, active = ledger.terms[0].damping / ledger.period, ledger.terms[0].active
+        limit = ledger.tally.limit + ledger.memory.reserve
+
+    def judge() -> None:
+        nonlocal energy
+        energy = ledger.judge(energy, (last,))
+
+    def loosen() -> None:
+        nonlocal side, settles
+        if ledger.reason is None:
+            ledger.loosen(energy, (last,))
+            side, settles = 0, True
+
+    def reopen() -> None:
+        nonlocal side, kept, settles
+        side, kept, settles = 0, side, True
+
+    ledger.reopen, port.permission.loosened = reopen, loosen
+    return step
 
 
 def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
@@ -68,6 +145,8 @@ def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodSt
         render()
 
     ledger.reopen = account.reopen
+    for port in ledger.ports:
+        port.permission.loosened = account.loosen
     return step
 
 
@@ -83,6 +162,8 @@ class _Account:
     def __init__(self, ledger: Ledger, sides: Sequence[_Side]) -> None:
         self._ledger, self._sides = ledger, sides
         self._given = self._granted = 0.0
+        self._sent = self._beyond = 0.0
+        """Work of what is sent, and how much that is beyond the work of the law, where the law is judged throughout."""
         self._silent = 0
         ledger.open(self._positions)
 
@@ -93,21 +174,59 @@ class _Account:
             self._granted += terms.active * abs(side.way)
             if side.by_law:
                 self._given += side.changed * side.way * terms.age
-                if side.port.state.steps > 1:  # after a gap the law went through the way, which the held force did not
-                    self._given -= 2.0 * terms.damping / (terms.age * self._ledger.period) * side.way * side.way
+                if side.port.state.steps > 1:  # each period of the straight line is off by as much as a way of its own
+                    stiffness, way = terms.damping / (terms.age * self._ledger.period), side.way
+                    self._given -= stiffness * way * way / side.port.state.steps
                 self._given -= self._begun(side, terms)
             else:
                 self._granted += terms.damping / self._ledger.period * side.way * side.way
         energy = self._given - self._granted
         if energy > self._ledger.tally.largest + self._ledger.memory.reserve:
-            self._judge(energy)
-        for side in self._sides:
-            if side.acting * side.direction > 0.0 and not self._ledger.settles:
-                break
-        else:  # no axis has a force any more in the direction in which the account was opened
-            self._begin()
+            self._given = self._granted + self._ledger.judge(energy, self._positions)
+        if self._ledger.reason is not None:
+            self._loose(work)
+        else:
+            for side in self._sides:
+                if side.acting * side.direction > 0.0:
+                    break
+            else:  # no axis has a force any more in the direction in which the account was opened
+                self._begin()
         if self._ledger.changing:
             self._ledger.tick(self._positions)
+
+    def loosen(self) -> None:
+        """Another force may be sent from now on than that of the law."""
+        if self._ledger.reason is None:
+            self._ledger.loosen(self._given - self._granted, self._positions)
+
+    def _loose(self, work: float) -> None:
+        """While another force may be sent, follow the contact of the law; `work` is that of the period."""
+        if self._ledger.memory.silence:
+            sent = sum(side.port.state.target * side.unit * side.way for side in self._sides)
+            self._sent += sent
+            self._beyond += sent - work
+            left = not any(side.acting * side.direction > 0.0 for side in self._sides)
+        else:
+            left = self._ledger.law.take()
+        if left:
+            self._forgive()
+            self._begin()
+        elif self._ledger.settles:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Follow the law again within a contact."""
+        ledger = self._ledger
+        if ledger.memory.silence:
+            self._forgive()
+            ledger.reason = None
+        else:
+            self._given, self._granted = ledger.settle(self._given - self._granted, self._positions), 0.0
+
+    def _forgive(self) -> None:
+        """Book what was given because another force was sent than that of a law that is judged anyhow."""
+        self._ledger.forgive(min(self._sent, self._beyond))
+        self._sent = self._beyond = 0.0
 
     def reopen(self) -> None:
         """Follow a change that begins."""
@@ -129,14 +248,6 @@ class _Account:
     @property
     def _positions(self) -> list[float]:
         return [side.last for side in self._sides]
-
-    def _judge(self, energy: float) -> None:
-        if self._ledger.lawful:
-            self._given = self._granted + self._ledger.judge(energy, self._positions)
-        else:
-            self._ledger.close(energy, self._positions)
-            self._given = self._granted = 0.0
-            self._ledger.open(self._positions)
 
     def _begin(self) -> None:
         """Drop the credit; that of elements which do not state what they hold ends with a silence."""
