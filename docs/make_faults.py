@@ -14,7 +14,7 @@ from haptic_fieldbus.sim.faults import answers, drive, frames, host
 FILE = Path(__file__).resolve().parent / "reference" / "faults.md"
 GROUPS = {
     "Frames and the bus": (frames, faults.LineFault),
-    "Answers on Modbus": (answers, faults.AnswerFault),
+    "Answers and other masters on Modbus": (answers, faults.AnswerFault),
     "Drive and node": (drive, faults.DriveFaultKind),
     "Computer of the master": (host, faults.HostFault),
     "Hand": (host, faults.HandFault),
@@ -50,6 +50,9 @@ A service of frames, where a kind has `frames`, is one of {services}.
 
 *Frames and the bus* are faults of CANopen, as are those of a drive that name TPDOs, RPDOs, SYNC, heartbeat, emergency,
 SDO or a second node. A kind that no bus of a run can have is refused.
+
+What is not seen of `foreign_set_points`, and for how long each acts then, stands with a test for each in
+[Faults and what becomes of them](fmea.md#set-points-of-another-master-on-modbus-that-are-not-seen).
 
 This page is written by `make docs`.
 """

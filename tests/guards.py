@@ -256,6 +256,20 @@ GUARDS = {
         "test_a_drive_that_no_longer_hears_trips_in_time",
         of=ECHO,
     ),
+    "set-points of another master": _cycle(
+        "echo",
+        "if len(seen) == FOREIGN_TIMES and passed <= FOREIGN_WITHIN:",
+        "if False:",
+        "test_the_trip_names_the_bus_what_was_shown_and_what_was_sent",
+        of="tests/cycle/test_other_masters.py",
+    ),
+    "a target that is read back": _line(
+        "exchange",
+        "self._targets, self._present = (*others, first), (first, *self._readings)",
+        "pass",
+        "test_read_back",
+        "test_it_goes_out_first_and_alone",
+    ),
     "silence of the drive": _bus(
         "link",
         "if now_ns - node.heartbeat_ns > self._silence_ns:",

@@ -9,7 +9,7 @@ wrong. A link flag, a changed statusword or a motion beyond the limits is handle
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from haptic_fieldbus.cycle.echo import bind_echo
+from haptic_fieldbus.cycle.echo import bind_echo, bind_other_masters
 from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
@@ -144,12 +144,13 @@ class AxisCycle:
 
         def observe(image: bytes | bytearray) -> None:
             nonlocal bits_before, fresh_ns
+            before = self._feedback
             self._feedback = feedback = unpack(image)
             elapsed_ns = feedback[T_NS] - fresh_ns
             state.steps = steps = (
                 1
                 if shortest < elapsed_ns < longest and not feedback[FLAGS] and not state.missing
-                else watch.link(feedback, elapsed_ns, owner.enabled)
+                else watch.link(feedback, elapsed_ns, owner.enabled, before[AGE_NS])
             )
             bits = feedback[STATUSWORD] & mask
             if bits != bits_before:
@@ -270,6 +271,7 @@ class AxisCycle:
         watched = bind_sign_watch(axis, state, self._period, self.sign.doubt, render)
         forgive: Callable[[float], None] = lambda energy: self.forgive(energy)  # noqa: E731 - bound late, by the cycle
         proved = bind_echo(axis, state, self._period, trip, forgive, lambda: self._feedback, watched)
+        proved = bind_other_masters(axis, state, self._period, trip, lambda: self._feedback, proved)
         return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
 
     def _check_power(self) -> None:

@@ -14,9 +14,17 @@ has agreed for a whole deadline; it becomes a trip when the echo still differs a
 have moved is for torques that swing: a frozen torque agrees with a swinging one now and then. While the torque is
 constant nothing can be proved: the deadline runs from the first change that does not come back. An echo that is asked
 for may also stay away altogether; after its own deadline that is a trip too, because nothing is proved any more.
+The first sample after missing ones is not compared: on Modbus TCP nothing is sent while an answer is outstanding.
 
 While there is a doubt the motor may give what was not sent. The work of the difference is booked by the energy ledger
 as forgiven when the doubt ends, if it was given to the hand.
+
+Where set-points of another master cannot be heard (Modbus), they are counted besides. Each acts until ours replaces it,
+so that the echo is right again soon and no doubt lasts. What a drive shows is theirs when it is more than any of our
+targets of late, in either direction, by more than a hand may be left alone with and an overshoot. Targets of late are
+those of a whole deadline and of the age at which feedback is a trip: set-points that were lost, a torque loop with a
+lag, and a gateway that answers with what is a period old, show one of them. Less torque than was sent is no sign of
+another master: a drive at the limit of its current or its supply gives less, too.
 """
 
 import math
@@ -28,8 +36,19 @@ from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.sensing import Feedback, PeriodStep
 from haptic_fieldbus.cycle.state import AxisState
 from haptic_fieldbus.cycle.watch import STATUSWORD, T_NS, TripOff
+from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.limits import ECHO_SHARE, ECHO_STEPS, doubt_time
+from haptic_fieldbus.planning.limits import (
+    ECHO_SHARE,
+    ECHO_STEPS,
+    FOREIGN_SHARE,
+    FOREIGN_TIMES,
+    FOREIGN_WITHIN,
+    OVERSHOOT,
+    doubt_time,
+    foreign_gap,
+    recent_time,
+)
 from haptic_fieldbus.signals import Signal
 
 LAGS = 3.0
@@ -66,6 +85,67 @@ def bind_echo(
     return bind(axis, state, period, place, doubt, feedback, render)
 
 
+def bind_other_masters(
+    axis: AxisPlan, state: AxisState, period: float, trip: TripOff, feedback: Feedback, render: PeriodStep
+) -> PeriodStep:
+    """Return a step that counts set-points of another master, then renders; `render` alone where none can be seen."""
+    shown_by = None if axis.other_masters is None else axis.other_masters.shown_by
+    if shown_by is None:
+        return render
+    signals = [mapped.signal for mapped in axis.incoming]
+    place = STATUSWORD + signals.index(shown_by)
+    # A target that is read back comes in some periods only; a value without it counts in every period.
+    came = STATUSWORD + (signals.index(Signal.ASKED_PERIODS) if shown_by is Signal.TARGET_ASKED else 0)
+    always = shown_by is not Signal.TARGET_ASKED
+    unit = {Signal.TORQUE_ACTUAL: axis.shown_unit, Signal.TORQUE_DEMAND: axis.demand_unit}.get(
+        shown_by, axis.effort_unit
+    )
+    sign = axis.rig.mechanism.sign * _ratio(unit, axis)
+    others = OtherMaster(axis, period, shown_by, trip)
+    sent, tolerance, look = others.sent, others.tolerance, others.look
+
+    def check() -> None:
+        target = state.target
+        sent.append(target)
+        if state.steps:
+            now = feedback()
+            shown = sign * now[place]
+            if not -tolerance <= shown - target <= tolerance and (always or now[came]):
+                look(now[T_NS], shown)
+        render()
+
+    return check
+
+
+class OtherMaster:
+    """Count of the set-points of another master that were seen; values in steps of target torque."""
+
+    def __init__(self, axis: AxisPlan, period: float, shown_by: Signal, trip: TripOff) -> None:
+        limits, measured = axis.limits, shown_by is Signal.TORQUE_ACTUAL
+        recent = recent_time(period, limits.age, axis.delay.torque_loop if measured else 0.0)
+        self.sent = deque([0], maxlen=math.ceil(recent / period) + FEWEST_TARGETS)
+        """Targets that may still be what the drive shows, the last one at the end."""
+        self.tolerance = FOREIGN_SHARE * axis.rated_effort / axis.effort_unit
+        self._overshoot = OVERSHOOT if measured else 0.0
+        self._unit, self._trip = axis.effort_unit, trip
+        every = 1 if axis.other_masters is None else axis.other_masters.every
+        self._apart_ns = 1e9 * (foreign_gap(period, every) - period)
+        self._seen: deque[int] = deque(maxlen=FOREIGN_TIMES)
+
+    def look(self, now_ns: int, shown: float) -> None:
+        """Count what the drive shows, if it is no target of ours; trip when that is often."""
+        low, high = min(0, *self.sent), max(0, *self.sent)
+        slack, seen = self.tolerance + self._overshoot * (high - low), self._seen
+        if low - slack <= shown <= high + slack or (seen and now_ns - seen[-1] < self._apart_ns):
+            return
+        seen.append(now_ns)
+        passed = (now_ns - seen[0]) * 1e-9
+        if len(seen) == FOREIGN_TIMES and passed <= FOREIGN_WITHIN:
+            often = f"{FOREIGN_TIMES} times within {rounded(passed)} s"
+            most = low if shown < 0.0 else high
+            self._trip(TripKind.SET_POINTS_FOREIGN, shown * self._unit, most * self._unit, often)
+
+
 def _bind_demand(
     axis: AxisPlan, state: AxisState, period: float, place: int, doubt: "Doubt", feedback: Feedback, render: PeriodStep
 ) -> PeriodStep:
@@ -73,10 +153,14 @@ def _bind_demand(
     sign, tolerance = axis.rig.mechanism.sign * _ratio(axis.demand_unit, axis), doubt.tolerance
     waits = axis.delay.transport > (1.0 - 1e-9) * period and not axis.delay.acts_first
     before = deque([0] * (FEWEST_TARGETS - 1), maxlen=FEWEST_TARGETS - 1)
+    missed = False
 
     def check() -> None:
+        nonlocal missed
         sent = state.target
-        if state.steps:
+        if missed or not state.steps:
+            missed = not state.steps
+        else:
             now = feedback()
             shown = sign * now[place]
             expected = before[0] if waits and abs(shown - before[0]) < abs(shown - sent) else sent
@@ -135,13 +219,15 @@ def _bind_actual(
     older = 1.0 - own - kept
     remembered = FEWEST_TARGETS - 1 + math.ceil(LAGS * lag / period)
     before = deque([0] * remembered, maxlen=remembered)
-    torque = 0.0
+    torque, missed = 0.0, False
 
     def check() -> None:
-        nonlocal torque
+        nonlocal torque, missed
         sent = state.target
         torque = kept * torque + older * before[0] + own * sent
-        if state.steps:
+        if missed or not state.steps:
+            missed = not state.steps
+        else:
             now = feedback()
             shown = sign * now[place]
             if doubt.open or not -tolerance <= shown - torque <= tolerance:

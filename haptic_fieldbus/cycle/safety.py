@@ -55,6 +55,7 @@ class TripKind(Enum):
     POSITION = "position limit"
     DRIFT = "position drift"
     SET_POINTS_DEAD = "set-points do not act"
+    SET_POINTS_FOREIGN = "set-points of another master"
     SIGN = "motion against the torque"
     SIGN_HIDDEN = "no motion that shows the sign"
     CLOCK = "clock went back"

@@ -38,6 +38,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.FOREIGN_MASTER: SafetyTripError,
     TripKind.DUPLICATE_NODE: SafetyTripError,
     TripKind.SET_POINTS_DEAD: DriveFaultError,
+    TripKind.SET_POINTS_FOREIGN: SafetyTripError,
     TripKind.SIGN: SafetyTripError,
     TripKind.SIGN_HIDDEN: PlanError,
     TripKind.NOT_FINITE: SafetyTripError,
@@ -112,7 +113,7 @@ def moment(t_ns: int, enabled_at_ns: int | None) -> str:
 def _told_by_bus(flag: LinkFlag) -> "Cause":
     """Return the cause of a link trip, worded by the protocol of the axis."""
     # The value of a link trip is the code in the header, which only some of the flags have.
-    return lambda trip, axis: axis.traffic.fault_text(flag, int(trip.value))
+    return lambda trip, axis: axis.traffic.fault_text(flag, int(trip.value), axis.bus_name)
 
 
 def _power(trip: Trip, axis: AxisPlan) -> str:
@@ -231,6 +232,16 @@ def _dead(trip: Trip, axis: AxisPlan) -> str:
     )
 
 
+def _foreign(trip: Trip, axis: AxisPlan) -> str:
+    """Return the cause of torque that was not asked for; the value is what the drive says, the limit what was sent."""
+    unit = axis.workspace.effort_unit
+    return (
+        f"another master on {axis.bus_name} sets the torque of unit {axis.node}: {trip.detail} it said "
+        f"{in_unit(trip.value, unit)}, and at most {in_unit(trip.limit or 0.0, unit)} in this direction was sent. End "
+        "that master"
+    )
+
+
 def _reversed(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of a motion against the torque; the value is how far, the limit the torque."""
     force, length = axis.workspace.effort_unit, axis.workspace.length_unit
@@ -281,6 +292,7 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.POSITION: _position,
     TripKind.DRIFT: _drift,
     TripKind.SET_POINTS_DEAD: _dead,
+    TripKind.SET_POINTS_FOREIGN: _foreign,
     TripKind.SIGN: _reversed,
     TripKind.SIGN_HIDDEN: _hidden,
 }

@@ -60,8 +60,11 @@ class AxisWatch:
         margin = None if axis.stability is None else axis.stability.margin
         self._gaps = Gaps(period, margin if margin is not None and margin > 1.0 else math.inf)
 
-    def link(self, feedback: Sequence[int], elapsed_ns: int, rendering: bool) -> int:
-        """Return how many periods this sample spans, 0 when it is not new; trip on faults of the link."""
+    def link(self, feedback: Sequence[int], elapsed_ns: int, rendering: bool, age_before_ns: int) -> int:
+        """Return how many periods this sample spans, 0 when it is not new; trip on faults of the link.
+
+        `age_before_ns` is the age of the feedback of the period before.
+        """
         state, flags = self._state, feedback[FLAGS]
         for bit, kind in _FAULTS:
             if flags & bit:
@@ -72,7 +75,8 @@ class AxisWatch:
             state.missing += 1
             state.holding = state.missing
             return 0
-        lost = state.missing > 0
+        # An answer that came a period late was used then, so the gap behind it is one of the feedback too.
+        lost = state.missing > 0 or age_before_ns > self._period_ns
         state.missing = state.holding = 0
         if not rendering or not state.begun:
             return 1

@@ -20,7 +20,7 @@ from haptic_fieldbus.planning.limits import HOLDING_SHARE, EffortLimits, check_p
 from haptic_fieldbus.planning.scales import plant_of, position_steps, rated_effort, torque_unit
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import protocol_named
-from haptic_fieldbus.protocols.traffic import AxisTraffic, Delay
+from haptic_fieldbus.protocols.traffic import AxisTraffic, Delay, OtherMasters
 from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, DynamicElement, Element
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.signals import Signal, Workspace
@@ -82,6 +82,10 @@ class AxisPlan:
     """Verdict on `group`, in the units of this axis; None when a bench of the group is unknown."""
     group: Group | None = None
     """This axis and all axes coupled with it; None when a bench among them is unknown."""
+    bus_name: str = "the bus"
+    """Bus of the axis as people name it: `modbus-tcp:10.0.0.1`."""
+    other_masters: OtherMasters | None = None
+    """How set-points of another master are seen; None where its messages are heard on the bus."""
 
     @property
     def needs(self) -> tuple[Signal, ...]:
@@ -190,6 +194,7 @@ def draft_axis(
         plant=plant,
         # On a real bench a cable may have been swapped since.
         sign_known=axis.seen.sign is not None and rig.bus[axis.bus].simulated,
+        bus_name=protocol.bus_name(rig.bus[axis.bus]).text,
     )
 
 

@@ -17,11 +17,20 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from haptic_fieldbus.numerals import rounded
+from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.guards import unguarded
-from haptic_fieldbus.planning.limits import fade_periods
-from haptic_fieldbus.protocols.traffic import BusTraffic, Json
+from haptic_fieldbus.planning.limits import (
+    FOREIGN_SHARE,
+    FOREIGN_TIMES,
+    FOREIGN_WITHIN,
+    OVERSHOOT,
+    fade_periods,
+    foreign_gap,
+    recent_time,
+)
+from haptic_fieldbus.protocols.traffic import BusTraffic, Json, OtherMasters
+from haptic_fieldbus.signals import Signal
 
 REMAINDER = 0.01
 """Share of the torque at which it counts as zero."""
@@ -41,6 +50,7 @@ class EndCause(Enum):
     KILLED = "master killed"
     STOPPED = "master stopped"
     NO_EFFECT = "set-points without effect"
+    OTHER_MASTER = "set-points of another master"
     END = "Ctrl-C or ordinary end"
 
 
@@ -101,6 +111,8 @@ def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Tor
     yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.STOPPED, guard + end, f"{by_guard}, alone")
     yield TorqueDeadline(EndCause.NO_EFFECT, axis.limits.echo + period + guard + end, _unfollowed(axis, by_guard))
+    if axis.other_masters is not None:
+        yield TorqueDeadline(EndCause.OTHER_MASTER, _replaced(axis.other_masters, period) + seen, _shown(axis))
     yield TorqueDeadline(EndCause.END, seen, "torque-free set-points at once")
 
 
@@ -110,6 +122,43 @@ def _unfollowed(axis: AxisPlan, by_guard: str) -> str:
         return "nothing notices it: the drive does not show what it was sent"
     waited = rounded(1e3 * axis.limits.echo)
     return f"not followed for {waited} ms from the first change on is a trip; then {BESIDE}, at the latest {by_guard}"
+
+
+def _replaced(others: OtherMasters, period: float) -> float:
+    """Return for how long set-points of another master act in all until enough of them are seen [s].
+
+    Each acts until one of ours replaces it. The content of a gateway may be a period old.
+    """
+    return math.inf if others.shown_by is None else FOREIGN_TIMES * foreign_gap(period, others.every) + period
+
+
+def _shown(axis: AxisPlan) -> str:
+    if axis.other_masters is None or axis.other_masters.shown_by is None:
+        return "nothing notices it: no register shows them before ours replace them"
+    return (
+        f"added up, each until ours replaces it; {axis.other_masters.shown_by.value} shows it, and {FOREIGN_TIMES} "
+        f"within {exactly(FOREIGN_WITHIN)} s are a trip"
+    )
+
+
+def unseen_text(axis: AxisPlan, period: float) -> str:
+    """Return which set-points of another master act unseen, and for how long; empty where its messages are heard."""
+    others = axis.other_masters
+    if others is None:
+        return ""
+    who = f"set-points of another master on {axis.bus_name}"
+    if others.shown_by is None:
+        return f"{who}: all of them; no register of {axis.profile.title} shows them before ours replace them"
+    measured = others.shown_by is Signal.TORQUE_ACTUAL
+    recent = recent_time(period, axis.limits.age, axis.delay.torque_loop if measured else 0.0)
+    overshoot = f" and {percent(OVERSHOOT)} of their range" if measured else ""
+    turns = "" if others.every == 1 else f", looked for in one of {others.every} periods"
+    return (
+        f"{who}: those that act for less than {rounded(1e3 * others.blind)} ms (a period is {rounded(1e3 * period)} ms)"
+        f"{turns}; those that exceed ours of the last {rounded(1e3 * recent)} ms in either direction by less than "
+        f"{percent(FOREIGN_SHARE)} of rated torque{overshoot}. Fewer than {FOREIGN_TIMES} within "
+        f"{exactly(FOREIGN_WITHIN)} s are no trip"
+    )
 
 
 def _end(axis: AxisPlan, traffic: BusTraffic) -> float:

@@ -11,7 +11,7 @@ from haptic_fieldbus.margins.cautious import Cautious, Obstacle
 from haptic_fieldbus.margins.contact import stiffness_of
 from haptic_fieldbus.numerals import in_unit, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
-from haptic_fieldbus.planning.deadlines import REMAINDER
+from haptic_fieldbus.planning.deadlines import REMAINDER, unseen_text
 from haptic_fieldbus.planning.enabling import enabling_lines
 from haptic_fieldbus.planning.guards import guard_lines
 from haptic_fieldbus.planning.limit_table import limit_lines, recommended_limits
@@ -50,6 +50,7 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
     yield from _listed("ways", [way.text() for way in way_limits(plan)])
     yield from _listed("assumed", list(plan.assumed))
     yield from _listed("deadlines", list(deadline_texts(plan)))
+    yield from _listed("unseen", [text for axis in plan.axes if (text := unseen_text(axis, plan.period))])
     yield from _listed("coupling", [str(ages) for ages in plan.coupling_ages])
     yield from _stability(plan)
 

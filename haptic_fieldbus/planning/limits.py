@@ -48,6 +48,12 @@ ECHO_STEPS = 1
 ECHO_SHARE = 0.03
 """Share of rated torque by which a torque actual value may differ from what was sent, for noise and ripple of the
 current. Below `HOLDING_SHARE`: a torque that stands still unnoticed is one that a hand may be left alone with."""
+FOREIGN_TIMES, FOREIGN_WITHIN = 3, 10.0
+"""So many set-points of another master that are seen within this time [s] are a trip."""
+FOREIGN_SHARE = HOLDING_SHARE
+"""Share of rated torque by which a drive may show more torque than it was sent: what a hand may be left alone with."""
+OVERSHOOT = 0.25
+"""Share of a change of torque by which torque actual may overshoot it."""
 ENERGY_LIMIT = 0.005
 """[J] that the loop may give beyond everything that is granted: at a handle of 0.6 kg 0.13 m/s."""
 LARGEST_MISSING_SHARE = 0.2
@@ -73,6 +79,22 @@ def soon_periods(period: float, age: float) -> int:
 def doubt_time(period: float) -> float:
     """Return how long the drive may show another torque than it was sent, from the first sign of it on [s]."""
     return max(ECHO_TIME, ECHO_PERIODS * period)
+
+
+def recent_time(period: float, age: float, lag: float) -> float:
+    """Return for how long a target torque may be what a drive shows [s].
+
+    That is the deadline of a doubt, the age at which feedback is a trip, and three times the lag of what shows it.
+    """
+    return doubt_time(period) + age + 3.0 * lag
+
+
+def foreign_gap(period: float, every: int) -> float:
+    """Return the time within which set-points of another master that are seen count as one [s].
+
+    Three of them one after another take no longer than set-points may be without effect; a burst of noise is one.
+    """
+    return max(ECHO_TIME / ECHO_PERIODS, every * period)
 
 
 def echo_time(echo: Signal | None, period: float) -> float:

@@ -24,7 +24,9 @@ def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
     echo = echo_time(draft.profile.echo, period)
     limits = replace(draft.limits, age=AGE_SHARE * traffic.guard(draft.name), echo=echo)
     delay, plant = traffic.delay(draft.name), _seen(draft, period)
-    return replace(draft, traffic=traffic.of(draft.name), delay=delay, limits=limits, plant=plant)
+    others = traffic.other_masters(draft.name)
+    found = replace(draft, traffic=traffic.of(draft.name), delay=delay, limits=limits, plant=plant)
+    return replace(found, other_masters=others)
 
 
 def _seen(axis: AxisPlan, period: float) -> Plant | None:

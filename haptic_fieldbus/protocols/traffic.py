@@ -4,13 +4,14 @@ A plan holds these values, adds nothing to them, and prints their texts. Delays 
 drives latch their feedback; the torque computed from it acts at t_k + delay and is held for one period.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.drive.rig import RigAxis
-from haptic_fieldbus.signals import LinkFlag
+from haptic_fieldbus.signals import LinkFlag, Signal
 
 COMPUTE_NS = 50_000
 """Time that the plan grants the host from the last feedback to the first set-point [ns]."""
@@ -63,6 +64,18 @@ class Delay:
         return shortest, self.transport if self.longest is None else self.longest
 
 
+@dataclass(frozen=True)
+class OtherMasters:
+    """How the set-points of another master are seen on a bus on which its messages cannot be heard."""
+
+    shown_by: Signal | None
+    """Signal that shows a set-point of another master before ours replaces it; None: no signal does."""
+    blind: float = math.inf
+    """Longest time for which a set-point of another master acts unseen [s]; infinity: for ever."""
+    every: int = 1
+    """Periods from one look at this axis to the next."""
+
+
 class AxisTraffic(Protocol):
     """Traffic of one axis: its mapped signals, and their description in words."""
 
@@ -83,7 +96,7 @@ class AxisTraffic(Protocol):
     def to_json(self, bus: str) -> dict[str, list[Json]]:
         """Return the messages exchanged on the bus of that name, by their key in `plan --json`."""
 
-    def fault_text(self, flag: LinkFlag, code: int) -> str:
+    def fault_text(self, flag: LinkFlag, code: int, bus: str = "the bus") -> str:
         """Return the fault that a link flag stands for, in words; `code` is the code in the header."""
 
 
@@ -149,6 +162,9 @@ class BusTraffic(Protocol):
     @property
     def disturbance(self) -> float:
         """Time by which messages outside the exchange can delay it [s]."""
+
+    def other_masters(self, axis: str) -> OtherMasters | None:
+        """Return how set-points of another master are seen; None where its messages are heard on the bus."""
 
     def check(self, bus: str) -> None:
         """Raise BusOverloadError when the bus cannot carry this; `bus` is its name, empty when the plan has one bus."""

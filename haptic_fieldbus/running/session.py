@@ -24,6 +24,7 @@ from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.drive.identity import Identity
 from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError
 from haptic_fieldbus.numerals import exactly, percent
+from haptic_fieldbus.planning.deadlines import unseen_text
 from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import Selection
@@ -247,7 +248,8 @@ def _ask(request: Request, plan: Plan, bus: Bus, due: Mapping[str, str]) -> None
         from haptic_fieldbus.running.proofs import questions
 
         proved = questions(plan, due)
-    question = "\n".join([*heard, *proved, *(_warning(plan, name, bus) for name in bus.facts)])
+    unseen = [f"Not seen: {text}." for axis in plan.axes if (text := unseen_text(axis, plan.period))]
+    question = "\n".join([*heard, *unseen, *proved, *(_warning(plan, name, bus) for name in bus.facts)])
     if request.confirm is None or not request.confirm(question):
         raise UsageError("not enabled: on a real bus nothing moves until it is confirmed (--yes for scripts)")
 

@@ -39,4 +39,4 @@ def check_link(axis: AxisPlan, found: int, code: int, moment: str) -> None:
     """Raise the error of the first link fault among these flags; `moment` ends the sentence."""
     for flag, kind in LINK_TRIPS.items():
         if found & flag:
-            raise TRIP_ERRORS[kind](f"axis {axis.name}: {axis.traffic.fault_text(flag, code)}, {moment}")
+            raise TRIP_ERRORS[kind](f"axis {axis.name}: {axis.traffic.fault_text(flag, code, axis.bus_name)}, {moment}")

@@ -343,6 +343,20 @@ def test_feedback_of_which_two_thirds_are_lost_is_given_up() -> None:
     assert cycle.trip.kind is TripKind.FEEDBACK_SPARSE
 
 
+def test_gaps_behind_answers_that_came_a_period_late_are_gaps_of_the_feedback() -> None:
+    """As on Modbus TCP: nothing comes, then the sample of that period, then that of the period after next."""
+    clock = Ticks()
+    cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 1.0))))
+    for _ in range(300):
+        latched_ns = clock.next()
+        cycle(image(t_ns=latched_ns, flags=LinkFlag.STALE))
+        clock.next()
+        cycle(image(t_ns=latched_ns, age=1_200_000))
+        cycle(image(t_ns=clock.next(), age=100_000))
+    assert cycle.trip is not None
+    assert cycle.trip.kind is TripKind.FEEDBACK_SPARSE
+
+
 def test_samples_whose_time_goes_back_are_given_up() -> None:
     clock = Ticks()
     cycle = enabled_cycle(plan_of(scene_of(Constant("handle", 1.0))))

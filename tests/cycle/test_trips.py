@@ -35,6 +35,7 @@ def test_only_our_own_limits_are_safety_trips() -> None:
     ours = {kind for kind, error in TRIP_ERRORS.items() if error is SafetyTripError}
     assert ours == {
         TripKind.FOREIGN_MASTER,
+        TripKind.SET_POINTS_FOREIGN,
         TripKind.DUPLICATE_NODE,
         TripKind.PERIODS_MISSED,
         TripKind.SIGN,

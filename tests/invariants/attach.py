@@ -261,4 +261,5 @@ def _stated(plan: Any) -> Stated:
         {axis.name: axis.rig.mechanism.ratio for axis in plan.axes},
         {axis.name: axis.rig.encoder_counts_per_revolution for axis in plan.axes},
         {axis.name: axis.delay.torque_loop for axis in plan.axes},
+        {axis.name: None if axis.other_masters is None else axis.other_masters.blind for axis in plan.axes},
     )

@@ -11,6 +11,7 @@ from tests.invariants.stated import Stated
 TRIP, FEEDBACK, FAULT, RESET = "own limit or trip", "feedback lost", "drive fault or emergency", "node reset"
 HEARTBEAT, DISCONNECTED = "heartbeat of the drive lost", "bus-off or cable off"
 STOPPED, NO_EFFECT, END = "master stopped", "set-points without effect", "Ctrl-C or ordinary end"
+OTHER_MASTER = "set-points of another master"
 
 FADES = frozenset({FEEDBACK, FAULT, RESET, DISCONNECTED, STOPPED})
 """Causes after which torque cannot grow: it is held, fades or ends."""

@@ -33,6 +33,8 @@ REMAINDER = 0.01
 """Share of the torque at an event at which it is zero."""
 UNFOLLOWED = 35.0
 """‰ of rated torque by which the motor's target may differ from the wire's without being noticed."""
+THEIRS, OVERSHOOT = 0.05, 0.25
+"""Share of rated torque, and of the range of our torque, by which one of another master may be larger and unseen."""
 Law = Callable[[Witness], Iterator[str]]
 
 
@@ -209,6 +211,39 @@ def what_has_no_effect_is_noticed(witness: Witness) -> Iterator[str]:
                 break
 
 
+def set_points_of_another_master_are_noticed(witness: Witness) -> Iterator[str]:
+    """Those that are long and large enough to be seen act for no longer than is stated, all of them together.
+
+    Each lasts until the next one of ours. Too small are those within 5 % of rated torque and a quarter of the range of
+    our own of the last time, as far as it is stated; a torque loop shows 95 % of a step after three time constants.
+    """
+    faults, stated = witness.faults, witness.stated
+    if len(faults) != 1 or faults[0].kind != "foreign_set_points":
+        return
+    for axis, shaft in axes_of(witness):
+        if axis.blind is None:
+            continue
+        acted = sum(each for each in _theirs(witness, axis, shaft) if each > axis.blind)
+        longest = stated.deadline(causes.OTHER_MASTER)
+        if acted > longest:
+            yield f"{axis.name}: they acted for {1e3 * acted:.1f} ms, {1e3 * longest:.1f} ms stated"
+
+
+def _theirs(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Iterator[float]:
+    """For how long each set-point of another master has acted that is large enough to be seen [s]."""
+    wire, (times, torques) = set_points_of(witness, axis, shaft), motor_of(shaft)
+    recent_ns = 1e9 * (max(0.035, 3.0 * witness.stated.period) + axis.age + 3.0 * axis.lag)
+    began, since_ns = None, shown_ns_of(witness, axis)
+    for t_ns, torque in [*zip(times, torques, strict=True), (float(witness.seen_ns), 0.0)]:
+        ours = wire[(wire[:, 0] >= t_ns - recent_ns) & (wire[:, 0] <= t_ns), 1]
+        low, high = min(0.0, float(ours.min(initial=0.0))), max(0.0, float(ours.max(initial=0.0)))
+        slack = THEIRS * 1e3 * shaft.permille + (OVERSHOOT + 0.05) * (high - low) + 2.0 * shaft.unit
+        theirs = t_ns >= since_ns and (torque > (high + slack) / 0.95 or torque < (low - slack) / 0.95)
+        if began is not None and not theirs:
+            yield (t_ns - began) * 1e-9
+        began = None if not theirs else t_ns if began is None else began
+
+
 LAWS: dict[str, Law] = {
     "torque within limits": torque_within_limits,
     "slew within limits": slew_within_limits,
@@ -220,6 +255,7 @@ LAWS: dict[str, Law] = {
     "a wrong sign gets no force": a_wrong_sign_gets_no_force,
     "little torque before the sign is seen": little_torque_before_the_sign_is_seen,
     "what has no effect is noticed": what_has_no_effect_is_noticed,
+    "set-points of another master are noticed": set_points_of_another_master_are_noticed,
 }
 
 
@@ -227,6 +263,9 @@ def ending(witness: Witness) -> Iterator[tuple[Any, str, int]]:
     """The faults that must end the run and happened within it: (fault, cause, instant)."""
     enabled_ns = witness.faults_ns
     if enabled_ns is None:
+        return
+    # Another master feeds the drive's watch on its master, and its set-points act after ours: nothing is stated then.
+    if len(witness.faults) > 1 and any(fault.kind == "foreign_set_points" for fault in witness.faults):
         return
     # A master that has not been shown *operation enabled* is still on its way there.
     shown_ns = max((shown_ns_of(witness, axis) for axis, _ in axes_of(witness)), default=enabled_ns)

@@ -113,16 +113,25 @@ def _watch(unit: Any, seen: Seen) -> None:
     """Tell of what is written and read, and of a lost master."""
     power, objects, number = unit.profile.power, unit.drive.objects, unit.number
     commands = {power.command.address, unit.profile.torque.target.address}
-    speaks = power.table == "cia402"
-    write, read, error = unit.write, unit.read, unit.error
+    speaks, ours = power.table == "cia402", objects.target_torque.value
+    write, read, error, meddle = unit.write, unit.read, unit.error, unit.write_as_stranger
 
     def written(address: int, values: Any, t_ns: int) -> Any:
-        outcome = write(address, values, t_ns)
-        if outcome is None and commands & set(range(address, address + len(values))):
-            word, target = objects.controlword.value, objects.target_torque.value
-            octets = word.to_bytes(2, "little") + target.to_bytes(4, "little", signed=True)
-            seen(t_ns, WRITTEN + number, octets, MASTER)
+        nonlocal ours
+        outcome, addresses = write(address, values, t_ns), set(range(address, address + len(values)))
+        if outcome is None and commands & addresses:
+            # A command alone leaves the target that another master may have written.
+            ours = objects.target_torque.value if unit.profile.torque.target.address in addresses else ours
+            told(t_ns, ours, MASTER)
         return outcome
+
+    def told(t_ns: int, target: int, sender: int) -> None:
+        octets = objects.controlword.value.to_bytes(2, "little") + target.to_bytes(4, "little", signed=True)
+        seen(t_ns, WRITTEN + number, octets, sender)
+
+    def meddled(share: float, t_ns: int) -> None:
+        meddle(share, t_ns)
+        told(t_ns, objects.target_torque.value, STRANGER)
 
     def was_read(function: int, address: int, count: int, t_ns: int) -> Any:
         outcome = read(function, address, count, t_ns)
@@ -137,7 +146,7 @@ def _watch(unit: Any, seen: Seen) -> None:
             seen(t_ns, EMERGENCY + number, LOST_MASTER.to_bytes(2, "little"), number)
         error(code, t_ns)
 
-    unit.write, unit.read, unit.error = written, was_read, failed
+    unit.write, unit.read, unit.error, unit.write_as_stranger = written, was_read, failed, meddled
 
 
 def place_of(bus: Any) -> Place | None:

@@ -68,6 +68,8 @@ class StatedAxis:
     """None where the sign is known."""
     guard: float
     """[s] after which the drive lets go by itself."""
+    blind: float | None
+    """[s] for which a set-point of another master may act unseen; None where its messages are heard."""
     unproved: bool
     """Whether nothing is known of the guard, so that it must be proved before force is given on a real bus."""
 
@@ -102,9 +104,17 @@ class Stated:
 
 
 def stated(
-    plan: Json, period: float, ratios: Mapping[str, float], counts: Mapping[str, int], lags: Mapping[str, float]
+    plan: Json,
+    period: float,
+    ratios: Mapping[str, float],
+    counts: Mapping[str, int],
+    lags: Mapping[str, float],
+    blind: Mapping[str, float | None],
 ) -> Stated:
-    """Read a plan; by axis: metres or radians of the handle in a radian, counts in a revolution, and lags [s]."""
+    """Read a plan; by axis: metres or radians of the handle in a radian, counts in a revolution, and lags [s].
+
+    `blind` has the time for which a set-point of another master may act unseen [s].
+    """
     pdos = list(plan["pdos"] or ())
     limits: dict[str, dict[str, float]] = {}
     for row in plan["limits"]:
@@ -128,6 +138,7 @@ def stated(
                 probes.get(name),
                 permissions[name],
                 guards[name],
+                blind[name],
             )
             for name in limits
         ),
@@ -146,6 +157,7 @@ def _axis(
     probe: Json | None,
     permission: Json,
     guard: Json,
+    blind: float | None,
 ) -> StatedAxis:
     own = [pdo for pdo in pdos if pdo["node"] == node]
     force = limits.get("force", limits.get("torque"))
@@ -166,6 +178,7 @@ def _axis(
         lag,
         None if probe is None else _probe(probe, permission, ratio),
         1e-3 * guard["guard_ms"],
+        blind,
         guard["unproved"] is not None and guard["capped"] is None,
     )
 

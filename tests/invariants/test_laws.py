@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus import api
+from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.sim import faults
+from tests.builders import endless_rig
 from tests.invariants import causes, outcome
 from tests.invariants.attach import watched
 from tests.invariants.laws import LAWS, ending, lasted, work_after
@@ -271,3 +273,31 @@ def test_frames_of_a_stranger_are_not_the_masters() -> None:
     witness = evidence(fault)
     assert any(sender == STRANGER for _, _, _, sender in witness.frames)
     assert laws_broken(witness) == set()
+
+
+class TestAnotherMaster:
+    """Set-points of another master on Modbus, every 50 ms."""
+
+    FAULT = faults.ForeignSetPoints("foreign_set_points", 0.3, 0.8, 0.05)
+
+    def evidence(self) -> Witness:
+        told = pytest.raises(HapticFieldbusError, match="another master on sim-modbus-tcp")
+        with watched(keep=True) as found, told:
+            api.run("wall", endless_rig("wall", DEFAULT_MODBUS_DRIVE, "sim-modbus-tcp"), rate=50.0, duration=1.0,
+                    fade_in=0.1, faults=[self.FAULT], settings={"wall.stiffness": "max/3"})  # fmt: skip
+        assert found.broken == []
+        (witness,) = found.witnesses
+        return replace(witness, clock=None)
+
+    def test_that_acted_longer_than_stated_is_found(self) -> None:
+        witness = self.evidence()
+        assert laws_broken(witness) == set()
+        deadlines = {**witness.stated.deadlines, causes.OTHER_MASTER: 0.02}
+        broken_by = laws_broken(replace(witness, stated=replace(witness.stated, deadlines=deadlines)))
+        assert broken_by == {"set-points of another master are noticed"}
+
+    def test_that_is_too_short_to_be_seen_is_not(self) -> None:
+        witness = self.evidence()
+        axes = tuple(replace(axis, blind=0.02) for axis in witness.stated.axes)
+        stated = replace(witness.stated, axes=axes, deadlines={**witness.stated.deadlines, causes.OTHER_MASTER: 0.0})
+        assert laws_broken(replace(witness, stated=stated)) == set()

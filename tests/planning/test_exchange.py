@@ -47,11 +47,11 @@ def test_is_that_of_the_stiffest_scene_at_a_rate_of_its_own() -> None:
 
 
 def test_is_the_first_of_the_protocol_where_no_limit_is_known() -> None:
-    """Half a period and the delay: 1.5 periods of 24 ms by function 23; half of 37 ms and 20 ms by two requests."""
+    """Half a period and the delay: 1.5 periods of 25 ms by function 23; half of 37 ms and 20 ms by two requests."""
     unknown = planned(Wall("handle", 100.0), **LIGHT | {"inertia": None})
     assert unknown.stability is None
-    assert way(unknown) == ("FC23", 42.0)
-    assert way(planned(Damper("handle", 1.0), **LIGHT)) == ("FC23", 42.0), "nothing is stiff"
+    assert way(unknown) == ("FC23", 40.0)
+    assert way(planned(Damper("handle", 1.0), **LIGHT)) == ("FC23", 40.0), "nothing is stiff"
 
 
 def test_stays_that_of_a_run_when_its_scene_changes() -> None:

@@ -17,7 +17,7 @@ from tests.cases import every
 PROJECT = Path(__file__).resolve().parents[2]
 PAGE = PROJECT / "docs" / "reference" / "fmea.md"
 AT, GOES_ON = 1.5, "goes on"
-OF_MODBUS = ("answer_", "connection_reset")
+OF_MODBUS = ("answer_", "connection_reset", "foreign_set_points")
 """How kinds begin that a line of Modbus has, and no CAN bus."""
 
 

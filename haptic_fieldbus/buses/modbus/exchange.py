@@ -1,11 +1,12 @@
 """The exchange of one period on one line: all units are read in turn, and written in turn.
 
+Where target torques are read back, that of one unit is read first, of another one in each period.
 `master` tells what goes out when, and what becomes of answers that stay away.
 """
 
 from haptic_fieldbus.buses.modbus.foreign import foreign_write
 from haptic_fieldbus.buses.modbus.framing import Answer, FrameForm, Question
-from haptic_fieldbus.buses.modbus.link import Reading, UnitLink
+from haptic_fieldbus.buses.modbus.link import Reading, TargetReading, UnitLink
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE
@@ -16,9 +17,19 @@ class Turns:
     """The requests of all units of a line, and their answers in the input `image`."""
 
     def __init__(
-        self, requester: Requester, readings: tuple[Reading, ...], image: bytearray, *, period_ns: int, writes: bool
+        self,
+        requester: Requester,
+        readings: tuple[Reading, ...],
+        image: bytearray,
+        *,
+        period_ns: int,
+        writes: bool,
+        targets: tuple[TargetReading, ...] = (),
     ) -> None:
-        """`writes` tells that the set-points are sent by requests of their own, after computing."""
+        """`writes` tells that the set-points are sent by requests of their own, after computing.
+
+        `targets` are read back, one in each period.
+        """
         self.latch_ns = 0
         self.foreign: int | None = None
         """Address to which somebody else was heard to write; None while nobody was."""
@@ -28,7 +39,12 @@ class Turns:
         self._links = tuple(dict.fromkeys(reading.link for reading in readings))
         self._units = frozenset(link.unit for link in self._links)
         self._period_ns, self._writes = period_ns, writes
-        self._left_ns = tuple(sum(each.times.whole_ns for each in readings[at:]) for at in range(len(readings)))
+        self._targets = targets
+        self._present = readings
+        """Requests of the present period, in their order."""
+        whole_ns = [max(each.times.whole_ns for each in targets)] if targets else []
+        whole_ns += [each.times.whole_ns for each in readings]
+        self._left_ns = tuple(sum(whole_ns[at:]) for at in range(len(whole_ns)))
         """Time that each request and those after it take."""
         self._begun_ns = 0
         self._patience_ns = round(1e9 * answer_time(1e-9 * period_ns))
@@ -50,7 +66,7 @@ class Turns:
         self._written, self.foreign = None, None
         for link in self._links:
             link.forget()
-        for reading in self._readings:
+        for reading in (*self._readings, *self._targets):
             reading.forget()
 
     def prepare(self, deadline_ns: int) -> None:
@@ -84,12 +100,17 @@ class Turns:
         self._begun_ns = self._requester.clock.now_ns()
         for link in self._links:
             link.begin()
-        self._asked = self._ask(self._readings[0])
+        if self._targets:
+            first, *others = self._targets
+            self._targets, self._present = (*others, first), (first, *self._readings)
+            for each in self._targets:
+                each.begin()
+        self._asked = self._ask(self._present[0])
 
     def collect(self, deadline_ns: int) -> bytearray:
         """Receive, and ask the other units, until the deadline [ns] at the latest; return the image."""
-        requester, last = self._requester, len(self._readings) - 1
-        for at, reading in enumerate(self._readings):
+        requester, present, last = self._requester, self._present, len(self._present) - 1
+        for at, reading in enumerate(present):
             until_ns = self._share_of(at, deadline_ns)
             if self._asked is None:
                 self._clear(reading, until_ns)
@@ -99,7 +120,7 @@ class Turns:
             else:
                 self._take(reading, form, until_ns)
             if at < last:
-                self._asked = self._ask(self._readings[at + 1])
+                self._asked = self._ask(present[at + 1])
         self._finish()
         return self._image
 
@@ -112,11 +133,11 @@ class Turns:
 
     def _share_of(self, at: int, deadline_ns: int) -> int:
         """Return the deadline of one request [ns]: its share of the time that is left."""
-        if at == len(self._readings) - 1:
+        if at == len(self._present) - 1:
             return deadline_ns
         now_ns = self._requester.clock.now_ns()
         left_ns = max(0, deadline_ns - now_ns)
-        return now_ns + left_ns * self._readings[at].times.whole_ns // self._left_ns[at]
+        return now_ns + left_ns * self._present[at].times.whole_ns // self._left_ns[at]
 
     def _ask(self, reading: Reading) -> Question | None:
         """Ask a unit, and return the question; None when nothing can be asked now."""

@@ -136,6 +136,25 @@ class Reading:
         return nominal_ns if nominal_ns <= latest_ns else max(sent_ns, latest_ns)
 
 
+class TargetReading(Reading):
+    """The request that reads back the target torque of a unit, so that one of another master is seen."""
+
+    def __init__(
+        self, link: UnitLink, block: Block, times: "Times", image: bytearray, offsets: Mapping[Signal, int]
+    ) -> None:
+        super().__init__(link, block, times, image, offsets, latches=False)
+        self._came = slice(offsets[Signal.ASKED_PERIODS], offsets[Signal.ASKED_PERIODS] + 2)
+
+    def begin(self) -> None:
+        """Begin a period, in which no value has come yet."""
+        self._image[self._came] = b"\0\0"
+
+    def take(self, data: bytes, sent_ns: int) -> bool:
+        """Copy the target torque into the image, and note that it came in this period."""
+        self._image[self._came] = b"\0\1"
+        return super().take(data, sent_ns)
+
+
 @dataclass(frozen=True)
 class Times:
     """Times of one request [ns]."""

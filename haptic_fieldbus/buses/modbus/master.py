@@ -27,7 +27,7 @@ from haptic_fieldbus.buses.modbus.acknowledging import acknowledge
 from haptic_fieldbus.buses.modbus.exchange import Turns
 from haptic_fieldbus.buses.modbus.foreign import listen
 from haptic_fieldbus.buses.modbus.framing import Question
-from haptic_fieldbus.buses.modbus.link import Reading, UnitLink, offsets_of, times_of, traffic_of
+from haptic_fieldbus.buses.modbus.link import Reading, TargetReading, UnitLink, offsets_of, times_of, traffic_of
 from haptic_fieldbus.buses.modbus.parting import UnitParting
 from haptic_fieldbus.buses.modbus.registers import from_words
 from haptic_fieldbus.buses.modbus.release import LineRelease
@@ -46,8 +46,9 @@ from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.scales import effort_step
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.layout import characters
-from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register
-from haptic_fieldbus.protocols.modbus.register_traffic import Transaction
+from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Register
+from haptic_fieldbus.protocols.modbus.register_traffic import Transaction, read_back_signals
+from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic
 from haptic_fieldbus.signals import LinkFlag
 
@@ -110,8 +111,15 @@ class ModbusBus(InSteps):
             for link, (axis, places) in zip(self._links, axes, strict=True)
             for reading in self._readings_of(link, axis, places, traffic, image)
         )
+        targets = tuple(
+            self._target_of(link, block, axis, places, traffic, image)
+            for link, (axis, places) in zip(self._links, axes, strict=True)
+            if (block := traffic.of(axis.name).asked) is not None
+        )
         writes = traffic.way is Transaction.READ_THEN_WRITE
-        self._exchange = Turns(self._requester, readings, image, period_ns=plan.period_ns, writes=writes)
+        self._exchange = Turns(
+            self._requester, readings, image, period_ns=plan.period_ns, writes=writes, targets=targets
+        )
         self._partings = tuple(
             UnitParting(each.unit, each.profile, each.axis.power, each.parting) for each in self._set_ups
         )
@@ -148,7 +156,7 @@ class ModbusBus(InSteps):
     ) -> Iterator[Reading]:
         """Yield the requests of the reading part of one axis, with their forms."""
         member, form, set_point = traffic.member(axis.name), self._requester.form, link.set_point
-        offsets, function = offsets_of(member.traffic.reads, places.inputs[0]), member.profile.line.reading
+        offsets, function = offsets_of(traffic.of(axis.name).reads, places.inputs[0]), member.profile.line.reading
         for request in traffic.of(axis.name).reading:
             block = request.read
             if block is None:
@@ -160,6 +168,25 @@ class ModbusBus(InSteps):
             if request.write is not None:
                 reading.writing = tuple(form(set_point.writing_before(each, block)) for each in set_point.blocks)
             yield reading
+
+    def _target_of(
+        self,
+        link: UnitLink,
+        block: Block,
+        axis: AxisPlan,
+        places: AxisImage,
+        traffic: ModbusTraffic,
+        image: bytearray,
+    ) -> TargetReading:
+        """Return the request that reads back the target torque of one axis; its signals end those of the axis."""
+        profile, end = traffic.member(axis.name).profile, sum(places.inputs)
+        asked, came = read_back_signals(block)
+        offsets = {came.signal: end - came.type.size, asked.signal: end - came.type.size - asked.type.size}
+        function = profile.line.reading or READ_HOLDING
+        times = times_of(traffic, profile, RegisterRequest(function, block))
+        reading = TargetReading(link, block, times, image, offsets)
+        reading.alone = self._requester.form(Question(axis.node, function, block.address, block.count))
+        return reading
 
     def read(self, deadline_ns: int) -> bytearray:
         """Exchange feedback once and return the input image, by the deadline [ns]; raises BusError when dead."""

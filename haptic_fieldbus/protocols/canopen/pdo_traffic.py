@@ -73,13 +73,13 @@ class PdoTraffic:
             ]
         }
 
-    def fault_text(self, flag: LinkFlag, code: int) -> str:
+    def fault_text(self, flag: LinkFlag, code: int, bus: str = "the bus") -> str:
         """Return a link fault in the terms of CANopen; raises KeyError for STALE, which is no fault."""
         if flag is LinkFlag.EMERGENCY:
             return f"node {self.node} sent emergency {code:04X}h ({emergency_meaning(code)})"
         unheard = self.life_guarding and flag is LinkFlag.NO_SIGN_OF_LIFE
         text = NO_ANSWER if unheard else FAULT_TEXTS[flag]
-        return text.format(node=self.node, frame=cob_id_words(code))
+        return text.format(node=self.node, frame=cob_id_words(code), bus=bus)
 
 
 FAULT_TEXTS = {
@@ -88,8 +88,8 @@ FAULT_TEXTS = {
     LinkFlag.NO_SIGN_OF_LIFE: "the heartbeat of node {node} stayed away",
     LinkFlag.NOT_OPERATIONAL: "node {node} is not operational, says its heartbeat",
     LinkFlag.EXCEPTION: "node {node} sent a malformed PDO, or the bus refused our frames",
-    LinkFlag.FOREIGN: "somebody else commands on this bus: {frame} came, and not from us; end that master, and put "
-    "axes that share a bus into one rig",
+    LinkFlag.FOREIGN: "another master on {bus}: {frame} came, and not from us; end that master, and put axes that "
+    "share a bus into one rig",
     LinkFlag.DUPLICATE: "{frame} came more often than SYNC asked for it: two devices have the node-ID {node}",
 }
 

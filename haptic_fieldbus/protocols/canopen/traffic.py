@@ -100,6 +100,9 @@ class CanTraffic:
         """A frame is whole, and so is every value in it."""
         return 0
 
+    def other_masters(self, axis: str) -> None:
+        """Every node hears every frame, those of another master too."""
+
     @property
     def disturbance(self) -> float:
         """Time by which frames beside the exchange delay it: one of eight octets, and all signs of life [s]."""

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection
 from haptic_fieldbus.protocols.modbus.line import LineTimes, serial_line, tcp_line
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Parity
-from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
+from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, Transaction
 from haptic_fieldbus.protocols.modbus.requests import Block, RegisterRequest, blocks
 from haptic_fieldbus.signals import Signal
 
@@ -63,16 +64,52 @@ def lay_out_registers(
     unit: int, profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]
 ) -> RegisterTraffic:
     """Return the blocks of one unit, the one with the motion first; raises ImageTooLargeError."""
-    section = profile.line
-    reads = blocks(profile, incoming, section.longest_read, largest_gap(profile, line))
-    motion = Signal.POSITION if Signal.POSITION in incoming else Signal.VELOCITY
-    reads = tuple(sorted(reads, key=lambda block: not block.has(motion)))
-    written = blocks(profile, (Signal.CONTROLWORD, Signal.TARGET_TORQUE), section.longest_write, 0)
-    if len(written) == 1:
-        return RegisterTraffic(unit, reads, written[0])
+    written = blocks(profile, (Signal.CONTROLWORD, Signal.TARGET_TORQUE), profile.line.longest_write, 0)
     set_point = next(block for block in written if block.has(Signal.TARGET_TORQUE))
-    command = next(block for block in written if block is not set_point)
-    return RegisterTraffic(unit, reads, set_point, command)
+    command = next((block for block in written if block is not set_point), None)
+    reads, watching = _reads(profile, line, incoming), _watching(profile, line, incoming)
+    ways = _unwatched(profile, watching or reads)
+    return RegisterTraffic(
+        unit,
+        reads,
+        set_point,
+        command,
+        watching=watching,
+        read_back=_target(profile) if ways and profile.line.reading is not None else None,
+        read_back_ways=ways,
+    )
+
+
+def _reads(profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]) -> tuple[Block, ...]:
+    reads = blocks(profile, incoming, profile.line.longest_read, largest_gap(profile, line))
+    motion = Signal.POSITION if Signal.POSITION in incoming else Signal.VELOCITY
+    return tuple(sorted(reads, key=lambda block: not block.has(motion)))
+
+
+def _watching(profile: ModbusProfile, line: LineTimes, incoming: Sequence[Signal]) -> tuple[Block, ...]:
+    """Return the blocks with torque actual beside the motion; none where it is there already, or cannot be."""
+    if profile.echo is None or Signal.TORQUE_ACTUAL in incoming or profile.torque.actual is None:
+        return ()
+    watching = _reads(profile, line, (*incoming, Signal.TORQUE_ACTUAL))
+    return watching if watching[0].has(Signal.TORQUE_ACTUAL) else ()
+
+
+def _unwatched(profile: ModbusProfile, reads: tuple[Block, ...]) -> tuple[Transaction, ...]:
+    """Return the ways by which no block that is read shows a set-point of another master.
+
+    Where a request reads before another one writes, the echo shows it. Function 23 writes first: torque actual, read by
+    the same request, still shows it, since it follows the set-point with the lag of the torque loop.
+    """
+    if profile.echo is None:
+        return tuple(Transaction)
+    return () if reads[0].has(Signal.TORQUE_ACTUAL) else (Transaction.READ_WRITE,)
+
+
+def _target(profile: ModbusProfile) -> Block:
+    """Return the block that reads the target torque back."""
+    target = profile.torque.target
+    mapped = replace(profile.mapped(Signal.TARGET_TORQUE, target), signal=Signal.TARGET_ASKED)
+    return Block(target.address, target.count, (mapped,), (0,))
 
 
 def largest_gap(profile: ModbusProfile, line: LineTimes) -> int:

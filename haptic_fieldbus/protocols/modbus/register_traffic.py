@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from haptic_fieldbus.drive.objects import DataType, Order
 from haptic_fieldbus.drive.profile import MappedSignal
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.protocols.modbus.line import LineTimes
@@ -43,6 +44,15 @@ class RegisterTraffic:
     """Time of each request with its answer [s], in the order of `requests`."""
     octets: tuple[int, ...] = ()
     """Octets of each request with its answer."""
+    watching: tuple[Block, ...] = ()
+    """Blocks that function 23 reads in the place of `reads`: it writes first, and then torque actual alone still shows
+    which set-point of another master it has replaced. Empty: `reads` will do, or the drive has no such register."""
+    read_back: Block | None = None
+    """Target torque, to be read back before it is written; None where that is never needed, or cannot be."""
+    read_back_ways: tuple[Transaction, ...] = ()
+    """Ways by which no other register shows a set-point of another master."""
+    asked: Block | None = None
+    """`read_back` where the way that was chosen needs it; one unit of a line is asked in each period."""
 
     @property
     def requests(self) -> tuple[RegisterRequest, ...]:
@@ -51,7 +61,8 @@ class RegisterTraffic:
 
     @property
     def incoming(self) -> tuple[MappedSignal, ...]:
-        return tuple(mapped for block in self.reads for mapped in block.signals)
+        found = tuple(mapped for block in self.reads for mapped in block.signals)
+        return found if self.asked is None else (*found, *read_back_signals(self.asked))
 
     @property
     def outgoing(self) -> tuple[MappedSignal, ...]:
@@ -65,10 +76,13 @@ class RegisterTraffic:
 
     def requested(self, way: Transaction, line: LineTimes, section: LineSection) -> "RegisterTraffic":
         """Return the same blocks with the requests of that way, which must be possible (`possible`)."""
-        reading, writing = _requests(self, way, section)
+        reads = self.watching if self.watching and way is Transaction.READ_WRITE else self.reads
+        reading, writing = _requests(replace(self, reads=reads), way, section)
         both = (*reading, *writing)
         return replace(
             self,
+            reads=reads,
+            asked=self.read_back if way in self.read_back_ways else None,
             reading=reading,
             writing=writing,
             times=tuple(line.exchange(each, section.answer_time) for each in both),
@@ -85,12 +99,17 @@ class RegisterTraffic:
         if self.command is not None:
             yield "", "  in its place, when it changes"
             yield from _block_lines("writes", self.command)
+        if self.asked is not None:
+            yield "in", f"unit {self.unit}, before it is written, one unit of the line in each period"
+            yield from _block_lines("reads", self.asked)
 
     def summary(self) -> Iterator[str]:
         """Yield a line for each request with its signals."""
         for request in self.requests:
             words = [f"{word} {_names(block)}" for word, block in _parts(request)]
             yield f"function {request.function} {', '.join(words)}"
+        if self.asked is not None:
+            yield f"one unit in each period: reads {_names(self.asked)}"
 
     def to_json(self, bus: str) -> dict[str, list[Json]]:
         """Return the `registers` of `plan --json`."""
@@ -109,10 +128,10 @@ class RegisterTraffic:
             "command": _block_json(self.command if request.write is not None else None),
         }
 
-    def fault_text(self, flag: LinkFlag, code: int) -> str:
+    def fault_text(self, flag: LinkFlag, code: int, bus: str = "the line") -> str:
         """Return a link fault in the terms of Modbus; raises KeyError for STALE, which is no fault."""
         words = f"{code} ({EXCEPTIONS.get(code, 'not one of the standard')})"
-        return FAULT_TEXTS[flag].format(unit=self.unit, code=f"{code:04X}h", exception=words)
+        return FAULT_TEXTS[flag].format(unit=self.unit, code=f"{code:04X}h", exception=words, bus=bus)
 
 
 EXCEPTIONS = {
@@ -134,10 +153,16 @@ FAULT_TEXTS = {
     LinkFlag.NOT_OPERATIONAL: "unit {unit} left the mode in which it follows its target torque",
     LinkFlag.EMERGENCY: "unit {unit} reports the fault {code}",
     LinkFlag.EXCEPTION: "unit {unit} refused a request with exception {exception}",
-    LinkFlag.FOREIGN: "somebody else writes to unit {unit}: register {code} has a value that is not ours; end that "
-    "master, and put axes that share a line into one rig",
+    LinkFlag.FOREIGN: "another master on {bus} writes to register {code} of unit {unit}; end that master, and put axes "
+    "that share a line into one rig",
     LinkFlag.DUPLICATE: "unit {unit} answered more often than it was asked",
 }
+
+
+def read_back_signals(asked: Block) -> tuple[MappedSignal, ...]:
+    """Return the signals of a target torque that is read back: its value, and whether it came in this period."""
+    (value,) = asked.signals
+    return value, MappedSignal(Signal.ASKED_PERIODS, value.address, DataType.UINT16, order=Order.BIG)
 
 
 def possible(way: Transaction, traffic: RegisterTraffic, section: LineSection) -> bool:

@@ -15,13 +15,16 @@ from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.numerals import exactly, percent, rounded
 from haptic_fieldbus.protocols.acting import IDEAL, HostTimes, ways
 from haptic_fieldbus.protocols.modbus.line import TCP_OCTETS, LineTimes
-from haptic_fieldbus.protocols.modbus.profile import ModbusProfile
+from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic, Transaction, possible
 from haptic_fieldbus.protocols.modbus.requests import RegisterRequest
-from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay
+from haptic_fieldbus.protocols.traffic import COMPUTE_NS, Delay, OtherMasters
+from haptic_fieldbus.signals import Signal
 
 RESERVE = 0.05
 """Share by which a period is longer than its requests need, where no rate is asked for: what was late is made up."""
+LAGS = 3.0
+"""Time constants of the torque loop after which torque actual shows a set-point."""
 PERIODS_PER_GUARD = 5
 """A drive's watchdog covers at least so many periods."""
 
@@ -47,6 +50,8 @@ class Timeline:
     """When the last answer of the reading part is in."""
     end: float
     """When the next period can begin."""
+    shown: dict[str, float]
+    """When it reads the register that shows a set-point of another master; an axis without one is not there."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +70,15 @@ class ModbusTraffic:
     @cached_property
     def instants(self) -> Timeline:
         """Times of one period."""
-        latched, written, at = {}, {}, 0.0
+        latched, written = {}, {}
+        shown, at = self._read_back()
         for member in self.members:
             for request in self.of(member.axis).reading:
                 executed, at = self._pass(member, request, at)
                 if request.read is not None and request.read.has(member.traffic.motion):
                     latched[member.axis] = executed
+                if request.read is not None and request.read.has(self.shown_by(member.axis)):
+                    shown[member.axis] = executed
                 if request.write is not None:
                     written[member.axis] = executed
         feedback = at = at - self.wire.silence
@@ -79,7 +87,36 @@ class ModbusTraffic:
         for member in self.members:
             for request in self.of(member.axis).writing:
                 written[member.axis], at = self._pass(member, request, at)
-        return Timeline(latched, written, feedback, at)
+        return Timeline(latched, written, feedback, at, shown)
+
+    def _read_back(self) -> tuple[dict[str, float], float]:
+        """Return when each target torque that is read back is read, and the time that the longest of them takes [s]."""
+        passed = {
+            member.axis: self._pass(member, RegisterRequest(member.profile.line.reading or READ_HOLDING, block), 0.0)
+            for member in self.members
+            if (block := self.of(member.axis).asked) is not None
+        }
+        shown = {axis: executed for axis, (executed, _) in passed.items()}
+        return shown, max((end for _, end in passed.values()), default=0.0)
+
+    def shown_by(self, axis: str) -> Signal:
+        """Return the signal that shows set-points of another master, whether or not it is read."""
+        member = self.member(axis)
+        if self.of(axis).asked is not None or member.profile.echo is None:
+            return Signal.TARGET_ASKED
+        return Signal.TORQUE_ACTUAL if self.way is Transaction.READ_WRITE else member.profile.echo
+
+    def other_masters(self, axis: str) -> OtherMasters:
+        """Return how set-points of another master are seen in the registers of a drive, before ours replace them."""
+        shown_by, instants, member = self.shown_by(axis), self.instants, self.member(axis)
+        if axis not in instants.shown:
+            return OtherMasters(None)
+        # When a drive writes and reads during its answer time, and when a set-point acts, is known no better.
+        unsure = member.profile.line.answer_time + member.profile.timing.control_period
+        lag = LAGS * member.profile.torque_lag if shown_by is Signal.TORQUE_ACTUAL else 0.0
+        turns = sum(self.of(each.axis).asked is not None for each in self.members)
+        every = turns if shown_by is Signal.TARGET_ASKED else 1
+        return OtherMasters(shown_by, instants.written[axis] - instants.shown[axis] + unsure + lag, every)
 
     def _pass(self, member: ModbusMember, request: RegisterRequest, at: float) -> tuple[float, float]:
         """Return when the drive executes a request that is sent at that time, and when the next may be sent [s]."""

@@ -16,6 +16,8 @@ from haptic_fieldbus.sim.faults.answers import AnswerSwapped as AnswerSwapped
 from haptic_fieldbus.sim.faults.answers import AnswerTruncated as AnswerTruncated
 from haptic_fieldbus.sim.faults.answers import AnswerWrongUnit as AnswerWrongUnit
 from haptic_fieldbus.sim.faults.answers import ConnectionReset as ConnectionReset
+from haptic_fieldbus.sim.faults.answers import ForeignSetPoints as ForeignSetPoints
+from haptic_fieldbus.sim.faults.answers import LineDisturbance as LineDisturbance
 from haptic_fieldbus.sim.faults.concern import Concern as Concern
 from haptic_fieldbus.sim.faults.drive import DeadGuard as DeadGuard
 from haptic_fieldbus.sim.faults.drive import DriveFault as DriveFault

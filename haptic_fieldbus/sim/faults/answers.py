@@ -1,6 +1,6 @@
-"""Faults of requests and answers on Modbus: an answer that does not come as it was sent, or not at all.
+"""Faults of requests and answers on Modbus: an answer that does not come as it was sent, or another master.
 
-They concern the next `count` answers of a drive on a line; the drive has carried out the requests.
+Those of answers concern the next `count` answers of a drive on a line; the drive has carried out the requests.
 """
 
 from dataclasses import dataclass
@@ -97,6 +97,18 @@ class ConnectionReset(Concern):
     duration: Time | None = None
 
 
+@dataclass(frozen=True)
+class ForeignSetPoints(Concern):
+    """Set-points of another master, which nobody on the line hears: a target torque of `share` of rated torque, `count`
+    times, once every `interval` [s]. Each acts until the next one of either master."""
+
+    kind: Literal["foreign_set_points"]
+    at: NonNegativeTime
+    share: Annotated[float, Ge(-1), Le(1)] = 0.8
+    interval: Time = 0.05
+    count: Count | None = None
+
+
 AnswerDisturbance = (
     AnswerLost
     | AnswerDelayed
@@ -108,5 +120,7 @@ AnswerDisturbance = (
     | AnswerException
 )
 """Kinds that concern the next answers of a drive."""
-AnswerFault = AnswerDisturbance | ConnectionReset
-"""Kinds of a Modbus line and its drives' answers."""
+LineDisturbance = AnswerDisturbance | ConnectionReset
+"""Kinds that disturb a line or what comes on it."""
+AnswerFault = LineDisturbance | ForeignSetPoints
+"""Kinds of a Modbus line, its masters and its drives' answers."""

@@ -135,6 +135,13 @@ ANSWER_RECIPES: Mapping[str, Recipe] = {
         "answer_exception", at, random.choice((1, 2, 3, 4, 6, 11)), _count(random)
     ),
     "connection_reset": lambda random, at: faults.ConnectionReset("connection_reset", at, _duration(random)),
+    "foreign_set_points": lambda random, at: faults.ForeignSetPoints(
+        "foreign_set_points",
+        at,
+        round(_signed(random, 0.0, 1.0), 2),
+        round(10 ** random.uniform(-3.0, -0.3), 4),
+        random.choice((None, _count(random))),
+    ),
 }
 """Kinds that happen at an instant, on Modbus alone."""
 

@@ -182,7 +182,7 @@ class SimulatedLine:
 
     # Faults.
 
-    def disturb(self, fault: faults.AnswerFault, number: int, t_ns: int) -> None:
+    def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None:
         """Disturb the next answers of a drive, or break the line."""
         if isinstance(fault, faults.ConnectionReset):
             self._broken, self._dead_since_ns, self._dead_until_ns = True, t_ns, until(t_ns, fault.duration)

@@ -34,7 +34,7 @@ KINDS = faults.kinds_of(faults.Fault) - faults.kinds_of(_OF_CANOPEN)
 class FaultyLine(Protocol):
     """The line and the master's side of it, where faults take effect that are none of a drive."""
 
-    def disturb(self, fault: faults.AnswerFault, number: int, t_ns: int) -> None: ...
+    def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None: ...
 
     def host_fault(self, fault: faults.HostFault) -> None: ...
 
@@ -106,11 +106,19 @@ class UnitRack:
         """Return what a fault does, to its drive or to the line."""
         if isinstance(fault, faults.HostFault):
             return lambda _t_ns: self._line.host_fault(fault)
+        if isinstance(fault, faults.ForeignSetPoints):
+            return partial(self._meddle, fault, unit, 1)
         if isinstance(fault, faults.AnswerFault):
             return partial(self._line.disturb, fault, unit.number)
         if not isinstance(fault, faults.DriveFaultKind):
             raise ValueError(f"{fault.kind} is no fault of a drive on Modbus")
         return partial(inject_unit, fault, unit, self.agenda.plan)
+
+    def _meddle(self, fault: faults.ForeignSetPoints, unit: Unit, number: int, t_ns: int) -> None:
+        """Let another master write its set-point for the so-manieth time, and plan the next one."""
+        unit.write_as_stranger(fault.share, t_ns)
+        if fault.count is None or number < fault.count:
+            self.agenda.plan(t_ns + round(fault.interval * 1e9), partial(self._meddle, fault, unit, number + 1))
 
 
 def _enabled(unit: Unit, begin: Action, t_ns: int) -> None:

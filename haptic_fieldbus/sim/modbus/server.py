@@ -105,7 +105,7 @@ class Server:
 
     # Faults (see `rack.FaultyLine`).
 
-    def disturb(self, fault: faults.AnswerFault, number: int, t_ns: int) -> None:
+    def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None:
         """Disturb the next answers of a drive, or end all connections."""
         if not isinstance(fault, faults.ConnectionReset):
             self.desk.disturbances.add(fault, number)

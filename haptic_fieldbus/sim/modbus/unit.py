@@ -140,6 +140,16 @@ class Unit:
         self._watch(outcome, t_ns)
         return None
 
+    def write_as_stranger(self, share: float, t_ns: int) -> None:
+        """Take a target torque of another master, as a share of rated torque; it feeds the watch as ours does."""
+        objects, (low, high) = self.drive.objects, self.profile.torque.target.type.limits
+        if self.hears(t_ns):
+            self._now_ns = t_ns
+            self.drive.measure(t_ns)
+            objects.target_torque.value = min(max(round(share * objects.rated_torque / objects.torque_unit), low), high)
+            self.drive.act(t_ns)
+            self._watch((objects.target_torque,), t_ns)
+
     def has(self, function: int) -> bool:
         """Return whether the drive understands a function."""
         return function in self.profile.line.functions

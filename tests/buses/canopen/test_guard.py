@@ -282,8 +282,8 @@ class TestSomebodyElse:
         _, flags, code = AXIS_HEADER.unpack_from(image, 8)
         assert LinkFlag.FOREIGN in LinkFlag(flags)
         assert cob_id_words(code) == "node guarding request to node 1 (701h)"
-        words = bench.plan.axes[0].traffic.fault_text(LinkFlag.FOREIGN, code)
-        assert words.startswith("somebody else commands on this bus: node guarding request to node 1 (701h) came")
+        words = bench.plan.axes[0].traffic.fault_text(LinkFlag.FOREIGN, code, "socketcan:can0")
+        assert words.startswith("another master on socketcan:can0: node guarding request to node 1 (701h) came")
 
     @pytest.mark.parametrize("delay_ns", [500_000_000, 1_005_000_000], ids=["while we listen", "while we write"])
     def test_a_request_before_the_loop_is_refused(self, delay_ns: int) -> None:

@@ -8,8 +8,9 @@ from haptic_fieldbus.buses.modbus.opening import open_line
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.drive.rig import Limits, Rig, default_axis
 from haptic_fieldbus.planning.compile import compile_plan
-from haptic_fieldbus.planning.image import AXIS_HEADER
+from haptic_fieldbus.planning.image import AXIS_HEADER, lay_out_image
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.verdicts import on_bus
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, parse_bus
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
@@ -49,12 +50,15 @@ def plan_of(
         bench = default_axis(Workspace.LINEAR, bus="bus", node=1 + position, profile=NAME)
         axes[axis.name] = replace(bench, **{"limits": Limits(), **changes})
     rig = Rig({"bus": section_of(name, **(section or {}))}, axes)
-    plan = unproved(compile_plan(scene, rig, {NAME: profile}, rate))
+    plan = compile_plan(scene, rig, {NAME: profile}, rate)
     if way is None:
-        return plan
+        return unproved(plan)
     (bus,) = plan.buses
     assert isinstance(bus.traffic, ModbusTraffic)
-    return replace(plan, buses=(replace(bus, traffic=replace(bus.traffic, way=way)),))
+    traffic = replace(bus.traffic, way=way)
+    on_it = tuple(on_bus(axis, traffic, plan.period) for axis in plan.axes)
+    image = lay_out_image([axis.traffic for axis in on_it])
+    return unproved(replace(plan, buses=(replace(bus, traffic=traffic),), axes=on_it, image=image))
 
 
 class Bench:

@@ -60,7 +60,7 @@ def test_a_period_carries_feedback_in_and_torque_out(opened: ExitStack, line: st
     bench, server = bench_on(opened, line, way)
     server.drive.move_to(-7_000_001 & 0xFFFF_FFFF)
     bench.write((0x0F, 123))
-    _, age_ns, flags, _, statusword, position, demand = bench.read()
+    _, age_ns, flags, _, statusword, position, *_, demand = bench.read()
     assert (statusword, position, flags) == (ENABLED, -7_000_001, 0)
     assert server.drive.value(DEMAND) == demand == 123
     assert 0 <= age_ns < 1e9
@@ -164,7 +164,7 @@ def test_a_bad_answer_makes_the_axis_stale_in_time_and_never_gives_a_wrong_posit
         server.drive.move_to(10 * number)
         bench.write((0x0F, 0))
         began_ns = bench.clock.now_ns()
-        _, age_ns, flags, _, _, position, _ = bench.read(DEADLINE)
+        _, age_ns, flags, _, _, position, *_ = bench.read(DEADLINE)
         assert bench.clock.now_ns() - began_ns < 1e9 * (DEADLINE + 0.02)
         assert flags == STALE
         assert position == before
@@ -180,7 +180,7 @@ def test_a_bad_answer_makes_the_axis_stale_in_time_and_never_gives_a_wrong_posit
 def _moved(bench: Bench, server: Server, number: int) -> int | None:
     """The position in a period before which the drive was moved; None when it is stale."""
     server.drive.move_to(10 * number)
-    _, _, flags, _, _, position, _ = bench.read(DEADLINE)
+    _, _, flags, _, _, position, *_ = bench.read(DEADLINE)
     bench.write((0x0F, 0))
     return None if flags & STALE else position
 
@@ -295,7 +295,7 @@ def test_a_sample_of_an_earlier_question_counts_for_the_age_that_it_has(opened: 
     frames, begun_ns = len(server.frames), bench.clock.now_ns()
     assert bench.read(0.01)[2] == STALE
     next_ns = bench.clock.now_ns()
-    t_ns, age_ns, flags, _, _, position, _ = next_period(bench, held)
+    t_ns, age_ns, flags, _, _, position, *_ = next_period(bench, held)
     assert (flags, position) == (0, 10)
     assert bench.bus.fresh
     assert len(server.frames) == frames + 1, "no second question"
@@ -309,7 +309,7 @@ def test_a_late_answer_to_a_set_point_leaves_the_line_free_in_the_same_period(op
     bench, _, held = held_back(opened, Transaction.READ_THEN_WRITE)
     bench.write((0x0F, 40))
     bench.bus.prepare(bench.clock.now_ns() + 1_000_000)
-    _, _, flags, _, _, position, demand = next_period(bench, held)
+    _, _, flags, _, _, position, *_, demand = next_period(bench, held)
     assert (flags, position, demand) == (0, 10, 40)
 
 

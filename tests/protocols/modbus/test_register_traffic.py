@@ -23,17 +23,18 @@ from tests.protocols.modbus.lines import GENERIC, RTU, TCP, on, traffic_of, with
 
 def test_the_lines_of_a_plan_tell_function_octets_time_and_registers() -> None:
     text = explain(on(RTU, 100.0)).splitlines()
-    start = text.index("in, out    unit 1, function 23, 30 octets, 4.81 ms")
-    assert text[start + 1 : start + 8] == [
+    start = text.index("in, out    unit 1, function 23, 32 octets, 5.01 ms")
+    assert text[start + 1 : start + 9] == [
         "             writes 2 from 0200h",
         "               register 0200h controlword",
         "               register 0201h target torque",
-        "             reads 4 from 0100h",
+        "             reads 5 from 0100h",
         "               register 0100h statusword",
         "               register 0101h torque demand",
         "               register 0102h position",
+        "               register 0104h torque actual",
     ]
-    assert "bus        100 Hz by FC23 on Modbus RTU at 115200 bit/s, load 66 %" in text
+    assert "bus        100 Hz by FC23 on Modbus RTU at 115200 bit/s, load 68 %" in text
     assert "ways       FC23 at 100 Hz, delay 10.2 ms: stable to 104.9 N/m, chosen" in text
     assert "           FC3 then FC16 at 83 Hz, delay 6.34 ms: stable to 128.5 N/m" in text
 
@@ -50,7 +51,7 @@ def test_a_run_is_told_what_each_request_carries() -> None:
         "function 16 writes controlword, target torque",
     ]
     assert list(traffic_of(on(RTU)).of("handle").summary()) == [
-        "function 23 writes controlword, target torque, reads statusword, torque demand, position"
+        "function 23 writes controlword, target torque, reads statusword, torque demand, position, torque actual"
     ]
 
 
@@ -94,7 +95,7 @@ def test_a_way_without_a_limit_is_told_with_its_delay_alone() -> None:
         (LinkFlag.EXCEPTION, 6, "exception 6 (server device busy)"),
         (LinkFlag.EXCEPTION, 99, "exception 99 (not one of the standard)"),
         (LinkFlag.BUS_OFF, 0, "the line is dead"),
-        (LinkFlag.FOREIGN, 0x201, "somebody else writes to unit 1: register 0201h"),
+        (LinkFlag.FOREIGN, 0x201, "another master on the line writes to register 0201h of unit 1"),
         (LinkFlag.EMERGENCY, 0x7500, "unit 1 reports the fault 7500h"),
         (LinkFlag.NO_SIGN_OF_LIFE, 0, "unit 1 does not answer"),
         (LinkFlag.NOT_OPERATIONAL, 0, "left the mode in which it follows"),

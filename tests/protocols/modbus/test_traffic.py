@@ -1,7 +1,7 @@
 """Ways of exchange, their times by hand, and the choice among them.
 
-A frame of RTU has 3 octets beside its PDU, so function 23 with 2 registers written and 4 read is 17 + 13 characters,
-function 3 is 8 + 13, function 16 is 13 + 8.
+A frame of RTU has 3 octets beside its PDU, so function 23 with 2 registers written and 5 read is 17 + 15 characters,
+function 3 with 4 registers is 8 + 13, function 16 is 13 + 8. Function 23 reads torque actual besides.
 """
 
 from dataclasses import replace
@@ -39,7 +39,7 @@ from tests.protocols.modbus.lines import (
     with_line,
 )
 
-ONE, READ, WRITE = (characters * CHARACTER + SILENCE + ANSWER_TIME for characters in (30, 21, 21))
+ONE, READ, WRITE = (characters * CHARACTER + SILENCE + ANSWER_TIME for characters in (32, 21, 21))
 """Exchange of function 23, 3 and 16 [s]."""
 
 
@@ -50,14 +50,14 @@ def planned(bus: str = RTU, rate: float | None = None, profile: ModbusProfile = 
     return compile_plan(WALL, rig, {"drive": profile}, rate)
 
 
-def two_units(bus: str, rate: float | None = None) -> Plan:
+def two_units(bus: str, rate: float | None = None, profile: ModbusProfile = GENERIC) -> Plan:
     """Two walls, on units 1 and 2 of one line."""
     scene = scene_of(Wall("left", 100.0), Wall("right", 100.0, name="second"))
     axes = {
         name: default_axis(Workspace.LINEAR, bus="line", node=number, profile="drive")
         for number, name in enumerate(("left", "right"), start=1)
     }
-    return compile_plan(scene, Rig({"line": parse_bus(bus).section}, axes), {"drive": GENERIC}, rate)
+    return compile_plan(scene, Rig({"line": parse_bus(bus).section}, axes), {"drive": profile}, rate)
 
 
 class TestTimes:
@@ -94,7 +94,7 @@ class TestTimes:
         assert traffic.way is Transaction.READ_WRITE
         assert traffic.latch("right") - traffic.latch("left") == pytest.approx(ONE + SILENCE)
         assert traffic.shortest_period == pytest.approx(2 * (ONE + SILENCE))
-        assert traffic.line().endswith("; 2 units take turns, 13.1 ms a period instead of 6.56 for one alone")
+        assert traffic.line().endswith("; 2 units take turns, 13.5 ms a period instead of 6.76 for one alone")
         both = traffic_of(two_units(TCP, 500.0))
         exchange = ROUND_TRIP + ANSWER_TIME
         assert both.shortest_period == pytest.approx(4 * exchange + COMPUTE)
@@ -154,7 +154,7 @@ class TestChoice:
     def test_of_one_that_fits_when_the_other_does_not(self) -> None:
         assert traffic_of(on(RTU, 100.0)).way is Transaction.READ_WRITE
         assert traffic_of(on(RTU, 87.0)).way is Transaction.READ_THEN_WRITE
-        with pytest.raises(BusOverloadError, match=r"160 Hz is too fast: FC23 takes 6\.56 ms a period.*--rate 140"):
+        with pytest.raises(BusOverloadError, match=r"160 Hz is too fast: FC23 takes 6\.76 ms a period.*--rate 140"):
             on(RTU, 160.0)
 
 

@@ -100,7 +100,7 @@ class ToyAxis:
     def to_json(self, bus: str) -> dict[str, list[Json]]:
         return {"messages": [{"bus": bus, "node": self.node, "octets": ANSWER.size + SET.size}]}
 
-    def fault_text(self, flag: LinkFlag, code: int) -> str:
+    def fault_text(self, flag: LinkFlag, code: int, bus: str = "the bus") -> str:
         return f"node {self.node}: {flag.name} {code}"
 
 
@@ -153,6 +153,9 @@ class ToyTraffic:
 
     def guarding(self, axis: str, rig: RigAxis) -> tuple[str, ...]:
         return ()
+
+    def other_masters(self, axis: str) -> None:
+        return None
 
     def check(self, bus: str) -> None:
         if self.rate > self.highest_rate:

@@ -281,7 +281,7 @@ def test_all_kinds_are_tried_here_or_with_the_world() -> None:
         "dead_guard",
         # In tests/sim/modbus/test_line_faults.py:
         "answer_lost", "answer_delayed", "answer_swapped", "answer_garbage", "answer_corrupted", "answer_truncated",
-        "answer_wrong_unit", "answer_exception", "connection_reset",
+        "answer_wrong_unit", "answer_exception", "connection_reset", "foreign_set_points",
     }  # fmt: skip
     assert {kind.__annotations__["kind"].__args__[0] for kind in faults.Fault.__args__} == tried
 

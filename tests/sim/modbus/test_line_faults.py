@@ -3,10 +3,13 @@
 import pytest
 
 from haptic_fieldbus.errors import BusError
+from haptic_fieldbus.protocols.catalogue import load_profile
+from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.modbus.disturbance import GARBAGE
 from tests.sim.modbus.test_line import READ, asked, crc, rtu, tcp
-from tests.sim.modbus.units import NUMBER, virtual_line
+from tests.sim.modbus.units import DEMAND, GENERIC, NUMBER, TARGET, WATCHDOG, Driven, virtual_line
 
 USUAL = 13
 """Octets of the usual answer on RTU."""
@@ -112,3 +115,39 @@ def test_answers_of_other_drives_come_as_ever() -> None:
     for number, comes in ((3, False), (4, True)):
         clock.sleep_until(clock.now_ns() + 2_000_000)
         assert bool(asked(line, clock, rtu(number, READ), wait=0.02)[0]) is comes
+
+
+class TestForeignSetPoints:
+    """Another master that nobody hears."""
+
+    def test_they_act_once_every_interval_until_ours_replace_them(self) -> None:
+        driven = Driven(GENERIC, faults.ForeignSetPoints("foreign_set_points", 0.01, 0.8, 0.05, 2))
+        driven.enable()
+        driven.write(TARGET, 100)
+        seen = []
+        for _ in range(16):
+            driven.wait(10.0)
+            seen.append(driven.value(DEMAND))
+            if len(seen) % 2 == 0:
+                driven.write(TARGET, 100)
+        assert seen == [800, 800, 100, 100, 100, 800, *[100] * 10]
+
+    def test_their_torque_is_a_share_of_rated_torque_in_whatever_unit(self) -> None:
+        driven = Driven(modbus_profile(load_profile("simplex_motion")))
+        driven.unit.write_as_stranger(-0.5, 0)
+        objects = driven.unit.drive.objects
+        assert objects.target_torque.value * objects.torque_unit == pytest.approx(-0.5 * objects.rated_torque, rel=1e-3)
+
+    def test_they_feed_the_watchdog_as_ours_do(self) -> None:
+        driven = Driven(GENERIC, faults.ForeignSetPoints("foreign_set_points", 0.0, 0.1, 0.02))
+        driven.write(WATCHDOG, 50)
+        driven.enable()
+        driven.wait(500.0)
+        assert driven.state() is State.OPERATION_ENABLED
+
+    def test_a_unit_that_is_cut_off_hears_them_no_more_than_ours(self) -> None:
+        driven = Driven(GENERIC, faults.ForeignSetPoints("foreign_set_points", 0.01, 0.1, 0.02))
+        driven.enable()
+        driven.unit.silent_until_ns = 1_000_000_000
+        driven.wait(100.0)
+        assert driven.unit.drive.objects.target_torque.value == 0
