@@ -35,6 +35,7 @@ def _line(file: str, text: str, instead: str, of: str, *tests: str) -> Guard:
 
 PROVING = "tests/running/test_proving.py"
 SAFETY, ECHO = "tests/cycle/test_safety.py", "tests/cycle/test_echo.py"
+STILL = "tests/cycle/test_standstill.py"
 SIGN, SIGN_WATCH, TIED = "tests/cycle/test_sign.py", "tests/cycle/test_sign_watch.py", "tests/cycle/test_tied_axes.py"
 
 GUARDS = {
@@ -128,6 +129,34 @@ GUARDS = {
         "if abs(effort) > holding and self.permission.cap > holding:",
         "if False:",
         "test_counts_that_stand_still_under_torque_lower_the_limit_and_no_more",
+    ),
+    "an encoder that stands still": _cycle(
+        "standstill",
+        "if self.vain >= PAIRS:",
+        "if False:",
+        "test_an_encoder_that_no_pulse_moves_is_a_trip_within_the_stated_time",
+        of=STILL,
+    ),
+    "pulses to an encoder within the limit": _cycle(
+        "standstill",
+        "lowered = max(0.0, size + probe.effort - bound)",
+        "lowered = 0.0",
+        "test_at_the_limit_the_force_is_lowered_slowly_and_no_pulse_goes_beyond_it",
+        of=STILL,
+    ),
+    "pulses to an encoder that no hand feels": _cycle(
+        "standstill",
+        " or abs(state.target) < self._least:",
+        ":",
+        "test_below_the_force_whose_pulses_are_not_felt_the_rule_of_long_standstill_stays",
+        of=STILL,
+    ),
+    "pulses to an encoder are judged in whole pairs": _cycle(
+        "standstill",
+        "self._place + 1 if t_ns - self._last_ns < self._longest_ns else 0",
+        "self._place + 1",
+        "test_a_gap_begins_the_pair_anew_and_takes_nothing_from_the_force",
+        of=STILL,
     ),
     "force not finite": _cycle(
         "axis", "if permitted != permitted:", "if False:", "test_a_force_that_is_not_finite_trips_and_writes_zero"

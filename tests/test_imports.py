@@ -96,6 +96,8 @@ DOES_WITHOUT = {
         "scenes.files": "scenes.own",
         "scenes.registry": "scenes.own",
     },
+    "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; "
+    "Cycle(h.plan('wall', drive='example_velocity_only'))": {"cycle.axis": "cycle.standstill"},
     "import haptic_fieldbus as h; h.run('wall', duration=0.05)": {
         "api": "sim.faults.drawing",
         "api.sites": "sim.faults.drawing",

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.cycle.energy import CHANGE
+from haptic_fieldbus.cycle.energy import CHANGE, PULSES
 from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.traffic import Json
@@ -37,7 +37,8 @@ class Passivity:
     """Most that an account was above what is granted; a run ends above the limit."""
     limit: float
     booked: Mapping[str, float]
-    """Energy that was granted to live changes, or forgiven in fade-in, gaps, stalls and doubts, by the reason."""
+    """Energy that was granted to live changes and pulses that ask an encoder, or forgiven in fade-in, gaps, stalls and
+    doubts, by the reason."""
     controller: Controlled | None
     """None in a scene without the controller."""
     forgiven: float = 0.0
@@ -65,7 +66,7 @@ def passivities(plan: Plan, cycle: Cycle, cycles: int) -> Iterator[Passivity]:
             unit = ledger.axes[0].workspace.effort_unit
             controller = Controlled(tally.taken, tally.strongest, tally.damped / cycles if cycles else 0.0, unit)
         names = tuple(axis.name for axis in ledger.axes)
-        booked = dict(tally.booked)
+        booked = ledger.booked
         yield Passivity(names, tally.largest, tally.limit, booked, controller, tally.most, tally.budget)
 
 
@@ -73,7 +74,7 @@ def forgiven_text(found: Passivity) -> str | None:
     """Return what was forgiven in a sentence; None below the limit of the energy of its own."""
     if found.forgiven <= found.limit:
         return None
-    reasons = sorted(reason for reason in found.booked if reason != CHANGE)
+    reasons = sorted(reason for reason in found.booked if reason not in (CHANGE, PULSES))
     return (
         f"the hand got {in_unit(sum(found.booked[reason] for reason in reasons), 'J')} beyond what the scene had "
         f"stored, because less was sent before than it asked for ({', '.join(reasons)}); at most "

@@ -24,6 +24,7 @@ from haptic_fieldbus.cycle.safety import GapTally
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import exactly, in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.encoder_probe import why_not_asked
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.signals import Signal
 
@@ -210,7 +211,7 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
                 "was seen again"
             )
         if stalls:
-            yield _stood_still(axis, stalls)
+            yield _stood_still(axis, stalls, plan.period)
 
 
 def _clipped(axis: AxisPlan, share: float, asked: float) -> str:
@@ -223,11 +224,12 @@ def _clipped(axis: AxisPlan, share: float, asked: float) -> str:
     )
 
 
-def _stood_still(axis: AxisPlan, stalls: int) -> str:
+def _stood_still(axis: AxisPlan, stalls: int, period: float) -> str:
     often = "once" if stalls == 1 else f"{stalls} times"
     return (
         f"axis {axis.name}: the position stood still under {axis.workspace.effort_name} for "
-        f"{exactly(axis.limits.stall)} s, {often}, as when a hand leans or the encoder's cable is broken; then at most "
+        f"{exactly(axis.limits.stall)} s, {often}, as when a hand leans or the encoder's cable is broken; pulses "
+        f"did not ask the encoder ({why_not_asked(axis, period)}); then at most "
         f"{in_unit(axis.limits.holding, axis.workspace.effort_unit)} was given until contact was left, so that who "
         f"pushes harder gets further in. A longer time for a hand: axis.{axis.name}.limits.stall in the rig"
     )

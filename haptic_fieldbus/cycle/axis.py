@@ -8,6 +8,7 @@ wrong. A link flag, a changed statusword or a motion beyond the limits is handle
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from haptic_fieldbus.cycle.echo import bind_echo, bind_other_masters
 from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
@@ -19,10 +20,14 @@ from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.cycle.watch import AGE_NS, FLAGS, STATUSWORD, T_NS, AxisWatch, Owner, in_time
 from haptic_fieldbus.drive.power import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.encoder_probe import STILL, encoder_probe
 from haptic_fieldbus.planning.image import AXIS_HEADER_FIELDS, AxisImage
 from haptic_fieldbus.planning.limits import START_SHARE
 from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.signals import Signal
+
+if TYPE_CHECKING:  # imported for its type alone: an axis whose encoder is never asked does not load it
+    from haptic_fieldbus.cycle.standstill import Standstill
 
 Observe = Callable[[bytes | bytearray], None]
 
@@ -50,6 +55,7 @@ class AxisCycle:
         signs = self._trip, owner.sign_seen, owner.sign_doubted
         self.sign = Sign(axis, period, self.state, self.permission, *signs)
         self._image, self._output = image, output
+        self._standstill = self._bind_standstill()
         self._feedback: tuple[int, ...] = (0,) * (1 + len(AXIS_HEADER_FIELDS) + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
         self.sense, self._step_estimator = bind_sense(axis, self.state, self.sensed, lambda: self._feedback, period)
@@ -138,7 +144,7 @@ class AxisCycle:
         lowest, highest = axis.limits.position or (-math.inf, math.inf)
         # Rounding to counts adds up to one count to the difference of two positions.
         largest_way = axis.limits.speed * self._period + abs(unit)
-        jump, stall_ns = axis.limits.jump(self._period, abs(unit)), axis.limits.stall * 1e9
+        jump, still_ns = axis.limits.jump(self._period, abs(unit)), self._still_ns
         shortest, longest = in_time(self._period)
         bits_before, fresh_ns = -1, 0
 
@@ -175,8 +181,8 @@ class AxisCycle:
                     speed = watch.motion(here, way, elapsed_ns, feedback[AGE_NS])
                 if way:
                     state.moved_ns = fresh_ns
-                elif fresh_ns - state.moved_ns > stall_ns:
-                    self._check_stall()
+                elif fresh_ns - state.moved_ns > still_ns:
+                    self._stand_still(fresh_ns)
                 if steps != 1:
                     self._catch_up(here, steps)
                 state.way = speed
@@ -188,7 +194,7 @@ class AxisCycle:
         """Return `observe` for a drive that offers velocity only, from which the position is integrated."""
         from haptic_fieldbus.cycle.tachometer import bind_follow  # a drive with a position does without it
 
-        state, stall_ns, place = self.state, self._axis.limits.stall * 1e9, self._place(Signal.VELOCITY)
+        state, still_ns, place = self.state, self._still_ns, self._place(Signal.VELOCITY)
         follow = self._follow = bind_follow(self._axis, state, self.sensed, self._period, self._trip)
         # Without an encoder there is no zero, so that the other closure does all but take counts for a position.
         decode = self._bind_observe()
@@ -200,8 +206,8 @@ class AxisCycle:
                 follow(feedback[T_NS], feedback[place])
                 if state.position != before:
                     state.moved_ns = feedback[T_NS]
-                elif feedback[T_NS] - state.moved_ns > stall_ns:
-                    self._check_stall()
+                elif feedback[T_NS] - state.moved_ns > still_ns:
+                    self._stand_still(feedback[T_NS])
                 if steps > 1:
                     here, state.position = state.position, before
                     self._catch_up(here, steps)
@@ -279,6 +285,30 @@ class AxisCycle:
         power = state.target * self._axis.effort_unit * state.way / self._period
         if power > limit:
             self._trip(TripKind.POWER, power, limit)
+
+    def _bind_standstill(self) -> "Standstill | None":
+        """Return what asks the encoder when its counts stand still; None where pulses cannot, or need not, ask it."""
+        probe = encoder_probe(self._axis, self._period)
+        if probe is None:
+            return None
+        from haptic_fieldbus.cycle.standstill import Standstill
+
+        unit, feedback = self._axis.effort_unit, lambda: self._feedback
+        return Standstill(probe, unit, self.state, self.permission, feedback, self._trip)
+
+    @property
+    def _still_ns(self) -> float:
+        """Time for which counts stand still before anything looks at it [ns]."""
+        stall = self._axis.limits.stall
+        return 1e9 * (stall if self._standstill is None else min(stall, STILL))
+
+    def _stand_still(self, t_ns: int) -> None:
+        """Counts stand still: ask the encoder by pulses, and limit the force once they have for long."""
+        still = 1e-9 * (t_ns - self.state.moved_ns)
+        if self._standstill is not None and still > STILL:
+            self._standstill.look(t_ns)
+        if still > self._axis.limits.stall:
+            self._check_stall()
 
     def _check_stall(self) -> None:
         """Counts that stood still under torque for long: a hand that leans, or an encoder that lies; less will do."""

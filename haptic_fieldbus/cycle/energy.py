@@ -27,7 +27,8 @@ force was cut, and gives back what it would have taken. Their leak is −ΔF·Δ
 because their force also changes while the handle stands still.
 
 A live change fades from one set of elements to another, and the stored energy with them: what it grows by where the
-handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked.
+handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. So
+is the most that pulses may give which ask an encoder (`cycle.standstill`): their size times the way.
 
 Another force than that of the law. While the limit fades in, after a gap, after a stall and while the sign is looked
 for, less is sent than the law asks for. Two things are then looked at apart from each other. The law itself is judged
@@ -78,8 +79,8 @@ RECOVERY = 4.0
 """Periods in which the controller takes an excess back; the damping of one period is seen two periods later."""
 LEAKS = 2.0
 """Largest damping of the controller, in dampings that make up for the leak."""
-FADE_IN, CHANGE, GAP, STALL, SIGN, ECHO = "fade-in", "change", "gap", "stall", "sign", "echo"
-"""Reasons for which energy is booked: a change is granted, the others are forgiven within a budget."""
+FADE_IN, CHANGE, GAP, STALL, SIGN, ECHO, PULSES = "fade-in", "change", "gap", "stall", "sign", "echo", "pulses"
+"""Reasons for which energy is booked: changes and pulses are granted, the others are forgiven within a budget."""
 SECOND_NS = 1_000_000_000
 LIPSCHITZ = 0.25
 """Of K·Δx², by which the trapezoid of a law of the slope K is off at most."""
@@ -170,6 +171,12 @@ class Ledger:
         """Whether `bind_alone` will do: one axis, whose elements state what they hold and whose torque acts at once."""
         return len(self.ports) == 1 and not self.memory.silence and not shares(self.axes[0], self.period)[0]
 
+    @property
+    def booked(self) -> dict[str, float]:
+        """Return the energy that was booked, by the reason, with that of pulses in the open account [J]."""
+        self._origin += self._of_pulses()
+        return dict(self.tally.booked)
+
     def stored(self, positions: Sequence[float]) -> float:
         """Return the energy that the elements store at these positions of the axes [J]; on the way the mix of both."""
         if not self._ramp:
@@ -210,7 +217,7 @@ class Ledger:
         """Return the reason for which the force follows no passive law in this period."""
         for port in self.ports:
             permission = port.permission
-            if not permission.unchanged:
+            if not permission.lawful:
                 if permission.proof is not None:
                     return SIGN
                 if permission.fade < 1.0:
@@ -225,6 +232,7 @@ class Ledger:
 
     def open(self, positions: Sequence[float]) -> None:
         """Open an account at these positions."""
+        self._of_pulses()
         before, self.reason = self.reason, self.unsettled()
         self._origin, self._opened, self._clipped = self.stored(positions), positions, self._cut()
         if self.reason is not None and before is None:
@@ -235,6 +243,7 @@ class Ledger:
 
         An account whose force was cut at the effort limit took less than the law asked for, and is none of the law.
         """
+        self._origin += self._of_pulses()
         self.reason = self.unsettled()
         if self._cut() == self._clipped:
             self.law.open(energy, self._origin)
@@ -243,6 +252,7 @@ class Ledger:
 
     def settle(self, energy: float, positions: Sequence[float]) -> float:
         """Forgive what the account owes, and return what that of the law shows, by which it goes on [J]."""
+        self._origin += self._of_pulses()
         ways = zip(self.axes, positions, self._opened, strict=True)
         back = sum(axis.limits.effort * abs(here - there) for axis, here, there in ways)
         self.forgive(energy + min(self.stored(positions) - self._origin, back))
@@ -260,6 +270,7 @@ class Ledger:
 
         Where another force is sent than that of the law, what remains is forgiven.
         """
+        self._origin += self._of_pulses()
         energy, self._origin = self.remaining(energy, self._origin, positions)
         if self.reason is None or self.memory.silence:
             self.compare(energy - self.memory.reserve)
@@ -297,6 +308,15 @@ class Ledger:
         for port in self.ports:
             periods += port.permission.clipped
         return periods
+
+    def _of_pulses(self) -> float:
+        """Return the most that pulses which ask an encoder may have given since the last look [J], and book it."""
+        given = 0.0
+        for port in self.ports:
+            given += port.permission.given
+            port.permission.given = 0.0
+        self.tally.book(PULSES, given)
+        return given
 
     def _of(
         self, elements: Sequence[Sequence[Element]], couplings: Sequence[CouplingElement]

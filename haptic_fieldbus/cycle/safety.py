@@ -11,6 +11,9 @@ three gates, in this order:
    force stays at or below it. After a short gap a deficit, which is taken from what the scene asks for.
 3. The slew limit, which bounds the change from one period to the next whatever the first two gates do.
 
+Between the second and the third gate pulses may be added that ask an encoder whose counts stand still
+(`cycle.standstill`). They stay within limit and cap, and neither cap nor deficit counts them as force of the scene.
+
 Feedback that is missing for one period changes nothing: the torque is held, as it is held between any two periods. From
 the second missing period on the held torque fades to zero. Letting it return to any value would do work on the hand
 that the hand never did on the handle. When feedback returns soon, within half of the age at which it ends a run, force
@@ -59,6 +62,7 @@ class TripKind(Enum):
     SIGN = "motion against the torque"
     SIGN_HIDDEN = "no motion that shows the sign"
     CLOCK = "clock went back"
+    ENCODER_STILL = "encoder stands still"
     FOREIGN_MASTER = "foreign master"
     DUPLICATE_NODE = "duplicate node"
 
@@ -135,7 +139,13 @@ class Permission:
     proof: Callable[[float], float] | None = None
     """Takes the force of the scene and returns what is given until the sign has been seen; None from then on."""
     unchanged: bool = False
-    """Whether neither fade-in nor cap nor deficit is at work, so that only effort and slew limit the force."""
+    """Whether no fade-in, cap, deficit or pulse is at work, so that only effort and slew limit the force."""
+    pulses: Callable[[float, float], float] | None = None
+    """Takes the permitted force and its bound, and returns it with a pulse that asks the encoder; None: not asked."""
+    pulse: float = 0.0
+    """How much such a pulse has added to the force of the period before."""
+    given: float = 0.0
+    """Most that such pulses may have given to the hand since the energy ledger looked [J]."""
     clipped: int = 0
     """Periods in which effort, fade-in or cap cut the force."""
     asked: float = 0.0
@@ -154,6 +164,16 @@ class Permission:
         """Note that more than effort and slew limit the force from now on."""
         self.unchanged = False
         self.loosened()
+
+    @property
+    def lawful(self) -> bool:
+        """Whether the force is that of the scene, apart from pulses that ask the encoder."""
+        return self.unchanged or (self.pulses is not None and not self.blind and self.free)
+
+    @property
+    def free(self) -> bool:
+        """Whether no fade-in, cap or deficit is at work."""
+        return self.fade >= 1.0 and self.cap == math.inf and not self.deficit and self.proof is None
 
     def cap_at(self, cap: float, side: float) -> None:
         """Permit no more than `cap` in the direction `side` until contact is left."""
@@ -183,7 +203,8 @@ class Permission:
     def _end_gap(self, force: float, size: float) -> None:
         """Feedback is back soon: what the force would be beyond that before the gap is the deficit."""
         self.blind = False
-        before = abs(self.held) if self.held * force > 0.0 else 0.0
+        held = self.held - self.pulse
+        before = abs(held) if held * force > 0.0 else 0.0
         if size - before > self.deficit:
             self.side, self.deficit = math.copysign(1.0, force), size - before
             self.gaps.short += 1
@@ -231,12 +252,15 @@ def bind_limiter(
         # Contact is that of the scene: a pulse of the proof, or its pause, leaves none.
         permission.leave_contact(force, least)
         if permission.proof is not None:
-            force, permission.blind = bounded(permission.proof(force), unseen), False
+            force, permission.blind, permission.pulse = bounded(permission.proof(force), unseen), False, 0.0
         else:
             fade = permission.fade = min(1.0, permission.fade + growth)
             # A limit that fades in is no law of the scene: what it keeps back is not missing later.
-            force = bounded(permission.resume(force, effort * fade if fade < 1.0 else math.inf), effort * fade)
-            permission.unchanged = fade >= 1.0 and permission.cap == math.inf and not permission.deficit
+            lawful = bounded(permission.resume(force, effort * fade if fade < 1.0 else math.inf), effort * fade)
+            force, permission.pulse, permission.unchanged = lawful, 0.0, permission.free
+            if permission.pulses is not None:
+                force = permission.pulses(lawful, min(effort * fade, permission.cap))
+                permission.pulse, permission.unchanged = force - lawful, False
         before = permission.before
         if not -largest_change <= force - before <= largest_change:
             force = before + math.copysign(largest_change, force - before)
@@ -260,7 +284,7 @@ def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Ca
         if missing == 2:
             permission.begin_gap()
         if permission.blind and missing > soon:
-            pulses, held = permission.proof is not None, permission.held
+            pulses, held = permission.proof is not None, permission.held - permission.pulse
             side = 0.0 if pulses or held == 0.0 else math.copysign(1.0, held)
             permission.cap_after_gap(min(permission.cap, limits.before_sign if pulses else abs(held)), side)
         share = max(0.0, 1.0 - (missing - 1) / fading)

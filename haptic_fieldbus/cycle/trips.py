@@ -16,6 +16,7 @@ from haptic_fieldbus.errors import (
 )
 from haptic_fieldbus.numerals import in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.encoder_probe import HAND, PAIRS
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.sign_probe import raising
 from haptic_fieldbus.scenes.own_faults import blamed
@@ -35,6 +36,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.FEEDBACK_SPARSE: BusTimeoutError,
     TripKind.PERIODS_MISSED: SafetyTripError,
     TripKind.CLOCK: BusError,
+    TripKind.ENCODER_STILL: SafetyTripError,
     TripKind.FOREIGN_MASTER: SafetyTripError,
     TripKind.DUPLICATE_NODE: SafetyTripError,
     TripKind.SET_POINTS_DEAD: DriveFaultError,
@@ -261,6 +263,17 @@ def _hidden(trip: Trip, axis: AxisPlan) -> str:
     )
 
 
+def _stood_still(trip: Trip, axis: AxisPlan) -> str:
+    """Return the cause of a trip by counts that no pulse moved; the value is the force, the limit the pulses."""
+    force, length, hand = axis.workspace.effort_unit, axis.workspace.length_unit, HAND[axis.workspace]
+    return (
+        f"the counts stood still under {in_unit(abs(trip.value), force)}, and {PAIRS} pairs of pulses of "
+        f"±{in_unit(trip.limit or 0.0, force)} moved none of them, though they move two against a hand of "
+        f"{in_unit(hand.stiffness, f'{force}/{length}')}. Check the encoder and its cable, and that neither a brake "
+        "nor an end stop holds the handle; friction may be larger than in the rig"
+    )
+
+
 def _drift(trip: Trip, axis: AxisPlan) -> str:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
@@ -295,4 +308,5 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.SET_POINTS_FOREIGN: _foreign,
     TripKind.SIGN: _reversed,
     TripKind.SIGN_HIDDEN: _hidden,
+    TripKind.ENCODER_STILL: _stood_still,
 }

@@ -150,7 +150,8 @@ class Limits:
     power: Power | None = None
     """[W] that the motor may give to the hand; None: not limited."""
     stall: Time | None = None
-    """[s] for which counts may stand still under torque before the limit falls; None: 90 s."""
+    """[s] for which counts may stand still under torque before the limit falls, where no pulse can ask the encoder
+    sooner; None: 90 s."""
     __pydantic_config__: ClassVar = STRICT
 
 

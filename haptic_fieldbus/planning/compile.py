@@ -12,6 +12,7 @@ from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan, draft_axis
+from haptic_fieldbus.planning.encoder_probe import encoder_probe
 from haptic_fieldbus.planning.energy import unbounded, with_energy_limits
 from haptic_fieldbus.planning.exchange import plan_buses
 from haptic_fieldbus.planning.guards import CAPPED, unguarded
@@ -75,7 +76,7 @@ def compile_plan(
             for axis in axes
             for step in _steps(axis, f"{axis.name}: " if len(axes) > 1 else "", period, controlled=timed.controlled)
         ),
-        modules=_modules(axes),
+        modules=_modules(axes, period),
     )
 
 
@@ -176,13 +177,15 @@ def _estimates(axis: AxisPlan) -> bool:
     return axis.estimator is not None and not axis.integrates
 
 
-def _modules(axes: tuple[AxisPlan, ...]) -> tuple[str, ...]:
+def _modules(axes: tuple[AxisPlan, ...], period: float) -> tuple[str, ...]:
     """Return the names of the optional modules of this package that the plan imports, sorted."""
     modules = {type(element).__module__ for axis in axes for element in (*axis.elements, *axis.couplings)}
     if any(_estimates(axis) for axis in axes):
         modules.add("haptic_fieldbus.numerics.estimators")
     if any(axis.integrates for axis in axes):
         modules.add("haptic_fieldbus.cycle.tachometer")
+    if any(encoder_probe(axis, period) for axis in axes):
+        modules.add("haptic_fieldbus.cycle.standstill")
     if any(axis.method for axis in axes):
         modules.add("haptic_fieldbus.numerics.integrators")
     return tuple(sorted(modules))

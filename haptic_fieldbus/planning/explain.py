@@ -13,6 +13,7 @@ from haptic_fieldbus.numerals import in_unit, rounded, rounded_down, rounded_lim
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER, unseen_text
 from haptic_fieldbus.planning.enabling import enabling_lines
+from haptic_fieldbus.planning.encoder_probe import encoder_lines
 from haptic_fieldbus.planning.guards import guard_lines
 from haptic_fieldbus.planning.limit_table import limit_lines, recommended_limits
 from haptic_fieldbus.planning.plan import BusPlan, Plan
@@ -44,6 +45,9 @@ def _lines(plan: Plan) -> Iterator[tuple[str, str]]:
         yield from _listed("limits", [prefix + line for line in limit_lines(axis, plan.period)])
     if plan.rig.source:  # the shipped bench is nobody's, and has no file to write them into
         yield from _listed("advice", [text for axis in plan.axes if (text := recommended_limits(axis))])
+    for axis in plan.axes:
+        prefix = f"{axis.name}: " if len(plan.axes) > 1 else ""
+        yield from _listed("encoder", [prefix + line for line in encoder_lines(axis, plan.period)])
     yield from _listed("guard", list(guard_lines(plan.guards, simulated=plan.simulated)))
     yield from _listed("enabling", list(enabling_lines(plan.axes)))
     yield "delay", delay_text(plan)

@@ -11,6 +11,7 @@ from enum import Enum
 
 from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.encoder_probe import encoder_probe
 from haptic_fieldbus.planning.limits import FIRST_SHARE, FIRST_SPEED, START_SHARE
 from haptic_fieldbus.planning.sign_probe import sign_probe
 
@@ -45,6 +46,7 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         LimitRow("force", limits.effort, force, Reaction.CLAMP),
         LimitRow("slew", limits.slew, f"{force}/s", Reaction.CLAMP),
         LimitRow("force at standstill", limits.holding, force, Reaction.CLAMP, limits.stall),
+        *_asked(axis, period),
         LimitRow("feedback missing", 2.0 * period, "s", Reaction.FADE),
         LimitRow("age of feedback", limits.age, "s", Reaction.DISABLE),
         LimitRow("speed", limits.speed, f"{length}/s", Reaction.DISABLE),
@@ -65,6 +67,14 @@ def _unproved(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         force = axis.workspace.effort_unit
         yield LimitRow("pulses that show the sign", probe.largest, force, Reaction.CLAMP)
         yield LimitRow("force until the sign is seen", probe.holding, force, Reaction.CLAMP)
+
+
+def _asked(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
+    probe = encoder_probe(axis, period)
+    if probe is not None:
+        force = axis.workspace.effort_unit
+        yield LimitRow("pulses that ask the encoder", probe.effort, force, Reaction.CLAMP)
+        yield LimitRow("force on an encoder that stands still", probe.least, force, Reaction.DISABLE, probe.time)
 
 
 def _range(axis: AxisPlan) -> Iterator[LimitRow]:

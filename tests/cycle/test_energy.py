@@ -140,15 +140,22 @@ def test_twice_the_stiffness_that_is_stated_is_seen() -> None:
 
 
 def contact(
-    bench: Bench, source: float, periods: int = 60, depth: float = 0.01, sent: tuple[float, float] = (1.0, 1.0)
+    bench: Bench,
+    source: float,
+    periods: int = 60,
+    depth: float = 0.01,
+    sent: tuple[float, float] = (1.0, 1.0),
+    given: float = 0.0,
 ) -> None:
     """One touch of the wall from outside, whose way out is harder by a constant force that gives `source` [J].
 
-    `sent` are the shares of the law that are sent on the way in and on the way out.
+    `sent` are the shares of the law that are sent on the way in and on the way out. At its deepest pulses that ask the
+    encoder may have `given` some [J].
     """
     for k in range(-5, periods + 6):
         x = depth * math.sin(math.pi * k / periods) if 0 <= k <= periods else -0.001
         force = -STIFFNESS * x - (source / depth if 2 * k > periods else 0.0) if x > 0.0 else 0.0
+        bench.permission.given += given if 2 * k == periods else 0.0
         bench.move(x, sent[2 * k > periods] * force, force)
 
 
@@ -371,3 +378,26 @@ def test_the_limit_holds_a_count_of_the_largest_force() -> None:
     (axis,) = plan_of(scene_of(WALL)).axes
     bench = Ledger([LedgerAxis(axis, AxisState(), Sensed(), Permission())], [(WALL,)], (), PERIOD, lambda *_: None)
     assert bench.tally.limit == pytest.approx(0.005 + axis.limits.effort * axis.resolution)
+
+
+@pytest.mark.parametrize(("given", "trips"), [(0.0, True), (0.015, False)])
+def test_what_pulses_may_give_that_ask_an_encoder_is_granted_to_their_contact_and_booked(
+    given: float, trips: bool
+) -> None:
+    """A contact that gives 20 mJ, where 10 are the limit; the next one has no grant."""
+    bench = Bench(WALL)
+    bench.tally.limit = 0.01
+    contact(bench, source=0.02, given=given)
+    assert bool(bench.trips) is trips
+    assert bench.tally.booked == ({"pulses": given} if given else {})
+    contact(bench, source=0.02)
+    assert bench.trips
+
+
+def test_a_force_with_pulses_is_judged_as_that_of_the_scene() -> None:
+    bench = Bench(WALL)
+    bench.tally.limit = 0.01
+    bench.permission.unchanged, bench.permission.pulses = False, lambda force, bound: force
+    contact(bench, source=0.02)
+    assert bench.trips
+    assert bench.tally.booked == {}

@@ -48,6 +48,7 @@ def test_only_our_own_limits_are_safety_trips() -> None:
         TripKind.FORGIVEN,
         TripKind.POSITION,
         TripKind.DRIFT,
+        TripKind.ENCODER_STILL,
     }
     refusals = {kind for kind, error in TRIP_ERRORS.items() if error is PlanError}
     assert refusals == {TripKind.START_FORCE, TripKind.SIGN_HIDDEN}

@@ -238,7 +238,7 @@ def _stated(plan: Any) -> Stated:
     told = {
         "pdos": pdos_of(plan),
         "limits": [
-            {"axis": axis.name, "limit": row.name, "value": row.value}
+            {"axis": axis.name, "limit": row.name, "value": row.value, "after_s": row.time}
             for axis in plan.axes
             for row in limit_rows(axis, plan.period)
         ],

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.invariants import causes
 from tests.invariants.reading import (
@@ -244,6 +245,36 @@ def _theirs(witness: Witness, axis: StatedAxis, shaft: Shaft) -> Iterator[float]
         began = None if not theirs else t_ns if began is None else began
 
 
+def a_frozen_encoder_is_noticed(witness: Witness) -> Iterator[str]:
+    """Under a force that is enough to ask it, an encoder that keeps its counts ends the run within the stated time.
+
+    Between the pulses force is what it was, and a pulse lowers it by twice its size at most.
+    """
+    if len(witness.faults) != 1 or witness.faults_ns is None or stranger_commands(witness):
+        return
+    for axis, shaft in axes_of(witness):
+        stuck = [fault for fault in shaft.faults or () if fault.kind == "position_stuck"]
+        if not stuck or axis.question is None:
+            continue
+        began_ns = witness.faults_ns + round(1e9 * stuck[0].at)
+        over_ns = began_ns + 1e9 * (math.inf if stuck[0].duration is None else stuck[0].duration)
+        wire = set_points_of(witness, axis, shaft)
+        wire = wire[(wire[:, 0] >= began_ns) & (wire[:, 0] <= over_ns)]
+        longest = 1e9 * (axis.question.seconds + witness.stated.deadlines[causes.TRIP])
+        pushed = np.abs(wire[:, 1]) >= axis.question.torque - 2.0 * axis.question.pulse
+        for first, last in _runs(pushed):
+            forces = np.abs(wire[first:last, 1])
+            took = wire[last - 1, 0] - wire[first, 0]
+            if took > longest and np.median(forces) > axis.question.torque + axis.question.pulse:
+                yield f"{axis.name}: {1e-9 * took:.2f} s of force from {when(witness, wire[first, 0])} on"
+
+
+def _runs(held: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """The stretches in which something holds: their first place, and the one after the last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
+    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+
+
 LAWS: dict[str, Law] = {
     "torque within limits": torque_within_limits,
     "slew within limits": slew_within_limits,
@@ -256,6 +287,7 @@ LAWS: dict[str, Law] = {
     "little torque before the sign is seen": little_torque_before_the_sign_is_seen,
     "what has no effect is noticed": what_has_no_effect_is_noticed,
     "set-points of another master are noticed": set_points_of_another_master_are_noticed,
+    "a frozen encoder is noticed": a_frozen_encoder_is_noticed,
 }
 
 

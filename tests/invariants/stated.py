@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tests.invariants.words import CONTROLWORD, OCTETS, STATUSWORD, TARGETS
 
 Json = Mapping[str, Any]
+STILL, PULSES = "force on an encoder that stands still", "pulses that ask the encoder"
 SHARE_OF_RATED, AT_THE_HANDLE = 0.15, {"linear": 5.0, "rotary": 0.25}
 """Of torque before the sign is seen, as the documentation promises it: a share of rated torque, and [N or N·m]."""
 
@@ -45,6 +46,18 @@ class StatedProbe:
 
 
 @dataclass(frozen=True)
+class StatedQuestion:
+    """How an encoder is asked whose counts stand still."""
+
+    torque: float
+    """Least torque under which it is asked [N·m at the motor shaft]."""
+    pulse: float
+    """[N·m at the motor shaft]"""
+    seconds: float
+    """Time after which one that does not answer ends the run."""
+
+
+@dataclass(frozen=True)
 class StatedAxis:
     """One axis; torque in N·m at the motor shaft."""
 
@@ -72,6 +85,8 @@ class StatedAxis:
     """[s] for which a set-point of another master may act unseen; None where its messages are heard."""
     unproved: bool
     """Whether nothing is known of the guard, so that it must be proved before force is given on a real bus."""
+    question: StatedQuestion | None = None
+    """None where the encoder is not asked."""
 
     @property
     def unseen(self) -> float:
@@ -117,8 +132,11 @@ def stated(
     """
     pdos = list(plan["pdos"] or ())
     limits: dict[str, dict[str, float]] = {}
+    times: dict[str, float] = {}
     for row in plan["limits"]:
         limits.setdefault(row["axis"], {})[row["limit"]] = row["value"]
+        if row["limit"] == STILL:
+            times[row["axis"]] = row["after_s"]
     probes = {row["axis"]: row for row in plan["sign"] if row["pulses"]}
     guards = {row["axis"]: row for row in plan["guards"]}
     permissions = {row["axis"]: row for row in plan["permissions"]}
@@ -139,6 +157,7 @@ def stated(
                 permissions[name],
                 guards[name],
                 blind[name],
+                times.get(name),
             )
             for name in limits
         ),
@@ -158,6 +177,7 @@ def _axis(
     permission: Json,
     guard: Json,
     blind: float | None,
+    still: float | None,
 ) -> StatedAxis:
     own = [pdo for pdo in pdos if pdo["node"] == node]
     force = limits.get("force", limits.get("torque"))
@@ -180,6 +200,7 @@ def _axis(
         1e-3 * guard["guard_ms"],
         blind,
         guard["unproved"] is not None and guard["capped"] is None,
+        None if still is None else StatedQuestion(limits[STILL] * ratio, limits[PULSES] * ratio, still),
     )
 
 

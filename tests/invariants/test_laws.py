@@ -184,6 +184,18 @@ def test_set_points_without_effect_that_nobody_notices_are_found() -> None:
     assert "what has no effect is noticed" in laws_broken(witness)
 
 
+@pytest.mark.parametrize(("seconds", "is_found"), [(0.05, True), (0.5, False)])
+def test_a_frozen_encoder_that_nobody_notices_is_found(seconds: float, is_found: bool) -> None:
+    """Its counts stand still for 150 ms of the run under 6 N; so it may, up to the stated time."""
+    witness = evidence(faults.PositionStuck("position_stuck", EVENT))
+    (axis,) = witness.stated.axes
+    assert axis.question is not None
+    assert 3.0 < axis.question.seconds < 10.0
+    question = replace(axis.question, torque=0.01, pulse=0.001, seconds=seconds)
+    tampered = replace(witness, stated=replace(witness.stated, axes=(replace(axis, question=question),)))
+    assert ("a frozen encoder is noticed" in laws_broken(tampered)) is is_found
+
+
 def test_every_law_is_tried_here() -> None:
     text = "".join(file.read_text(encoding="utf-8") for file in Path(__file__).parent.glob("test_*laws.py"))
     assert [name for name in (*LAWS, *PROOF_LAWS) if f'"{name}"' not in text] == []

@@ -65,9 +65,12 @@ def test_each_scene_leaves_out_what_it_does_not_need() -> None:
     assert left_out(wall) == {"velocity", "estimator", "integrator", "virtual states"}
     assert left_out(damped) == {"integrator", "virtual states"}
     assert left_out(sprung) == {"velocity", "estimator"}
-    assert wall.modules == ("haptic_fieldbus.scenes.wall",)
-    assert damped.modules == ("haptic_fieldbus.numerics.estimators", "haptic_fieldbus.scenes.wall")
-    assert sprung.modules == ("haptic_fieldbus.numerics.integrators", "haptic_fieldbus.scenes.sprung_mass")
+    asked = "haptic_fieldbus.cycle.standstill"
+    assert wall.modules == (asked, "haptic_fieldbus.scenes.wall")
+    assert damped.modules == (asked, "haptic_fieldbus.numerics.estimators", "haptic_fieldbus.scenes.wall")
+    assert sprung.modules == (asked, "haptic_fieldbus.numerics.integrators", "haptic_fieldbus.scenes.sprung_mass")
+    capped = plan_of(rig=rig_of(WALL, limits=Limits(effort=2.5)))
+    assert capped.modules == ("haptic_fieldbus.scenes.wall",), "what a hand may be left alone with asks nothing"
     assert len({wall.steps, damped.steps, sprung.steps}) == 3
 
 

@@ -17,6 +17,8 @@ from tests.cases import every
 PROJECT = Path(__file__).resolve().parents[2]
 PAGE = PROJECT / "docs" / "reference" / "fmea.md"
 AT, GOES_ON = 1.5, "goes on"
+DURATION, LONGER = 5.0, {"position_stuck": 9.0}
+"""[s]; an encoder is asked five times before the run ends."""
 OF_MODBUS = ("answer_", "connection_reset", "foreign_set_points")
 """How kinds begin that a line of Modbus has, and no CAN bus."""
 
@@ -76,13 +78,15 @@ def test_each_fault_ends_as_its_row_says(fault: str, tmp_path: Path) -> None:
     values = "\n".join(re.findall("`([^`]+)`", row.tried))
     file.write_text(f'[[fault]]\nkind = "{fault}"\nat = {AT}\n{values}\n', encoding="utf-8")
     bus = "sim-modbus-tcp" if fault.startswith(OF_MODBUS) else "sim"
-    assert [trip.name for trip in _ended(file, bus).trips] == ([] if row.noticed == GOES_ON else [row.noticed])
+    assert [trip.name for trip in _ended(file, bus, LONGER.get(fault, DURATION)).trips] == (
+        [] if row.noticed == GOES_ON else [row.noticed]
+    )
 
 
-def _ended(file: Path, bus: str) -> Result:
+def _ended(file: Path, bus: str, duration: float) -> Result:
     try:
         if bus == "sim":
-            return run("wall", endless_rig("wall"), hand="push", duration=5.0, faults=file)
-        return run("wall", bus=bus, settings={"wall.stiffness": "max/2"}, hand="push", duration=5.0, faults=file)
+            return run("wall", endless_rig("wall"), hand="push", duration=duration, faults=file)
+        return run("wall", bus=bus, settings={"wall.stiffness": "max/2"}, hand="push", duration=duration, faults=file)
     except HapticFieldbusError as error:
         return cast(Result, error.result)

@@ -1,0 +1,91 @@
+"""The question to an encoder whose counts stand still: pairs of pulses on top of the force of the scene.
+
+Theory and sizes stand in `planning.encoder_probe`. A pair is a lead, in which a force near its limit is lowered, one
+pulse against the force, one along it, and a wait until the last motion has been seen. A count that moves during the
+lead ends the question. One that moves in the first pulse ends that pulse, and the second is as long as it was, so that
+the pair is zero on average and the handle goes no faster than it must. A gap in the samples begins the pair anew. After
+a pair the counts either moved, and stand still again for a while before the next question, or the next pair follows.
+"""
+
+import math
+
+from haptic_fieldbus.cycle.safety import Permission, TripKind
+from haptic_fieldbus.cycle.sensing import Feedback
+from haptic_fieldbus.cycle.state import AxisState
+from haptic_fieldbus.cycle.watch import T_NS, TripOff
+from haptic_fieldbus.planning.encoder_probe import PAIRS, EncoderProbe
+
+LEAST_LEFT = 0.5
+"""Share of the smallest force under which a pair may begin, below which one that goes on is given up."""
+
+
+class Standstill:
+    """The question of one axis: `look` asks it, `give` takes the permitted force and returns it with its pulse."""
+
+    def __init__(
+        self,
+        probe: EncoderProbe,
+        effort_unit: float,
+        state: AxisState,
+        permission: Permission,
+        feedback: Feedback,
+        trip: TripOff,
+    ) -> None:
+        self.vain = 0
+        """Pairs without a motion since the last one."""
+        self._probe, self._state, self._permission = probe, state, permission
+        self._feedback, self._trip = feedback, trip
+        self._least = probe.least / effort_unit * (1.0 - 1e-9)
+        self._longest_ns = round(1.5e9 * probe.period)
+        self._began_ns = self._last_ns = self._place = self._length = 0
+        self._here = 0.0
+
+    def look(self, t_ns: int) -> None:
+        """Ask, unless it is done already, under enough force.
+
+        To be called in periods in which counts have stood still for a while.
+        """
+        state, permission = self._state, self._permission
+        if permission.pulses is not None or permission.proof is not None or abs(state.target) < self._least:
+            return
+        if state.moved_ns > self._began_ns:
+            self.vain = 0
+        self._began_ns, self._last_ns, self._place, self._here = t_ns, t_ns, -1, state.position
+        self._length = self._probe.periods
+        permission.pulses, permission.unchanged = self.give, False
+
+    def give(self, force: float, bound: float) -> float:
+        """Return the permitted force with its pulse, which stays within `bound`, and book what pulses may give."""
+        probe, permission, state = self._probe, self._permission, self._state
+        t_ns = self._feedback()[T_NS]
+        self._place = self._place + 1 if t_ns - self._last_ns < self._longest_ns else 0
+        self._last_ns, place = t_ns, self._place
+        size, moved = abs(force), state.moved_ns > self._began_ns
+        if size < probe.least * LEAST_LEFT or (moved and place < probe.lead):
+            permission.pulses = None
+            return force
+        if moved and place - probe.lead < self._length:
+            self._length = place - probe.lead
+        lowered = max(0.0, size + probe.effort - bound)
+        permission.given += (probe.effort + lowered) * abs(state.position - self._here)
+        self._here = state.position
+        if place >= probe.pair:
+            permission.pulses = None
+            self._judge(force, moved=moved)
+        return math.copysign(size + self._pulse(place, lowered), force)
+
+    def _pulse(self, place: int, lowered: float) -> float:
+        """Return what is added to the size of the force in a period of the pair [N or N·m]."""
+        probe, since = self._probe, place - self._probe.lead
+        if since < 0:
+            return -lowered * (place + 1) / probe.lead
+        if since >= 2 * self._length:
+            return 0.0
+        return (-probe.effort if since < self._length else probe.effort) - lowered
+
+    def _judge(self, force: float, *, moved: bool) -> None:
+        if moved:
+            return
+        self.vain += 1
+        if self.vain >= PAIRS:
+            self._trip(TripKind.ENCODER_STILL, force, self._probe.effort)
