@@ -231,7 +231,7 @@ def test_feedback_that_is_missing_now_and_then_is_no_reason_to_stop(way: Way) ->
 
 @pytest.mark.parametrize("way", WAYS)
 def test_targets_that_fade_in_a_gap_and_are_never_sent_are_no_reason_to_stop(way: Way) -> None:
-    """On Modbus TCP nothing is sent while an answer is outstanding. A constant torque agrees then and proves nothing."""
+    """On Modbus TCP nothing is sent while an answer is open. A constant torque agrees then, which proves nothing."""
     gaps = {number + more for number in range(700, 4000, 34) for more in range(3)}
     drive = Drive(way, 1000.0, lost=lambda number: number - 1 in gaps)
     assert trip_of(plan_with(constant, 1000.0, profile_of(way)), drive, 4.0, gaps.__contains__) is None

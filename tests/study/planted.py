@@ -183,7 +183,7 @@ PLANTED = {
         ),
     ),
     "work of a force 1 % too large": Planted(
-        "haptic_fieldbus/cycle/energy.py",
+        "haptic_fieldbus/cycle/energy_steps.py",
         "energy += way * (early * older",
         "energy += 1.01 * way * (early * older",
         ("passivity-observer-timing", "passivity-observer-delay", "saturation-ledger"),
