@@ -1,9 +1,9 @@
 """How much of the pure half the tests must cover: `python tests/coverage_gates.py COVERAGE.json TESTS.xml`.
 
 What decides about torque is covered in full, branches included; the rest of the pure half to 95 %. Which modules are
-pure is read from the import contract, so the two cannot drift apart. Only tests of the pure rooms are counted, each for
-its own room (see tracing.py): a line is covered by a test of its own, not by a simulation that happens to pass it. Ends
-with a line that says how many tests passed.
+pure is read from the import contract, so the two cannot drift apart. Only tests of the pure rooms are counted (see
+tracing.py): a line is covered by a test of its own, not by a simulation that happens to pass it. Ends with a line that
+says how many tests passed.
 """
 
 import json

@@ -1,8 +1,9 @@
 """Which lines of the package the tests of the pure rooms run: `python -m pytest -p tests.tracing --coverage FILE`.
 
 Counting lines doubles the time of what is counted. So it is done where it proves something: while the pure half is
-imported, and in the body of each test of a room of the pure half, for the lines of that room and of the modules that
-belong to no room. A line is covered by a test of its own room, not by a simulation that happens to pass it.
+imported, and in the body of tests of the rooms of the pure half. In the rooms that must be covered in full every test
+counts, for the whole pure half. In the others the first case of each test counts, for its own room. A line is covered
+by a test of its own, not by a simulation that happens to pass it.
 """
 
 import pkgutil
@@ -13,9 +14,9 @@ from pathlib import Path
 import pytest
 from coverage import Coverage
 
-from tests.coverage_gates import PROJECT, pure_modules, pure_rooms
+from tests.coverage_gates import FULL, pure_modules, pure_rooms
 
-PACKAGE = PROJECT / "haptic_fieldbus"
+FULL_ROOMS = {module.split(".")[1] for module in FULL}
 
 
 def coverage_beside(file: Path, modules: list[str]) -> Coverage:
@@ -26,14 +27,9 @@ def coverage_beside(file: Path, modules: list[str]) -> Coverage:
     return coverage
 
 
-def of_room(room: str) -> list[str]:
-    """The pure modules of one room, and those that are in none."""
-    return [name for name in pure_modules() if name.split(".")[1] == room or is_single(name)]
-
-
-def is_single(name: str) -> bool:
-    """Whether a module stands in the package itself, in no room."""
-    return (PACKAGE / f"{name.split('.')[1]}.py").exists()
+def counted_in(room: str) -> list[str]:
+    """The modules whose lines the tests of a room count."""
+    return [name for name in pure_modules() if room in FULL_ROOMS or name.split(".")[1] == room]
 
 
 class Tracing:
@@ -45,6 +41,8 @@ class Tracing:
         imports = coverage_beside(file, pure_modules())
         self._counted = {"": imports}
         """By room; without a name what is run while the pure half is imported."""
+        self._seen = set[str]()
+        """Tests of which a case has counted."""
         imports.start()
         import_pure_half()
         imports.stop()
@@ -52,16 +50,22 @@ class Tracing:
     @pytest.hookimpl(wrapper=True, trylast=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
         room = next((self._rooms[path] for path in item.path.parents if path in self._rooms), None)
-        if room is None:
+        if room is None or not self._counts(item, room):
             return (yield)
         if room not in self._counted:
-            self._counted[room] = coverage_beside(self._file, of_room(room))
+            self._counted[room] = coverage_beside(self._file, counted_in(room))
         coverage = self._counted[room]
         coverage.start()
         try:
             return (yield)
         finally:
             coverage.stop()
+
+    def _counts(self, item: pytest.Item, room: str) -> bool:
+        test = item.nodeid.partition("[")[0]
+        is_first = test not in self._seen
+        self._seen.add(test)
+        return is_first or room in FULL_ROOMS
 
     def pytest_sessionfinish(self) -> None:
         for coverage in self._counted.values():
