@@ -6,7 +6,7 @@ from collections import Counter
 import pytest
 
 from tests.mutation.__main__ import ROOMS, ROOMS_OF_CONSTANTS, diff
-from tests.mutation.mutants import chosen, chosen_constants, mutants, scaled
+from tests.mutation.mutants import STATED, chosen, chosen_constants, mutants, scaled
 from tests.mutation.reach import PROJECT, uses
 
 CHANGES = {
@@ -70,6 +70,12 @@ SCALED = {
 def test_quantities_are_changed_by_a_factor_and_names_of_bits_are_left_alone(before: str) -> None:
     made = scaled("haptic_fieldbus/cycle/x.py", before.encode())
     assert {mutant.apply(before.encode()).decode() for mutant in made} == SCALED[before]
+
+
+def test_each_constant_that_a_decision_states_is_there_and_changed_by_a_fifth() -> None:
+    for file, names in STATED.items():
+        made = scaled(file, (PROJECT / file).read_bytes())
+        assert {each.constant for each in made if each.kind == "constant × 1.2"} == set(names), file
 
 
 @pytest.mark.thorough("reads the whole package")

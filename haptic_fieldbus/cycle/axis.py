@@ -275,10 +275,12 @@ class AxisCycle:
             pack_into(output, offset, state.controlword, sign * target)
 
         watched = bind_sign_watch(axis, state, self._period, self.sign.doubt, render)
-        forgive: Callable[[float], None] = lambda energy: self.forgive(energy)  # noqa: E731 - bound late, by the cycle
-        proved = bind_echo(axis, state, self._period, trip, forgive, lambda: self._feedback, watched)
+        proved = bind_echo(axis, state, self._period, trip, self._forgive, lambda: self._feedback, watched)
         proved = bind_other_masters(axis, state, self._period, trip, lambda: self._feedback, proved)
         return in_order((proved, self._check_power)) if math.isfinite(axis.limits.power) else proved
+
+    def _forgive(self, energy: float) -> None:
+        self.forgive(energy)  # looked up late: the cycle sets it once the ledgers are there
 
     def _check_power(self) -> None:
         state, limit = self.state, self._axis.limits.power

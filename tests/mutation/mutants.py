@@ -118,20 +118,9 @@ def scaled(file: str, source: bytes) -> Iterator[Mutant]:
     starts = _starts(source)
     for node, statement, function in _nodes(ast.parse(source), None, None):
         for value, factors, name in _quantities(file, source, node, function):
-            text = ast.unparse(value)
             for kind, form in factors:
-                yield Mutant(
-                    file=file,
-                    line=value.lineno,
-                    kind=kind,
-                    start=starts[value.lineno - 1] + value.col_offset,
-                    end=starts[(value.end_lineno or 0) - 1] + (value.end_col_offset or 0),
-                    text=form.format(text),
-                    first=min(value.lineno, statement.lineno),
-                    last=_lines(statement, value)[1],
-                    at_import=function is None,
-                    constant=name,
-                )
+                change = kind, value, form.format(ast.unparse(value))
+                yield _mutant(file, starts, change, statement, at_import=function is None, constant=name)
 
 
 def _quantities(
@@ -163,23 +152,38 @@ def _starts(source: bytes) -> list[int]:
     return starts
 
 
+def _mutant(
+    file: str,
+    starts: list[int],
+    change: tuple[str, ast.expr | ast.stmt, str],
+    statement: ast.stmt,
+    *,
+    at_import: bool,
+    constant: str = "",
+) -> Mutant:
+    """The mutant of a change: its kind, what is replaced in this statement, and by what text."""
+    kind, target, text = change
+    first, last = _lines(statement, target)
+    return Mutant(
+        file=file,
+        line=target.lineno,
+        kind=kind,
+        start=starts[target.lineno - 1] + target.col_offset,
+        end=starts[(target.end_lineno or 0) - 1] + (target.end_col_offset or 0),
+        text=text,
+        first=first,
+        last=last,
+        at_import=at_import,
+        constant=constant,
+    )
+
+
 def mutants(file: str, source: bytes) -> Iterator[Mutant]:
     """Every change that is known of one module."""
     starts = _starts(source)
     for node, statement, function in _nodes(ast.parse(source), None, None):
-        for kind, target, text in [*_changes(node), *_returned(node, function)]:
-            first, last = _lines(statement, target)
-            yield Mutant(
-                file=file,
-                line=target.lineno,
-                kind=kind,
-                start=starts[target.lineno - 1] + target.col_offset,
-                end=starts[(target.end_lineno or 0) - 1] + (target.end_col_offset or 0),
-                text=text,
-                first=first,
-                last=last,
-                at_import=function is None,
-            )
+        for change in [*_changes(node), *_returned(node, function)]:
+            yield _mutant(file, starts, change, statement, at_import=function is None)
 
 
 def _nodes(
