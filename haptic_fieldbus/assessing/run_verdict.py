@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.numerals import percent, rounded
+from haptic_fieldbus.planning.limits import FELT_SHARE
 
-JUST_NOTICEABLE = 0.08
-"""Smallest difference of forces that a hand can tell, as a share of the force."""
 AVERAGED = 0.05
 """Length of the moving average that separates motion (slower) from ripple (faster) [s]."""
 LAST = 0.5
@@ -68,7 +67,7 @@ def run_verdict(
     else:
         parts = [_felt(scene, effort, hand, felt, felt.contact)]
     if ripple is not None:
-        parts.append("no chatter" if ripple < JUST_NOTICEABLE else f"it chatters: {percent(ripple)} ripple")
+        parts.append("no chatter" if ripple < FELT_SHARE else f"it chatters: {percent(ripple)} ripple")
     if missed:
         parts.append(f"{missed} periods missed")
     return "; ".join(parts) + "."
@@ -93,11 +92,11 @@ def real_verdict(*, effort: str, in_time: float, cut: float, behind: float | Non
 
 def _felt(scene: str, effort: str, hand: str, felt: FeltError, contact: float) -> str:
     to = f" to the hand {hand}" if hand else ""
-    limit = f"the {percent(JUST_NOTICEABLE)} a hand can tell"
+    limit = f"the {percent(FELT_SHARE)} a hand can tell"
     share = f"error {percent(contact)} of the {effort} in {felt.seconds:.2g} s of moving contact"
-    if contact < JUST_NOTICEABLE:
+    if contact < FELT_SHARE:
         return f"Feels like the ideal {scene}{to}: {share}, below {limit}"
-    if felt.shape < JUST_NOTICEABLE:
+    if felt.shape < FELT_SHARE:
         late = f"{rounded(1e3 * felt.late)} ms late"
         return (
             f"Feels like the ideal {scene}{to}, {late}: {share}, {percent(felt.shape)} beside the delay, below {limit}"

@@ -17,7 +17,7 @@ until a count changes its force stays as it is. Of the n periods three parts cou
 loop, within which the force of the motor follows; T·ln(2A/E) at most, 2A/E ≤ 6, until it exceeds friction after −A; and
 the time of the slew limit from −A to +A.
 
-Bound. People cannot tell two forces apart that differ by less than about 8 % (`assessing.run_verdict`), so pulses are
+Bound. People cannot tell two forces apart that differ by less than about 8 % (`limits.FELT_SHARE`), so pulses are
 asked from A/0.08 of force on. Where the force is within A of its limit it is lowered within half a second, as slowly as
 a hand does not notice either, so that −A and +A both stay within the limit.
 
@@ -33,14 +33,13 @@ from dataclasses import dataclass
 from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.numerals import exactly, in_unit, percent, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.limits import FELT_SHARE
 from haptic_fieldbus.signals import Workspace
 
 STILL = 2.0
 """[s] for which counts must stand still under force before the encoder is asked."""
 PAIRS = 5
 """Pairs without a motion that end a run."""
-FELT_SHARE = 0.08
-"""Share of a force by which another one must differ to be told apart."""
 FRICTIONS = 1.5
 """Smallest pulse, in the friction of the rig: it covers half of the friction more than was told."""
 ASKED_COUNTS = 2.0

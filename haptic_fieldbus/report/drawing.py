@@ -10,17 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.assessing.result import Array
+from haptic_fieldbus.planning.limits import FELT_SHARE
 from haptic_fieldbus.signals import Workspace
 
 BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 GREY, INK = "#8a8a8a", "#222222"
 
-FELT = 0.08
-"""Smallest change of a force that a hand can tell, as a share of the force.
-
-Pang, Tan and Durlach measured 7 % from 2.5 to 10 N: Manual discrimination of force using active finger motion,
-Perception & Psychophysics 49 (1991).
-"""
+FELT = FELT_SHARE
 BINS = 900
 """Bins to which a line is thinned; about as many as the picture has columns of pixels for a panel."""
 
