@@ -130,7 +130,7 @@ def test_between_the_samples_of_a_slow_line_nothing_is_missed() -> None:
 @pytest.mark.thorough("whole runs")
 def test_each_wall_is_told_of_by_itself_and_a_stop_on_both_sides() -> None:
     behind = Wall("handle", 100.0, 0.005, side="negative", name="behind")
-    found = told(of(Wall("handle", 600.0, 0.02), behind, Magnet("handle", 1.0, 0.01, 0.5)))
+    found = told(of(Wall("handle", 600.0, 0.02), behind, Magnet("handle", 1.0, 0.01, -0.09)))
     assert set(found.depth) == {"wall", "behind"}
     assert found.depth["wall"] == pytest.approx(found.highest - 0.02)
     assert found.depth["behind"] == pytest.approx(0.005 - found.lowest)

@@ -137,7 +137,7 @@ def test_it_trips_after_gaps_of_any_length(missing: int) -> None:
 @pytest.mark.thorough("another bus")
 def test_it_trips_on_modbus_where_answers_are_lost() -> None:
     scene = scene_with(Harder("handle", 80.0, 1.8))
-    lost = [AnswerLost("answer_lost", 0.7 + 0.25 * k, 2) for k in range(28)]
+    lost = [AnswerLost("answer_lost", 0.7 + 0.25 * k, 1) for k in range(28)]
     bus = "sim-modbus-rtu@115200"
     result = tripped(scene, lost, endless_rig(scene, "generic_cia402_modbus", bus), bus=bus, rate=50.0, hand="sine")
     assert ended(result) < 2.0
