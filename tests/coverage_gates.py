@@ -61,8 +61,8 @@ def measured(gate: Gate, files: dict[str, dict[str, dict[str, int]]]) -> float |
     summaries = [report["summary"] for file, report in files.items() if gate.holds(file)]
     if not summaries:
         return None
-    total = sum(summary["num_statements"] + summary["num_branches"] for summary in summaries)
     run = sum(summary["covered_lines"] + summary["covered_branches"] for summary in summaries)
+    total = run + sum(summary["missing_lines"] + summary["missing_branches"] for summary in summaries)
     return 100.0 * run / total if total else 100.0
 
 

@@ -1,27 +1,58 @@
 """Which lines of the package the tests of the pure rooms run: `python -m pytest -p tests.tracing --coverage FILE`.
 
-Counting lines doubles the time of what is counted. So it is done where it proves something: while the pure half is
-imported, and in the body of each test of a room of the pure half. A line is covered by a test of its own, not by a
-simulation that happens to pass it.
+A line is covered by a test of its own, not by a simulation that happens to pass it. So tests of the rooms of the pure
+half come first, and what later tests run is not counted, nor what runs while tests are collected. Slipcover counts:
+it takes each of its probes out of the code when a line was seen, so that a loop costs no more than without it.
 """
 
+import gc
+import json
 import pkgutil
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from types import CodeType, FunctionType
 
 import pytest
-from coverage import Coverage
+from _pytest.assertion.rewrite import AssertionRewritingHook
+from slipcover.importer import FileMatcher, ImportManager
+from slipcover.slipcover import Slipcover, findlinestarts, merge_coverage
 
-from tests.coverage_gates import pure_modules, pure_rooms
+from tests.coverage_gates import PROJECT, pure_modules, pure_rooms
+
+NOT_CODE = r"^\s*(def .*: )?\.\.\.$"
+"""The body of a Protocol's method."""
+BRANCHES = 1 << 15
+"""Larger numbers of lines are slipcover's marks of branches."""
+MISSES = 1000
+"""So often a probe of a line that was seen already is passed before it is taken out, which takes a while."""
 
 
-def coverage_beside(file: Path) -> Coverage:
-    """Of one process and the pure half alone; what all have counted is beside the report."""
-    coverage = Coverage(data_file=str(file.with_name(".coverage")), data_suffix=True, source_pkgs=pure_modules())
-    # A process that runs a part of the tests reaches a part of the modules; a warning would end it before it saves.
-    coverage.set_option("run:disable_warnings", ["module-not-measured", "no-data-collected"])
-    return coverage
+class Counter(Slipcover):  # type: ignore[misc]
+    """Lines that a module runs when it is imported, and lines and branches that its functions run after `begin`."""
+
+    def __init__(self) -> None:
+        super().__init__(branch=True, d_miss_threshold=MISSES, exclude_also=[NOT_CODE])
+        self._begun = False
+
+    def instrument(self, co: CodeType, parent: CodeType | None = None) -> CodeType:
+        if self._begun:
+            probed: CodeType = super().instrument(co, parent)
+            return probed
+        lines = {line for _, line in findlinestarts(co) if 0 < line < BRANCHES}
+        self.code_lines[co.co_filename] |= lines
+        self.all_seen[co.co_filename] |= lines
+        return co
+
+    def begin(self) -> None:
+        """Put probes into all functions of the imported modules."""
+        self._begun = True
+        files = {module.__file__ for module in self.modules}
+        for function in [each for each in gc.get_objects() if type(each) is FunctionType]:
+            if function.__code__.co_filename in files:
+                super().instrument(function)
 
 
 class Tracing:
@@ -29,24 +60,40 @@ class Tracing:
 
     def __init__(self, file: Path) -> None:
         tests = Path(__file__).parent
+        self._file = file
         self._rooms = {tests / room for room in pure_rooms()}
-        self._coverage = coverage_beside(file)
-        self._coverage.start()
-        import_pure_half()
-        self._coverage.stop()
+        self._counter = Counter()
+        self._ended = False
+        places = [PROJECT / module.replace(".", "/") for module in pure_modules()]
+        sources = [place if place.is_dir() else place.with_suffix(".py") for place in places]
+        with not_rewritten(), ImportManager(self._counter, FileMatcher(sources=sources)):
+            import_pure_half()
 
-    @pytest.hookimpl(wrapper=True, trylast=True)
-    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
-        if self._rooms.isdisjoint(item.path.parents):
-            return (yield)
-        self._coverage.start()
-        try:
-            return (yield)
-        finally:
-            self._coverage.stop()
+    def _pure(self, item: pytest.Item) -> bool:
+        return not self._rooms.isdisjoint(item.path.parents)
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items.sort(key=lambda item: not self._pure(item))
+
+    def pytest_collection_finish(self) -> None:
+        self._counter.begin()
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> None:
+        if not self._pure(item):
+            self._end()
+        elif self._ended:
+            pytest.exit(f"{item.nodeid} runs after tests of other rooms, so that its lines would not be counted", 3)
 
     def pytest_sessionfinish(self) -> None:
-        self._coverage.save()
+        self._end()
+
+    def _end(self) -> None:
+        if not self._ended:
+            counted = self._counter.get_coverage()
+            self._file.with_name(f".coverage.{id(self)}").write_text(json.dumps(counted))
+            self._ended = True
 
 
 class Report:
@@ -55,14 +102,28 @@ class Report:
     def __init__(self, file: Path) -> None:
         self._file = file
         file.parent.mkdir(parents=True, exist_ok=True)
-        for old in file.parent.glob(".coverage*"):
+        for old in self._parts():
             old.unlink()
+
+    def _parts(self) -> list[Path]:
+        return list(self._file.parent.glob(".coverage.*"))
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self) -> None:
-        coverage = coverage_beside(self._file)
-        coverage.combine([str(self._file.parent)])
-        coverage.json_report(outfile=str(self._file))
+        parts = [json.loads(part.read_text()) for part in self._parts()]
+        for other in parts[1:]:
+            merge_coverage(parts[0], other)
+        self._file.write_text(json.dumps(parts[0] if parts else {"files": {}}))
+
+
+@contextmanager
+def not_rewritten() -> Iterator[None]:
+    """Import without pytest's rewriting of assertions, which the package's own modules have none of."""
+    hooks = [finder for finder in sys.meta_path if isinstance(finder, AssertionRewritingHook)]
+    for hook in hooks:
+        sys.meta_path.remove(hook)
+    yield
+    sys.meta_path[:0] = hooks
 
 
 def import_pure_half() -> None:
@@ -77,6 +138,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     file: Path = config.rootpath / config.getoption("coverage")
+    # Otherwise large groups come first, which are not of the pure rooms.
+    config.option.loadscopereorder = False
     worker = hasattr(config, "workerinput")
     if not worker:
         config.pluginmanager.register(Report(file))
