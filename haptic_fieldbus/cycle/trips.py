@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
 from haptic_fieldbus.cycle.start import start_position
@@ -112,10 +113,9 @@ def moment(t_ns: int, enabled_at_ns: int | None) -> str:
     return f"{(t_ns - enabled_at_ns) * 1e-9:.3f} s after operation enabled"
 
 
-def _told_by_bus(flag: LinkFlag) -> "Cause":
-    """Return the cause of a link trip, worded by the protocol of the axis."""
+def _told_by_bus(flag: LinkFlag, trip: Trip, axis: AxisPlan) -> str:
     # The value of a link trip is the code in the header, which only some of the flags have.
-    return lambda trip, axis: axis.traffic.fault_text(flag, int(trip.value), axis.bus_name)
+    return axis.traffic.fault_text(flag, int(trip.value), axis.bus_name)
 
 
 def _power(trip: Trip, axis: AxisPlan) -> str:
@@ -287,7 +287,7 @@ def _drift(trip: Trip, axis: AxisPlan) -> str:
 Cause = Callable[[Trip, AxisPlan], str]
 """Function that words the cause of a trip, as a part of a sentence."""
 CAUSES: dict[TripKind, Cause] = {
-    **{kind: _told_by_bus(flag) for flag, kind in LINK_TRIPS.items()},
+    **{kind: partial(_told_by_bus, flag) for flag, kind in LINK_TRIPS.items()},
     TripKind.DRIVE_FAULT: _power,
     TripKind.DRIVE_DISABLED: _power,
     TripKind.FEEDBACK_LOST: _feedback,

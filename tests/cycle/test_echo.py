@@ -191,6 +191,20 @@ def test_a_drive_that_no_longer_hears_trips_in_time(way: Way, rate: float, name:
     assert longest - 1.5 / rate <= waited <= longest + 21 / rate
 
 
+def test_what_a_drive_gives_while_it_does_not_hear_is_booked() -> None:
+    """For 20 of the 35 ms after which it trips, the drive keeps 150 steps where 60 are sent, and the handle moves."""
+    deaf, speed, plan = range(900, 920), 0.02, plan_with(lambda n: 150 if n < 900 else 60, 1000.0, profile_of("demand"))
+    drive, cycle = Drive("demand", 1000.0, lost=lambda number: number in deaf), Cycle(plan)
+    for number in range(1000):
+        shown, counts = drive.show(), round(min(max(0, number - 900), 30) * 1e-3 * speed / plan.axes[0].position_unit)
+        image = struct.pack("<qIHHHih", number * plan.period_ns, 100_000, 0, 0, ENABLED, counts, shown)
+        drive.take(struct.unpack("<Hh", cycle(image))[1])
+    assert cycle.trip is None
+    (ledger,) = cycle.ledgers
+    # The first of these periods does not count.
+    assert ledger.booked["echo"] == pytest.approx(90 * UNIT * speed * (len(deaf) - 1) * 1e-3, rel=0.15)
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_a_constant_torque_proves_nothing_until_it_changes(way: Way) -> None:
     changes_at = 2500
