@@ -60,7 +60,8 @@ class Increments:
             return math.inf
         spread = spread_of(period, delay, lag)
         along = self.slope * (0.5 * period + delay + lag) + self.damping
-        return 0.5 * (along + math.sqrt(along**2 + self.slope**2 * spread))
+        # A contact without an end is as steep as a float can be, and its square is beyond all floats.
+        return 0.5 * (along + math.hypot(along, self.slope * math.sqrt(spread)))
 
     def rounding_is_bridged(self, plant: Plant, period: float) -> bool:
         """Return whether Coulomb friction takes all that the rounding of the encoder may give."""

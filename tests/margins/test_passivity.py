@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -18,8 +19,11 @@ from haptic_fieldbus.margins import (
     stiffness_limit,
     suggest,
 )
+from haptic_fieldbus.margins.group import Group, Member
+from haptic_fieldbus.margins.increments import Increments
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.passivity import damping_needed
+from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from tests.cases import every
 from tests.loops import BENCH, DELAYS, LAG, PERIOD, sprung_mass, wall, with_damping
 
@@ -194,3 +198,36 @@ class TestSuggestion:
         assert suggest(alone(Plant(0.0, 1.0), PERIOD, 0.0), wall, 1e5, 0.0) == Suggestion(1400.0, None, None), (
             "0.7·2b/T"
         )
+
+
+class TestAContactWithoutEnd:
+    """On a device by numbers nothing limits the depth: a body that stiffens is there as steep as a float can be."""
+
+    @staticmethod
+    def judged(effort: float, depth: float, exponent: float, loss: float = 0.0) -> Stability:
+        element = HuntCrossley("a", effort, depth, exponent=exponent, loss=loss)
+        member = Member("a", Plant(0.38, 0.803), 0.0, (element,), None, "backward-difference")
+        return Group((member,), (), PERIOD).stability
+
+    def test_a_body_that_stiffens_with_the_third_power_is_not_passive(self) -> None:
+        found = self.judged(0.0451, 0.378e-3, 3.8)
+        assert found.verdict is not Verdict.PASSIVE
+        assert found.stiffness_limit.passive == 0.0
+
+    @pytest.mark.thorough("judges 200 bodies")
+    def test_no_drawn_body_overflows(self) -> None:
+        random = np.random.default_rng(26)
+        for _ in range(200):
+            effort, depth = 10.0 ** random.uniform(-2.0, 2.5), 10.0 ** random.uniform(-4.0, -1.0)
+            found = self.judged(effort, depth, random.uniform(1.0, 4.0), random.choice([0.0, 0.5]))
+            assert math.isfinite(found.spectral_radius)
+            assert found.verdict in Verdict
+
+    @pytest.mark.parametrize("slope", [1e3, 1e153, 1e160, 1e300])
+    @pytest.mark.parametrize("delay", [0.0, 0.4e-3])
+    def test_the_damping_that_it_needs_is_that_of_forty_digits(self, slope: float, delay: float) -> None:
+        with mpmath.workdps(40):
+            along = mpmath.mpf(slope) * (mpmath.mpf(0.5 * PERIOD) + delay)
+            spread = mpmath.mpf(delay) * (PERIOD - delay)
+            needed = (along + mpmath.sqrt(along**2 + mpmath.mpf(slope) ** 2 * spread)) / 2
+        assert Increments(slope, 0.0).damping_needed(PERIOD, delay, 0.0) == pytest.approx(float(needed), rel=1e-9)
