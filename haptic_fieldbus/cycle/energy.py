@@ -17,7 +17,8 @@ doi:10.1002/(SICI)1097-4563(199701)14:1<37::AID-ROB4>3.0.CO;2-V). So from one mo
 with the largest force Fa of elements that are active by intention (they are bounded by power, speed and travel, not
 here), and the energy that memories such as a friction's bristle can hold. A loop that gives more than that and a limit
 is active, and the run ends. All of it is said of the measured motion alone, so it holds on any bench and in any hand;
-what friction takes is not granted, and stays a margin.
+what friction takes is not granted, and stays a margin. K is the slope of the linear model. Where some place is steeper,
+as deep in a body that stiffens, K is the largest slope between the places of the period and of the sample behind it.
 
 Accounts. Credit does not outlive a contact: each contact, from the first force in one direction to the last, opens an
 account of its own, in which nothing counts that a damper took before. Elements that cannot state what they hold from
@@ -372,7 +373,7 @@ class LawAccount:
             ledger.terms, self._places, self._here, self._forces, forces, strict=True
         ):
             way = here - there
-            stiffness = terms.damping / (terms.age * ledger.period)
+            stiffness = terms.damping_between(min(there, here), max(there, here)) / (terms.age * ledger.period)
             self._energy += way * (0.5 * (before + force) - LIPSCHITZ * stiffness * way) - terms.active * abs(way)
         if self._energy > ledger.tally.largest + ledger.memory.reserve:
             self._energy, self.origin = ledger.remaining(self._energy, self.origin, self._here)

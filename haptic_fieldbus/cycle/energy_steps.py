@@ -26,7 +26,8 @@ class _Side:
     unit: float
     most: float
     """Largest force that is permitted."""
-    last: float
+    places: deque[float]
+    """Positions from which the force that acted in the period was computed, and those of its way; the newest first."""
     acting: float = 0.0
     """Force at the end of the period."""
     changed: float = 0.0
@@ -40,14 +41,23 @@ class _Side:
     def passed(self) -> float:
         """Take in the period that has passed, and return the work that was done on the handle in it [J]."""
         state, before = self.port.state, self.acting
-        here = state.position
-        self.way, self.last = here - self.last, here
+        self.way = state.position - self.last
+        self.places.appendleft(state.position)
         if self.by_law and state.steps > 1:
             return self._led()
         self.sent.appendleft(state.force if self.by_law else state.target * self.unit)
         self.acting = acting = self.sent.pop()
         self.changed = changed = acting - before
         return self.way * (acting - self.share * changed)
+
+    @property
+    def last(self) -> float:
+        """Return the last position [m or rad]."""
+        return self.places[0]
+
+    def damping(self, terms: AxisTerms) -> float:
+        """Return the damping that makes up for the leak of the period, where the handle was [N·s/m or N·m·s/rad]."""
+        return terms.damping_between(min(self.places), max(self.places)) if terms.by_place else terms.damping
 
     def _led(self) -> float:
         """Take in a way of several periods, through which the law was led; nothing leaks on it."""
@@ -70,15 +80,18 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
     share = shares(port.axis, ledger.period)[1]
     early, late = share * unit, (1.0 - share) * unit
     last, older, energy, side, kept, settles = state.position, 0, 0.0, 0, 0, True
-    leak = active = limit = 0.0
+    behind, leak, active, limit = last, 0.0, 0.0, 0.0
+    terms = ledger.terms[0]
     ledger.open((last,))
 
     def step() -> None:
-        nonlocal last, older, energy
+        nonlocal last, behind, older, energy, leak
         before, here = state.target, state.position
         if here != last:
             way = here - last
-            last = here
+            if terms.by_place:  # the force of the period was computed behind its way
+                leak = terms.damping_between(min(here, last, behind), max(here, last, behind)) / ledger.period
+            last, behind = here, last
             energy += way * (early * older + late * before - leak * way) - (
                 active * way if way > 0.0 else -active * way
             )
@@ -92,10 +105,11 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
 
     def begin(before: int) -> None:
         """Contact is left or begins: open another account. While another force is sent: judge the law, each period."""
-        nonlocal energy, side, kept, settles, leak, active, limit
+        nonlocal energy, side, kept, settles, terms, leak, active, limit
         if ledger.changing:
             ledger.tick((last,))
-            leak, active = ledger.terms[0].damping / ledger.period, ledger.terms[0].active
+            terms = ledger.terms[0]
+            leak, active = terms.damping / ledger.period, terms.active
             if before * kept > 0 and ledger.reason is None:
                 side, settles = 0 if ledger.changing else kept, ledger.changing
                 return
@@ -108,7 +122,8 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
         ledger.open((last,))
         energy, settles = 0.0, ledger.reason is not None or ledger.changing
         side, kept = 0 if settles else before, before
-        leak, active = ledger.terms[0].damping / ledger.period, ledger.terms[0].active
+        terms = ledger.terms[0]
+        leak, active = terms.damping / ledger.period, terms.active
         limit = ledger.tally.limit + ledger.memory.reserve
 
     def judge() -> None:
@@ -153,7 +168,8 @@ def bind_tied(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodSt
 def _side(port: LedgerAxis, ledger: Ledger) -> _Side:
     whole, share = shares(port.axis, ledger.period)
     by_law, unit, most = ledger.memory.silence > 0, port.axis.effort_unit, port.axis.limits.effort
-    return _Side(port, deque([0.0] * whole), share, by_law, unit, most, port.state.position)
+    places = deque([port.state.position] * (whole + 3), maxlen=whole + 3)
+    return _Side(port, deque([0.0] * whole), share, by_law, unit, most, places)
 
 
 class _Account:
@@ -175,11 +191,11 @@ class _Account:
             if side.by_law:
                 self._given += side.changed * side.way * terms.age
                 if side.port.state.steps > 1:  # each period of the straight line is off by as much as a way of its own
-                    stiffness, way = terms.damping / (terms.age * self._ledger.period), side.way
+                    stiffness, way = side.damping(terms) / (terms.age * self._ledger.period), side.way
                     self._given -= stiffness * way * way / side.port.state.steps
                 self._given -= self._begun(side, terms)
             else:
-                self._granted += terms.damping / self._ledger.period * side.way * side.way
+                self._granted += side.damping(terms) / self._ledger.period * side.way * side.way
         energy = self._given - self._granted
         if energy > self._ledger.tally.largest + self._ledger.memory.reserve:
             self._given = self._granted + self._ledger.judge(energy, self._positions)
@@ -283,13 +299,13 @@ class _Controller:
             off = off or not -side.most <= side.port.state.force <= side.most
             free = free and not side.acting
             granted += terms.active * abs(side.way)
-            most += LEAKS * terms.damping * side.way * side.way
+            most += LEAKS * side.damping(terms) * side.way * side.way
         floor = -math.inf if ledger.memory.silence else -ledger.memory.reserve
         self._excess = 0.0 if off or free else max(floor, self._excess + work + self._stored - before - granted)
         most /= ledger.period  # the energy that the whole damping takes in a period
         share = min(1.0, self._excess / (RECOVERY * most)) if most and self._excess > 0.0 else 0.0
         for side, terms in zip(sides, ledger.terms, strict=True):
-            side.port.sensed.damped = -share * LEAKS * terms.damping * side.way / ledger.period
+            side.port.sensed.damped = -share * LEAKS * side.damping(terms) * side.way / ledger.period
         if share:
             tally = ledger.tally
             tally.taken += share * most

@@ -4,20 +4,32 @@ The theory is at the beginning of `cycle.energy`.
 """
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from haptic_fieldbus.margins.group import connected
+from haptic_fieldbus.margins.terrain import EVERYWHERE, terrain
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.limits import ENERGY_LIMIT, LARGEST_MISSING_SHARE
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.scenes.element import Active, AnyElement, CouplingElement, Element, Reserving, Storing
+from haptic_fieldbus.scenes.element import (
+    Active,
+    AnyElement,
+    CouplingElement,
+    Element,
+    Reserving,
+    Storing,
+    is_varying,
+)
 
 TWIST = 2.0
 """The twist of two axes is at most the sum of their motions, and its square twice the sum of their squares."""
+BESIDE = 2.0
+"""Effort limits up to which slopes are looked at where another element may push against those that have places."""
 
 
 def energy_limit(axis: AxisPlan) -> float:
@@ -37,6 +49,19 @@ def forgiven_limit(axis: AxisPlan) -> float:
 
 
 @dataclass(frozen=True)
+class ByPlace:
+    """A damping on each interval of the travel; n edges [m or rad] make n + 1 intervals."""
+
+    edges: tuple[float, ...]
+    dampings: tuple[float, ...]
+    """K·(T/2 + td + λ) with the largest slope K on the interval [N·s/m or N·m·s/rad]."""
+
+    def largest(self, low: float, high: float) -> float:
+        """Return the largest damping between two positions."""
+        return max(self.dampings[bisect_left(self.edges, low) : bisect_right(self.edges, high) + 1])
+
+
+@dataclass(frozen=True)
 class AxisTerms:
     """Terms of one axis: what may be given per way of a period, and the damping that makes up for the leak."""
 
@@ -46,6 +71,12 @@ class AxisTerms:
     """K·(T/2 + td + λ), the damping that takes what the held force of stiffness K leaks [N·s/m or N·m·s/rad]."""
     age: float
     """Mean age of the force, T/2 + td + λ, in periods: a force that changes leaks its change times way and age."""
+    by_place: tuple[ByPlace, ...] = ()
+    """That damping by place, where an element is steeper than its linear model; the largest counts."""
+
+    def damping_between(self, low: float, high: float) -> float:
+        """Return the damping that makes up for the leak between two positions [N·s/m or N·m·s/rad]."""
+        return max([each.largest(low, high) for each in self.by_place]) if self.by_place else self.damping
 
 
 @dataclass(frozen=True)
@@ -62,19 +93,53 @@ def axis_terms(
     axis: AxisPlan, elements: Sequence[Element], couplings: Iterable[CouplingElement], period: float
 ) -> AxisTerms:
     """Return the terms of an axis under these elements, and those of the couplings that act on it; `period` in s."""
-    stiffness = sum(max(-float(element.linearised().d[0, 0]), 0.0) for element in elements)
-    for coupling in couplings:
-        if axis.name in coupling.axes:
-            place = coupling.axes.index(axis.name)
-            stiffness += TWIST * abs(float(coupling.linearised().d[place, 2 * place]))
+    tied = [each for each in couplings if axis.name in each.axes]
+    stiffness = sum(map(_stiffness, elements)) + sum(_twisted(each, axis.name) for each in tied)
     active = sum(element.strongest for element in elements if isinstance(element, Active))
     age = 0.5 * period + axis.delay.total
-    return AxisTerms(active, stiffness * age, age / period)
+    return AxisTerms(active, stiffness * age, age / period, _by_place(axis, elements, tied, stiffness, age))
+
+
+def _stiffness(element: Element) -> float:
+    """Return the stiffness of the linear model of an element [N/m or N·m/rad]."""
+    return max(-float(element.linearised().d[0, 0]), 0.0)
+
+
+def _twisted(coupling: CouplingElement, axis: str) -> float:
+    """Return the stiffness with which a coupling acts on one of its axes, for its share in the twist."""
+    place = coupling.axes.index(axis)
+    return TWIST * abs(float(coupling.linearised().d[place, 2 * place]))
+
+
+def _by_place(
+    axis: AxisPlan, elements: Sequence[Element], tied: Sequence[CouplingElement], stiffness: float, age: float
+) -> tuple[ByPlace, ...]:
+    """Return the damping by place where an element is steeper than its linear model; `stiffness` is the sum of these.
+
+    A body that stiffens with depth is such an element. It is as steep as the effort limit lets it be.
+    """
+    varying = [each for each in elements if is_varying(each)]
+    if not varying:
+        return ()
+    is_alone = len(varying) == len(elements) and not tied
+    effort, travel = axis.limits.effort * (1.0 if is_alone else BESIDE), axis.limits.position or EVERYWHERE
+    ground = terrain(varying, travel, effort)
+    steepest = np.maximum(ground.between.most_stiffness.sum(axis=0), 0.0)
+    slopes = np.where(ground.between.smallest_force < (1.0 - 1e-9) * effort, steepest, 0.0)
+    slopes += stiffness - sum(map(_stiffness, varying))
+    if slopes.max() <= stiffness * (1.0 + 1e-9):
+        return ()
+    edges = tuple(place for place in ground.position.tolist() if travel[0] < place < travel[1])
+    return (ByPlace(edges, tuple((slopes * age).tolist())),)
 
 
 def larger_of(one: AxisTerms, other: AxisTerms) -> AxisTerms:
     """Return terms that allow for either of two sets of elements."""
-    return AxisTerms(max(one.active, other.active), max(one.damping, other.damping), max(one.age, other.age))
+    by_place: tuple[ByPlace, ...] = ()
+    if one.by_place or other.by_place:
+        by_place = tuple(each for terms in (one, other) for each in terms.by_place or (ByPlace((), (terms.damping,)),))
+    active, damping = max(one.active, other.active), max(one.damping, other.damping)
+    return AxisTerms(active, damping, max(one.age, other.age), by_place)
 
 
 def memory_terms(elements: Iterable[AnyElement], period: float) -> MemoryTerms:

@@ -5,12 +5,14 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis, Tally
+from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis, Tally, shares
 from haptic_fieldbus.cycle.energy_steps import bind_ledger
 from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.numerics.linear import StateSpace, gain
+from haptic_fieldbus.planning.energy import axis_terms, larger_of
 from haptic_fieldbus.scenes.element import Element
+from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal
@@ -401,3 +403,61 @@ def test_a_force_with_pulses_is_judged_as_that_of_the_scene() -> None:
     contact(bench, source=0.02)
     assert bench.trips
     assert bench.tally.booked == {}
+
+
+BODY = HuntCrossley("handle", effort=0.18, depth=0.01, exponent=2.0)
+"""Its linear model has 36 N/m; at the deepest place of a blow it is eight times as stiff."""
+DEEPEST = 0.08
+
+
+def blow(bench: Bench, source: float = 0.0) -> tuple[float, float]:
+    """A half sine into the body and out of it within 60 ms, harder on the way out by a force that gives `source` [J].
+
+    Return the work of the held force, by sums over the samples, and the largest force [N].
+    """
+    sent, work, last = [0.0] * 4, 0.0, 0.0
+    whole, share = shares(bench.ledger.axes[0], PERIOD)
+    for k in range(-5, 70):
+        x = DEEPEST * math.sin(math.pi * k / 60) if 0 <= k <= 60 else -0.001
+        work += (x - last) * ((1.0 - share) * sent[-1 - whole] + share * sent[-2 - whole]) if k > -5 else 0.0
+        force = BODY.force(x) - (source / DEEPEST if k > 30 and x > 0.0 else 0.0)
+        sent.append(force)
+        last = x
+        bench.move(x, force)
+    return work, max(map(abs, sent))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.56, 1.7])
+def test_a_body_that_stiffens_is_granted_the_leak_of_the_slope_where_the_handle_is(delay: float) -> None:
+    bench = Bench(BODY, delay * PERIOD)
+    work, most = blow(bench)
+    assert work > 3.0 * bench.ledger.axes[0].limits.energy
+    assert most < bench.ledger.axes[0].limits.effort
+    assert bench.tally.largest < 0.02 * work
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.56, 1.7])
+def test_a_source_in_a_body_that_stiffens_is_seen(delay: float) -> None:
+    """Of 20 mJ all but what the slopes are rounded up by, which the leak of the blow is granted."""
+    bench = Bench(BODY, delay * PERIOD)
+    leak, _ = blow(Bench(BODY, delay * PERIOD))
+    blow(bench, source=0.02)
+    assert 0.02 - 0.25 * leak < bench.tally.largest < 0.02 * 1.1
+
+
+def test_a_body_that_stiffens_is_judged_by_its_slope_while_another_force_is_sent() -> None:
+    bench = Bench(BODY)
+    bench.loosen(fade=1.0)
+    blow(bench)
+    assert bench.tally.largest < 1e-4
+
+
+def test_terms_of_two_sets_are_those_of_the_steeper_one_at_each_place() -> None:
+    (axis,) = plan_of(scene_of(BODY)).axes
+    body, wall = (axis_terms(axis, (each,), (), PERIOD) for each in (BODY, WALL))
+    both = larger_of(body, wall)
+    for place in (-0.01, 0.01, 0.15, 0.5):
+        pairs = [each.damping_between(place, place + 1e-4) for each in (body, wall)]
+        assert both.damping_between(place, place + 1e-4) == max(pairs)
+    assert body.damping_between(-0.01, -0.01) == 0.0
+    assert not larger_of(wall, wall).by_place

@@ -7,7 +7,7 @@ from itertools import accumulate, pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy import interp
+from numpy import geomspace, interp
 from scipy.integrate import quad
 
 from haptic_fieldbus.cycle.cycle import Cycle
@@ -18,7 +18,10 @@ from haptic_fieldbus.planning.limit_table import limit_rows
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.friction import Friction
+from haptic_fieldbus.scenes.hunt_crossley import HuntCrossley
 from haptic_fieldbus.scenes.inertia import Inertia
+from haptic_fieldbus.scenes.magnet import Magnet
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import plan_of, rig_of, scene_of
 
@@ -152,3 +155,47 @@ def test_the_trapezoid_of_a_law_is_off_by_a_quarter_of_its_slope_at_most(parts: 
 def test_a_law_that_turns_in_the_middle_is_off_by_all_of_it() -> None:
     law = lipschitz((0.0, 0.5, 1.0), 1.0)
     assert 0.5 * (law(0.0) + law(1.0)) - quad(law, 0.0, 1.0, points=[0.5])[0] == pytest.approx(-LIPSCHITZ)
+
+
+BODY = HuntCrossley("handle", effort=0.18, depth=0.01, exponent=2.0)
+"""At its depth it has 36 N/m; where it pushes with the limit of 50 N, at 0.17 m, 601 N/m."""
+
+
+def test_the_leak_of_a_body_is_granted_at_its_slope_at_each_depth() -> None:
+    """n·k·dⁿ⁻¹·(T/2 + td), never less, and at most a third more, until its push is so small that no leak matters."""
+    (axis,) = plan_of(scene_of(BODY)).axes
+    terms = axis_terms(axis, axis.elements, (), PERIOD)
+    reach = 0.01 * (axis.limits.effort / 0.18) ** 0.5
+    for depth in geomspace(0.002, 0.999 * reach, 60):
+        exact = 36.0 * depth / 0.01 * terms.age * PERIOD
+        assert exact <= terms.damping_between(depth, depth) <= 1.35 * exact
+    deep = terms.damping_between(0.1, 0.1)
+    assert terms.damping_between(-0.1, 0.1) == deep
+    assert terms.damping_between(-0.1, -0.05) == 0.0
+    assert terms.damping_between(1.1 * reach, 2.0 * reach) == 0.0  # there the effort limit cuts the push
+
+
+def test_beside_another_element_the_body_is_looked_at_beyond_the_effort_limit() -> None:
+    """Friction holds against it there, and has a slope of its own."""
+    friction = Friction("handle", coulomb=1.0, stiffness=500.0)
+    (axis,) = plan_of(scene_of(BODY, friction)).axes
+    terms = axis_terms(axis, axis.elements, (), PERIOD)
+    reach = 0.01 * (axis.limits.effort / 0.18) ** 0.5
+    assert terms.damping_between(1.1 * reach, 1.1 * reach) > (500.0 + 36.0 * 1.1 * reach / 0.01) * terms.age * PERIOD
+    assert terms.damping_between(-0.1, -0.1) == pytest.approx(500.0 * terms.age * PERIOD)
+
+
+def test_where_the_linear_model_is_the_steepest_it_counts_everywhere() -> None:
+    for element in (Wall("handle", 600.0), Magnet("handle", 2.0, 0.01), Friction("handle", 1.0, 500.0)):
+        (axis,) = plan_of(scene_of(element)).axes
+        terms = axis_terms(axis, axis.elements, (), PERIOD)
+        assert not terms.by_place
+        assert terms.damping_between(-0.1, -0.1) == terms.damping
+
+
+def test_the_travel_ends_the_places() -> None:
+    limits = Limits(position=(-0.05, 0.05))
+    (axis,) = plan_of(scene_of(BODY), rig=rig_of(scene_of(BODY), limits=limits)).axes
+    (places,) = axis_terms(axis, axis.elements, (), PERIOD).by_place
+    assert all(-0.05 < edge < 0.05 for edge in places.edges)
+    assert len(places.dampings) == len(places.edges) + 1
