@@ -6,14 +6,15 @@ is the computer. Printed for each start: how it ended, the time stolen by other 
 latenesses.
 
 With the right to SCHED_FIFO two things must hold. No start ends because feedback was too old or periods were late,
-unless the timer itself was later than the age that trips less 5 ms, or its own gaps in some second, rated as the loop
-rates its own (Σs²/Σs over gaps of s periods), were as bad as those that ended the run; such a start is told and not
-counted. And the lateness of the loop, of all starts together, is at most 1.5 times that of the timer (99.9 %). Exit
+unless the timer itself was later than the age that trips less 5 ms, or its own gaps, rated as the loop rates its own
+(`cycle.gaps`: what they cost at their worst timing), were as bad as those that ended the run; such a start is told and
+not counted. And the lateness of the loop, of all starts together, is at most 1.5 times that of the timer (99.9 %). Exit
 status 1 otherwise.
 """
 
 import argparse
 import json
+import math
 import os
 import re
 import signal
@@ -25,6 +26,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +68,8 @@ class Start:
     age: dict[str, float]
     missed: int
     rights: tuple[str, ...]
+    force_age: float
+    """Mean age of the force in the run, in periods; gaps cost less stiffness where it is larger."""
     capped: int = 0
     """Periods in which a cap after a gap in the feedback cut the force [%]."""
     less: float = 0.0
@@ -80,7 +84,7 @@ class Start:
     def counted(self) -> bool:
         """Whether the timer itself was in time."""
         ended = STRETCHED.search(self.words)
-        stretched = ended is not None and worst_stretch(self.timer) >= ALIKE * float(ended.group(1))
+        stretched = ended is not None and worst_stretch(self.timer, self.force_age) >= ALIKE * float(ended.group(1))
         return not stretched and float(self.timer.max(initial=0.0)) <= 1e6 * (TRIP_AGE - TO_SPARE)
 
 
@@ -99,15 +103,17 @@ def main() -> int:
     return judged(starts)
 
 
-def worst_stretch(lateness: Array) -> float:
-    """Return the largest Σs²/Σs of any second, of a thread that begins so late [µs] and skips what it missed."""
-    steps = 1.0 + lateness // (1e6 / RATE)
-    ends, squares = np.cumsum(steps), np.cumsum(steps**2)
-    first = np.searchsorted(ends, ends - RATE, side="right")
-    before = np.where(first > 0, squares[first - 1], 0.0), np.where(first > 0, ends[first - 1], 0.0)
-    periods = ends - before[1]
-    missing = np.maximum(0.0, RATE - periods)  # of a window that is not full yet: periods in time
-    return float(np.max((squares - before[0] + missing) / (periods + missing), initial=1.0))
+def worst_stretch(lateness: Array, force_age: float) -> float:
+    """Return the largest stretch that the loop would see, of a thread that begins so late [µs] and skips the missed."""
+    from haptic_fieldbus.cycle.gaps import Gaps
+
+    gaps, worst, t_ns = Gaps(1.0 / RATE, force_age, math.inf), 1.0, 0
+    for steps in (1 + (lateness // (1e6 / RATE)).astype(int)).tolist():
+        t_ns += steps * PERIOD_NS
+        if steps > 1:
+            gaps.note(t_ns, steps)
+            worst = max(worst, gaps.stretch)
+    return worst
 
 
 def told(start: Start) -> str:
@@ -202,7 +208,14 @@ def outcome(status: int, said: str, complaint: str, loop: Array, timer: Array, s
         0.0 if (found := each.search(words)) is None else float(found.group(1)) for each in (CAPPED, LESSENED)
     )
     rights_told = tuple(rights_texts(rights))
-    return Start(status, " ".join(last.split()), stolen, loop, timer, age, missed, rights_told, int(lost), less)
+    words = " ".join(last.split())
+    return Start(status, words, stolen, loop, timer, age, missed, rights_told, force_age(figures), int(lost), less)
+
+
+def force_age(figures: dict[str, Any]) -> float:
+    """Return the mean age of the force in periods, by the stability that a run tells; ½ where it tells none."""
+    told = figures.get("stability") or {"delay_s": 0.0, "period_s": 1.0, "plant": {"torque_lag": 0.0}}
+    return 0.5 + float(told["delay_s"] + told["plant"]["torque_lag"]) / float(told["period_s"])
 
 
 def _loaded(path: Path) -> Array:

@@ -78,7 +78,7 @@ GUARDS = {
     ),
     "gaps beyond the margin": _cycle(
         "gaps",
-        "return len(self._gaps) >= FEWEST_GAPS and self.stretch > self._margin",
+        "return len(self._last) >= FEWEST_GAPS and self.stretch > self._largest",
         "return False",
         "test_a_loop_is_given_up_when_its_margin_is_used_up",
         of="tests/cycle/test_gaps.py",

@@ -57,8 +57,7 @@ class AxisWatch:
         self._jump = axis.limits.jump(period, axis.resolution) - 2.0 * axis.resolution
         self._oldest_ns = self._limits.age * 1e9
         self._lowest, self._highest = axis.limits.position or (-math.inf, math.inf)
-        margin = None if axis.stability is None else axis.stability.margin
-        self._gaps = Gaps(period, margin if margin is not None and margin > 1.0 else math.inf)
+        self._gaps = Gaps(period, 0.5 + axis.delay.total / period, axis.largest_stretch)
 
     def link(self, feedback: Sequence[int], elapsed_ns: int, rendering: bool, age_before_ns: int) -> int:
         """Return how many periods this sample spans, 0 when it is not new; trip on faults of the link.

@@ -5,7 +5,20 @@ periods is one linear map, the product of the maps of its periods, and its eigen
 (Floquet). A force is older the longer it is held, so the gaps count by their squares. With the times T_i between
 samples, light damping and no delay,
 
-    K < 2·b·ΣT_i/ΣT_i².
+    K < 2·b·ΣT_i/ΣT_i²
+
+where the gaps fall on all phases of the oscillation alike. Gaps that fall once in each half turn do not. The worst
+timing is bounded so. A spring K, whose force has the mean age A = T/2 + td + λ, leaves b' = b − K·A of the damping of
+the device. Let V = ½·m·v² + ½·K·x² + ½·b'·x·v. For light damping V' = −b'/m·V at every phase, while no sample is
+missing. A force that is held for s periods is older, on average by (s − 1)·T/2, whatever td and λ. So it gives
+½·K·T²·(s² − s)·v² more than in s single periods. v² is at most 2·V/m, so the gap multiplies V by exp(K·T²·(s² − s)/m)
+at most. V falls while all these exponents together are below b'/m times the time that passes, which is T·Σs:
+
+    K·(A + T·q) < b,  q = Σ(s² − s)/Σs,  that is  K < K₀/(1 + q·T/A)
+
+with K₀ = b/A, the limit without gaps. Where gaps are rare, half of q counts on average: without delay that is the bound
+above. Tests draw devices, delays, dampers and patterns, and the eigenvalues of none that this permits are above 1; the
+first that grow have 1.1 times its q.
 """
 
 from collections.abc import Sequence

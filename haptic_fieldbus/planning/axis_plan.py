@@ -16,7 +16,7 @@ from haptic_fieldbus.numerals import in_unit, percent
 from haptic_fieldbus.numerics.sampled import TACHOMETER
 from haptic_fieldbus.planning.guards import cap_reason, check_guarded
 from haptic_fieldbus.planning.image import canonical
-from haptic_fieldbus.planning.limits import HOLDING_SHARE, EffortLimits, check_places, limits_of
+from haptic_fieldbus.planning.limits import GAP_SHARE, HOLDING_SHARE, EffortLimits, check_places, limits_of
 from haptic_fieldbus.planning.scales import plant_of, position_steps, rated_effort, torque_unit
 from haptic_fieldbus.protocols.protocol import FieldbusProtocol
 from haptic_fieldbus.protocols.registry import protocol_named
@@ -125,6 +125,12 @@ class AxisPlan:
             return ""
         value = in_unit(self.limits.effort, self.workspace.effort_unit)
         return f"{self.workspace.effort_name} limited to {value}, {percent(HOLDING_SHARE)} of rated torque: {reason}"
+
+    @property
+    def largest_stretch(self) -> float:
+        """Factor by which gaps in the feedback may divide the stiffness limit; infinity without a margin above 1."""
+        margin = None if self.stability is None else self.stability.margin
+        return 1.0 + GAP_SHARE * (margin - 1.0) if margin is not None and margin > 1.0 else math.inf
 
     @property
     def velocity_unit(self) -> float:

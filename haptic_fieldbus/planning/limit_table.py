@@ -12,7 +12,7 @@ from enum import Enum
 from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import encoder_probe
-from haptic_fieldbus.planning.limits import FIRST_SHARE, FIRST_SPEED, START_SHARE
+from haptic_fieldbus.planning.limits import FIRST_SHARE, FIRST_SPEED, LARGEST_MISSING_SHARE, START_SHARE
 from haptic_fieldbus.planning.sign_probe import sign_probe
 
 
@@ -49,6 +49,7 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         *_asked(axis, period),
         LimitRow("feedback missing", 2.0 * period, "s", Reaction.FADE),
         LimitRow("age of feedback", limits.age, "s", Reaction.DISABLE),
+        *_gaps(axis, period),
         LimitRow("speed", limits.speed, f"{length}/s", Reaction.DISABLE),
         LimitRow("acceleration", limits.acceleration, f"{length}/s²", Reaction.DISABLE),
         LimitRow("jump in a period", limits.jump(period, axis.resolution), length, Reaction.DISABLE),
@@ -75,6 +76,13 @@ def _asked(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         force = axis.workspace.effort_unit
         yield LimitRow("pulses that ask the encoder", probe.effort, force, Reaction.CLAMP)
         yield LimitRow("force on an encoder that stands still", probe.least, force, Reaction.DISABLE, probe.time)
+
+
+def _gaps(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
+    # With a fifth of the samples missing, gaps that are as long as feedback may be old cost this at most.
+    most = 1.0 + LARGEST_MISSING_SHARE * axis.limits.age / (0.5 * period + axis.delay.total)
+    if axis.largest_stretch < most:
+        yield LimitRow("gaps that divide the stiffness limit by", axis.largest_stretch, "", Reaction.DISABLE)
 
 
 def _range(axis: AxisPlan) -> Iterator[LimitRow]:
@@ -106,4 +114,4 @@ def recommended_limits(axis: AxisPlan) -> str:
 
 def _text(row: LimitRow) -> str:
     time = f" after {exactly(row.time)} s" if row.time else ""
-    return f"{row.name} {in_unit(row.value, row.unit)}{time}"
+    return f"{row.name} {in_unit(row.value, row.unit).rstrip()}{time}"

@@ -64,6 +64,8 @@ ENERGY_LIMIT = 0.005
 """[J] that the loop may give beyond everything that is granted: at a handle of 0.6 kg 0.13 m/s."""
 LARGEST_MISSING_SHARE = 0.2
 """Share of the samples of a second that may be missing, whatever the stability margin."""
+GAP_SHARE = 0.9
+"""Share of the stability margin above 1 that gaps in the feedback may use up at their worst timing; the rest damps."""
 AGE_SHARE = 0.6
 """Share of the drive's own guard at which feedback is too old."""
 SOON_SHARE = 0.5

@@ -52,6 +52,7 @@ STATED = {
         "ENERGY_LIMIT",
         "START_SHARE",
         "LARGEST_MISSING_SHARE",
+        "GAP_SHARE",
     ),
     "haptic_fieldbus/planning/sign_probe.py": ("GROWTH",),
     "haptic_fieldbus/cycle/gaps.py": ("WINDOW",),

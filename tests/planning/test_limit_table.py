@@ -15,7 +15,8 @@ from haptic_fieldbus.planning.limit_table import LimitRow, Reaction, limit_rows,
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.plan_json import plan_json
 from haptic_fieldbus.protocols.canopen.bus import CanSection
-from tests.builders import PROFILE, VELOCITY_ONLY, WALL, plan_of, rig_of
+from haptic_fieldbus.scenes.wall import Wall
+from tests.builders import PROFILE, VELOCITY_ONLY, WALL, plan_of, rig_of, scene_of
 
 RATED = 0.4 / (0.05 / (2 * math.pi))
 """[N]: 0.4 N·m at 50 mm a turn."""
@@ -85,6 +86,31 @@ def test_a_limit_that_is_not_there_is_not_shown() -> None:
     assert "acceleration" not in {row.name for row in limit_rows(unknown.axes[0], unknown.period)}
 
 
+GAPS = "gaps that divide the stiffness limit by"
+
+
+def test_gaps_may_use_up_nine_tenths_of_the_margin_above_one() -> None:
+    (axis,) = plan_of().axes
+    assert axis.stability is not None
+    assert axis.stability.margin is not None
+    assert rows()[GAPS].value == pytest.approx(1.0 + 0.9 * (axis.stability.margin - 1.0))
+    assert GAPS not in {row.name for row in limit_rows(replace(axis, stability=None), 1e-3)}
+
+
+def test_a_margin_that_no_gaps_can_use_up_is_not_told() -> None:
+    """A fifth missing, in gaps of 30 ms, divides the limit by 1 + 0.2·30 ms over the mean age of the force."""
+    most = 1.0 + 0.2 * 0.03 / (0.0005 + plan_of().axes[0].delay.total)
+    for stiffness, told in ((600.0, True), (60.0, False)):
+        (axis,) = plan_of(scene_of(Wall("handle", stiffness))).axes
+        assert (GAPS in {row.name for row in limit_rows(axis, 1e-3)}) is told
+        assert (axis.largest_stretch < most) is told
+
+
+def test_a_scene_above_its_limit_has_no_margin_for_gaps() -> None:
+    (axis,) = plan_of(scene_of(Wall("handle", 60000.0))).axes
+    assert axis.largest_stretch == math.inf
+
+
 @pytest.mark.parametrize("profile", [PROFILE, VELOCITY_ONLY])
 def test_the_plan_shows_every_limit_in_words_and_in_json(profile: object) -> None:
     plan = plan_of(profile=profile)  # type: ignore[arg-type]
@@ -93,5 +119,5 @@ def test_the_plan_shows_every_limit_in_words_and_in_json(profile: object) -> Non
     expected = list(limit_rows(plan.axes[0], plan.period))
     assert [entry["limit"] for entry in shown if isinstance(entry, dict)] == [row.name for row in expected]
     for row in expected:
-        assert f"{row.name} {in_unit(row.value, row.unit)}" in text
+        assert f"{row.name} {in_unit(row.value, row.unit)}".rstrip() in text
     assert {row.reaction for row in expected} == set(Reaction)
