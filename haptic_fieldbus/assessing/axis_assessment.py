@@ -19,6 +19,7 @@ from haptic_fieldbus.assessing.traces import Traces
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.selection import Selection
+from haptic_fieldbus.scenes.element import Eventful
 from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:  # imported for its type alone: a scene without couplings never loads it
@@ -93,7 +94,15 @@ class AxisAssessment:
         if not found.ideal_rms_contact:
             return FeltError(None, 0.0, 0.0, 0.0)
         ideal = found.ideal_rms_contact
-        return FeltError(found.error_rms_contact / ideal, found.shape_rms_contact / ideal, found.late, seconds)
+        acting = (*self.axis.elements, *self.axis.couplings)
+        return FeltError(
+            found.error_rms_contact / ideal,
+            found.shape_rms_contact / ideal,
+            found.late,
+            seconds,
+            found.energy_generated,
+            by_event=all(isinstance(each, Eventful) and each.by_event for each in acting),
+        )
 
     @property
     def trace(self) -> Trace | None:

@@ -63,6 +63,11 @@ class BrakingPulse:
 
         return pulse
 
+    @property
+    def by_event(self) -> bool:
+        """Return True: each pulse begins with a crossing."""
+        return True
+
     def stored(self, position: float) -> float:
         """Return 0 J: what a damper takes is gone."""
         return 0.0

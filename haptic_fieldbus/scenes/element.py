@@ -205,6 +205,15 @@ class Phased(Protocol):
 
 
 @runtime_checkable
+class Eventful(Protocol):
+    """An element whose force may come from events alone; it may then come a little late (`assessing.run_verdict`)."""
+
+    @property
+    def by_event(self) -> bool:
+        """Whether it gives no force but for a while after an event, such as a crossing of a position."""
+
+
+@runtime_checkable
 class Paced(Protocol):
     """An element with a parameter that follows from the period of the loop when it is left out."""
 

@@ -1,13 +1,20 @@
 """A force that is late is told apart from one of another shape, on pulses in closed form."""
 
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from haptic_fieldbus import run
 from haptic_fieldbus.assessing.error_sums import ErrorFigures, ErrorSums
 from haptic_fieldbus.assessing.lateness import Lateness
+from haptic_fieldbus.scenes.braking_pulse import BrakingPulse
+from haptic_fieldbus.scenes.catalogue import load_scene, scene_names
+from haptic_fieldbus.scenes.element import Eventful
+from haptic_fieldbus.scenes.wall import Wall
 
 Array = NDArray[np.float64]
 PERIOD, TRANSPORT, LAG = 1e-3, 4e-4, 1.6e-4
@@ -52,3 +59,31 @@ def test_a_force_of_another_size_is_no_late_one(factor: float) -> None:
 def test_a_delay_that_the_loop_cannot_have_is_an_error_of_shape() -> None:
     found = figures(pulse(TRANSPORT + 2.0 * PERIOD, LAG))
     assert found.shape_rms_contact > 0.4 * found.ideal_rms_contact
+
+
+LONG_PULSES = {"braking_pulse.duration": 0.1, "braking_pulse.damping": 10.0}
+
+
+def test_pulses_may_come_a_little_late() -> None:
+    verdict = run("braking_pulse", hand="shake", settings=LONG_PULSES, duration=2.0).verdict
+    assert verdict is not None
+    told = re.match(
+        r"Feels like the ideal braking pulse .*, ([\d.]+) ms late \(people notice it from 5\.5 ms\)", verdict
+    )
+    assert told is not None
+    assert 0.4 < float(told[1]) < 1.6
+
+
+@pytest.mark.thorough("another run")
+def test_pulses_beside_a_wall_may_not() -> None:
+    """Where an element acts for as long as it is touched, all of the error counts."""
+    scene = load_scene("braking_pulse")
+    beside = replace(scene, elements=(*scene.elements, Wall("handle", 20.0, position=0.09)))
+    verdict = run(beside, hand="shake", settings=LONG_PULSES, duration=2.0).verdict
+    assert verdict is not None
+    assert re.match(r"Feels different .* of it beside the delay of", verdict)
+
+
+def test_of_the_library_only_pulses_come_from_events_alone() -> None:
+    elements = (each for name in scene_names() for each in load_scene(name).elements)
+    assert {type(each) for each in elements if isinstance(each, Eventful) and each.by_event} == {BrakingPulse}

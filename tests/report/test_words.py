@@ -159,12 +159,29 @@ def test_a_verdict_tells_its_error_in_plain_digits(share: float, shown: str) -> 
             "Feels like the ideal wall to the hand push: error 2 % of the force in 0.4 s",
         ),
         (
-            FeltError(0.5, 0.02, 0.0007, 0.4),
-            "Feels like the ideal wall to the hand push, 0.7 ms late: error 50 % of the",
+            FeltError(0.5, 0.02, 0.0007, 0.4, 0.012, by_event=True),
+            "Feels like the ideal wall to the hand push, 0.7 ms late (people notice it from 5.5 ms): error 50 % of "
+            "the force in 0.4 s of moving contact, 2 % beside the delay, below the 8 % a hand can tell; the loop added "
+            "12 mJ.",
         ),
         (
-            FeltError(0.5, 0.2, 0.0007, 0.4),
-            "Feels different from the ideal wall to the hand push: error 50 % of the force",
+            FeltError(0.5, 0.02, 0.0056, 0.4, 0.012, by_event=True),
+            "Feels different from the ideal wall to the hand push: error 50 % of the force in 0.4 s of moving contact, "
+            "2 % of it beside the delay of 5.6 ms, above the 8 % a hand can tell; the loop added 12 mJ.",
+        ),
+        (
+            FeltError(0.12, 0.022, 0.0107, 0.4, 0.049),
+            "Feels different from the ideal wall to the hand push: error 12 % of the force in 0.4 s of moving contact, "
+            "2.2 % of it beside the delay of 10.7 ms, above the 8 % a hand can tell; the loop added 49 mJ.",
+        ),
+        (
+            FeltError(0.12, 0.022, 0.0007, 0.4, 0.049),
+            "Feels different from the ideal wall to the hand push: error 12 % of the force",
+        ),
+        (
+            FeltError(0.5, 0.2, 0.0007, 0.4, -0.003, by_event=True),
+            "Feels different from the ideal wall to the hand push: error 50 % of the force in 0.4 s of moving contact, "
+            "above the 8 % a hand can tell; the loop took 3 mJ.",
         ),
         (FeltError(None, 0.0, 0.0, 0.0), "Not judged: the handle rested whenever the wall acted with the hand push."),
         (None, "The handle met nothing: no contact in this run with the hand push."),

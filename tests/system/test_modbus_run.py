@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 
@@ -24,13 +25,24 @@ def axis(bus: str, node: int, profile: str = "generic_cia402_modbus") -> RigAxis
 
 
 @pytest.mark.thorough("whole runs", quick=1)
-@pytest.mark.parametrize(("bus", "hand"), [(TCP, "push"), (RTU, "tap")])
-def test_half_the_limit_is_rendered_as_a_wall(bus: str, hand: str) -> None:
+@pytest.mark.parametrize(
+    ("bus", "hand", "feels"),
+    [(TCP, "push", "Feels like the ideal wall"), (RTU, "tap", "Feels different from the ideal wall")],
+)
+def test_half_the_limit_is_rendered_as_a_wall(bus: str, hand: str, feels: str) -> None:
+    """A serial line is 10.7 ms late: a wall of the right shape that a hand feels as another one."""
     result = run("wall", bus=bus, settings=HALF, hand=hand, duration=2.0)
     assert (result.trips, result.missed_cycles) == ((), 0)
     assert result.torque_error is not None
     assert result.verdict is not None
-    assert result.verdict.startswith("Feels like the ideal wall")
+    assert result.verdict.startswith(feels)
+    if bus == RTU:
+        told = re.search(
+            r"([\d.]+) % of it beside the delay of 10\.7 ms, above .*; the loop added ([\d.]+) mJ", result.verdict
+        )
+        assert told is not None
+        assert result.energy_generated is not None
+        assert (float(told[1]) < 8.0, float(told[2])) == (True, pytest.approx(1e3 * result.energy_generated, rel=0.01))
     assert math.fsum(result.torque_error.by_source.values()) == pytest.approx(1.0, abs=1e-9)
 
 
