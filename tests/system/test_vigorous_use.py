@@ -86,11 +86,11 @@ def test_a_blow_of_60_n_on_a_body_that_stiffens_goes_on(monkeypatch: pytest.Monk
     stability = plan(scene, rig=endless_rig(scene)).axis("handle").stability
     assert stability is not None
     assert stability.verdict is Verdict.PASSIVE
-    (ledger,) = run(scene, endless_rig(scene), hand=BLOW.name, duration=1.5).passivity
+    (ledger,) = run(scene, endless_rig(scene), hand=BLOW.name, duration=1.3).passivity
     assert ledger.largest < 0.1 * ledger.limit
 
 
-@pytest.mark.thorough("200 runs of 1.6 s", quick=("3",))
+@pytest.mark.thorough("200 runs of 1.6 s")
 @pytest.mark.parametrize("seed", range(USES))
 def test_vigorous_use_does_not_trip(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene, hand = drawn(seed)
