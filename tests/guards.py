@@ -220,7 +220,7 @@ GUARDS = {
         "safety",
         "bounded(permission.proof(force), unseen)",
         "bounded(force, effort)",
-        "test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled",
+        "test_a_doubt_about_one_limits_the_other_as_well_until_contact_is_left",
         of=TIED,
     ),
     "a wrong sign": _cycle(
@@ -268,7 +268,14 @@ GUARDS = {
         "sign",
         "self._doubted()",
         "pass",
-        "test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled",
+        "test_a_doubt_about_one_limits_the_other_as_well_until_contact_is_left",
+        of=TIED,
+    ),
+    "the cap when a doubt is over": _cycle(
+        "sign",
+        "if permission.fade > 0.0:",
+        "if False:",
+        "test_a_doubt_about_one_limits_the_other_as_well_until_contact_is_left",
         of=TIED,
     ),
     "the cap of an axis whose sign is known": _cycle(

@@ -199,16 +199,17 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
         if report.cycles and gaps.lessened >= WORTH_TELLING * report.cycles:
             yield _lessened(axis, gaps, gaps.lessened / report.cycles)
         asked, stalls = cycle.asked(axis.name), cycle.stalls(axis.name)
-        # What a stall capped is told by itself.
-        if share >= WORTH_TELLING and (not stalls or asked > axis.limits.effort):
+        doubts = cycle.doubts(axis.name)
+        # What a stall or a doubt capped is told by itself.
+        if share >= WORTH_TELLING and (not (stalls or doubts) or asked > axis.limits.effort):
             yield _clipped(axis, share, asked)
         if report.cycles and (unseen := cycle.unseen(axis.name)) is not None:
             yield _unseen(axis, unseen, cycle.broken_off(axis.name))
-        if doubts := cycle.doubts(axis.name):
+        if doubts:
             yield (
                 f"axis {axis.name}: the motion went against the torque {doubts} times, as by a blow of the hand; "
                 f"then at most {in_unit(axis.limits.before_sign, axis.workspace.effort_unit)} was given until the sign "
-                "was seen again"
+                "was seen again, and then until contact was left"
             )
         if stalls:
             yield _stood_still(axis, stalls, plan.period)

@@ -223,7 +223,9 @@ class Ledger:
                     return SIGN
                 if permission.fade < 1.0:
                     return FADE_IN
-                return STALL if math.isfinite(permission.cap) and not permission.after_gap else GAP
+                if permission.after_gap or math.isinf(permission.cap):
+                    return GAP
+                return SIGN if permission.after_doubt else STALL
         return None
 
     @property

@@ -7,8 +7,9 @@ three gates, in this order:
 1. The limit. It rises from 0 to the effort limit of the axis within the fade-in time, and bounds the force from both
    sides. The limit fades in, not the force, so that a large force at the start grows no faster than a small one could.
 2. What a disturbance leaves until contact is left, that is until the scene asks for no force or for one in the other
-   direction. After a long gap in the feedback, and after counts that stood still under torque for long, a cap: the
-   force stays at or below it. After a short gap a deficit, which is taken from what the scene asks for.
+   direction. After a long gap in the feedback, after a doubt about the sign, and after counts that stood still under
+   torque for long, a cap: the force stays at or below it. After a short gap a deficit, which is taken from what the
+   scene asks for.
 3. The slew limit, which bounds the change from one period to the next whatever the first two gates do.
 
 Between the second and the third gate pulses may be added that ask an encoder whose counts stand still
@@ -157,6 +158,8 @@ class Permission:
     gaps: GapTally = field(default_factory=GapTally)
     after_gap: bool = False
     """Whether the present cap is that of a gap."""
+    after_doubt: bool = False
+    """Whether the present cap is that of a doubt about the sign."""
     loosened: Callable[[], None] = _nothing
     """Tells the energy ledger that from now on another force may be sent than that of the law."""
 
@@ -177,7 +180,7 @@ class Permission:
 
     def cap_at(self, cap: float, side: float) -> None:
         """Permit no more than `cap` in the direction `side` until contact is left."""
-        self.cap, self.side, self.after_gap = cap, side, False
+        self.cap, self.side, self.after_gap, self.after_doubt = cap, side, False, False
         self.loosen()
 
     def cap_after_gap(self, cap: float, side: float) -> None:
@@ -185,6 +188,11 @@ class Permission:
         self.gaps.long += 1
         self.cap_at(cap, side)
         self.after_gap, self.blind = True, False
+
+    def cap_after_doubt(self, cap: float) -> None:
+        """Permit no more than `cap` until the contact is left in which the handle is now, if it is in one."""
+        self.cap_at(min(self.cap, cap), 0.0)
+        self.after_doubt = True
 
     def begin_gap(self) -> None:
         """A second period passes without feedback."""

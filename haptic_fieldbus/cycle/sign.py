@@ -81,11 +81,17 @@ class Sign:
         self._permission.loosen()
 
     def permit(self, t_ns: int) -> None:
-        """Let the force rise to its limit, from what a hand may hold on: the sign of all axes is seen."""
+        """Let the force rise to its limit, from what a hand may hold on: the sign of all axes is seen.
+
+        After a doubt the handle may be deep in contact, where little force has let it go: the cap stays until it is
+        out.
+        """
         if self._state.permitted_ns is None:
-            limits = self._axis.limits
-            self._permission.proof, self._state.permitted_ns = None, t_ns
-            self._permission.fade = min(1.0, limits.before_sign / limits.effort)
+            limits, permission = self._axis.limits, self._permission
+            permission.proof, self._state.permitted_ns = None, t_ns
+            if permission.fade > 0.0:  # force was permitted before, so that this ends a doubt
+                permission.cap_after_doubt(limits.before_sign)
+            permission.fade = min(1.0, limits.before_sign / limits.effort)
 
     def doubt(self) -> None:
         """Look for the sign again, while no axis gives more than a hand may hold: motion went against the torque."""

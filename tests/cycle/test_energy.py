@@ -268,7 +268,8 @@ def test_a_way_that_was_not_seen_is_none_of_the_law() -> None:
 
 
 @pytest.mark.parametrize(
-    ("permitted", "reason"), [("proof", "sign"), ("fade", "fade-in"), ("cap", "stall"), ("gap", "gap")]
+    ("permitted", "reason"),
+    [("proof", "sign"), ("doubt", "sign"), ("fade", "fade-in"), ("cap", "stall"), ("gap", "gap")],
 )
 def test_what_is_forgiven_has_the_name_of_its_reason(permitted: str, reason: str) -> None:
     bench = Bench(WALL)
@@ -277,6 +278,8 @@ def test_what_is_forgiven_has_the_name_of_its_reason(permitted: str, reason: str
         bench.permission.loosen()
     elif permitted == "fade":
         bench.loosen()
+    elif permitted == "doubt":
+        bench.permission.cap_after_doubt(1.0)
     elif permitted == "cap":
         bench.permission.cap_at(1.0, -1.0)
     else:

@@ -1,5 +1,6 @@
 """The watch on the sign while a scene runs: a mass moved by random torques, and what a doubt does."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,8 @@ PERIOD = 1e-3
 AXIS = plan_of().axes[0]
 assert AXIS.plant is not None
 MASS = AXIS.plant.mass
+RATED = 0.4 * 2.0 * math.pi / 0.05
+"""[N]"""
 TORQUES = np.repeat(np.random.default_rng(1).choice([-20.0, 20.0], 100), 20)
 """[N], of which each lasts for 20 periods."""
 
@@ -88,12 +91,27 @@ def test_a_doubt_permits_little_until_pulses_have_decided(sign: float) -> None:
     assert max(map(abs, given)) <= AXIS.limits.holding
     assert len(given) < 300
     assert (trips, seen) == (([], [True]) if sign > 0.0 else ([TripKind.SIGN], []))
+    permission.cap = 1.0
     subject.permit(7)
+    assert permission.cap == 1.0, "of a gap before; a larger one does not take its place"
+    permission.cap, handle.state.permitted_ns = math.inf, None
+    subject.permit(7)
+    assert permission.cap == pytest.approx(0.05 * RATED)
     assert (permission.proof, handle.state.permitted_ns) == (None, 7)
     assert permission.fade == pytest.approx(AXIS.limits.holding / AXIS.limits.effort)
     permission.fade = 0.8
     subject.permit(9)
     assert (permission.fade, handle.state.permitted_ns) == (0.8, 7), "it was permitted before"
+
+
+def test_the_first_time_that_a_sign_is_seen_leaves_no_cap() -> None:
+    """Else a constant force, which never leaves contact, would never be more than a hand may hold."""
+    permission = Permission()
+    subject = Sign(AXIS, PERIOD, AxisState(), permission, lambda *_: None, lambda: None, lambda: None)
+    subject.hold()
+    subject.permit(7)
+    assert permission.cap == math.inf
+    assert permission.fade == pytest.approx(0.05)
 
 
 def test_forces_of_two_axes_wait_until_both_signs_are_seen() -> None:

@@ -85,7 +85,7 @@ def test_after_a_short_gap_both_go_on_from_the_same_force() -> None:
     assert left - before == pytest.approx(without - seen, abs=1)
 
 
-def test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled() -> None:
+def test_a_doubt_about_one_limits_the_other_as_well_until_contact_is_left() -> None:
     shaft = Shaft()
     for counts in range(TURNED, FAR, 2):
         before = shaft.torques(counts)
@@ -101,9 +101,12 @@ def test_a_doubt_about_one_limits_the_other_as_well_until_it_is_settled() -> Non
     targets = shaft.torques(FAR)
     assert max(map(abs, targets)) <= HOLDING + 2, "it fades in from there"
     for _ in range(FADED_IN):
-        targets = shaft.torques(FAR)
-    assert targets == (-targets[1], targets[1])
-    assert targets[1] > 2 * HOLDING
+        assert shaft.torques(FAR) == pytest.approx((-HOLDING, HOLDING), abs=1), "until contact is left"
+    for counts in range(FAR, -FAR, -2):
+        left, right = shaft.torques(counts)
+        assert left == -right
+        assert counts < 0 or abs(left) <= HOLDING
+    assert left > 2 * HOLDING, "on the other side it is whole again"
 
 
 @pytest.mark.parametrize("unseen", ["left", "right"])

@@ -21,6 +21,7 @@ from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import HANDS, Hand, Piece
+from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from tests.builders import can_traffic
 
 TURN, STROKE, ARM = math.pi, 0.03, 1e6
@@ -68,6 +69,8 @@ class Outcome:
     error: HapticFieldbusError | None
     began_ns: int
     """Operation enabled; 0 for a run that failed."""
+    motions: dict[str, Trajectory]
+    """True motion of each axis, and the targets of its motor."""
 
     @property
     def contradicted(self) -> bool:
@@ -108,9 +111,9 @@ def rendered(plan: Plan, hand: Hand | None, these: Sequence[faults.Fault] = (), 
         error = raised
     finally:
         bus.close()
+    motions = {axis.name: world.trajectory(axis.node) for axis in plan.axes}
     torques = {
-        axis.name: float(np.abs(world.trajectory(axis.node).targets()[1]).max(initial=0.0))
-        / (axis.rig.rated_torque or 1)
+        axis.name: float(np.abs(motions[axis.name].targets()[1]).max(initial=0.0)) / (axis.rig.rated_torque or 1)
         for axis in plan.axes
     }
-    return Outcome(plan, cycle, torques, error, began_ns)
+    return Outcome(plan, cycle, torques, error, began_ns, motions)

@@ -20,7 +20,7 @@ from haptic_fieldbus.planning.task import Task
 from haptic_fieldbus.scenes.catalogue import scene_names
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.hand import HANDS
+from haptic_fieldbus.sim.hand import HANDS, Hand, Piece
 from tests.builders import VELOCITY_ONLY, WALL, canopen, endless_rig, plan_of, rig_of, shipped
 from tests.system.sign_bench import HELD_BY, REVERSED, SMALL, rendered, unseen_plan, unseen_rig
 
@@ -31,6 +31,8 @@ ROUNDING = 1e-9
 PULSES = 5.0 * 0.05 / (2.0 * math.pi) / 0.4
 """Share of rated torque of the largest pulses on the shipped bench: 5 N."""
 SHARE = 0.15
+METRES, WALL_AT = 0.05 / (2.0 * math.pi), 0.02
+"""[m/rad] of the shipped bench; where the scene `wall` has it [m]."""
 SOFT = {"end_stop.stiffness": 50.0}
 """Of the scene `constant`; stable at 50 Hz."""
 
@@ -246,3 +248,24 @@ def test_a_blow_of_the_hand_raises_a_doubt_at_most(scene: str, force: float, las
     blow = faults.HandHit("hand_hit", 1.5, force, lasting)
     outcome = rendered(select(Task(scene)).plan, HANDS["push"], [blow], seconds=3.5)
     assert not outcome.contradicted
+
+
+@pytest.mark.thorough("8 s of a run")
+def test_a_blow_deep_into_a_wall_never_throws_the_handle_out_again() -> None:
+    """100 N for 20 ms while 6 N lean on the wall; the hand lets go 1.5 s later, half a second after the sign was seen.
+
+    Until the handle is out the motor gives no more than while the sign was looked for, 5 % of rated torque.
+    """
+    hand = Hand("push", (Piece(0.0, 0.0, 12.0), Piece(0.5, 6.0))).hitting(1.5, 100.0, 0.02).letting_go(3.0)
+    outcome = rendered(select(Task("wall", rig=endless_rig("wall"))).plan, hand, seconds=8.0)
+    assert outcome.error is None
+    assert outcome.cycle.doubts("handle") == 1
+    (axis,) = outcome.plan.axes
+    seen_ns, trajectory = outcome.cycle.permitted_ns("handle"), outcome.motions["handle"]
+    assert seen_ns is not None
+    at_ns, torques = trajectory.targets()
+    place = METRES * trajectory.sample(at_ns)[0]
+    deep = (at_ns > seen_ns) & (np.minimum.accumulate(np.where(at_ns > seen_ns, place, 1.0)) > WALL_AT)
+    assert place[deep].max() > 0.5, "where the wall asks for hundreds of newtons"
+    assert place[-1] < WALL_AT, "the hand let go, and 2.5 N brought the handle out"
+    assert np.abs(torques[deep]).max() <= 0.05 * 0.4 + 1e-9, "[N·m] at the motor"
