@@ -42,13 +42,13 @@ class Trial(Task):
     """Time from *operation enabled* to the full limit of the force [s]."""
     seed: int = DEFAULT_SEED
     """Seed of all random numbers of the simulation."""
-    faults: str | Path | Sequence[Fault] = ()
+    faults: str | Path | Sequence[Fault] | None = None
     """Faults of the simulated bench (`haptic_fieldbus.sim.faults`), the file that lists them, or `random@SEED`."""
     record: str | Path | None = None
     """File to record to: frames (.log, .blf) or the rows of all periods (.csv), by its suffix."""
     force: bool = False
     """Run even if the loop would be unstable, or its bench is unknown."""
-    changes: "Changes | Sequence[Scheduled]" = ()
+    changes: "Changes | Sequence[Scheduled] | None" = None
     """New settings for the running scene at seconds from *operation enabled*."""
     prove: bool = False
     """Prove the guards of the drives at zero torque before the run, whether they are proved already or simulated."""
@@ -133,13 +133,13 @@ def run(trial: Trial) -> Result:
     )
 
 
-def faults_for(source: str | Path | Iterable[Fault], duration: float, plan: Plan) -> tuple[Fault, ...]:
+def faults_for(source: str | Path | Iterable[Fault] | None, duration: float, plan: Plan) -> tuple[Fault, ...]:
     """Return the faults of a run; those of a seed fall between enabling and the end, and are such as its buses have.
 
     Raises FaultFileError or UsageError.
     """
     if not isinstance(source, str | Path):
-        return tuple(source)
+        return tuple(source or ())
     from haptic_fieldbus.sim.faults.drawing import drawn, seed_of
 
     seed = seed_of(str(source))
@@ -178,7 +178,7 @@ def _checked(selection: Selection, trial: Trial) -> "Changes | None":
     try:
         if not trial.force:
             check_stable(selection.plan)
-        if isinstance(trial.changes, Sequence) and not trial.changes:
+        if trial.changes is None or (isinstance(trial.changes, Sequence) and not trial.changes):
             # Nothing more is imported for a run in which nothing changes.
             return None
         from haptic_fieldbus.running.changes import Changes

@@ -70,3 +70,8 @@ def test_the_python_api_takes_the_fields_of_its_value(name: str) -> None:
 @pytest.mark.parametrize("asked", [*VALUES.values(), SignalRequest], ids=lambda asked: asked.__name__)
 def test_every_argument_has_a_kind(asked: type) -> None:
     assert {field.name for field in fields(asked)} <= set(KINDS)
+
+
+def test_a_run_takes_none_as_no_faults_and_no_changes() -> None:
+    """As for `record`, `hand` and `settings`: a script passes on what its user did not give."""
+    assert haptic_fieldbus.run("wall", duration=0.002, hand="none", faults=None, changes=None).cycles == 2
