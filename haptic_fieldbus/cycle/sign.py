@@ -5,8 +5,8 @@ all its pulses and pairs agree; then the sign is seen, or the run ends. As soon 
 little, the next stage begins.
 
 Torque grows from stage to stage while nothing moves, and no more in an attempt in which something moved. After the last
-stage the scene goes on within `holding` for a second, and the last stage is tried again. Three attempts in which
-nothing moved end the run as a refusal. Missing feedback spoils the pair in which it falls: the handle is left to come
+stage the scene goes on within `holding` for a second, and the last stage is tried again. Three attempts in which the
+handle stood still end the run as a refusal; one that a hand moves meanwhile is not at a stop. Missing feedback spoils the pair in which it falls: the handle is left to come
 to rest, and that pair is repeated, so that gaps which come more often than a stage is long do not keep a proof from its
 end. In a scene of several axes force rises when the sign of all has been seen, and a doubt about one of them limits
 all.
@@ -129,7 +129,10 @@ class SignProof:
         """Periods that are left of a pause of the proof, and of one before a stage in which nothing is given."""
         self._stages, self._number = probe.stages, 0
         self._again, self._still, self._moved = again, 0, False
-        """Attempts in a row in which nothing moved, and whether something has in the present one."""
+        """Attempts in a row in which nothing moved, and whether pulses moved something in the present one."""
+        self._from: float | None = None
+        self._far = 0.0
+        """Place at the begin of the present attempt, and how far from it the handle was in it."""
         self._positions: list[float] = []
         """Of the periods since the handle was last left to come to rest."""
         self._kept = 0
@@ -153,7 +156,7 @@ class SignProof:
         if self._quiet:
             self._quiet -= 1
             return 0.0
-        self._positions.append(self._state.position)
+        self._follow(self._state.position)
         self._look(self._stage)
         return self._torque(self._stage)
 
@@ -169,6 +172,13 @@ class SignProof:
         """Begin the stage, after a while in which the handle comes to rest."""
         self._shown, self._times = [], []
         self._rest()
+
+    def _follow(self, position: float) -> None:
+        """Note where the handle is while pulses are given."""
+        self._positions.append(position)
+        if self._from is None:
+            self._from = position
+        self._far = max(self._far, abs(position - self._from))
 
     def _rest(self) -> None:
         """Let the handle come to rest, and go on after the last whole pair."""
@@ -240,9 +250,10 @@ class SignProof:
     def _fail(self) -> None:
         """All stages were in vain: pause, then try the last one again, and larger torques if nothing moves."""
         self.failures += 1
-        self._still = 0 if self._moved else self._still + 1
+        last, self._number = self._stage, 0
+        self._still = 0 if self._moved or self._far >= self._probe.least(last) else self._still + 1
         self._pause = math.ceil(PAUSE / self._probe.period)
-        last, self._number, self._moved = self._stage, 0, False
+        self._moved, self._from, self._far = False, None, 0.0
         self._stages = (last, *(stage for stage in self._probe.stages if stage.effort > last.effort))
         if self._still >= ATTEMPTS and not self._again:
             self._trip(TripKind.SIGN_HIDDEN, float(self._still), self._probe.largest)

@@ -235,3 +235,13 @@ def test_the_signs_of_the_pulses_cancel_what_grows_evenly() -> None:
     assert sum(signs[:4]) == sum(sign * number for number, sign in enumerate(signs[:4])) == 0.0
     assert sum(sign * number**2 for number, sign in enumerate(signs)) == 0.0
     assert sum(signs[:6]) == 0.0, "so that the handle comes back"
+
+
+@pytest.mark.parametrize(("speed", "refused"), [(0.0, True), (1e-5, True), (0.005, False), (-0.2, False)])
+def test_a_handle_that_a_hand_moves_is_never_refused_as_one_that_nothing_moves(speed: float, refused: bool) -> None:
+    """Evenly [m/s], so that no pulse shows; at 10 µm/s it goes less than a count within an attempt."""
+    watched = Watched()
+    for period in range(9000):
+        watched.give(speed * period * PERIOD)
+    assert watched.proof.failures > ATTEMPTS
+    assert (TripKind.SIGN_HIDDEN in watched.trips) is refused

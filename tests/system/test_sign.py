@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus import run
-from haptic_fieldbus.drive.mechanics import Mechanics, Stribeck
+from haptic_fieldbus.drive.mechanics import Mechanics, Stribeck, Weight
 from haptic_fieldbus.drive.rig import Permissions, Seen
 from haptic_fieldbus.errors import PlanError, SafetyTripError
 from haptic_fieldbus.planning.plan import Plan
@@ -81,6 +81,42 @@ def test_a_sign_that_friction_hides_is_told_with_what_to_do() -> None:
     assert "2.51 N" in warning
 
 
+def weighted(newtons: float) -> Plan:
+    """A bench on which a weight pulls the handle, as on an upright axis; friction alone holds 0.25 N."""
+    return unseen_plan(Task("wall"), simulation=Mechanics(gravity=Weight(newtons * METRES)))
+
+
+@pytest.mark.thorough("54 runs", quick=1)
+@pytest.mark.parametrize("wrong", [None, *REVERSED])
+@pytest.mark.parametrize("hand", ["held still", "held hard", "led"])
+@pytest.mark.parametrize("weight", [-12.0, -5.0, -0.5, 0.5, 5.0, 12.0])
+def test_a_weight_on_a_handle_that_is_held_neither_hides_nor_turns_its_sign(
+    weight: float, hand: str, wrong: str | None
+) -> None:
+    outcome = rendered(weighted(weight), HELD_BY[hand], [] if wrong is None else [REVERSED[wrong]], seconds=0.3)
+    assert outcome.contradicted is (wrong is not None)
+    assert outcome.limited is (wrong is not None)
+    if wrong is not None:
+        assert outcome.largest <= PULSES + ROUNDING
+
+
+@pytest.mark.thorough("72 runs")
+@pytest.mark.parametrize("wrong", [None, *REVERSED])
+@pytest.mark.parametrize("dropped_at", [0.005, 0.02, 0.04, 0.07])
+@pytest.mark.parametrize("weight", [-12.0, -5.0, -1.0, 1.0, 5.0, 12.0])
+def test_a_handle_that_is_dropped_amid_the_pulses_never_shows_a_wrong_sign(
+    weight: float, dropped_at: float, wrong: str | None
+) -> None:
+    """A hand held the weight until then [s after operation enabled]."""
+    hand = Hand("held still", mass=1000.0, release=dropped_at)
+    outcome = rendered(weighted(weight), hand, [] if wrong is None else [REVERSED[wrong]], seconds=1.0)
+    if wrong is None:
+        assert not outcome.contradicted
+    else:
+        assert outcome.contradicted or outcome.limited
+        assert outcome.largest <= PULSES + ROUNDING
+
+
 def stuck(permissions: Permissions) -> Plan:
     """A bench with a friction of 12.6 N, a quarter of rated torque."""
     return unseen_plan(Task("wall"), coulomb_friction=0.1, permissions=permissions)
@@ -145,6 +181,38 @@ def test_drawn_benches_show_their_sign_or_stay_limited(seed: int) -> None:
         outcome = rendered(plan, hand, [wrong], seconds=3.0)
         assert outcome.contradicted or outcome.limited
         assert outcome.largest <= PULSES
+
+
+@pytest.mark.thorough("every scene, held in every way", quick=1)
+@pytest.mark.parametrize("hand", ["free", "pushed", "knocked", "held still"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_with_both_signs_wrong_no_scene_gives_energy_or_trips(scene: str, hand: str) -> None:
+    """Torque and motion agree, so that nothing in the loop can see it; what is left is a mirrored scene."""
+    outcome = rendered(unseen_plan(Task(scene)), HELD_BY[hand], list(REVERSED.values()), seconds=2.0)
+    assert outcome.error is None
+    assert all(ledger.tally.largest < ledger.tally.limit for ledger in outcome.cycle.ledgers)
+
+
+@pytest.mark.thorough("seconds of a run")
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_with_both_signs_wrong_the_wall_on_the_right_is_on_the_left(side: float) -> None:
+    """6 N to this side: on the left they meet 600 N/m 20 mm away, on the right nothing."""
+    hand = Hand("leans", (Piece(0.0, 0.0, side * 3.0), Piece(2.0, side * 6.0)))
+    outcome = rendered(unseen_plan(Task("wall")), hand, list(REVERSED.values()), seconds=6.0)
+    motion = outcome.motions["handle"]
+    place = METRES * float(motion.sample(np.array([motion.end_ns - 1]))[0][0])
+    if side < 0.0:
+        assert place == pytest.approx(-WALL_AT - 6.0 / 600.0, abs=0.0005), "friction holds a handle within 0.4 mm"
+    else:
+        assert place > 0.1
+
+
+@pytest.mark.thorough("seconds of a run")
+def test_a_knob_that_a_hand_turns_away_from_the_first_pulse_is_limited_and_not_refused() -> None:
+    hand = Hand("pull", (Piece(0.0, 0.0, -12.0), Piece(0.5, -6.0)))
+    outcome = rendered(unseen_plan(Task("pendulum")), hand, seconds=5.0)
+    assert outcome.error is None
+    assert outcome.limited
 
 
 @pytest.mark.parametrize("wrong", REVERSED)
