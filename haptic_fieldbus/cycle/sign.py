@@ -6,10 +6,10 @@ little, the next stage begins.
 
 Torque grows from stage to stage while nothing moves, and no more in an attempt in which something moved. After the last
 stage the scene goes on within `holding` for a second, and the last stage is tried again. Three attempts in which the
-handle stood still end the run as a refusal; one that a hand moves meanwhile is not at a stop. Missing feedback spoils the pair in which it falls: the handle is left to come
-to rest, and that pair is repeated, so that gaps which come more often than a stage is long do not keep a proof from its
-end. In a scene of several axes force rises when the sign of all has been seen, and a doubt about one of them limits
-all.
+handle stood still end the run as a refusal; one that a hand moves meanwhile is not at a stop. Missing feedback spoils
+the pair in which it falls: the handle is left to come to rest, and that pair is repeated, so that gaps which come more
+often than a stage is long do not keep a proof from its end. In a scene of several axes force rises when the sign of all
+has been seen, and a doubt about one of them limits all.
 """
 
 import math

@@ -311,7 +311,9 @@ def _check_simulation(document: Document, axis: str) -> None:
     if isinstance(load, int | float) and not (isinstance(inertia, int | float) and load < inertia):
         document.refuse((*simulation, "coupling", "load_inertia"), "a part of the axis' inertia, which must be given")
     hanging = document.value(*simulation, "gravity", "hanging_at")
-    if hanging and document.value("axis", axis, "mechanism", "kind") == "linear":  # a Rig has 0 there where none is given
+    if (
+        hanging and document.value("axis", axis, "mechanism", "kind") == "linear"
+    ):  # a Rig has 0 there where none is given
         document.refuse((*simulation, "gravity", "hanging_at"), "no such key: a linear mechanism has no lever")
     torque, periods = (document.value(*simulation, "cogging", key) for key in ("torque", "periods_per_revolution"))
     if isinstance(torque, int | float) and isinstance(periods, int) and isinstance(inertia, int | float):

@@ -328,7 +328,6 @@ def test_a_blow_deep_into_a_wall_never_throws_the_handle_out_again() -> None:
     outcome = rendered(select(Task("wall", rig=endless_rig("wall"))).plan, hand, seconds=8.0)
     assert outcome.error is None
     assert outcome.cycle.doubts("handle") == 1
-    (axis,) = outcome.plan.axes
     seen_ns, trajectory = outcome.cycle.permitted_ns("handle"), outcome.motions["handle"]
     assert seen_ns is not None
     at_ns, torques = trajectory.targets()
