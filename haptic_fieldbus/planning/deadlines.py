@@ -4,7 +4,8 @@ Three ways lead to zero, and each cause takes the first that it can:
 
 - The loop sees the event in the feedback of the next period, and the set-points of that period are torque-free.
 - Feedback that is missing: the torque is held, then fades; feedback that grows too old is a trip. Where set-points wait
-  for answers, nothing fades, and the trip comes first.
+  for answers, nothing fades, and the trip comes first. Axes that no coupling ties to the one without feedback do not
+  fade, so that the trip takes their torque.
 - Nothing of us reaches the drive: its own guard takes the torque away.
 
 A torque loop of first order never reaches zero, so *zero* is `REMAINDER` of the torque at the event. The times are
@@ -71,31 +72,42 @@ class TorqueDeadline:
 def torque_deadlines(axes: Sequence[tuple[AxisPlan, BusTraffic]], period: float) -> tuple[TorqueDeadline, ...]:
     """Return the deadline for each cause, each that of the slowest axis."""
     slowest: dict[EndCause, TorqueDeadline] = {}
+    untied = len(axes) > 1 and not all(axis.couplings for axis, _ in axes)
+    age = max(axis.limits.age for axis, _ in axes)
     for axis, traffic in axes:
-        for each in _of_axis(axis, traffic, period):
+        shared = sum(other is traffic for _, other in axes) > 1
+        for each in _of_axis(axis, traffic, period, age, untied=untied, shared=shared):
             if each.cause not in slowest or each.seconds > slowest[each.cause].seconds:
                 slowest[each.cause] = each
     return tuple(slowest.values())
 
 
-def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[TorqueDeadline]:
-    """Yield the deadlines of one axis, in the order of `EndCause`."""
+def _of_axis(
+    axis: AxisPlan, traffic: BusTraffic, period: float, age: float, *, untied: bool, shared: bool
+) -> Iterable[TorqueDeadline]:
+    """Yield the deadlines of one axis, in the order of `EndCause`.
+
+    Feedback of an `age` [s] is a trip on the most patient axis. `untied` axes do not fade with one another, and a
+    `shared` line has other drives.
+    """
     alone, end = bool(unguarded(axis.profile, axis.rig)), _end(axis, traffic)
     guard = math.inf if alone else traffic.guard(axis.name)
     # The event may happen just after a latch, so the next one shows it.
     seen = period + traffic.latch(axis.name) + axis.delay.transport + end
-    faded, old = _missing(axis, period)
+    faded, old = _missing(axis, period, age)
     by_loop = "seen in the next period, whose set-points are torque-free"
     by_guard = "a person who cuts the power" if alone else f"the guard of the drive, {rounded(1e3 * guard)} ms"
     yield TorqueDeadline(EndCause.TRIP, seen + traffic.doubted_periods * period, by_loop)
-    by_age = f"feedback older than {rounded(1e3 * axis.limits.age)} ms is a trip"
-    held = traffic.waits_for_answers
-    lost = (old if held else min(faded, old)) + end
-    by_loss = (
-        f"held, as nothing is sent before the drive answers; {by_age}"
-        if held
-        else "held for one period, then faded out"
-    )
+    by_age = f"feedback older than {rounded(1e3 * age)} ms is a trip"
+    lost, by_loss = min(faded, old) + end, "held for one period, then faded out"
+    if untied:
+        lost, by_loss = old + end, f"{by_loss}; axes that no coupling ties to it go on: {by_age}"
+    elif shared and math.isinf(traffic.silence):  # drives that only answer are asked one after another
+        lost, by_loss = old + end, f"{by_loss}; drives of one line wait for the one that is silent: {by_age}"
+    if traffic.waits_for_answers:
+        lost, by_loss = old + end, f"held, as nothing is sent before the drive answers; {by_age}"
+        if shared:  # a gateway may wait for the drive that is silent, and hand on nothing for the others
+            lost, by_loss = max(lost, period + guard + end), f"{by_loss}; behind a gateway {by_guard}"
     yield TorqueDeadline(EndCause.FEEDBACK, lost, by_loss)
     # A drive whose profile names no reaction to the loss of its master names none to a fault either: it may brake.
     unknown = "the drive by itself, nobody knows how soon; the others at once"
@@ -107,7 +119,8 @@ def _of_axis(axis: AxisPlan, traffic: BusTraffic, period: float) -> Iterable[Tor
         yield TorqueDeadline(EndCause.HEARTBEAT, traffic.silence + period + seen, how)
     how = f"{by_age}; then {BESIDE}, at the latest {by_guard}"
     yield TorqueDeadline(EndCause.NOT_OPERATIONAL, old + guard + end, how)
-    yield TorqueDeadline(EndCause.DISCONNECTED, guard + end, by_guard)
+    # Where only one of several drives is gone, the others lose their torque as when feedback is lost.
+    yield TorqueDeadline(EndCause.DISCONNECTED, max(guard + end, lost if untied or shared else 0.0), by_guard)
     yield TorqueDeadline(EndCause.KILLED, guard + end, by_guard)
     yield TorqueDeadline(EndCause.STOPPED, guard + end, f"{by_guard}, alone")
     yield TorqueDeadline(EndCause.NO_EFFECT, axis.limits.echo + period + guard + end, _unfollowed(axis, by_guard))
@@ -167,10 +180,10 @@ def _end(axis: AxisPlan, traffic: BusTraffic) -> float:
     return traffic.disturbance + axis.profile.timing.control_period + lag
 
 
-def _missing(axis: AxisPlan, period: float) -> tuple[float, float]:
-    """Return when torque-free set-points act after the last feedback [s]: by the fade, and by the age of feedback."""
+def _missing(axis: AxisPlan, period: float, age: float) -> tuple[float, float]:
+    """Return when torque-free set-points act after the last feedback [s]: by the fade, and by its `age` [s]."""
     # A loop without feedback waits for it nearly to the end of its period; and set-points that act at SYNC alone are
     # then taken over a period later.
     answered = period * (2.0 if axis.delay.transport >= period else 1.0)
     faded = (1 + fade_periods(period)) * period
-    return faded + answered, axis.limits.age + period + answered
+    return faded + answered, age + period + answered

@@ -242,6 +242,7 @@ def _stated(plan: Any) -> Stated:
             for axis in plan.axes
             for row in limit_rows(axis, plan.period)
         ],
+        "couplings": [each.name for each in plan.scene.couplings],
         "deadlines": [each.to_json() for each in plan.deadlines],
         "sign": [_sign_json(axis, plan.period) for axis in plan.axes],
         "permissions": [

@@ -153,6 +153,8 @@ def energy_after_a_fault_bounded(witness: Witness) -> Iterator[str]:
         for fault, cause, event_ns in ending(witness):
             if cause not in causes.FADES or not len(times):
                 continue
+            if not witness.stated.coupled and getattr(fault, "node", None) not in (None, axis.node):
+                continue  # an axis that goes on until the feedback of the other one is too old
             span_ns = 2e9 * witness.stated.period
             first, last = np.searchsorted(times, [event_ns - span_ns, event_ns + span_ns])
             around, after = torques[max(0, first - 1) : last], torques[last:]
@@ -303,7 +305,7 @@ def ending(witness: Witness) -> Iterator[tuple[Any, str, int]]:
     shown_ns = max((shown_ns_of(witness, axis) for axis, _ in axes_of(witness)), default=enabled_ns)
     for fault in witness.faults:
         cause = causes.cause_of(fault, witness.stated, witness.faults)
-        event_ns = enabled_ns + round(getattr(fault, "at", 0.0) * 1e9)
+        event_ns = (witness.counts_from_ns(fault) or enabled_ns) + round(getattr(fault, "at", 0.0) * 1e9)
         over_ns = witness.released_ns if witness.released_ns is not None else witness.seen_ns
         if cause is not None and shown_ns <= event_ns < over_ns:
             yield fault, cause, event_ns

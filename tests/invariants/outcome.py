@@ -100,7 +100,7 @@ def _is_cut_off(fault: Any, witness: Witness) -> bool:
     enabled_ns, released_ns = witness.faults_ns, witness.released_ns
     if enabled_ns is None or released_ns is None:
         return False
-    begins_ns = enabled_ns + round(fault.at * 1e9)
+    begins_ns = (witness.counts_from_ns(fault) or enabled_ns) + round(fault.at * 1e9)
     if fault.duration is not None and begins_ns + round(fault.duration * 1e9) < witness.seen_ns:
         return False
     return bool(begins_ns < released_ns - MARGIN_NS)

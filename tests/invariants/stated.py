@@ -112,6 +112,8 @@ class Stated:
     axes: tuple[StatedAxis, ...]
     deadlines: Mapping[str, float]
     """[s] from an event to zero torque, by the cause; a cause that nothing notices is not there."""
+    coupled: bool = True
+    """Whether couplings tie the axes, so that what one of them misses all miss."""
 
     def deadline(self, cause: str) -> float:
         """[s]; ∞ for a cause that only a person ends, as with a drive that does not watch its master."""
@@ -162,6 +164,7 @@ def stated(
             for name in limits
         ),
         {row["cause"]: 1e-3 * row["stated_ms"] for row in plan["deadlines"] if row["stated_ms"] is not None},
+        bool(plan.get("couplings", True)),
     )
 
 

@@ -3,7 +3,7 @@
 A witness only writes down; it is judged when the run is over. Its times are those of the simulated world [ns].
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -95,14 +95,19 @@ class Witness:
     @property
     def enabled_ns(self) -> int | None:
         """The first *operation enabled* of any drive in the last part; None when there was none."""
+        return self._enabled_ns(self.shafts.values())
+
+    def _enabled_ns(self, shafts: Iterable[Shaft]) -> int | None:
         since_ns = self.earlier[-1].ended_ns if self.earlier else self.begun_ns
         times = [
-            t_ns
-            for shaft in self.shafts.values()
-            for t_ns, number in shaft.transitions
-            if number == 4 and t_ns >= since_ns
+            t_ns for shaft in shafts for t_ns, number in shaft.transitions if number == 4 and t_ns >= since_ns
         ]
         return min(times, default=None)
+
+    def counts_from_ns(self, fault: Any) -> int | None:
+        """The instant from which the time of a fault counts; drives of one line are enabled one after another."""
+        own = self.shafts.get(getattr(fault, "node", None) or 0)
+        return self.enabled_ns if own is None else self._enabled_ns([own])
 
     @property
     def faults_ns(self) -> int | None:

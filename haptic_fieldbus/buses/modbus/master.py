@@ -252,7 +252,7 @@ class ModbusBus(InSteps):
     def release(self) -> None:
         """Send zero torque, once something was written; raises nothing."""
         if self._plan is not None and self._release is not None:
-            self._release.begin()
+            self._release.begin([link.missing for link in self._links])
 
     def settle(self) -> bool:
         """Free the drives for some milliseconds; True when they are, or the time is over. Raises nothing."""

@@ -1,7 +1,8 @@
 """The way to zero torque on one line: one design for a trip, an ordinary end and an exception.
 
 `begin` sends zero torque to the first drive without waiting for anything; the others follow in turn, since a line takes
-one request at a time. Every drive is sent zero torque and the command for off before any is asked whether it is off.
+one request at a time. Drives that answer come before silent ones, for whose answers the line waits in vain. Every drive
+is sent zero torque and the command for off before any is asked whether it is off.
 No set-point but zero is sent from `begin` on, and that one twice at most. When a drive confirms nothing, its watchdog
 takes the torque away, and the looks end only after that time.
 
@@ -51,8 +52,16 @@ class LineRelease:
         self._asked: UnitParting | None = None
         self._begun = self._dead = False
 
-    def begin(self) -> None:
-        """Send zero torque to the first drive; what is under way on a serial line is waited for, some milliseconds."""
+    def begin(self, missing: Sequence[int]) -> None:
+        """Send zero torque to a drive; what is under way on a serial line is waited for, some milliseconds.
+
+        `missing` are the answers that each drive owes to the present period. Those that owe more come later, and the
+        one whose answer is outstanding comes last.
+        """
+        awaited = None if self._requester.outstanding is None else self._requester.outstanding.question.unit
+        owing = zip(self._partings, missing, strict=True)
+        ordered = sorted(owing, key=lambda each: (each[0].unit.id == awaited, each[1]))
+        self._partings = tuple(parting for parting, _ in ordered)
         self._end_ns, self._begun, self._dead, self._asked = self._clock.now_ns() + self._longest_ns, True, False, None
         for parting in self._partings:
             parting.begin()

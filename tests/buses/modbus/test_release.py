@@ -242,6 +242,23 @@ def test_all_units_of_a_line_get_zero_torque_before_any_is_asked_whether_it_is_o
     assert max(zeros) < min(at for at in asked if server.frames[requests + at][0] != 1) + 3
 
 
+@pytest.mark.thorough("a second of real time")
+def test_a_unit_that_is_silent_holds_up_zero_torque_of_no_other_one(opened: ExitStack) -> None:
+    drives = [Drive(unit=1), Drive(unit=2)]
+    server = opened.enter_context(tcp_server(*drives))
+    scene = scene_of(*(Wall(name, stiffness=10.0) for name in "ab"))
+    bench = opened.enter_context(Bench(plan_of(server.name, scene=scene))).open().enable()
+    bench.write((0x0F, 1), (0x0F, 2))
+    bench.read()
+    server.mischief = lambda frame, asked: iter((frame,) if frame[6] == 2 else ())
+    bench.read()
+    requests = len(server.frames)
+    assert bench.bus.stop() is False
+    assert drives[1].value(DEMAND) == 0
+    first = server.frames[requests]
+    assert (first[6], first[-4:]) == (2, bytes((2, 1, 0, 0))), "unit, register and value"
+
+
 def test_a_fault_of_the_drive_is_told_with_its_code(opened: ExitStack) -> None:
     bench, server = pushing(opened, "tcp")
     server.drive.registers |= {STATUS: FAULT, ERROR: 0x2310}
