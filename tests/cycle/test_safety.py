@@ -199,6 +199,22 @@ def test_after_a_short_gap_force_goes_on_from_its_value_before(before: float, mi
     assert limit(before + (2.0 + more) * side) == pytest.approx(before + more * side, abs=1e-9)
 
 
+def test_a_second_short_gap_raises_the_deficit_and_never_lowers_it() -> None:
+    """3 were taken by the first gap. The second one takes 1 more where the scene asks for more, and nothing back."""
+    limit, hold = bound(Permission(), limits(effort=20.0, slew=1e9))
+
+    def after_a_gap(asked: float) -> float:
+        for number in range(3):
+            hold(number + 1)
+        return limit(asked)
+
+    limit(2.0)
+    assert after_a_gap(5.0) == pytest.approx(2.0)
+    assert after_a_gap(6.0) == pytest.approx(2.0)
+    assert after_a_gap(5.5) == pytest.approx(1.5), "4 are taken, not less"
+    assert limit(8.0) == pytest.approx(4.0)
+
+
 def test_a_short_gap_into_the_other_direction_begins_at_no_force() -> None:
     """The handle went through contact unseen, and into another one."""
     limit, hold = bound(Permission(), limits(slew=1e9))

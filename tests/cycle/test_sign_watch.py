@@ -91,10 +91,6 @@ def test_a_doubt_permits_little_until_pulses_have_decided(sign: float) -> None:
     assert max(map(abs, given)) <= AXIS.limits.holding
     assert len(given) < 300
     assert (trips, seen) == (([], [True]) if sign > 0.0 else ([TripKind.SIGN], []))
-    permission.cap = 1.0
-    subject.permit(7)
-    assert permission.cap == 1.0, "of a gap before; a larger one does not take its place"
-    permission.cap, handle.state.permitted_ns = math.inf, None
     subject.permit(7)
     assert permission.cap == pytest.approx(0.05 * RATED)
     assert (permission.proof, handle.state.permitted_ns) == (None, 7)
@@ -102,6 +98,14 @@ def test_a_doubt_permits_little_until_pulses_have_decided(sign: float) -> None:
     permission.fade = 0.8
     subject.permit(9)
     assert (permission.fade, handle.state.permitted_ns) == (0.8, 7), "it was permitted before"
+
+
+def test_the_cap_of_a_gap_that_is_smaller_stays_when_a_doubt_is_over() -> None:
+    permission = Permission(fade=1.0, cap=1.0)
+    subject = Sign(AXIS, PERIOD, AxisState(), permission, lambda *_: None, lambda: None, lambda: None)
+    subject.hold()
+    subject.permit(7)
+    assert permission.cap == 1.0
 
 
 def test_the_first_time_that_a_sign_is_seen_leaves_no_cap() -> None:

@@ -99,9 +99,7 @@ class Witness:
 
     def _enabled_ns(self, shafts: Iterable[Shaft]) -> int | None:
         since_ns = self.earlier[-1].ended_ns if self.earlier else self.begun_ns
-        times = [
-            t_ns for shaft in shafts for t_ns, number in shaft.transitions if number == 4 and t_ns >= since_ns
-        ]
+        times = [t_ns for shaft in shafts for t_ns, number in shaft.transitions if number == 4 and t_ns >= since_ns]
         return min(times, default=None)
 
     def counts_from_ns(self, fault: Any) -> int | None:

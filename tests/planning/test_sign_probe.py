@@ -1,6 +1,7 @@
 """Torque, length and travel of the pulses that show the sign."""
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import pytest
 
 from haptic_fieldbus.drive.rig import Limits, LinearMechanism, Permissions, RigAxis, Seen
-from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.errors import PlanError, RigError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.selection import load, select
 from haptic_fieldbus.planning.sign_probe import SignProbe, is_checked, raising, sign_probe, sign_text
@@ -94,6 +95,14 @@ def test_a_permission_of_its_own_moves_the_bound(permissions: Permissions, large
     probe = probe_of(planned(permissions=permissions))
     assert largest - RATED / 1000.0 < probe.largest <= largest + 1e-9
     assert probe.holding == pytest.approx(min(0.05 * RATED, largest), abs=RATED / 1000.0)
+
+
+def test_more_than_30_percent_of_rated_torque_is_no_permission() -> None:
+    bench = load(Task("wall")).rig
+    for share, refused in ((0.3, False), (0.301, True)):
+        axes = {name: replace(axis, permissions=Permissions(sign_pulse=share)) for name, axis in bench.axis.items()}
+        with pytest.raises(RigError, match="sign_pulse") if refused else nullcontext():
+            select(Task("wall", rig=replace(bench, axis=axes)))
 
 
 def test_on_a_knob_the_bound_is_a_quarter_of_a_newton_metre() -> None:

@@ -3,11 +3,13 @@
 import resource
 from collections.abc import Callable, Mapping
 from functools import cache
+from math import sin
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 from time import process_time
 
+from haptic_fieldbus.documents.samples import read_samples
 from haptic_fieldbus.eds import eds_text, load_eds
 from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
@@ -75,12 +77,26 @@ def _eds(path: Path) -> object:
     return (load_eds(path), load_profile(path))
 
 
+@cache
+def _recordings() -> tuple[str, ...]:
+    """What a run records of an axis, as `estimate` and `response` read it, and with the columns of a whole row."""
+    rows = [(0.001 * number, 0.03 * sin(0.02 * number)) for number in range(200)]
+    narrow = "".join(f"{time:.3f},{position:.9f}\n" for time, position in rows)
+    wide = "".join(f"{time:.3f},39,{position:.9f},-{position:.6f}\n" for time, position in rows)
+    return ("time,position\n" + narrow, "time,velocity\n" + narrow, "time,statusword,position,force\n" + wide)
+
+
+def _samples(path: Path) -> object:
+    return read_samples(path, ("position", "velocity"))
+
+
 READERS: Mapping[str, tuple[str, Callable[[], tuple[str, ...]], Read]] = {
     "scene": (".toml", _scene_texts, load_scene),
     "rig": (".toml", lambda: (RIG,), load_rig),
     "profile": (".toml", _profile_texts, load_profile),
     "faults": (".toml", lambda: tuple(toml_of(drawn(seed, 10.0)) for seed in range(40)), load_faults),
     "eds": (".eds", _eds_texts, _eds),
+    "recording": (".csv", _recordings, _samples),
 }
 """Suffix, sound texts and function of each reader."""
 

@@ -17,6 +17,7 @@ from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.scene import Scene, SceneAxis
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Workspace
+from haptic_fieldbus.sim import faults
 from tests.builders import endless_rig
 
 Array = NDArray[np.float64]
@@ -181,3 +182,28 @@ def test_a_coupling_that_changes_has_no_more_error_than_one_that_stays() -> None
     assert changed.torque_error is not None
     assert changed.torque_error.max == pytest.approx(plain.torque_error.max)
     assert changed.torque_error.rms == pytest.approx(plain.torque_error.rms, rel=0.2)
+
+
+@pytest.mark.thorough("a long run")
+@pytest.mark.parametrize("change", [{"wall.stiffness": 1400.0}, {"wall.position": 0.01}], ids=["stiffer", "nearer"])
+def test_a_change_amid_a_long_gap_in_contact_never_gives_more_than_before_the_gap(
+    tmp_path: object, change: dict[str, float]
+) -> None:
+    """20 ms without feedback, and a wall that asks for more from then on: the cap holds until contact is left."""
+    lost = faults.MissingTpdos("missing_tpdos", 3.0, 20)
+    rig = endless_rig("wall")
+    result, rows = rendered(tmp_path, rig=rig, duration=6.0, changes=[(3.005, change)], faults=[lost])
+    assert result.trips == ()
+    before = np.abs(rows["handle.command"][2900:3000]).max()
+    assert np.abs(rows["handle.force"][3100:]).max() > 1.5 * before, "what the wall asks for"
+    assert np.abs(rows["handle.command"][3000:]).max() <= before + STEP
+
+
+@pytest.mark.thorough("a long run")
+def test_a_change_amid_a_doubt_about_the_sign_gives_no_more_than_a_hand_may_hold(tmp_path: object) -> None:
+    blow = faults.HandHit("hand_hit", 1.5, 100.0, 0.02)
+    rig = endless_rig("wall")
+    changes = [(at, {"wall.stiffness": stiffness}) for at, stiffness in ((1.7, 1400.0), (2.5, 300.0), (3.0, 1200.0))]
+    _, rows = rendered(tmp_path, rig=rig, duration=4.0, changes=changes, faults=[blow])
+    assert np.abs(rows["handle.command"][1600:]).max() <= 0.1 * 50.3 + STEP, "5 N of the pulses, 2.5 N from then on"
+    assert np.abs(rows["handle.command"][2400:]).max() <= 0.05 * 50.3 + STEP

@@ -103,6 +103,28 @@ def test_a_master_that_is_killed_leaves_no_torque_behind(tmp_path: Path) -> None
         assert (status & 0x4F, demand) == (FAULT, 0)
 
 
+@pytest.mark.thorough("seconds of real time")
+@pytest.mark.parametrize("bus", [TCP, RTU])
+def test_drives_that_are_stopped_end_the_run_and_are_free_when_they_go_on(bus: str, tmp_path: Path) -> None:
+    """SIGSTOP of `simulate`: nobody answers, and what was sent meanwhile is obeyed late; on CAN see `tests/vcan`."""
+    with simulated(bus, tmp_path / "rig.toml") as (drives, name):
+        process = running(bus, tmp_path / "rig.toml", 30.0)
+        assert process.stderr is not None
+        told = next(line for line in process.stderr if "about to enable torque" in line)
+        if bus == TCP:
+            host, _, port = name.removeprefix("modbus-tcp:").rpartition(":")
+            wait_until_enabled((host, int(port)), process)
+        drives.send_signal(signal.SIGSTOP)
+        out, err = process.communicate(timeout=60.0)
+        drives.send_signal(signal.SIGCONT)
+        assert process.returncode == 1, told + out + err
+        assert re.search(r"no feedback|not answer", out + err), out + err
+        assert "Traceback" not in out + err
+        if bus == TCP:
+            status, demand = registers((host, int(port)))
+            assert (status & 0x6F != ENABLED, demand) == (True, 0)
+
+
 GONE = {TCP: "closed the connection|reset the connection|nobody listens", RTU: "adapter is gone|no feedback|not answer"}
 
 

@@ -4,6 +4,7 @@ The checker of `tests/invariants` measures the torque at both motors against the
 """
 
 import re
+from collections.abc import Callable
 from functools import partial
 
 import pytest
@@ -32,7 +33,7 @@ from tests.invariants.attach import watched
 CAN, TCP, RTU = "sim", "sim-modbus-tcp", "sim-modbus-rtu@115200"
 DRIVES = {CAN: "generic_cia402", TCP: "generic_cia402_modbus", RTU: "generic_cia402_modbus"}
 LASTING = 100_000
-KINDS = {
+KINDS: dict[str, Callable[[float, int], faults.Fault]] = {
     "silence": lambda at, node: faults.Silence("silence", at, node=node),
     "feedback lost": lambda at, node: faults.MissingTpdos("missing_tpdos", at, LASTING, node=node),
     "answers lost": lambda at, node: faults.AnswerLost("answer_lost", at, LASTING, node=node),
@@ -90,7 +91,7 @@ class Gateway(SimulatedLine):
 
 
 def behind_a_gateway(plan: Plan, node: int, died_at: float) -> tuple[float, str, Gateway]:
-    """Let this unit die so long after operation enabled [s]: how long the other one had torque [s], and why it ended."""
+    """Let this unit die so long after operation enabled [s]: how long the other one had torque [s], and the error."""
     (bus,), clock, hand = plan.buses, VirtualClock(), hand_named("push")
     assert isinstance(bus.traffic, ModbusTraffic)
     assert hand is not None

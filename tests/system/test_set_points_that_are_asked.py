@@ -57,6 +57,21 @@ def test_set_points_without_effect_take_the_torque_away_in_the_stated_time(name:
     assert rack.waited() <= rack.plan.axes[0].limits.echo
 
 
+@pytest.mark.thorough("a run for each")
+@pytest.mark.parametrize("rate", RATES)
+def test_6071h_is_requested_every_5_ms_at_most(rate: float) -> None:
+    rack, asked = Watched(rate), list[int]()
+
+    def heard(t_ns: int, can_id: int, data: bytes) -> None:
+        if can_id == 0x601 and data[:4] == b"\x40\x71\x60\x00":
+            asked.append(t_ns)
+
+    rack.world.tap(heard)
+    rack.run(0.5)
+    assert len(asked) > 10
+    assert min(np.diff(asked)) >= 4.8e6, "[ns]; another frame may hold the one before up by 0.2 ms"
+
+
 @pytest.mark.thorough("every rate at four places in a period", quick=1)
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("cause", [EndCause.NO_EFFECT, EndCause.TRIP])

@@ -13,7 +13,7 @@ from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.errors import DriveFaultError, UnstableSceneError
+from haptic_fieldbus.errors import DriveFaultError, HapticFieldbusError, UnstableSceneError
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.loop import run_loop
@@ -25,6 +25,7 @@ from haptic_fieldbus.sim.canopen.link.frame import Frame
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.hand import Hand, Piece
 from tests.builders import PROFILE, can_traffic, canopen, endless_rig, rig_of, scene_of, shipped
+from tests.invariants.attach import watched
 from tests.softened import softened
 
 RATES = (1000.0, 250.0, 50.0)
@@ -159,3 +160,19 @@ def test_no_wall_at_half_its_limit_trips(drive: str, rate: float, hand: str) -> 
     result = run("wall", rig, rate=rate, hand=hand, duration=5.0, settings={"wall.stiffness": "max/2"})
     assert result.trips == ()
     assert np.abs(result.traces[0].force).max() > 0.0
+
+
+@pytest.mark.thorough("two runs of 12 s")
+@pytest.mark.parametrize("lost_at", [6.0, 7.3])
+def test_rpdos_lost_under_constant_torque_take_it_away_by_the_next_pulses_that_ask_the_encoder(lost_at: float) -> None:
+    """A hand leans still, so that the torque that is held is the one that is asked for, and no echo can differ from it.
+
+    Counts that stand still are asked by pulses after 2 s, which the drive does not hear: five pairs end the run.
+    """
+    fault = faults.MissingRpdos("missing_rpdos", lost_at)
+    with watched() as found, pytest.raises(HapticFieldbusError, match="Torque was taken away") as ended:
+        run("wall", endless_rig("wall"), hand="push", duration=lost_at + 10.0, faults=[fault])
+    assert isinstance(ended.value.result, Result)
+    (trip,) = ended.value.result.trips
+    assert trip.name in ("encoder stands still", "set-points do not act")
+    assert found.broken == []

@@ -72,7 +72,9 @@ class Connection(ServerRequestHandler):
     def _say(self, later_ns: int, octets: bytes) -> None:
         if later_ns:
             self.loop.call_later(later_ns * 1e-9, partial(self._say, 0, octets))
-        elif isinstance(self.transport, asyncio.WriteTransport) and not self._is_dead():
+        elif isinstance(self.transport, asyncio.WriteTransport) and not (
+            self._is_dead() or self.transport.is_closing()
+        ):
             self.transport.write(octets)
 
 

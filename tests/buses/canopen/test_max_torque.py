@@ -57,6 +57,14 @@ def notes(tmp_path: Path) -> list[Path]:
     return sorted((tmp_path / "state").rglob("*.json"))
 
 
+def test_nothing_is_stored_in_the_drive() -> None:
+    """1010h writes the parameters of a drive to its flash (CiA 301, 7.5.2.13)."""
+    bench = bench_of(3000).open()
+    assert bench.bus.stop() is True
+    assert ("6072h:00", HALF) in bench.written()
+    assert not [name for name, _ in bench.written() if name.startswith(("1010h", "1011h"))]
+
+
 @pytest.mark.parametrize("index", [0x6072, 0x60E0, 0x60E1])
 def test_a_higher_limit_is_lowered_for_the_time_of_the_run(index: int) -> None:
     bench = bench_of(3000, entry=(index, 0)).open()
