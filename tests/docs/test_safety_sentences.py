@@ -73,6 +73,11 @@ TESTS: dict[int, dict[str, str]] = {
         "never below 5 %": f"{ENCODER}force_that_a_hand_may_be_left_alone_with_asks_nothing",
         "within half a second": LOWERED,
     },
+    48: {
+        "raises it by at most": f"{CYCLE}gaps.py::test_the_stretch_is_what_the_worst_timing_costs_in_stiffness",
+        "divide the stiffness limit by at most": f"{CYCLE}gaps.py::test_no_pattern_that_is_permitted_grows",
+        "they never did": f"{CYCLE}gaps.py::test_two_gaps_in_each_second_are_a_pattern",
+    },
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 
