@@ -1,4 +1,4 @@
-"""An element of one's own: a spring that grows stiffer the further it is pulled, F = −k·x − h·x³.
+"""An element of one's own: a spring that grows stiffer up to a reach, F = −k·x − h·x³, and goes on straight from there.
 
 A hand pushes with 6 N and stays; the handle comes to rest where the spring bears that, k·x + h·x³ = 6 N.
 """
@@ -11,7 +11,7 @@ from haptic_fieldbus.numerics.linear import StateSpace, gain
 
 @dataclass(frozen=True)
 class HardeningSpring:
-    """`stiffness` k [N/m] at rest, `hardening` h [N/m³], and the furthest place that is judged, `reach` [m]."""
+    """`stiffness` k [N/m] at rest, `hardening` h [N/m³], and the way over which it hardens, `reach` [m]."""
 
     axis: str
     stiffness: float
@@ -25,10 +25,12 @@ class HardeningSpring:
 
     def force(self, position: float) -> float:
         """Force on the handle [N]; as it is odd and grows with x, it always pulls back."""
-        return -self.stiffness * position - self.hardening * position**3
+        curved = min(max(position, -self.reach), self.reach)
+        straight = 3.0 * self.reach**2 * (position - curved)
+        return -self.stiffness * position - self.hardening * (curved**3 + straight)
 
     def linearised(self) -> StateSpace:
-        """At `reach`, where it is stiffest: −dF/dx = k + 3·h·x²."""
+        """From `reach` on, where it is stiffest: −dF/dx = k + 3·h·x²."""
         return gain([[-self.stiffness - 3.0 * self.hardening * self.reach**2, 0.0]])
 
 

@@ -153,7 +153,7 @@ class OneAxis(ClosedLoop):
 
     def growth(self, environment: StateSpace) -> float:
         if isinstance(environment, Places):
-            return environment.worst(self.devices[0])[0].growth
+            return math.inf if environment.runs_off else environment.worst(self.devices[0])[0].growth
         return sampled.growth(self.devices[0], environment)
 
     def judged_at(self, environment: StateSpace) -> tuple[RestingPlace | None, RestingPlace | None]:

@@ -98,6 +98,8 @@ class CoupledAxes(ClosedLoop):
 
     def growth(self, environment: StateSpace) -> float:
         """Return the largest modulus of the loop's eigenvalues, free shifts left out; below 1 is stable."""
+        if any(isinstance(axis.environment, Places) and axis.environment.runs_off for axis in self.axes):
+            return math.inf
         found = self._worst(environment)[0]
         return max(found, self._apart) if self.may_slacken else found
 

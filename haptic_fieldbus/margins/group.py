@@ -15,6 +15,7 @@ from haptic_fieldbus.margins.cautious import Cautious, Obstacle, Values
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
 from haptic_fieldbus.margins.contact import Kind
 from haptic_fieldbus.margins.linear import EnvironmentOf
+from haptic_fieldbus.margins.places import OwnLaw
 from haptic_fieldbus.margins.plant import Plant, weakened
 from haptic_fieldbus.margins.ranges import Ranges, exactly_timed
 from haptic_fieldbus.margins.resting import Axle
@@ -119,9 +120,16 @@ class Group:
         stiffness = None if self.stiffest is None else contact.stiffness_of(self.stiffest)
         verdicts = judge(self.loop, self._varied(), stiffness, contact.damping_of(self.varied))
         return {
-            member.name: replace(verdict, effort=member.effort, find_cautious=self.cautious_limit)
+            member.name: replace(
+                verdict, effort=member.effort, own_laws=self._own_laws, find_cautious=self.cautious_limit
+            )
             for member, verdict in zip(self.members, verdicts, strict=True)
         }
+
+    @cached_property
+    def _own_laws(self) -> tuple[OwnLaw, ...]:
+        """How the elements of all axes that state no bounds of their own were judged."""
+        return tuple(law for member in self.members for law in self._axle_of(member).own_laws)
 
     @property
     def stability(self) -> Stability:

@@ -21,6 +21,7 @@ from haptic_fieldbus.margins.increments import Increments
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.sampled import SampledPlant, estimated
+from haptic_fieldbus.scenes.local import Interval
 
 Array = NDArray[np.float64]
 MOST_ALIKE = 12
@@ -31,6 +32,8 @@ LARGEST_EXPONENT = 700.0
 """Of a growth that a double still holds."""
 KEPT = 1e-300
 """A damping that stands for none [N·s/m or N·m·s/rad]."""
+STEEPER = 1.02
+"""Ratio from which a slope is told as steeper than stated."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,45 @@ class RestingPlace:
             "virtual_damping": self.damping,
             "growth": self.growth,
             "ideal_growth": self.ideal,
+        }
+
+
+@dataclass(frozen=True)
+class OwnLaw:
+    """How an element without bounds of its own was judged: by its force at places, or by `linearised` alone."""
+
+    element: str
+    places: int
+    """Number of places at which its force was read; 0: judged by `linearised` alone."""
+    travel: Interval
+    """Positions between which it was read [m or rad]."""
+    steepest: float
+    """Largest stiffness that was read where the motor can hold the handle [N/m or N·m/rad]."""
+    position: float
+    """Where that is [m or rad]."""
+    stated: float
+    """Stiffness that `linearised` states [N/m or N·m/rad]."""
+    beyond: tuple[str, ...]
+    """What its force depends on besides the position: names of signals, or "memory"."""
+    runs_off: bool
+    """Whether it pushes the handle away without end, more and more, where the travel has no limit."""
+
+    @property
+    def is_steeper(self) -> bool:
+        """Whether its force is steeper than `linearised` states."""
+        return self.places > 0 and self.steepest > STEEPER * max(self.stated, 0.0) + 1e-12
+
+    def to_json(self) -> dict[str, object]:
+        read = self.places > 0
+        return {
+            "element": self.element,
+            "places": self.places,
+            "travel": list(self.travel) if read else None,
+            "steepest": self.steepest if read else None,
+            "position": self.position if read else None,
+            "stated": self.stated,
+            "beyond": list(self.beyond),
+            "runs_off": self.runs_off,
         }
 
 
@@ -117,6 +159,8 @@ class Places(StateSpace):
     """Function that computes `increments`, which the eigenvalues do without."""
     swept: StateSpace | None
     """Linear elements with virtual states x_k → F_k, whose damping needed is found by frequency; None without any."""
+    runs_off: bool = False
+    """Whether the elements push the handle away without end, more and more; then nothing is stable."""
 
     @cached_property
     def increments(self) -> Increments:

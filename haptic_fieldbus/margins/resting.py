@@ -11,11 +11,21 @@ import numpy as np
 
 from haptic_fieldbus.margins import contact
 from haptic_fieldbus.margins.increments import Increments, sum_of_bounds, weight
-from haptic_fieldbus.margins.places import Places, Together
+from haptic_fieldbus.margins.places import OwnLaw, Places, Together
 from haptic_fieldbus.margins.terrain import EVERYWHERE, Array, Terrain, survey, terrain
 from haptic_fieldbus.numerics.linear import StateSpace, parallel
 from haptic_fieldbus.numerics.sampled import discretised, estimated
-from haptic_fieldbus.scenes.element import Element, Incremental, Phased, Reserving, is_dynamic, is_varying
+from haptic_fieldbus.scenes.element import (
+    Element,
+    Incremental,
+    Phased,
+    Reserving,
+    Varying,
+    is_dynamic,
+    is_sampled,
+    is_shipped,
+    is_varying,
+)
 from haptic_fieldbus.scenes.local import Interval
 from haptic_fieldbus.signals import Signal
 
@@ -53,7 +63,7 @@ class Axle:
         """
         beside, scaled = self._beside(changes), self._scaled(changes)
         ground = self._ground(changes) if scaled is None else None
-        position, stiffness, damping = self._resting(ground) if scaled is None else scaled
+        position, stiffness, damping = self._stated(self._resting(ground) if scaled is None else scaled, changes)
         if not len(stiffness):  # no place within the travel can be held: what is left is a handle that nothing touches
             position, stiffness, damping = np.array([math.nan]), np.zeros(1), np.zeros(1)
         springs, dampers = np.array(beside.options).T
@@ -71,6 +81,7 @@ class Axle:
             together=beside.together,
             find_increments=lambda: self._increments(self._ground(changes) if ground is None else ground, beside),
             swept=beside.swept,
+            runs_off=self._runs_off,
         )
 
     def _changed(self, changes: Mapping[str, float]) -> list[Element]:
@@ -79,7 +90,41 @@ class Axle:
     @cached_property
     def _varies(self) -> bool:
         """Whether the stiffest element has no memory, so that what acts beside the places stays as it is."""
-        return is_varying(self.stiffest)
+        return _is_at_places(self.stiffest)
+
+    @cached_property
+    def own_laws(self) -> tuple[OwnLaw, ...]:
+        """How the elements that state no bounds of their own were judged."""
+        if all(is_shipped(each) and not is_sampled(each) for each in self.elements):
+            return ()
+        from haptic_fieldbus.margins.own_laws import own_laws  # shipped elements do without it
+
+        return own_laws(self.elements, self.travel, self.effort)
+
+    @cached_property
+    def _runs_off(self) -> bool:
+        """Whether the elements push the handle away without end; shipped ones alone do not."""
+        if all(map(is_shipped, self.elements)) or not any(map(math.isinf, self.travel)):
+            return False
+        from haptic_fieldbus.margins.own_laws import runs_off
+
+        return runs_off(self.elements, self.travel)
+
+    def _at_places(self, element: Element) -> Varying:
+        """Return an element with its bounds, or with what is read of its force."""
+        if is_varying(element):
+            return element
+        from haptic_fieldbus.margins.own_laws import read
+
+        is_nominal = any(element is each for each in self.elements)
+        return read(element, () if is_nominal else self._thinned[element.name])
+
+    @cached_property
+    def _thinned(self) -> dict[str, tuple[float, ...]]:
+        """Places from which the force of an element is read again when its stiffness changes."""
+        from haptic_fieldbus.margins.own_laws import read, thinned
+
+        return {each.name: thinned(read(each), self.travel, self.effort) for each in self.elements if is_sampled(each)}
 
     def _ground(self, changes: Mapping[str, float]) -> Terrain | None:
         """Return the terrain of the elements without memory; None without any."""
@@ -88,10 +133,12 @@ class Axle:
         if set(changes) == {"stiffness"} and self._scales is not None:
             row, stiffness = self._scales
             return self._nominal.scaled(row, changes["stiffness"] / stiffness)
+        if all(getattr(self.stiffest, name, None) == value for name, value in changes.items()):
+            return self._nominal
         return self._terrain(self._changed(changes))
 
     def _terrain(self, elements: Sequence[Element]) -> Terrain | None:
-        varying = [each for each in elements if is_varying(each)]
+        varying = [self._at_places(each) for each in elements if _is_at_places(each)]
         return terrain(varying, self.travel, self.effort) if varying else None
 
     @cached_property
@@ -109,9 +156,10 @@ class Axle:
         if not is_varying(element) or nominal is None:
             return None
         doubled = contact.with_parameters(element, {"stiffness": 2.0 * contact.stiffness_of(element)})
-        varying = [each for each in self.elements if is_varying(each)]
+        varying = [each for each in self.elements if _is_at_places(each)]
         row = next(place for place, each in enumerate(varying) if each is element)
-        other = terrain([doubled if each is element else each for each in varying], self.travel, self.effort)
+        changed = [doubled if each is element else self._at_places(each) for each in varying]
+        other = terrain(changed, self.travel, self.effort)
         slopes = np.unique(nominal.places.most_stiffness[row])
         if len(slopes) > MOST_PIECES and not np.array_equal(nominal.position, other.position):
             return None
@@ -131,7 +179,7 @@ class Axle:
         return self._beside_of(self.elements)
 
     def _beside_of(self, elements: Sequence[Element]) -> "Beside":
-        others = [each for each in elements if not is_varying(each)]
+        others = [each for each in elements if not _is_at_places(each)]
         rest = [self._discrete(each) for each in others]
         options = product(*(_options(each, space) for each, space in zip(others, rest, strict=True) if not space.order))
         sums = list(dict.fromkeys((sum(k for k, _ in each), sum(b for _, b in each)) for each in options))
@@ -175,13 +223,24 @@ class Axle:
         stiffness, damping = (np.concatenate(each) for each in zip(*either, strict=True))
         return np.tile(ground.position[within], 2), stiffness, damping
 
+    def _stated(self, places: "Resting", changes: Mapping[str, float]) -> "Resting":
+        """Return the places, and the linear models of elements without bounds as one place each."""
+        sampled = [each for each in self._changed(changes) if is_sampled(each)]
+        stated = [-contact.linearised(each, {}).d[0] for each in sampled if not contact.linearised(each, {}).order]
+        if not stated:
+            return places
+        stiffness, damping = np.array(stated, dtype=float).T
+        found = np.full(len(stated), math.nan), stiffness, damping
+        position, stiffness, damping = (np.concatenate(each) for each in zip(places, found, strict=True))
+        return position, stiffness, damping
+
     def _discrete(self, element: Element) -> StateSpace:
         method = self.method if is_dynamic(element) else None
         return discretised(contact.linearised(element, {}), self.period, method)
 
     def _together(self, elements: Sequence[Element]) -> tuple[Together, ...]:
         """Return the combinations of the elements with states, those with virtual states always among them."""
-        pairs = [(each, self._discrete(each)) for each in elements if not is_varying(each)]
+        pairs = [(each, self._discrete(each)) for each in elements if not _is_at_places(each)]
         always = [space for each, space in pairs if is_dynamic(each)]
         leaving = [space for each, space in pairs if space.order and not is_dynamic(each)]
         chosen = list(product((True, False), repeat=len(leaving)))
@@ -226,6 +285,11 @@ class Beside:
     """Increments of each element; None for one that states none."""
     swept: StateSpace | None
     """Linear elements x_k → F_k; None without any."""
+
+
+def _is_at_places(element: Element | None) -> bool:
+    """Return whether an element is judged at places: it has bounds, or its force is read."""
+    return element is not None and (is_varying(element) or is_sampled(element))
 
 
 def _options(element: Element, space: StateSpace) -> list[tuple[float, float]]:

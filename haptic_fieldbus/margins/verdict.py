@@ -34,7 +34,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.margins.cautious import Cautious
 from haptic_fieldbus.margins.closed_loop import ClosedLoop
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
-from haptic_fieldbus.margins.places import Places, RestingPlace
+from haptic_fieldbus.margins.places import OwnLaw, Places, RestingPlace
 from haptic_fieldbus.margins.plant import Plant, quantisation_limit
 from haptic_fieldbus.numerals import exactly, rounded_limit
 from haptic_fieldbus.numerics import sampled
@@ -89,6 +89,8 @@ class Stability:
     """Place at which the ideal itself pushes the handle on the most; None when there is none."""
     effort: float = math.inf
     """Largest force of the motor [N or N·m], up to which places were judged."""
+    own_laws: tuple[OwnLaw, ...] = ()
+    """How the elements that state no bounds of their own were judged."""
     find_cautious: Callable[[], Cautious | None] = field(default=_unknown, repr=False, compare=False)
     """Function that computes `cautious`, which takes longer than all the rest."""
 
@@ -128,6 +130,7 @@ class Stability:
             "spectral_radius": self.spectral_radius,
             "margin": _finite(self.margin),
             "verdict": self.verdict.value,
+            "own_laws": [law.to_json() for law in self.own_laws],
         }
 
     def _values_json(self) -> list[dict[str, float]]:

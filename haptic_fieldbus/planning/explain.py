@@ -17,7 +17,7 @@ from haptic_fieldbus.planning.encoder_probe import encoder_lines
 from haptic_fieldbus.planning.guards import guard_lines
 from haptic_fieldbus.planning.limit_table import limit_lines, recommended_limits
 from haptic_fieldbus.planning.plan import BusPlan, Plan
-from haptic_fieldbus.planning.refusal import softer
+from haptic_fieldbus.planning.refusal import own_law_texts, softer
 from haptic_fieldbus.planning.ways import way_limits
 from haptic_fieldbus.signals import Workspace
 
@@ -128,7 +128,7 @@ def _stability(plan: Plan) -> Iterator[tuple[str, str]]:
 
 
 def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
-    """Yield the worst of several resting places, and the place where the ideal itself pushes the handle on the most."""
+    """Yield the worst of several resting places, the place where the ideal pushes on the most, and what was read."""
     length, per = workspace.length_unit, f"{workspace.effort_unit}/{workspace.length_unit}"
     place, crest = stability.place, stability.crest
     if place is not None and place.among > 1 and place.position is not None:
@@ -144,6 +144,7 @@ def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
             f"at {in_unit(crest.position, length)} nothing can rest: the ideal itself is multiplied by "
             f"{rounded(crest.ideal, 6)} in a period, this loop by {rounded(crest.growth, 6)}"
         )
+    yield from (text for _, text in own_law_texts(stability, workspace))
 
 
 def cautious_text(least: Cautious, workspace: Workspace) -> str:

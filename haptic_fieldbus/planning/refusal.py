@@ -5,11 +5,12 @@ from collections.abc import Iterator
 from haptic_fieldbus.errors import UnstableSceneError
 from haptic_fieldbus.margins import Stability, Verdict
 from haptic_fieldbus.margins.group import Group
-from haptic_fieldbus.numerals import LIMIT_DIGITS, exactly, rounded, rounded_down, rounded_limit
+from haptic_fieldbus.margins.places import OwnLaw
+from haptic_fieldbus.numerals import LIMIT_DIGITS, exactly, in_unit, rounded, rounded_down, rounded_limit
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.element import AnyElement, Graded
 from haptic_fieldbus.scenes.parameters import parameters
-from haptic_fieldbus.signals import Signal
+from haptic_fieldbus.signals import Signal, Workspace
 
 
 def check_stable(plan: Plan, *, running: bool = False) -> None:
@@ -38,7 +39,26 @@ def _refusal(plan: Plan, group: Group, stability: Stability, running: bool) -> s
     if running and Signal.VELOCITY not in axis.needs:
         hints = [hint for hint in hints if ".damping=" not in hint]
     would = f"\nWould be stable: {' · or '.join(hints)}." if hints else ""
-    return f"{asked} is unstable on this bench: {limited}.{would}"
+    reasons = [text for law, text in own_law_texts(stability, axis.workspace) if law.is_steeper or law.runs_off]
+    return "\n".join([f"{asked} is unstable on this bench: {limited}.", *reasons]) + would
+
+
+def own_law_texts(stability: Stability, workspace: Workspace) -> Iterator[tuple[OwnLaw, str]]:
+    """Yield each element without bounds of its own, and how it was judged."""
+    length, per = workspace.length_unit, f"{workspace.effort_unit}/{workspace.length_unit}"
+    for law in stability.own_laws:
+        beyond = " and ".join(law.beyond)
+        stated = f"{rounded_limit(max(law.stated, 0.0))} {per}"
+        if not law.places:
+            yield law, f"{law.element}: judged by linearised() alone, {stated}, as its force depends on {beyond}"
+            continue
+        lower, upper = (in_unit(end, length) for end in law.travel)
+        text = f"{law.element}: force read at {law.places} places from {lower} to {upper}; "
+        text += f"steepest {rounded_limit(max(law.steepest, 0.0))} {per} at {in_unit(law.position, length)}"
+        text += f", more than linearised() states, {stated}" if law.is_steeper else ""
+        text += f"; read at rest, as it depends on {beyond} too" if law.beyond else ""
+        text += "; it pushes the handle away without end; limits.position of the rig stops that" if law.runs_off else ""
+        yield law, text
 
 
 def _uncoupled(plan: Plan, group: Group) -> str:

@@ -22,7 +22,7 @@ are checked when a file is read (`documents`).
 
 from collections.abc import Callable
 from enum import Enum
-from typing import Annotated, Protocol, Self, TypeGuard, runtime_checkable
+from typing import Annotated, Any, Protocol, Self, TypeGuard, runtime_checkable
 
 from annotated_types import Ge, Le, Len
 
@@ -241,3 +241,16 @@ def is_varying(element: object) -> TypeGuard[Varying]:
 def is_dynamic(element: object) -> TypeGuard[DynamicElement]:
     """Return whether the class of an element has the property of `DynamicElement`, as fast."""
     return hasattr(type(element), "dynamics")
+
+
+def is_sampled(element: Any) -> bool:
+    """Return whether an element states a force of position and velocity, and no bounds: its force is read at places."""
+    kind = type(element)
+    if not hasattr(kind, "force") or hasattr(kind, "increments") or is_varying(element):
+        return False
+    return bool(element.needs) and {*element.needs} <= {Signal.POSITION, Signal.VELOCITY}
+
+
+def is_shipped(element: object) -> bool:
+    """Return whether an element is one of this package."""
+    return type(element).__module__.startswith("haptic_fieldbus.")

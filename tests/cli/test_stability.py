@@ -12,7 +12,7 @@ from tests.cli.command import Command
 
 KEYS = [
     "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "judged_at",
-    "spectral_radius", "margin", "verdict",
+    "spectral_radius", "margin", "verdict", "own_laws",
 ]  # fmt: skip
 
 

@@ -266,7 +266,7 @@ class TestVerdict:
         found = judge(alone(BENCH, PERIOD, 0.33e-3), wall, 600.0)[0].to_json()
         assert list(found) == [
             "period_s", "delay_s", "plant", "stiffness", "damping",
-            "stiffness_limit", "judged_at", "spectral_radius", "margin", "verdict",
+            "stiffness_limit", "judged_at", "spectral_radius", "margin", "verdict", "own_laws",
         ]  # fmt: skip
         assert found["verdict"] == "passive"
         assert found["plant"] == {

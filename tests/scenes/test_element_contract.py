@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import product
@@ -24,11 +25,13 @@ from haptic_fieldbus.scenes.element import (
     DynamicElement,
     MemoryElement,
     StaticElement,
+    is_varying,
 )
 from haptic_fieldbus.scenes.registry import ELEMENTS
 from haptic_fieldbus.signals import Signal
 from tests.cases import Test, every
 from tests.lanes import examples
+from tests.margins.own_drawn import BoundedPolynomial, Stated
 from tests.scenes.sheet import Array, Motion, Sheet, forces, given_to_the_hand
 
 NOT_ELEMENTS = {
@@ -102,6 +105,42 @@ def moved_on(element: AnyElement, motion: Motion, axis: int, way: float, speed: 
     position[-1] += way * np.eye(axes_of(element))[axis].squeeze()
     velocity[-1] += speed * np.eye(axes_of(element))[axis].squeeze()
     return np.atleast_1d(forces(element, Motion(motion.period, position, velocity))[-1])
+
+
+def contradictions(element: Any, reach: tuple[float, float]) -> list[str]:
+    """Places within reach where the force of an element at rest is steeper than its bounds, or than `linearised`."""
+    if not isinstance(element, StaticElement) or Signal.POSITION not in element.needs:
+        return []
+    middle, amplitude = reach
+    felt = law(element)
+
+    def force(position: float) -> float:
+        return float(felt(*[position if signal is Signal.POSITION else 0 for signal in element.needs]))
+
+    stated, found = -float(element.linearised().d[0, 0]), []
+    for share in np.linspace(-1.0, 1.0, 997) + 1e-4 / math.sqrt(2.0):
+        x = middle + amplitude * share
+        slope = (force(x - FURTHER) - force(x + FURTHER)) / (2.0 * FURTHER)
+        low, high = element.local(x - FURTHER, x + FURTHER).stiffness if is_varying(element) else (-math.inf, stated)
+        slack = 1e-3 * abs(stated) + 1e-4
+        if not low - slack <= slope <= high + slack:
+            found.append(f"at {x}: slope {slope}, stated {low} to {high}")
+    return found
+
+
+def test_a_force_that_contradicts_what_is_stated_is_refused() -> None:
+    """A spring that hardens beyond what `linearised` says, and one whose bounds leave its hardening out."""
+    hardening = Stated(lambda x: -100.0 * x - 2e5 * x**3, 100.0)
+    assert contradictions(hardening, (0.0, 0.03))
+    assert not contradictions(replace(hardening, stated=700.0), (0.0, 0.03))
+    bounded = BoundedPolynomial("a", 100.0, 0.0, 100.0, cube=2e3)
+    assert not contradictions(bounded, (0.0, 0.03))
+
+    class Lying(BoundedPolynomial):
+        def slope(self, away: float) -> float:
+            return 1.0
+
+    assert contradictions(Lying("a", 100.0, 0.0, 100.0, cube=2e3), (0.0, 0.03))
 
 
 def test_every_kind_has_a_sheet() -> None:
@@ -178,6 +217,10 @@ class TestEveryElement:
             found = (moved_on(element, motion, column // 2, *steps) - before) / step
             expected = element.linearised().d[:, column]
             np.testing.assert_allclose(found, expected, rtol=2e-4, atol=1e-4)
+
+    @of_every_example
+    def test_is_nowhere_steeper_than_it_says(self, kind: str, element: AnyElement) -> None:
+        assert contradictions(element, SHEETS[kind].reach) == []
 
     @of_every_example
     def test_gives_finite_plain_floats_at_any_finite_motion(self, kind: str, element: AnyElement) -> None:

@@ -301,19 +301,26 @@ class TestBroken:
         self, broken: Broken, capsys: pytest.CaptureFixture[str]
     ) -> None:
         law = CLASS.replace("return -self", "return helper() if position > 1e-3 else -self")
-        law += "\n\ndef helper():\n    raise KeyError('table')\n"
+        law += "\n\ndef helper():\n    raise ValueError('table')\n"
         install(broken.folder, broken.package, f"own = {broken.package}:Own", law)
         scene = write(broken.folder, f'{OWN}name = "mine"\nstiffness = 30\n')
         with pytest.raises(SafetyTripError) as caught:
             haptic_fieldbus.run(scene, duration=1.0)
         place = f"({broken.folder / broken.package}.py, line {law.count(chr(10))})"
-        told = f"axis handle: the scene failed: element mine: helper raised KeyError: 'table' {place}, "
+        told = f"axis handle: the scene failed: element mine: helper raised ValueError: table {place}, "
         assert str(caught.value).startswith(told)
-        assert isinstance(caught.value.__cause__, KeyError)
+        assert isinstance(caught.value.__cause__, ValueError)
         status, out, err = outcome(capsys, "run", scene, "--duration", 1, "--json")
         assert status == 3
         assert told in err
         assert place in json.loads(out)["trips"][0]["message"]
+
+    def test_an_error_that_is_none_of_arithmetic_is_told_before_anything_moves(self, broken: Broken) -> None:
+        law = CLASS.replace("return -self", "return helper() if position > 1e-3 else -self")
+        law += "\n\ndef helper():\n    raise KeyError('table')\n"
+        install(broken.folder, broken.package, f"own = {broken.package}:Own", law)
+        with pytest.raises(SceneError, match="element mine: helper raised KeyError: 'table'"):
+            haptic_fieldbus.run(write(broken.folder, f'{OWN}name = "mine"\nstiffness = 30\n'), duration=1.0)
 
     def test_it_prints_nothing_beside_an_object(self, broken: Broken, capsys: pytest.CaptureFixture[str]) -> None:
         install(broken.folder, broken.package, f"own = {broken.package}:Own", "print('hello')" + CLASS)
