@@ -208,15 +208,21 @@ def runs_off(elements: Sequence[Any], travel: Interval) -> bool:
 
 def own_laws(elements: Sequence[Any], travel: Interval, effort: float) -> tuple[OwnLaw, ...]:
     """Return how each element without bounds of its own was judged."""
-    judged = [each for each in elements if is_sampled(each) or not (is_shipped(each) or _is_bounded(each))]
-    return tuple(_own_law(each, travel, effort, runs_off(elements, travel)) for each in judged)
+    off = runs_off(elements, travel)
+    return tuple(_own_law(each, travel, effort, off) for each in elements if _is_told(each, off))
+
+
+def _is_told(element: Any, runs_off: bool) -> bool:
+    if is_shipped(element):
+        return is_sampled(element)
+    return is_sampled(element) or not _is_bounded(element) or (runs_off and _is_static(element))
 
 
 def _own_law(element: Any, travel: Interval, effort: float, runs_off: bool) -> OwnLaw:
     space = element.linearised()
     stated = -float(space.d[0, 0])
     beyond = tuple(each.value for each in element.needs if each is not Signal.POSITION)
-    if not is_sampled(element):
+    if not _is_static(element):
         remembers = () if hasattr(type(element), "force") else ("memory",)
         return OwnLaw(element.name, 0, travel, math.nan, math.nan, stated, (*remembers, *beyond), False)
     law = read(element)

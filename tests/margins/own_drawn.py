@@ -178,7 +178,7 @@ class Bounded:
         return found
 
     def places(self: Any, lower: float, upper: float, effort: float) -> tuple[float, ...]:
-        grid = np.linspace(lower, upper, 200).tolist()
+        grid = np.linspace(max(lower, -5.0), min(upper, 5.0), 200).tolist()
         turns = [self.position + each for each in self.turns(lower - self.position, upper - self.position)]
         return tuple(each for each in [*grid, *turns] if lower <= each <= upper)
 

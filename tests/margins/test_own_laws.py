@@ -17,7 +17,7 @@ from haptic_fieldbus.scenes.element import Element
 from haptic_fieldbus.scenes.local import Interval
 from haptic_fieldbus.scenes.spring import Spring
 from haptic_fieldbus.signals import Signal
-from tests.margins.own_drawn import OwnTrial, Remembering, Stated, own_loop
+from tests.margins.own_drawn import BoundedPolynomial, OwnTrial, Remembering, Stated, own_loop
 from tests.margins.test_claims import assert_no_false_verdict, told
 from tests.telling import TOLD
 
@@ -138,6 +138,12 @@ class TestPushedAwayWithoutEnd:
         for law in (lambda x: 0.1, math.sin, lambda x: 0.1 + 0.01 * math.sin(x)):
             assert not own_law(Stated(law)).runs_off
         assert group(Constant("a", 0.1)).stability.verdict is not Verdict.UNSTABLE
+
+    def test_bounds_of_its_own_do_not_hide_it(self) -> None:
+        bounded = BoundedPolynomial("a", 0.05, 0.0, 0.05, cube=-1.0)
+        found = group(bounded, travel=(-3.0, math.inf)).stability
+        assert (found.verdict, [law.runs_off for law in found.own_laws]) == (Verdict.UNSTABLE, [True])
+        assert group(bounded, travel=(-3.0, 3.0)).stability.own_laws == ()
 
     def test_coupled_axes_are_refused_with_it(self) -> None:
         members = [
