@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
@@ -31,7 +32,7 @@ ITEMS = {
     "chatter from a large force": (
         "run wall --set wall.stiffness=20000 --force --hand release --duration 3 --plot chatter.png", r"Unstable"
     ),
-    "chatter from slow sampling": ("run wall --rate 200 --force --duration 3 --plot slow_sampling.png", r"Unstable"),
+    "chatter from slow sampling": ("run wall --rate 100 --force --duration 3 --plot slow_sampling.png", r"Unstable"),
     "chatter from coarse quantisation": (
         "run wall --rig examples/lecture/coarse_encoder.toml --set wall.stiffness=1000 --duration 3 --plot coarse.png",
         r"it chatters: 1\d % ripple",
@@ -155,6 +156,16 @@ def test_the_tachometer_of_the_page_is_as_far_off_as_it_says() -> None:
     assert trapezoid(values[:turn], times[:turn]) == pytest.approx(-0.005 * 2.0 * math.pi, abs=2e-4)
     half = 0.45 * math.pi
     assert 10.0 * half / math.tan(half) == pytest.approx(2.24, abs=0.01)
+
+
+@pytest.mark.thorough("two runs of three seconds", quick=1)
+@pytest.mark.parametrize(("rate", "lasts"), [(100.0, True), (200.0, False)])
+def test_chatter_from_slow_sampling_lasts_where_the_hand_does_not_damp_it(rate: float, lasts: bool) -> None:
+    (trace,) = run("wall", rate=rate, force=True, duration=3.0).traces
+    before, after = (
+        float(np.ptp(trace.position[(trace.times > begin) & (trace.times <= begin + 0.8)])) for begin in (1.4, 2.2)
+    )
+    assert (after >= before > 0.02) if lasts else after < 0.005
 
 
 @pytest.mark.thorough("two runs of three seconds")

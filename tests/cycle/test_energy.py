@@ -131,6 +131,18 @@ def test_what_is_granted_is_the_leak_and_no_more(delay: float) -> None:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.56, 1.7])
+def test_a_source_of_the_size_of_the_leak_is_seen_in_full(delay: float) -> None:
+    """A push of one step of force on the way out; what the spring leaks is granted beside it, and no more."""
+    bench, deep = Bench(KnownSpring("handle"), delay * PERIOD), 200
+    way = bench.unit / STIFFNESS
+    before = 0
+    for place in [0, *range(1, deep + 1), *range(deep - 1, -1, -1), 0, 0, 0]:
+        bench.move(place * way, -STIFFNESS * place * way - (bench.unit if 0 < place < before else 0.0))
+        before = place
+    assert bench.tally.largest == pytest.approx(deep * bench.unit * way, rel=0.05)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.56, 1.7])
 def test_an_element_that_states_nothing_is_judged_by_what_it_took(delay: float) -> None:
     bench = Bench(Spring("handle"), delay * PERIOD)
     assert bench.ledger.memory.silence > 0

@@ -14,6 +14,7 @@ from haptic_fieldbus.planning.energy import ledger_elements
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import PairLaw
+from haptic_fieldbus.scenes.spring import Spring
 from tests.builders import endless_rig, plan_of, scene_of
 
 STIFFNESS = 400.0
@@ -99,3 +100,19 @@ def test_what_a_shaft_gives_while_the_limit_fades_in_is_booked_and_not_judged() 
         bench.move(0.0, 0.0, 0.0)
     assert bench.ledger.tally.largest == pytest.approx(0.0, abs=1e-6)
     assert bench.ledger.tally.booked["fade-in"] == pytest.approx(0.25 * STIFFNESS * stretch**2, rel=0.05)
+
+
+def test_the_controller_damps_by_twice_what_takes_the_leak_and_no_more() -> None:
+    """Five times the force on the way out than on the way in is more than all of the damping takes in a period."""
+    plan = plan_of(scene_of(Spring("handle", STIFFNESS)))
+    (axis,), state, sensed = plan.axes, AxisState(), Sensed()
+    port = LedgerAxis(axis, state, sensed, Permission(fade=1.0, unchanged=True))
+    ledger = Ledger([port], *ledger_elements(plan, plan.axes), plan.period, lambda *trip: None)
+    step, way = bind_ledger(ledger, lambda: None, controls=True), 1e-4
+    for number, place in enumerate([*range(1, 40), *range(38, 20, -1)]):
+        state.position = place * way
+        step()
+        asked = -STIFFNESS * place * way * (1.0 if number < 39 else 5.0)
+        state.target, state.force = round(asked / axis.effort_unit), asked
+    age = 0.5 * plan.period + axis.delay.total
+    assert sensed.damped == pytest.approx(2.0 * STIFFNESS * age * way / plan.period, rel=1e-9)

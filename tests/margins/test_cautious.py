@@ -8,6 +8,7 @@ from random import Random
 import pytest
 
 import haptic_fieldbus
+from haptic_fieldbus.margins import Plant, stiffness_limit
 from haptic_fieldbus.margins.bodies import HungBody
 from haptic_fieldbus.margins.cautious import WORST
 from haptic_fieldbus.margins.group import Group, Member
@@ -53,6 +54,21 @@ def test_what_is_exact_in_all_has_the_nominal_limit() -> None:
     assert found.cautious is not None
     assert found.cautious.stable == pytest.approx(found.stiffness_limit.stable, rel=2e-6)
     assert found.cautious.quantisation == found.stiffness_limit.quantisation
+
+
+@pytest.mark.parametrize(
+    ("virtual", "mass"), [(0.0, 1.0), (20.0, 0.8)], ids=["any device", "the lightest of the stated range"]
+)
+def test_it_is_the_limit_at_the_longest_delay_and_lag_with_half_of_the_damping(virtual: float, mass: float) -> None:
+    """With much virtual damping a light device is worst; without any, the mass hardly counts."""
+    ranges, plant = Ranges((LAG, 2.0 * LAG), (0.2e-3, 0.8e-3)), Plant(0.1, 2.0, torque_lag=LAG)
+    elements = (Wall("a", 100.0, damping=virtual),)
+    member = Member("a", plant, 0.2e-3, elements, None, "backward-difference", ranges=ranges)
+    found = Group((member,), (), PERIOD).cautious_limit()
+    worst = Plant(0.1 * mass, 1.0, torque_lag=2.0 * LAG)
+    limit = stiffness_limit(worst, PERIOD, 0.8e-3, partial(wall, damping=virtual))
+    assert found is not None
+    assert found.stable == pytest.approx(limit, rel=1e-5 if virtual else 0.01)
 
 
 def test_the_worst_corner_of_a_spring_is_tried_first() -> None:

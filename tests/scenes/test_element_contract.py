@@ -25,6 +25,7 @@ from haptic_fieldbus.scenes.element import (
     DynamicElement,
     MemoryElement,
     StaticElement,
+    Varying,
     is_varying,
 )
 from haptic_fieldbus.scenes.registry import ELEMENTS
@@ -221,6 +222,19 @@ class TestEveryElement:
     @of_every_example
     def test_is_nowhere_steeper_than_it_says(self, kind: str, element: AnyElement) -> None:
         assert contradictions(element, SHEETS[kind].reach) == []
+
+    @each_example(lambda kind, element: is_varying(element))
+    def test_its_bounds_hold_between_any_two_places(self, kind: str, element: Varying) -> None:
+        (middle, amplitude), random = SHEETS[kind].reach, np.random.default_rng(11)
+        felt = law(element)
+        rest = [0.0] * (len(element.needs) - 1)
+        for low, high in np.sort(middle + amplitude * random.uniform(-1.5, 1.5, (12, 2))).tolist():
+            bounds, x = element.local(low, high), np.linspace(low, high, 300)
+            force = np.array([felt(float(each), *rest) for each in x])
+            slope = -np.diff(force) / np.diff(x)
+            slack = 1e-6 * (1.0 + np.abs(bounds.stiffness).max()), 1e-9 * (1.0 + np.abs(force).max())
+            assert bounds.stiffness[0] - slack[0] <= slope.min() <= slope.max() <= bounds.stiffness[1] + slack[0]
+            assert bounds.force[0] - slack[1] <= force.min() <= force.max() <= bounds.force[1] + slack[1]
 
     @of_every_example
     def test_gives_finite_plain_floats_at_any_finite_motion(self, kind: str, element: AnyElement) -> None:

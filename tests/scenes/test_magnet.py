@@ -40,6 +40,13 @@ def test_its_force_is_what_its_energy_falls_by(start: float, end: float) -> None
     assert work == pytest.approx(stored(MAGNET, start) - stored(MAGNET, end), abs=1e-9)
 
 
+def test_what_it_stores_is_what_its_force_takes_to_go_there() -> None:
+    magnet = Magnet("handle", pull=1.2, radius=0.02, position=0.001)
+    for place in (-0.03, -0.012, 0.004, 0.0105, 0.05):
+        work, _ = quad(magnet.force, magnet.position, place, limit=200, points=[-0.019, 0.021])
+        assert magnet.stored(place) - magnet.stored(magnet.position) == pytest.approx(-work, rel=1e-6)
+
+
 def test_to_leave_it_costs_as_much_as_it_says() -> None:
     cost = -quad(MAGNET.force, 0.015, 0.027)[0]
     assert cost == pytest.approx(MAGNET.stiffness * 0.012**2 / 6.0, rel=1e-9)

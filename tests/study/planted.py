@@ -10,6 +10,9 @@ from pathlib import Path
 MARGINS, NUMERICS = "haptic_fieldbus/margins", "haptic_fieldbus/numerics"
 TESTS, LIMIT = "tests/margins", "tests/margins/test_passivity.py::TestPassiveLimit"
 
+WORST_CORNER = "test_it_is_the_limit_at_the_longest_delay_and_lag_with_half_of_the_damping"
+CONTRACT = "tests/scenes/test_element_contract.py"
+
 
 @dataclass(frozen=True)
 class Planted:
@@ -188,5 +191,96 @@ PLANTED = {
         "energy += 1.01 * way * (early * older",
         ("passivity-observer-timing", "passivity-observer-delay", "saturation-ledger"),
         ("tests/cycle/test_energy.py::test_a_contact_at_constant_speed_shows_its_leak_to_the_last_digit",),
+    ),
+    "least inertia of the worst case 0.9": Planted(
+        f"{MARGINS}/ranges.py",
+        "INERTIA_SHARES: Range = (0.8, 1.25)",
+        "INERTIA_SHARES: Range = (0.9, 1.25)",
+        ("worst-of-ranges",),
+        (f"{TESTS}/test_cautious.py::{WORST_CORNER}",),
+    ),
+    "longest delay ignored": Planted(
+        f"{MARGINS}/cautious.py",
+        "ranges.delay[delay]",
+        "ranges.delay[0]",
+        ("worst-of-ranges",),
+        (f"{TESTS}/test_cautious.py::{WORST_CORNER}",),
+    ),
+    "estimator's weight gone from the passivity bound": Planted(
+        f"{MARGINS}/resting.py",
+        "            damping *= weight(self.estimator, self.period)",
+        "            pass",
+        ("estimator-weight",),
+        (f"{TESTS}/test_increments.py::test_a_damper_counts_by_what_its_estimator_makes_of_single_moves",),
+    ),
+    "velocity gone from the rounding that friction bridges": Planted(
+        f"{MARGINS}/increments.py",
+        "(0.5 * self.slope + self.damping / period) * plant.resolution",
+        "0.5 * self.slope * plant.resolution",
+        ("rounding-bridged",),
+        (f"{TESTS}/test_increments.py::test_friction_bridges_half_a_count_of_position_and_one_of_velocity",),
+    ),
+    "a magnet's stored energy doubled": Planted(
+        "haptic_fieldbus/scenes/magnet.py",
+        "self.radius**2 / 6.0",
+        "self.radius**2 / 3.0",
+        ("stored-energy",),
+        ("tests/scenes/test_magnet.py::test_what_it_stores_is_what_its_force_takes_to_go_there",),
+    ),
+    "a magnet's outer slope missed": Planted(
+        "haptic_fieldbus/scenes/magnet.py",
+        "(-(0.6**0.5), 0.0, 0.6**0.5)",
+        "(0.0,)",
+        ("magnet-outside",),
+        (f"{CONTRACT}::TestEveryElement::test_its_bounds_hold_between_any_two_places",),
+    ),
+    "damping of the controller halved": Planted(
+        "haptic_fieldbus/cycle/energy.py",
+        "LEAKS = 2.0",
+        "LEAKS = 1.0",
+        ("controller-damping",),
+        ("tests/cycle/test_energy_steps.py::test_the_controller_damps_by_twice_what_takes_the_leak_and_no_more",),
+    ),
+    "leak allowance doubled": Planted(
+        "haptic_fieldbus/planning/energy.py",
+        "return AxisTerms(active, stiffness * age, age / period)",
+        "return AxisTerms(active, 2.0 * stiffness * age, age / period)",
+        ("leak-allowance",),
+        ("tests/cycle/test_energy.py::test_a_source_of_the_size_of_the_leak_is_seen_in_full",),
+    ),
+    "leak without half a period": Planted(
+        "haptic_fieldbus/planning/energy.py",
+        "age = 0.5 * period + axis.delay.total",
+        "age = axis.delay.total",
+        ("leak-allowance",),
+        ("tests/cycle/test_energy.py::test_what_is_granted_is_the_leak_and_no_more",),
+    ),
+    "stretch of gaps without a square": Planted(
+        "haptic_fieldbus/cycle/gaps.py",
+        "return 1.0 + self._surplus / self._periods",
+        "return 1.0 + self._missing / self._periods",
+        ("gaps-given-up",),
+        ("tests/cycle/test_gaps.py::test_a_loop_is_given_up_when_its_margin_is_used_up",),
+    ),
+    "moving contact from half of the fastest speed": Planted(
+        "haptic_fieldbus/assessing/error_sums.py",
+        "MOVING = 0.05",
+        "MOVING = 0.5",
+        ("score-by-hand",),
+        ("tests/assessing/test_torque_error.py::test_what_is_scored_is_contact_in_which_the_handle_moves",),
+    ),
+    "score 2 % too large": Planted(
+        "haptic_fieldbus/assessing/error_sums.py",
+        "error_rms_contact=float(wrong)",
+        "error_rms_contact=1.02 * float(wrong)",
+        ("score-by-hand",),
+        ("tests/assessing/test_torque_error.py::test_what_is_scored_is_contact_in_which_the_handle_moves",),
+    ),
+    "slope of a straight input 1 % wrong": Planted(
+        f"{NUMERICS}/exact.py",
+        "held - slope, slope",
+        "held - slope, 1.01 * slope",
+        ("straight-line-step",),
+        ("tests/numerics/test_exact.py::test_hold_and_ramp_agree_with_scipy",),
     ),
 }

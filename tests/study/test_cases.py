@@ -19,6 +19,8 @@ encoder-jump clock-backwards saturation-ledger hunt-crossley-fast-impact contact
 multi-scale-tissue lugre-fast-slip coulomb-stop detent-too-sharp hand-lets-go rotary-equals-linear long-clock
 start-inside-the-wall modbus-one-period torque-lag coupled-axes
 compliant-transmission varying-slope missed-frames-pattern tick-phase fade-return
+gaps-given-up leak-allowance controller-damping stored-energy worst-of-ranges estimator-weight rounding-bridged
+magnet-outside score-by-hand straight-line-step
 """
 
 

@@ -122,7 +122,7 @@ def test_a_line_a_scene_says_what_it_leaves_out() -> None:
     plans = {name: api.plan(name) for name in ("wall", "virtual_shaft")}
     costs = {"wall": Cost(np.array([1770.0, 1790.0, 1902.0]), 1, 1), "virtual_shaft": Cost(np.full(3, 6470.0), 1, 1)}
     text = plain_text(left_out.lines(plans, costs).replace("<td", "|<td"))
-    assert "|wall|velocity, estimator, integrator, virtual states|1.77 (1.78 to 1.85)" in text
+    assert "|wall|velocity, estimator, integrator, virtual states|1.79 (1.78 to 1.85)" in text
     assert "|virtual_shaft|integrator, virtual states|6.47 (6.47 to 6.47)" in text
     assert "of wall takes 1.8 µs, of virtual_shaft (2 axes) 6.5 µs" in plain_text(left_out.scenes_finding(plans, costs))
     reasons = left_out.reasons(plans)

@@ -26,6 +26,7 @@ from haptic_fieldbus.study.cases import (
     sharing_contact,
     sharing_width,
     slopes,
+    stated,
 )
 
 CASES: dict[str, Case] = {
@@ -101,5 +102,15 @@ CASES: dict[str, Case] = {
     "missed-frames-pattern": instants.missed_frames_pattern,
     "tick-phase": instants.tick_phase,
     "fade-return": gap.fade_return,
+    "gaps-given-up": gap.gaps_given_up,
+    "leak-allowance": ledger.leak_allowance,
+    "controller-damping": ledger.controller_damping,
+    "stored-energy": ledger.stored_energy,
+    "worst-of-ranges": stated.worst_of_ranges,
+    "estimator-weight": stated.estimator_weight,
+    "rounding-bridged": stated.rounding_bridged,
+    "magnet-outside": stated.magnet_outside,
+    "score-by-hand": stated.score_by_hand,
+    "straight-line-step": stated.straight_line_step,
     "modbus-one-period": modbus.modbus_one_period,
 }

@@ -1,4 +1,4 @@
-"""Case of a gap in the feedback while a hand presses on: how the force fades, and how much of it comes back."""
+"""Cases of gaps in the feedback: how the force fades and comes back, and how many gaps a loop bears."""
 
 from collections.abc import Sequence
 
@@ -8,6 +8,8 @@ from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag
 from haptic_fieldbus.study.case import CaseResult, share_used, values_text
 from haptic_fieldbus.study.cases.drive_bench import COUNT, FADED_IN, PERIOD_NS, UNIT, Feeder, feed, plan_of
+from haptic_fieldbus.study.oracles import events
+from haptic_fieldbus.study.oracles.contact import growth_of_turn
 
 WAY, FADE = 20, 10
 """Counts that the hand moves in a period, and periods of a whole fade."""
@@ -96,4 +98,53 @@ def fade_return(quick: bool) -> CaseResult:
         "the force by hand, segment after segment, and its work",
         tolerance=f"{exactly(EXACT)} of {rounded(EFFORT, 3)} N and of {rounded(1e3 * stored, 3)} mJ",
         used=share_used((off, EXACT * EFFORT), (apart, EXACT * stored)),
+    )
+
+
+LENGTH, EACH = 10, 51
+"""Periods from sample to sample in a gap, and periods from gap to gap: less than a fifth of the samples is missing."""
+SPANS = (1.5, 40.0)
+"""Limits of stiffness over the stiffness of two walls."""
+
+
+def _given_up(stiffness: float) -> str | None:
+    """Return the kind of the trip of a loop with such gaps while the handle rests in the wall; None without a trip."""
+    cycle = Feeder(plan_of(Wall("handle", stiffness)))
+    for number in range(FADED_IN + 1200):
+        at = max(number - FADED_IN, 0)
+        within = at % EACH
+        lost = 0 < within < LENGTH
+        feed(cycle, WAY, LinkFlag.STALE if lost else 0, (number - (within if lost else 0)) * PERIOD_NS)
+        if cycle.tripped is not None:
+            return cycle.tripped.value
+    return None
+
+
+def gaps_given_up(quick: bool) -> CaseResult:
+    """Check that a loop is given up whose gaps make it grow, though few samples are missing, and another is not.
+
+    A gap counts by the square of its length, since its force is that much older.
+    """
+    axis = plan_of(Wall("handle", STIFFNESS)).axes[0]
+    if axis.plant is None or axis.stability is None:
+        raise ValueError("the bench of the cases is known")
+    limit = axis.stability.stiffness_limit.stable or 0.0
+    body = events.motor(axis.plant.mass, axis.plant.damping, axis.plant.torque_lag)
+    period = PERIOD_NS * 1e-9
+    shots = [
+        events.Shot(number * period, (number * period + axis.delay.transport,), not 0 < number < LENGTH)
+        for number in range(EACH)
+    ]
+    grown = [growth_of_turn(body, EACH * period, shots, limit / span, 0.0, period) for span in SPANS]
+    found = [_given_up(limit / span) for span in SPANS]
+    stretch = (LENGTH**2 + EACH - LENGTH) / EACH
+    is_right = grown[0] > 1.0 > grown[1] and found[0] is not None and found[1] is None
+    return CaseResult(
+        f"{LENGTH - 1} of {EACH} samples lost, stretch {rounded(stretch, 3)}: at 1/{exactly(SPANS[0])} of the limit a "
+        f"knock is multiplied by {rounded(grown[0], 4)} from gap to gap, and the loop is given up; at "
+        f"1/{exactly(SPANS[1])} by {rounded(grown[1], 4)}",
+        f"{found[0] or 'no trip'}; {found[1] or 'no trip'}",
+        is_right,
+        "device and torque loop from event to event, over a gap and the samples up to the next one",
+        tolerance="exact",
     )

@@ -79,7 +79,7 @@ def bus_points(tools: Tools, name: str, *, quick: bool) -> Iterator[BusPoint]:
 
 
 def computing_time(plan: Plan) -> float:
-    """Return the shortest mean time of a period's computing on this machine [s]."""
+    """Return the median time of a period's computing on this machine [s]."""
     playback = Playback(plan)
     return 1e-9 * in_turn({SCENE: Timed(playback.running_cycle(), playback.swing)}, REPEATS)[SCENE].ns
 

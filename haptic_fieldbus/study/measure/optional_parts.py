@@ -40,7 +40,7 @@ class OptionalPart:
 
     part: str
     ns_per_step: float
-    """Shortest pass; of a difference of two costs, the median."""
+    """Median pass."""
     ns_quartiles: Quartiles
     cost: Cost | None = None
     """What was timed; None for a difference."""

@@ -79,13 +79,12 @@ def felt(tools: Tools, duration: float) -> list[Felt]:
     return [_felt(scene, tools.run(scene, rig, bus="sim", hand="tap", duration=duration)) for scene in _both(FELT)]
 
 
-def limit_share(found: Iterable[Decay], *, controlled: bool) -> float | None:
-    """Return the share of the stability limit at which oscillations neither grow nor decay; None beyond the sweep."""
+def limit_share(found: Iterable[Decay], *, controlled: bool) -> tuple[float, float] | None:
+    """Return the neighbouring shares of which oscillations decay at the first and grow at the second; None: nowhere."""
     rows = [each for each in found if each.controlled == controlled]
     for below, above in pairwise(rows):
         if below.growth <= 1.0 < above.growth:
-            part = (1.0 - below.growth) / (above.growth - below.growth)
-            return below.share + part * (above.share - below.share)
+            return below.share, above.share
     return None
 
 

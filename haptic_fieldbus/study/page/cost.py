@@ -21,11 +21,11 @@ QUICK, FULL = 20_000, 1_000_000
 # By the text before the colon in the name of a part.
 COLOURS = {"whole period": BLUE, "estimator": ORANGE, "integrator, two states": GREEN, "integrator, four states": GREEN}
 
-CAPTION = """Nanoseconds per call: the bar is the shortest of 25 repeats, in which all parts take turns; the line across
+CAPTION = """Nanoseconds per call: the bar is the median of 25 repeats, in which all parts take turns; the line across
 its end spans the middle half of the repeats."""
-EXPLAINED = """The shortest mean time of many calls in this Python process, after a warm-up: what a part costs when
-nothing interrupts it. A scene pays only for what it asks for; the plan leaves out the rest. Single periods are timed
-too, with all that the machine does in between."""
+EXPLAINED = """The mean time of many calls in this Python process, after a warm-up, and of 25 such repeats the median.
+A scene pays only for what it asks for; the plan leaves out the rest. Single periods are timed too, with all that the
+machine does in between."""
 MORE = '<div class="more"><a href="#cost">All {} scenes that were timed, and why</a></div>'
 LATE = """How many periods would have been missed on this machine, as it was while the report was made: by computing
 alone, and with the exchange on the bus (worst case, CAN at 1 Mbit/s) and computing one after the other, as the loop
@@ -53,7 +53,7 @@ def cost_section(context: Context) -> Section:
         "<h3>Each part by itself</h3>",
         paragraph(EXPLAINED),
         picture("cost", document, CAPTION),
-        table(("single periods [µs]", "shortest mean", "median", "99.9 %", "largest"), _single(found)),
+        table(("single periods [µs]", "median of means", "median", "99.9 %", "largest"), _single(found)),
         "<h3>Periods missed</h3>",
         paragraph(LATE),
         _late_table(late),

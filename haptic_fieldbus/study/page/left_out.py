@@ -8,7 +8,7 @@ from haptic_fieldbus.study.measure.timing import Cost
 from haptic_fieldbus.study.page.html import folded, paragraph, table
 
 EXPLAINED = """What a scene does not need is not imported, mapped, decoded, estimated or stepped. The time
-is that of computing a whole period, the shortest of 25 repeats in which the scenes take turns, and the middle half of
+is that of computing a whole period, the median of 25 repeats in which the scenes take turns, and the middle half of
 the repeats. The image is what is read and written in a period, all axes together."""
 
 
@@ -56,6 +56,6 @@ def _octets(plan: Plan) -> int:
 
 
 def _micros(cost: Cost) -> str:
-    """Return the shortest pass and the middle half of the passes [µs]."""
+    """Return the median and the middle half of the passes [µs]."""
     low, _, high = (rounded(1e-3 * ns) for ns in cost.quartiles)
     return f"{rounded(1e-3 * cost.ns)} ({low} to {high})"

@@ -28,6 +28,7 @@ FAMILIES = {
     "instants": "lost samples, ticks",
     "elements": "stiff elements",
     "slopes": "stiff elements",
+    "stated": "stated limits, score",
     "drive": "faults, gaps, clock",
     "gap": "faults, gaps, clock",
     "modbus": "Modbus, a period late",

@@ -36,7 +36,7 @@ FIXED_COST = 300.0
 
 EXPLAINED = """Each marker is one run with one step size; its force is compared with the exact one at every sample. On
 the left the error stands over the step size: a method of order <i>p</i> falls by 10<sup><i>p</i></sup> a decade. On
-the right the same runs stand over what they cost, the computing time for one second of simulated time: the shortest of
+the right the same runs stand over what they cost, the computing time for one second of simulated time: the median of
 25 repeats, in which the methods take turns. <b>×</b> in
 the zone at the top marks a failure, a row for each method: the numbers left the finite ones, or the error exceeds ten
 times the largest force. Below the dashed line a hand cannot tell the error (8 % of the largest force). Every method
