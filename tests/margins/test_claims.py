@@ -191,9 +191,22 @@ def test_hard_knocks_and_slow_traverses_with_friction_and_counts_give_no_energy(
     trial.assert_none(false, x=x, push=bench.push, knock=knock, last=energy, bound=bound)
 
 
+COARSEST = 0.05 / 24
+"""24 counts a turn of 50 mm [m]."""
+
+
 def rough(loop: Drawn, random: np.random.Generator) -> Drawn:
-    """Return the loop with friction and counts, and with ideal torque."""
+    """Return the loop with friction and counts, fine ones or as coarse as 24 a turn, and with ideal torque.
+
+    The friction is any, or about what bridges the rounding of the stiffest place.
+    """
     coulomb, step = loop.effort * 10.0 ** random.uniform(-3.0, -1.5), 10.0 ** random.uniform(-6.0, -4.5)
+    if random.random() < 0.4:
+        step = COARSEST * 10.0 ** random.uniform(-1.5, 0.0)
+        increments = loop.environment.increments
+        asked = (0.5 * increments.slope + increments.damping / PERIOD) * step
+        if np.isfinite(asked):
+            coulomb = asked * random.uniform(0.8, 1.5)
     return replace(loop, plant=replace(loop.plant, coulomb=coulomb, resolution=step, torque_lag=0.0))
 
 
