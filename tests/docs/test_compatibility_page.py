@@ -81,7 +81,7 @@ def test_a_command_prints_the_keys_of_the_page(
         # Run and plan tell what is assumed, and plan the ways of exchange, once, beside the rest of the plan.
         assert OBJECTS[known] - ({"assumed", "ways"} if at.endswith(": stability") else set()) == keys, at
     promised = {at for at in OBJECTS if at == name or at.startswith(f"{name}: ")}
-    assert promised <= told.keys() | {"run: trips[]", "run: stopped"}
+    assert promised <= told.keys() | {"run: trips[]", "run: stopped", "stability: own_laws[]"}
 
 
 def test_a_trip_has_the_keys_of_the_page() -> None:

@@ -1,5 +1,6 @@
 """What a plan and a refusal say of elements without bounds of their own."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -57,5 +58,8 @@ def test_json_has_them() -> None:
     assert judged is not None
     found: Any = judged.to_json()["own_laws"]
     (law,) = found
+    page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "compatibility.md").read_text(encoding="utf-8")
+    keys = ", ".join(f"`{key}`" for key in law)
+    assert f"| `stability: own_laws[]` | {keys} |" in page
     assert (law["element"], law["places"] > 100, law["beyond"], law["runs_off"]) == ("own", True, [], False)
     assert stability("wall").own_laws == ()

@@ -224,7 +224,7 @@ def test_the_explanation_names_what_is_mapped_left_out_and_run() -> None:
 
 
 def test_a_scene_without_stiffness_is_explained_by_its_verdict_alone() -> None:
-    assert explain(plan_of(scene_of(Constant("handle", 0.0)))).endswith("stability  passive")
+    assert explain(plan_of(scene_of(Constant("handle", 0.0, needs=())))).endswith("stability  passive")
 
 
 def test_where_any_stiffness_is_stable_and_passive_none_is_recommended() -> None:

@@ -110,7 +110,7 @@ CASES: dict[str, Case] = {
     "estimator-weight": stated.estimator_weight,
     "rounding-bridged": stated.rounding_bridged,
     "magnet-outside": stated.magnet_outside,
-    "score-by-hand": stated.score_by_hand,
+    "score-by-hand": stated.late_spring_score,
     "straight-line-step": stated.straight_line_step,
     "modbus-one-period": modbus.modbus_one_period,
 }

@@ -192,7 +192,7 @@ CLOSE = 2e-3
 """Permitted relative difference of a score: its threshold of speed is known to 1 %."""
 
 
-def score_by_hand(quick: bool) -> CaseResult:
+def late_spring_score(quick: bool) -> CaseResult:
     """Check the score of a spring whose force is late in a sine: the error over the force, both while it moves."""
     points = POINTS if quick else 10 * POINTS
     phase = 2.0 * math.pi * (np.arange(points) + 0.5) / points
