@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_fieldbus.margins import Plant, Verdict
+from haptic_fieldbus.margins import Plant
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.verdict import AT_LIMIT
 from haptic_fieldbus.scenes.coupling import Coupling
@@ -26,7 +26,7 @@ from tests.margins.test_claims import GROWN, grown
 from tests.telling import TOLD
 
 WINDOWS = 7
-BATCHES = [pytest.param(0, 20, 2100, id="few"), *(pytest.param(n, 300, 7000, id=f"batch-{n}") for n in (1, 2))]
+BATCHES = [pytest.param(0, 10, 1400, id="few"), *(pytest.param(n, 300, 7000, id=f"batch-{n}") for n in (1, 2))]
 
 
 @dataclass(frozen=True)
@@ -213,4 +213,3 @@ def test_the_pairs_are_of_all_kinds() -> None:
     pairs = [pair(random) for _ in range(60)]
     assert {bool(each.coupling.dead_band) for each in pairs} == {True, False}
     assert {each.coupling.saturation is None for each in pairs} == {True, False}
-    assert {each.group.stability.verdict for each in pairs[:8]} <= {*Verdict}

@@ -179,5 +179,5 @@ def test_the_stiffness_that_varies_is_read_again() -> None:
         def force(self, *values: float) -> float:
             return self.stiffness * self.law(*values)
 
-    ours = group(Spring("a", 0.05)).stability.stiffness_limit.stable
-    assert group(Scaled(lambda x: -x, 0.0)).stability.stiffness_limit.stable == pytest.approx(ours, rel=1e-6)
+    ours = group(Spring("a", 0.05)).rough_limit()
+    assert group(Scaled(lambda x: -x, 0.0)).rough_limit() == pytest.approx(ours, rel=1e-5)
