@@ -175,7 +175,7 @@ def saturation_ledger(quick: bool) -> CaseResult:
     )
 
 
-GRANTED = 0.02
+GRANTED = 0.03
 """Permitted relative difference of what is given beyond the leak: the account opens and turns some samples later."""
 
 
