@@ -12,6 +12,7 @@ passive. What `linearised` states beside it counts too, wherever it is stiffer.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any
@@ -115,7 +116,8 @@ class SampledLaw:
     @cached_property
     def _force(self) -> Callable[[float, float], float]:
         """Position and velocity → force; not-a-number where the law gives no number."""
-        law, needs = self.element.force, self.element.needs
+        # A copy: a force that counts its calls, which it should not, runs as if it had never been read.
+        law, needs = copy(self.element).force, self.element.needs
 
         def force(position: float, velocity: float) -> float:
             values = [position if each is Signal.POSITION else velocity for each in needs]

@@ -11,6 +11,7 @@ from haptic_fieldbus.margins import Plant, Verdict
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.places import OwnLaw, Places
 from haptic_fieldbus.margins.terrain import EVERYWHERE
+from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.scenes.constant import Constant
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.scenes.element import Element
@@ -169,6 +170,26 @@ def test_an_element_that_cannot_be_hashed_is_judged_too() -> None:
             raise TypeError("unhashable")
 
     assert own_law(Loose(hardening)).is_steeper
+
+
+def test_a_force_that_counts_its_calls_is_not_disturbed() -> None:
+    @dataclass
+    class Counting:
+        axis: str = "a"
+        name: str = "counting"
+        needs: tuple[Signal, ...] = (Signal.POSITION,)
+        calls: int = 0
+
+        def force(self, position: float) -> float:
+            self.calls += 1
+            return 0.0
+
+        def linearised(self) -> StateSpace:
+            return gain([[0.0, 0.0]])
+
+    counting = Counting()
+    assert own_law(counting).places > 100
+    assert counting.calls == 0
 
 
 def test_the_stiffness_that_varies_is_read_again() -> None:
