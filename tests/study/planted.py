@@ -243,8 +243,8 @@ PLANTED = {
     ),
     "leak allowance doubled": Planted(
         "haptic_fieldbus/planning/energy.py",
-        "return AxisTerms(active, stiffness * age, age / period)",
-        "return AxisTerms(active, 2.0 * stiffness * age, age / period)",
+        "AxisTerms(active, stiffness * age, age / period, ",
+        "AxisTerms(active, 2.0 * stiffness * age, age / period, ",
         ("leak-allowance",),
         ("tests/cycle/test_energy.py::test_a_source_of_the_size_of_the_leak_is_seen_in_full",),
     ),
@@ -257,8 +257,8 @@ PLANTED = {
     ),
     "stretch of gaps without a square": Planted(
         "haptic_fieldbus/cycle/gaps.py",
-        "return 1.0 + self._surplus / self._periods",
-        "return 1.0 + self._missing / self._periods",
+        "surplus, periods = self._surplus, float(self._periods)",
+        "surplus, periods = self._missing, float(self._periods)",
         ("gaps-given-up",),
         ("tests/cycle/test_gaps.py::test_a_loop_is_given_up_when_its_margin_is_used_up",),
     ),
