@@ -84,7 +84,7 @@ class SampledLaw:
         few = FEW if self.start else MANY
         found = sorted({*uneven(lower, upper, few), *(each for each in self.start if lower <= each <= upper)})
         found = [each for each in found if math.isfinite(self.at(each).force[0])]
-        while len(found) < MOST[few] and (more := self._halved(found, effort, MOST[few] - len(found))):
+        while 1 < len(found) < MOST[few] and (more := self._halved(found, effort, MOST[few] - len(found))):
             found = sorted({*found, *more})
         return tuple(found)
 
@@ -224,11 +224,11 @@ def _own_law(element: Any, travel: Interval, effort: float, runs_off: bool) -> O
     space = element.linearised()
     stated = -float(space.d[0, 0])
     beyond = tuple(each.value for each in element.needs if each is not Signal.POSITION)
-    if not _is_static(element):
+    law = read(element)
+    places = law.places(*travel, effort) if _is_static(element) else ()
+    if not places:
         remembers = () if hasattr(type(element), "force") else ("memory",)
         return OwnLaw(element.name, 0, travel, math.nan, math.nan, stated, (*remembers, *beyond), False)
-    law = read(element)
-    places = law.places(*travel, effort)
     held = [place for place in places if abs(law.at(place).force[0]) <= effort] or list(places)
     at = max(held, key=lambda place: law.at(place).stiffness[1])
     ends = reach(*travel, effort)

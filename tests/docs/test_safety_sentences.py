@@ -78,6 +78,7 @@ TESTS: dict[int, dict[str, str]] = {
         "divide the stiffness limit by at most": f"{CYCLE}gaps.py::test_no_pattern_that_is_permitted_grows",
         "they never did": f"{CYCLE}gaps.py::test_two_gaps_in_each_second_are_a_pattern",
     },
+    49: {},
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 

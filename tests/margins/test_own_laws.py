@@ -109,6 +109,9 @@ def test_places_without_a_number_are_left_out_and_other_errors_are_not() -> None
 
     assert math.isfinite(own_law(Stated(rooted)).steepest)
     assert own_law(Stated(lambda x: -0.05 * x**1.5)).places > 100  # complex below 0
+    nowhere = own_law(Stated(lambda x: math.nan))
+    assert (nowhere.places, nowhere.stated) == (0, own_law(Stated(lambda x: -0.05 * x)).stated)
+    assert math.isnan(nowhere.steepest)
     with pytest.raises(KeyError):
         own_law(Stated(lambda x: {}[x]))
     with pytest.raises(TypeError, match="subscriptable"):
