@@ -84,6 +84,7 @@ DOES_WITHOUT = {
         "margins.closed_loop": "margins.bodies",
         "margins.group": "margins.coupled",
         "margins.increments": "numerics.estimators",
+        "margins.resting": "margins.own_laws",
         "numerics.coupled": "numerics.estimators",
         "numerics.sampled": "numerics.estimators numerics.integrators",
         "planning.compile": "numerics.estimators",

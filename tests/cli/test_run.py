@@ -18,7 +18,7 @@ KEYS = [
 ]  # fmt: skip
 STABILITY = {
     "period_s", "delay_s", "plant", "stiffness", "damping", "stiffness_limit", "judged_at",
-    "spectral_radius", "margin", "verdict",
+    "spectral_radius", "margin", "verdict", "own_laws",
 }  # fmt: skip
 
 

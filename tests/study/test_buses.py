@@ -51,8 +51,8 @@ def test_the_error_follows_the_age_of_the_torque_on_both_protocols() -> None:
         ages[name] = 0.5 * plan.period + plan.delay.total
     assert errors[SLOW] / errors[FAST] == pytest.approx(ages[SLOW] / ages[FAST], rel=0.15)
     assert max(errors[CAN], errors[TCP]) < 0.5 * errors[FAST]
-    # By hand: function 23 writes two registers in 17 characters; status word, position (two), torque and the target that
-    # is read back come in 15. With two silences and the time of the drive's answer.
+    # By hand: function 23 writes two registers in 17 characters; status word, position (two), torque and the target
+    # that is read back come in 15. With two silences and the time of the drive's answer.
     for name, baud in ((FAST, 1e6), (SLOW, 115200.0)):
         assert costs[name] == pytest.approx(32 * 11 / baud + 2 * SILENCE + ANSWER_TIME)
     assert costs[TCP] == pytest.approx(2 * (0.25e-3 + ANSWER_TIME))

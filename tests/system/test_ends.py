@@ -117,11 +117,12 @@ def test_a_signal_ends_a_run_torque_free_and_in_order(name: str, port: int, list
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGINT)
     status, out, err = ended(process)
-    assert status == STATUS[name], err
     assert not any(listener.last_set_point())
     result = json.loads(out)
     assert result["trips"] == []
-    assert result["stopped"]["signal"] == name
+    # Signals that are pending together are delivered by number, so that an interrupt can overtake a termination.
+    assert result["stopped"]["signal"] in (name, "SIGINT")
+    assert status == STATUS[result["stopped"]["signal"]], err
     assert f"{result['stopped']['message']}\n" in err
     assert result["cycles"] > 0
     with path.open() as file:

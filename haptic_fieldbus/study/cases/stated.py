@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from haptic_fieldbus.assessing.error_sums import ErrorSums
+from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR
 from haptic_fieldbus.margins import Plant, Verdict
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.margins.places import Places
@@ -41,7 +42,7 @@ AGREEMENT, ROUGH, CUT = 1e-6, 1e-5, 5e-4
 def _alone(
     element: Element,
     plant: Plant = DEVICE,
-    estimator: str = "backward-difference",
+    estimator: str = DEFAULT_ESTIMATOR,
     travel: Interval = EVERYWHERE,
     ranges: Ranges | None = None,
     delay: float = 0.0,
