@@ -25,6 +25,7 @@ from haptic_fieldbus.study.page import all_problems, left_out, margins, sources
 from haptic_fieldbus.study.page.assumed import assumed
 from haptic_fieldbus.study.page.context import Context
 from haptic_fieldbus.study.page.html import Card, Section, page, plain_text
+from tests.ci_summary import best_ms, counted
 from tests.number_style import strange_numbers
 
 TOOLS = Tools(api.run, api.plan)
@@ -177,8 +178,8 @@ def test_the_walls_error_is_the_same_in_a_quick_report_and_is_that_of_its_delay(
     assert led.contact == pytest.approx(expected, rel=0.1)
 
 
-LONGEST = 60.0
-"""Processor time that a quick report may take [s]."""
+LONGEST = 1600
+"""Processor time that a quick report may take, in units of a fixed computation that is measured beside it."""
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +187,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole quick report, made in less processor time than it may take."""
     out, begun = tmp_path_factory.mktemp("whole"), process_time()
     run_report.make_report(out, TOOLS, quick=True)
-    assert process_time() - begun < LONGEST
+    used = process_time() - begun
+    assert 1e3 * used / best_ms(counted) < LONGEST
     return out
 
 
