@@ -382,12 +382,19 @@ class LawAccount:
             ledger.compare(self._energy - ledger.memory.reserve)
 
     def finished(self) -> float:
-        """Return what the account shows, with the way to the present places under the last force [J]."""
+        """Return what the account shows, with the way to the present places under the last force [J].
+
+        That force is held, so what it leaks is granted as in any period whose force is sent.
+        """
         if self._unseen:
             self._move()
             return self._energy
-        last = zip(self._places, self._here, self._forces, strict=True)
-        return self._energy + sum(force * (here - there) for there, here, force in last)
+        last = zip(self._ledger.terms, self._places, self._here, self._forces, strict=True)
+        return self._energy + sum(
+            (here - there) * (force - leak * (here - there))
+            for terms, there, here, force in last
+            for leak in [terms.damping_between(min(there, here), max(there, here)) / self._ledger.period]
+        )
 
     def _move(self) -> None:
         """Move the credit with the stored energy along a way that was not seen."""

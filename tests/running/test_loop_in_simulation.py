@@ -110,6 +110,14 @@ def test_a_fault_ends_torque_free_on_the_wire_before_its_exception(name: str) ->
     assert [data for _, can_id, data in wire.frames if can_id == RPDO][-1] == TORQUE_FREE or name == "bus-off"
 
 
+def test_a_contact_at_50_hz_in_which_the_fade_in_ends_does_not_trip() -> None:
+    """The force is held on the way on which the account goes over from the law to what is sent.
+
+    That way is 9.4 mm, so a wall of 600 N/m leaks ½·600·0.0094² = 26 mJ on it; the limit is 5.6 mJ.
+    """
+    assert _run((), plan=plan_of(rate=50.0), cycles=200).cycles == 200
+
+
 def test_two_missing_tpdos_are_held_and_faded_through() -> None:
     report = _run((faults.MissingTpdos("missing_tpdos", CONTACT, 2),))
     assert report.cycles == 1000
