@@ -189,7 +189,7 @@ def test_a_killed_run_leaves_its_recording(suffix: str, port: int, listener: Lis
     process.communicate()
     if suffix == ".csv":
         # The process that writes the rows ends after the run, when it has written all that it was handed.
-        subprocess.run([sys.executable, "-c", WAIT, str(path)], timeout=STARTS_WITHIN, check=True)
+        subprocess.run([sys.executable, "-c", WAIT, str(path), str(0.2 * RATE)], timeout=STARTS_WITHIN, check=True)
         with path.open() as file:
             rows = list(csv.DictReader(file))
         assert len(rows) > 0.2 * RATE
@@ -202,8 +202,8 @@ def test_a_killed_run_leaves_its_recording(suffix: str, port: int, listener: Lis
 WAIT = """
 import sys, time
 from pathlib import Path
-path, size = Path(sys.argv[1]), -1
-while path.stat().st_size != size or size == 0:
+path, size, fewest = Path(sys.argv[1]), -1, float(sys.argv[2])
+while path.stat().st_size != size or path.read_bytes().count(b"\\n") <= fewest + 1:
     size = path.stat().st_size
     time.sleep(0.5)
 """
