@@ -44,8 +44,8 @@ LATE_ENDS = re.compile(r"feedback.*(old|lost)|loop (missed|slept)|position|accel
 bench that nothing else disturbs, a handle that leaves it went through a wall that was not there."""
 CAPPED = re.compile(r"stayed capped at what it was\s+before, in (\d+) %")
 """Words by which a run tells that gaps took the force of the wall until contact is left, and for how long."""
-LESSENED = re.compile(r"up to ([\d.]+) N below what the\s+scene asked")
-"""Words by which a run tells how much of its force short gaps took until contact is left."""
+BESIDE = re.compile(r"the scene stood up\s+to ([\d.]+) mm beside its place")
+"""Words by which a run tells how far short gaps moved the wall until contact is left."""
 STRETCHED = re.compile(r"divides the stiffness that is stable by ([\d.]+)")
 """Words by which a run tells that it ended on many gaps within a second, each of them short."""
 ALIKE = 0.95
@@ -72,8 +72,8 @@ class Start:
     """Mean age of the force in the run, in periods; gaps cost less stiffness where it is larger."""
     capped: int = 0
     """Periods in which a cap after a gap in the feedback cut the force [%]."""
-    less: float = 0.0
-    """Most that short gaps took from the force [N]."""
+    beside: float = 0.0
+    """Farthest that short gaps moved the wall [mm]."""
 
     @property
     def late(self) -> bool:
@@ -120,7 +120,7 @@ def told(start: Start) -> str:
     """One start in a line."""
     end = "went to its end" if start.status == 0 else f"exit {start.status}: {start.words}"
     end += f", without its wall for {start.capped} % of the time after a gap" if start.capped else ""
-    end += f", with up to {start.less:g} N less after short gaps" if start.less else ""
+    end += f", with its place off by up to {start.beside:g} mm after short gaps" if start.beside else ""
     not_counted = "" if start.counted else " (not counted: the timer was late itself)"
     return (
         f"stolen {100 * start.stolen:.1f} %, loop {spread(start.loop)}, timer {spread(start.timer)}, "
@@ -204,12 +204,12 @@ def outcome(status: int, said: str, complaint: str, loop: Array, timer: Array, s
     age = (figures.get("timing") or {}).get("age_us") or {}
     missed = figures.get("missed_cycles") or 0
     words = " ".join(complaint.split())
-    lost, less = (
-        0.0 if (found := each.search(words)) is None else float(found.group(1)) for each in (CAPPED, LESSENED)
+    lost, beside = (
+        0.0 if (found := each.search(words)) is None else float(found.group(1)) for each in (CAPPED, BESIDE)
     )
     rights_told = tuple(rights_texts(rights))
     words = " ".join(last.split())
-    return Start(status, words, stolen, loop, timer, age, missed, rights_told, force_age(figures), int(lost), less)
+    return Start(status, words, stolen, loop, timer, age, missed, rights_told, force_age(figures), int(lost), beside)
 
 
 def force_age(figures: dict[str, Any]) -> float:

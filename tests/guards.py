@@ -34,7 +34,7 @@ def _line(file: str, text: str, instead: str, of: str, *tests: str) -> Guard:
 
 
 PROVING = "tests/running/test_proving.py"
-SAFETY, ECHO = "tests/cycle/test_safety.py", "tests/cycle/test_echo.py"
+SAFETY, ECHO, PLACE = "tests/cycle/test_safety.py", "tests/cycle/test_echo.py", "tests/cycle/test_place.py"
 STILL = "tests/cycle/test_standstill.py"
 SIGN, SIGN_WATCH, TIED = "tests/cycle/test_sign.py", "tests/cycle/test_sign_watch.py", "tests/cycle/test_tied_axes.py"
 
@@ -209,12 +209,26 @@ GUARDS = {
         "test_back_in_contact_the_force_stays_below_that_before_the_gap",
         of=SAFETY,
     ),
-    "deficit after a short gap": _cycle(
+    "the law pauses in a short gap": _cycle(
+        "gaps",
+        "permission.shift += way",
+        "pass",
+        "test_detents_with_gaps_at_their_valleys_give_a_hand_no_energy",
+        of=PLACE,
+    ),
+    "the law goes on pausing until the force is back": _cycle(
         "safety",
-        "if self.blind:",
-        "if False:",
-        "test_after_a_short_gap_force_goes_on_from_its_value_before",
+        "self.blind = not arrived and self.returning < longest",
+        "self.blind = False",
+        "test_after_a_short_gap_the_place_of_the_law_is_looked_after_until_the_force_is_back",
         of=SAFETY,
+    ),
+    "energy of torque held in gaps": _cycle(
+        "energy",
+        "if held > HELD_ENERGY:",
+        "if False:",
+        "test_torque_held_across_a_valley_is_charged_and_ends_the_run",
+        of=PLACE,
     ),
     "little force until the sign is seen": _cycle(
         "safety",

@@ -45,6 +45,9 @@ class Passivity:
     """Most that was forgiven within a second; a run ends above the limit."""
     forgiven_limit: float = math.inf
     """Infinity where nothing is judged."""
+    held: float = 0.0
+    """Most that torque held in short gaps gave beyond what the scene stored and a power that is not felt; a run ends
+    above 50 mJ."""
 
     def to_json(self) -> Json:
         return {
@@ -54,6 +57,7 @@ class Passivity:
             "booked_j": dict(self.booked),
             "forgiven_j": self.forgiven,
             "forgiven_limit_j": self.forgiven_limit if math.isfinite(self.forgiven_limit) else None,
+            "held_j": self.held,
             "controller": None if self.controller is None else self.controller.to_json(),
         }
 
@@ -67,7 +71,9 @@ def passivities(plan: Plan, cycle: Cycle, cycles: int) -> Iterator[Passivity]:
             controller = Controlled(tally.taken, tally.strongest, tally.damped / cycles if cycles else 0.0, unit)
         names = tuple(axis.name for axis in ledger.axes)
         booked = ledger.booked
-        yield Passivity(names, tally.largest, tally.limit, booked, controller, tally.most, tally.budget)
+        yield Passivity(
+            names, tally.largest, tally.limit, booked, controller, tally.most, tally.budget, tally.held_most
+        )
 
 
 def forgiven_text(found: Passivity) -> str | None:

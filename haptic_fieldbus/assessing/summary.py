@@ -174,8 +174,8 @@ def _rendered(run: Run) -> str:
 
 
 def _cut(run: Run, axis: str) -> float:
-    """Return the share of the periods in which limit or cap cut the force, or a deficit considerably."""
-    periods = run.cycle.clipped(axis) + run.cycle.gaps(axis).lessened
+    """Return the share of the periods in which limit or cap cut the force, or the scene stood beside its place."""
+    periods = run.cycle.clipped(axis) + run.cycle.gaps(axis).shifted
     return min(1.0, periods / max(1, run.report.cycles))
 
 
@@ -196,8 +196,8 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
         share = (cycle.clipped(axis.name) - gaps.capped) / report.cycles if report.cycles else 0.0
         if report.cycles and gaps.capped >= WORTH_TELLING * report.cycles:
             yield _capped(axis, gaps.long, gaps.capped / report.cycles)
-        if report.cycles and gaps.lessened >= WORTH_TELLING * report.cycles:
-            yield _lessened(axis, gaps, gaps.lessened / report.cycles)
+        if report.cycles and gaps.shifted >= WORTH_TELLING * report.cycles:
+            yield _shifted(axis, gaps, gaps.shifted / report.cycles)
         asked, stalls = cycle.asked(axis.name), cycle.stalls(axis.name)
         doubts = cycle.doubts(axis.name)
         # What a stall or a doubt capped is told by itself.
@@ -236,12 +236,11 @@ def _stood_still(axis: AxisPlan, stalls: int, period: float) -> str:
     )
 
 
-def _lessened(axis: AxisPlan, gaps: GapTally, share: float) -> str:
-    effort, most = axis.workspace.effort_name, in_unit(gaps.most, axis.workspace.effort_unit)
+def _shifted(axis: AxisPlan, gaps: GapTally, share: float) -> str:
     return (
-        f"axis {axis.name}: after {_times(gaps.short, 'short gap')} in the feedback the {effort} went on from where it "
-        f"was, up to {most} below what the scene asked for, in {100 * share:.0f} % of the periods; it is whole again "
-        "when the handle leaves contact"
+        f"axis {axis.name}: after {_times(gaps.short, 'short gap')} in the feedback the scene stood up to "
+        f"{in_unit(gaps.farthest, axis.workspace.length_unit)} beside its place, in {100 * share:.0f} % of the "
+        "periods; it goes back as the handle gives way to it"
     )
 
 

@@ -11,7 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from haptic_fieldbus.cycle.echo import bind_echo, bind_other_masters
-from haptic_fieldbus.cycle.laws import READERS, Field, blended, field_of, summed
+from haptic_fieldbus.cycle.gaps import LawPlace
+from haptic_fieldbus.cycle.laws import READERS, Field, apart, at_rest, blended, field_of, has_say, is_static, summed
 from haptic_fieldbus.cycle.safety import Permission, Trip, TripKind, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sensing import PeriodStep, bind_sense, in_order
 from haptic_fieldbus.cycle.sign import Sign
@@ -62,12 +63,27 @@ class AxisCycle:
         """Works out velocity, time and torque, once a period; None where the scene needs none of them."""
         self._fields = [self.field_of(element) for element in axis.elements]
         """Force field of each element in order; the sum of all couplings is the last field, if the axis has any."""
+        self._remembers = [has_say(element) for element in axis.elements]
+        """Whether each of them depends on the place, and not on the present motion alone."""
         if axis.couplings:
             # The cycle adds up the couplings before any axis renders, so their field only reads the sum.
             self._fields.append(lambda position: self.sensed.coupled)
+            self._remembers.append(True)
         if controlled:
             self._fields.append(lambda position: self.sensed.damped)
-        self._field = summed(self._fields)
+            self._remembers.append(False)
+        self._resting: tuple[Field, ...] = (at_rest(axis.elements, period),)
+        """Force at rest at a place of the elements without memory, before and after a change that is on its way."""
+        self._changed_ns = 0
+        """When the last change is over."""
+        self._field = self._summed()
+        steps_alone = not any(self._remembers) and all(map(is_static, axis.elements))
+        self.place = LawPlace(
+            self.permission,
+            (1e-6 * axis.resolution, axis.limits.shift),
+            self._at_rest,
+            None if steps_alone else self._present,
+        )
         self.render = self._bind_render()
 
     @property
@@ -113,16 +129,38 @@ class AxisCycle:
         """
         return field_of(element, self._period, self._axis.method, self.sensed)
 
-    def exchange(self, fields: Mapping[int, Field], periods: int) -> None:
-        """Replace the fields at these places along a ramp of `periods`; the other fields keep their state."""
+    def exchange(self, fields: Mapping[int, Field], elements: Sequence[Element], periods: int) -> None:
+        """Replace the fields at these places along a ramp of `periods`; the other fields keep their state.
+
+        `elements` are all those of the axis from then on.
+        """
         for place, field in fields.items():
             self._fields[place] = blended(self._fields[place], field, periods)
-        self._field = summed(self._fields)
+        self._field = self._summed()
+        self._resting = (*self._resting, at_rest(elements, self._period))
+        self._changed_ns = self._feedback[T_NS] + round(1e9 * self._period * (periods + 1))
+
+    def _summed(self) -> Field:
+        """Return the sum of all fields; those with a memory are summed apart, and their force noted."""
+        if len({*self._remembers}) < 2:
+            return summed(self._fields)
+        fields = [*zip(self._fields, self._remembers, strict=True)]
+        return apart([each for each, of in fields if of], [each for each, of in fields if not of], self.state)
+
+    def _present(self) -> float:
+        """Return the force of the last period that elements with a memory gave."""
+        return self.state.force if all(self._remembers) else self.state.remembered
+
+    def _at_rest(self) -> Sequence[Field]:
+        """Return the forces at rest between which the present one lies."""
+        if self._feedback[T_NS] > self._changed_ns:
+            self._resting = self._resting[-1:]
+        return self._resting
 
     def reader(self, needs: Sequence[Signal]) -> Callable[[], list[float]]:
         """Return a function that reads the signals `needs` of this axis, in their order."""
-        state, sensed, readers = self.state, self.sensed, [READERS[signal] for signal in needs]
-        return lambda: [read(state.position, sensed) for read in readers]
+        state, sensed, permission, readers = self.state, self.sensed, self.permission, [READERS[each] for each in needs]
+        return lambda: [read(state.position - permission.shift, sensed) for read in readers]
 
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
         """Record the first trip of the run and withdraw the permission; later trips are ignored."""
@@ -137,7 +175,7 @@ class AxisCycle:
 
     def _bind_observe(self) -> Observe:
         """Decode; link flags and statusword, which act only when not as in the period before; counts → position."""
-        state, axis, owner, watch = self.state, self._axis, self._owner, self._watch
+        state, axis, owner, watch, permission = self.state, self._axis, self._owner, self._watch, self.permission
         unpack, power = self._image.input.unpack_from, self._power
         unit, mask = axis.position_unit, axis.power.mask
         place = self._place(Signal.VELOCITY if axis.integrates else Signal.POSITION)
@@ -187,6 +225,8 @@ class AxisCycle:
                     self._catch_up(here, steps)
                 state.way = speed
                 state.position = here
+                if permission.beside:
+                    self.place.follow(here, way, steps)
 
         return observe
 
@@ -208,10 +248,13 @@ class AxisCycle:
                     state.moved_ns = feedback[T_NS]
                 elif feedback[T_NS] - state.moved_ns > still_ns:
                     self._stand_still(feedback[T_NS])
+                here = state.position
                 if steps > 1:
-                    here, state.position = state.position, before
+                    state.position = before
                     self._catch_up(here, steps)
                     state.position = here
+                if steps and self.permission.beside:
+                    self.place.follow(here, here - before, steps)
 
         return observe
 
@@ -219,7 +262,7 @@ class AxisCycle:
         """Let what remembers go through the periods that lie between two samples, along a straight line to `here`.
 
         Virtual states and estimators advance by one period a call; left at that, they would take the whole way for
-        that of one period. Estimators that take time stamps see the gap by themselves.
+        that of one period. Estimators that take time stamps see the gap by themselves. In a gap the law pauses.
         """
         state = self.state
         if not self._owner.enabled:
@@ -229,9 +272,10 @@ class AxisCycle:
             state.position = before + way * step
             if self._step_estimator is not None:
                 self._step_estimator()
-            last, force = force, self._field(state.position)
-            work += 0.5 * (last + force) * way
-        state.led_work, state.led_force = work + force * way, force
+            if not self.permission.pauses:
+                last, force = force, self._field(state.position - self.permission.shift)
+                work += 0.5 * (last + force) * way
+        state.led_work, state.led_force = 0.0 if self.permission.pauses else work + force * way, force
 
     def _power(self) -> None:
         """Derive the power state from the statusword, and the controlword that requests the next transition.
@@ -261,7 +305,7 @@ class AxisCycle:
 
         def render() -> None:
             if state.steps:
-                state.force = force = self._field(state.position)
+                state.force = force = self._field(state.position - permission.shift)
             if not state.holding:
                 state.gain = 1.0
                 permitted = limit(force)

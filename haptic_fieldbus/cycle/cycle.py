@@ -139,16 +139,17 @@ class Cycle:
         exchanges = []
         for old, new in zip(before.axes, after.axes, strict=True):
             axis = self._axes[new.name]
-            elements = enumerate(zip(old.elements, new.elements, strict=True))
-            exchanges.append((axis, {place: axis.field_of(to) for place, (was, to) in elements if to != was}))
+            both = enumerate(zip(old.elements, new.elements, strict=True))
+            fields = {place: axis.field_of(to) for place, (was, to) in both if to != was}
+            exchanges.append((axis, fields, new.elements))
         couplings = enumerate(zip(before.scene.couplings, after.scene.couplings, strict=True))
         pairs = {place: self._pair(to, after.period) for place, (was, to) in couplings if to != was}
 
         def change() -> None:
             for ledger in self._ledgers:
                 ledger.exchange(*ledger_elements(after, ledger.axes), periods)
-            for axis, fields in exchanges:
-                axis.exchange(fields, periods)
+            for axis, fields, elements in exchanges:
+                axis.exchange(fields, elements, periods)
             for place, pair in pairs.items():
                 self._pairs[place] = blended_pair(self._pairs[place], pair, periods)
 
@@ -266,7 +267,7 @@ class Cycle:
         ports = [LedgerAxis(axis, each.state, each.sensed, each.permission) for axis, each in cycles]
         ledger = Ledger(ports, *ledger_elements(plan, axes), plan.period, trip)
         for _, each in cycles:
-            each.forgive = ledger.doubted
+            each.forgive, each.place.moved = ledger.doubted, ledger.moved_by(each.permission)
         return ledger
 
     def _pair(self, element: CouplingElement, period: float) -> PairField:

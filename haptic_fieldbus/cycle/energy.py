@@ -31,9 +31,9 @@ A live change fades from one set of elements to another, and the stored energy w
 handle is at that time, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. So
 is the most that pulses may give which ask an encoder (`cycle.standstill`): their size times the way.
 
-Another force than that of the law. While the limit fades in, after a gap, after a stall and while the sign is looked
-for, less is sent than the law asks for. Two things are then looked at apart from each other. The law itself is judged
-on, by an account of what it asks for along the samples that it saw, by the trapezoid,
+Another force than that of the law. While the limit fades in, after a long gap, after a stall and while the sign is
+looked for, less is sent than the law asks for. Two things are then looked at apart from each other. The law itself is
+judged on, by an account of what it asks for along the samples that it saw, by the trapezoid,
 
     Σ ½·(F_k + F_{k+1})·Δx ≤ U(then) − U(now) + Σ ¼·K·Δx² + Σ Fa·|Δx| + reserve
 
@@ -43,7 +43,19 @@ there U is moved along. And what is sent gives the hand what the law alone would
 than on the way out. This energy, beyond all that the contact took and that fell of U, is forgiven: it is booked by its
 reason, and ends the run above a budget for each second (`planning.energy.forgiven_limit`). When the law is followed
 again within a contact, what it owes is booked too, at most the force limit times the way since the account was opened.
-Virtual masses are judged by the law anyhow; it is led through a gap along a straight line, and they with it.
+Virtual masses are judged by the law anyhow; where the loop was late it is led along a straight line, and they with it.
+
+Gaps. In a short gap the law of the scene pauses (`cycle.gaps`): it stores U(x − δ), and a weight U(x). From the second
+missing sample until the force is that of the law again the torque is granted nothing. What it gives on a straight way,
+beyond the fall of the stored energy, is charged to one account over all gaps,
+
+    Q ← max(−Fmax·|δ|, Q − P·t + given + U(now) − U(then)),   P = 2 mW, and Q − P·t no lower than 0
+
+which trips above 50 mJ. While the law stands beside its place, Q may be below 0: a hand that was let
+into a wall by gaps has paid what other gaps give it on the way out, F times the shift. What the stored energy falls by
+when the law is drawn back is credited to Q, and taken from the open account. The stored energy of elements with a
+memory is not exactly that of their force. Where there are such elements, or couplings, or elements that do not state
+what they store, what is sent in a gap is forgiven, as after a long one.
 
 Controller. A scene with passivity = "controller" also has its excess taken back, by damping: each period
 
@@ -61,6 +73,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from haptic_fieldbus.cycle.laws import is_placed, is_static
 from haptic_fieldbus.cycle.safety import Permission, TripKind
 from haptic_fieldbus.cycle.sensing import PeriodStep
 from haptic_fieldbus.cycle.state import AxisState, Sensed
@@ -74,7 +87,8 @@ from haptic_fieldbus.planning.energy import (
     larger_of,
     memory_terms,
 )
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element
+from haptic_fieldbus.planning.limits import HELD_ENERGY, HELD_POWER
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Storing
 
 RECOVERY = 4.0
 """Periods in which the controller takes an excess back; the damping of one period is seen two periods later."""
@@ -82,6 +96,8 @@ LEAKS = 2.0
 """Largest damping of the controller, in dampings that make up for the leak."""
 FADE_IN, CHANGE, GAP, STALL, SIGN, ECHO, PULSES = "fade-in", "change", "gap", "stall", "sign", "echo", "pulses"
 """Reasons for which energy is booked: changes and pulses are granted, the others are forgiven within a budget."""
+HELD = "held torque"
+"""Reason for which energy is charged to the account of all short gaps."""
 SECOND_NS = 1_000_000_000
 LIPSCHITZ = 0.25
 """Of K·Δx², by which the trapezoid of a law of the slope K is off at most."""
@@ -108,6 +124,11 @@ class Tally:
     """Most that was forgiven within a second."""
     recent: deque[tuple[int, float]] = field(default_factory=deque)
     """What was forgiven within the last second, with its time [ns]."""
+    held: float = 0.0
+    """What held torque gave over all gaps, beyond the fall of what is stored and the power that is not felt."""
+    held_most: float = 0.0
+    held_ns: int = 0
+    """When that was charged last."""
     taken: float = 0.0
     """Energy that the controller's damping took from the handle."""
     strongest: float = 0.0
@@ -128,6 +149,13 @@ class Tally:
         second = sum(each for _, each in self.recent)
         self.most = max(self.most, second)
         return second
+
+    def charge(self, energy: float, least: float, t_ns: int) -> float:
+        """Charge what held torque gave, and return the sum over all gaps; it is `least` at least."""
+        passed = HELD_POWER * 1e-9 * (t_ns - self.held_ns)
+        self.held, self.held_ns = max(least, min(self.held, max(0.0, self.held - passed)) + energy), t_ns
+        self.held_most = max(self.held_most, self.held)
+        return self.held
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,12 +206,24 @@ class Ledger:
         self._origin += self._of_pulses()
         return dict(self.tally.booked)
 
-    def stored(self, positions: Sequence[float]) -> float:
-        """Return the energy that the elements store at these positions of the axes [J]; on the way the mix of both."""
+    def stored(self, positions: Sequence[float], weights: Sequence[float] | None = None) -> float:
+        """Return the energy that the elements store at these positions of the axes [J]; on the way the mix of both.
+
+        What does not depend on the place stores by the positions `weights`, if they are given.
+        """
+        places = [here - port.permission.shift for here, port in zip(positions, self.ports, strict=True)]
+        if self.memory.silence:  # then all is counted along the way of the law
+            positions = places
+        positions = positions if weights is None else weights
         if not self._ramp:
-            return self._after(positions)
-        old, share = self._before(positions), min(1.0, self._done / self._ramp)
-        return old + (self._after(positions) - old) * share
+            return self._after(positions, places)
+        old, share = self._before(positions, places), min(1.0, self._done / self._ramp)
+        return old + (self._after(positions, places) - old) * share
+
+    @property
+    def here(self) -> list[float]:
+        """Present positions of the axes [m or rad]."""
+        return [port.state.position for port in self.ports]
 
     def exchange(
         self, elements: Sequence[Sequence[Element]], couplings: Sequence[CouplingElement], periods: int
@@ -223,9 +263,9 @@ class Ledger:
                     return SIGN
                 if permission.fade < 1.0:
                     return FADE_IN
-                if permission.after_gap or math.isinf(permission.cap):
-                    return GAP
-                return SIGN if permission.after_doubt else STALL
+                if math.isfinite(permission.cap):
+                    return GAP if permission.after_gap else SIGN if permission.after_doubt else STALL
+                return HELD if permission.blind and self._exact else GAP
         return None
 
     @property
@@ -256,16 +296,21 @@ class Ledger:
     def settle(self, energy: float, positions: Sequence[float]) -> float:
         """Forgive what the account owes, and return what that of the law shows, by which it goes on [J]."""
         self._origin += self._of_pulses()
-        ways = zip(self.axes, positions, self._opened, strict=True)
-        back = sum(axis.limits.effort * abs(here - there) for axis, here, there in ways)
-        self.forgive(energy + min(self.stored(positions) - self._origin, back))
+        if self.reason == HELD:
+            self.charge(self.law.held())
+        else:
+            ways = zip(self.axes, positions, self._opened, strict=True)
+            back = sum(axis.limits.effort * abs(here - there) for axis, here, there in ways)
+            self.forgive(energy + min(self.stored(positions) - self._origin, back))
         shown = self.law.finished()
         self.reason, self._origin, self._clipped = None, self.law.origin, self._cut()
         return shown
 
     def close(self, energy: float, positions: Sequence[float]) -> None:
         """Judge the open account, which shows `energy` [J]; forgive it where another force was sent."""
-        if self.reason is not None or energy > self.tally.largest:
+        if self.reason == HELD:
+            self.charge(self.law.held())
+        elif self.reason is not None or energy > self.tally.largest:
             self.judge(energy, positions)
 
     def judge(self, energy: float, positions: Sequence[float]) -> float:
@@ -274,16 +319,17 @@ class Ledger:
         Where another force is sent than that of the law, what remains is forgiven.
         """
         self._origin += self._of_pulses()
-        energy, self._origin = self.remaining(energy, self._origin, positions)
+        if self.reason == HELD:  # charged when contact is left or the law is followed again
+            return energy
+        energy, self._origin = self.remaining(energy, self._origin, self.stored(positions))
         if self.reason is None or self.memory.silence:
             self.compare(energy - self.memory.reserve)
             return energy
         self.forgive(energy - self.memory.reserve)
         return min(energy, self.memory.reserve)
 
-    def remaining(self, energy: float, origin: float, positions: Sequence[float]) -> tuple[float, float]:
+    def remaining(self, energy: float, origin: float, stored: float) -> tuple[float, float]:
         """Return what of `energy` is above the stored energy that fell below `origin`, and how much is left there."""
-        stored = self.stored(positions)
         return (energy - (origin - stored), stored) if stored < origin else (energy, origin)
 
     def compare(self, excess: float) -> None:
@@ -292,6 +338,27 @@ class Ledger:
         tally.largest = max(tally.largest, excess)
         if excess > tally.limit:
             self._trip(excess, tally.limit)
+
+    def moved_by(self, permission: Permission) -> Callable[[float], None]:
+        """Return what takes in that the law of one axis was drawn back, from a shift before [m or rad]."""
+
+        def moved(before: float) -> None:
+            if self.reason is None and self._exact:
+                now, after = permission.shift, self.stored(self.here)
+                permission.shift = before
+                fallen = self.stored(self.here) - after
+                permission.shift = now
+                self._origin -= fallen
+                self.charge(-fallen)
+
+        return moved
+
+    def charge(self, energy: float) -> None:
+        """Charge what held torque gave in a gap beyond the fall of the stored energy [J], and trip above the limit."""
+        least = -sum(port.axis.limits.effort * abs(port.permission.shift) for port in self.ports)
+        held = self.tally.charge(energy, least, max(port.state.moved_ns for port in self.ports))
+        if held > HELD_ENERGY:
+            self._trip(held, HELD_ENERGY, TripKind.HELD)
 
     def doubted(self, energy: float) -> None:
         """Forgive what a drive gave beyond what it was sent, by its echo [J]."""
@@ -323,8 +390,12 @@ class Ledger:
 
     def _of(
         self, elements: Sequence[Sequence[Element]], couplings: Sequence[CouplingElement]
-    ) -> tuple[list[AxisTerms], MemoryTerms, Callable[[Sequence[float]], float]]:
-        every: list[AnyElement] = [*(each for of in elements for each in of), *couplings]
+    ) -> tuple[list[AxisTerms], MemoryTerms, Callable[[Sequence[float], Sequence[float]], float]]:
+        own = [each for of in elements for each in of]
+        every: list[AnyElement] = [*own, *couplings]
+        self._exact = not couplings and all(
+            is_static(each) and isinstance(each, Storing) for each in own if is_placed(each)
+        )
         terms = [axis_terms(axis, of, couplings, self.period) for axis, of in zip(self.axes, elements, strict=True)]
         return terms, memory_terms(every, self.period), bind_stored(self.axes, elements, couplings)
 
@@ -343,42 +414,55 @@ class LawAccount:
         self._places, self._here = list[float](), list[float]()
         self._forces, self._sides = list[float](), list[float]()
         """At the sample before the last: places and forces; places of the last one; signs when contact began."""
+        self._stored = self._stored_before = 0.0
+        """Stored energy at the last place, and at the one before [J]."""
+        self._shifts = list[float]()
         self._unseen = False
-        """Whether samples are missing on the way to the last place."""
+        """Whether samples are missing on the way to the last place, or the law was drawn back there."""
+        self._torques = [_Torque(port) for port in ledger.ports]
 
     def open(self, energy: float, origin: float) -> None:
         """Begin at the present places with what an account shows, and the credit that it has left [J]."""
         self._energy, self.origin = energy, origin
-        self._here = [port.state.position for port in self._ledger.ports]
+        self._here = self._ledger.here
         self._places, self._forces, self._sides, self._unseen = self._here, [], [], False
+        self._stored = self._stored_before = self._ledger.stored(self._here)
+        self._shifts = [port.permission.shift for port in self._ledger.ports]
+        self._begin_gap()
 
     def take(self) -> bool:
         """Take in the force at the last place, and the place of this period; return whether contact was left."""
         ledger, states = self._ledger, [port.state for port in self._ledger.ports]
+        if ledger.reason == HELD and ledger.unsettled() == GAP:
+            ledger.reason = GAP  # the gap became long
         forces = [state.force for state in states]
+        for torque in self._torques:
+            torque.take()
         if self._unseen:
             self._move()
         elif self._forces:
             self._add(forces)
         left = not any(force * side > 0.0 for force, side in zip(forces, self._sides or forces, strict=True))
         if left:
-            self._energy, self.origin, self._sides = 0.0, ledger.stored(self._here), forces
+            self._energy, self.origin, self._sides = 0.0, self._stored, forces
         self._sides = self._sides or forces
-        self._places, self._forces, self._here = self._here, forces, [state.position for state in states]
-        self._unseen = any(state.steps > 1 for state in states)
+        self._places, self._forces, self._here = self._here, forces, ledger.here
+        self._stored_before, self._stored = self._stored, ledger.stored(self._here)
+        shifts, self._shifts = self._shifts, [port.permission.shift for port in ledger.ports]
+        self._unseen = any(state.steps > 1 for state in states) or shifts != self._shifts
         return left
 
     def _add(self, forces: Sequence[float]) -> None:
         """Add the work between the last two places, less what is granted, and judge it."""
         ledger = self._ledger
-        for terms, there, here, before, force in zip(
-            ledger.terms, self._places, self._here, self._forces, forces, strict=True
+        for terms, shift, there, here, before, force in zip(
+            ledger.terms, self._shifts, self._places, self._here, self._forces, forces, strict=True
         ):
-            way = here - there
-            stiffness = terms.damping_between(min(there, here), max(there, here)) / (terms.age * ledger.period)
+            way, low = here - there, min(there, here) - shift
+            stiffness = terms.damping_between(low, low + abs(way)) / (terms.age * ledger.period)
             self._energy += way * (0.5 * (before + force) - LIPSCHITZ * stiffness * way) - terms.active * abs(way)
         if self._energy > ledger.tally.largest + ledger.memory.reserve:
-            self._energy, self.origin = ledger.remaining(self._energy, self.origin, self._here)
+            self._energy, self.origin = ledger.remaining(self._energy, self.origin, self._stored)
             ledger.compare(self._energy - ledger.memory.reserve)
 
     def finished(self) -> float:
@@ -398,7 +482,53 @@ class LawAccount:
 
     def _move(self) -> None:
         """Move the credit with the stored energy along a way that was not seen."""
-        self.origin += self._ledger.stored(self._here) - self._ledger.stored(self._places)
+        self.origin += self._stored - self._stored_before
+
+    def held(self) -> float:
+        """Return what the torque held in a gap gave since the last look, beyond the fall of the stored energy [J]."""
+        given = sum(
+            torque.given - terms.active * torque.path
+            for torque, terms in zip(self._torques, self._ledger.terms, strict=True)
+        )
+        # A weight that faded with the torque gives between nothing and all that it falls by.
+        ledger, here = self._ledger, self._ledger.here
+        placed = ledger.stored(here, self._here_at_gap)
+        risen = placed - self._stored_at_gap - max(0.0, placed - ledger.stored(here))
+        self._begin_gap()
+        return given + risen
+
+    def _begin_gap(self) -> None:
+        self._here_at_gap = self._ledger.here
+        self._stored_at_gap = self._ledger.stored(self._here_at_gap)
+        for torque in self._torques:
+            torque.begin()
+
+
+class _Torque:
+    """What the torque of one axis gives from the second missing sample of a gap on."""
+
+    def __init__(self, port: LedgerAxis) -> None:
+        self._port, self._unit = port, port.axis.effort_unit
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin at the present position."""
+        self.given = self.path = 0.0
+        """Energy [J] and length of the way [m or rad]."""
+        self._last = self._port.state.position
+        self._sum, self._periods = 0.0, 0
+
+    def take(self) -> None:
+        """Take in the torque of the period that has passed; of a way through a gap the mean torque counts."""
+        state, torque = self._port.state, self._port.state.target * self._unit
+        if not state.steps:
+            self._sum, self._periods = self._sum + torque, self._periods + 1
+            return
+        unknown = max(0, state.steps - self._periods - 1)  # periods before the account began
+        way = state.position - self._last
+        mean = (self._sum + torque + unknown * self._port.permission.held) / (self._periods + 1 + unknown)
+        self.given, self.path, self._last = self.given + way * mean, self.path + abs(way), state.position
+        self._sum, self._periods = 0.0, 0
 
 
 def shares(axis: AxisPlan, period: float) -> tuple[int, float]:

@@ -33,6 +33,10 @@ class _Side:
     changed: float = 0.0
     """How much it differs from the one at its begin."""
     way: float = 0.0
+    """Of the handle, or of the law where its force counts."""
+    moved: float = 0.0
+    """Of the handle."""
+    shift: float = 0.0
     direction: float = 0.0
     """Sign of the force at which the account was opened."""
     path: float = 0.0
@@ -41,8 +45,11 @@ class _Side:
     def passed(self) -> float:
         """Take in the period that has passed, and return the work that was done on the handle in it [J]."""
         state, before = self.port.state, self.acting
-        self.way = state.position - self.last
+        self.moved = self.way = state.position - self.last
         self.places.appendleft(state.position)
+        if self.by_law:
+            shift, self.shift = self.shift, self.port.permission.shift
+            self.way -= self.shift - shift
         if self.by_law and state.steps > 1:
             return self._led()
         self.sent.appendleft(state.force if self.by_law else state.target * self.unit)
@@ -56,8 +63,11 @@ class _Side:
         return self.places[0]
 
     def damping(self, terms: AxisTerms) -> float:
-        """Return the damping that makes up for the leak of the period, where the handle was [N·s/m or N·m·s/rad]."""
-        return terms.damping_between(min(self.places), max(self.places)) if terms.by_place else terms.damping
+        """Return the damping that makes up for the leak of the period, where the law was [N·s/m or N·m·s/rad]."""
+        if not terms.by_place:
+            return terms.damping
+        shift = self.port.permission.shift
+        return terms.damping_between(min(self.places) - shift, max(self.places) - shift)
 
     def _led(self) -> float:
         """Take in a way of several periods, through which the law was led; nothing leaks on it."""
@@ -76,7 +86,7 @@ def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> Period
 def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
     """Return the step of a plain ledger: it looks at the period that has passed, and then renders the coming one."""
     (port,) = ledger.ports
-    state, unit = port.state, port.axis.effort_unit
+    state, permission, unit = port.state, port.permission, port.axis.effort_unit
     share = shares(port.axis, ledger.period)[1]
     early, late = share * unit, (1.0 - share) * unit
     last, older, energy, side, kept, settles = state.position, 0, 0.0, 0, 0, True
@@ -90,7 +100,8 @@ def bind_alone(ledger: Ledger, render: PeriodStep) -> PeriodStep:
         if here != last:
             way = here - last
             if terms.by_place:  # the force of the period was computed behind its way
-                leak = terms.damping_between(min(here, last, behind), max(here, last, behind)) / ledger.period
+                low, high = min(here, last, behind) - permission.shift, max(here, last, behind) - permission.shift
+                leak = terms.damping_between(low, high) / ledger.period
             last, behind = here, last
             energy += way * (early * older + late * before - leak * way) - (
                 active * way if way > 0.0 else -active * way
@@ -218,14 +229,13 @@ class _Account:
     def _loose(self, work: float) -> None:
         """While another force may be sent, follow the contact of the law; `work` is that of the period."""
         if self._ledger.memory.silence:
-            sent = sum(side.port.state.target * side.unit * side.way for side in self._sides)
+            sent = sum(side.port.state.target * side.unit * side.moved for side in self._sides)
             self._sent += sent
             self._beyond += sent - work
             left = not any(side.acting * side.direction > 0.0 for side in self._sides)
         else:
             left = self._ledger.law.take()
         if left:
-            self._forgive()
             self._begin()
         elif self._ledger.settles:
             self._settle()
@@ -234,15 +244,19 @@ class _Account:
         """Follow the law again within a contact."""
         ledger = self._ledger
         if ledger.memory.silence:
-            self._forgive()
             ledger.reason = None
         else:
             self._given, self._granted = ledger.settle(self._given - self._granted, self._positions), 0.0
 
     def _forgive(self) -> None:
-        """Book what was given because another force was sent than that of a law that is judged anyhow."""
-        self._ledger.forgive(min(self._sent, self._beyond))
-        self._sent = self._beyond = 0.0
+        """Book what was given because another force was sent than that of a law that is judged anyhow.
+
+        What was taken instead stays as credit, as that of the law does.
+        """
+        energy = min(self._sent, self._beyond)
+        self._ledger.forgive(energy)
+        if energy > 0.0 or self._silent >= self._ledger.memory.silence:
+            self._sent = self._beyond = 0.0
 
     def reopen(self) -> None:
         """Follow a change that begins."""
@@ -270,6 +284,7 @@ class _Account:
         ledger = self._ledger
         forced = any(side.acting for side in self._sides)
         self._silent = 0 if forced or any(side.way for side in self._sides) else self._silent + 1
+        self._forgive()
         if not ledger.memory.silence or self._silent >= ledger.memory.silence:
             ledger.close(self._given - self._granted, self._positions)
             self._given = 0.0

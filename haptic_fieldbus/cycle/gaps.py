@@ -1,4 +1,22 @@
-"""How much of the feedback comes too late or not at all, and whether the loop can stand it.
+"""What gaps in the feedback do to the law of a scene, and how many of them the loop can stand.
+
+A gap is two or more missing samples. The law of the scene pauses in it: when feedback returns soon, the law goes on
+from the place y at which it was before, and the scene stands beside its place by the shift
+
+    δ = x − y   (x: where the handle is)
+
+The law then has not seen the way of the handle in the gap, so it can give back nothing for that way. While the force
+that faded comes back at its slew, it goes on pausing on the way against its force, which would otherwise store more
+than the hand brings in. After that y moves as the handle does, and is drawn back to x
+where the law itself does not resist that, F(y)·δ ≥ 0: there the energy that it stores falls or stays, and nobody is
+given it. A law that depends on the present motion alone is drawn back in steps no longer than the mean motion of a
+period, and is asked for its force at rest at both ends of each step. Where an element has a memory, all are drawn back
+by at most the motion of the period, and its present force is added. Two kinds of forces have no say: those that do not
+depend on the place, such as weight, and friction, which opposes the motion of y and with it that of x. The proof that
+no energy comes of this stands in `docs/explanation/stability.md`.
+
+|δ| is bounded (`planning.limits.LARGEST_SHIFT`). Beyond that, as after a long gap, the force before the gap is the cap
+(`cycle.safety`), and y goes back to x whatever the law does.
 
 Force is held between two samples, and a held force grows old. A spring K gives more energy in a gap of s periods than
 in s single periods, by ½·K·T²·(s² − s)·v² at the speed v. Gaps may fall where the handle is fastest, once in each half
@@ -14,8 +32,12 @@ missing. The stretch is that of the last second. Of rare gaps it is that from th
 two gaps are no pattern, because after them the handle comes to rest again.
 """
 
+import math
 from collections import deque
+from collections.abc import Callable, Sequence
 
+from haptic_fieldbus.cycle.laws import Field
+from haptic_fieldbus.cycle.safety import Permission
 from haptic_fieldbus.planning.limits import LARGEST_MISSING_SHARE
 
 WINDOW = 1.0
@@ -23,6 +45,79 @@ WINDOW = 1.0
 FEWEST_PERIODS = 20
 FEWEST_GAPS = 3
 """So many gaps are a pattern."""
+MOST_STEPS = 16
+"""Of drawing the law back within a period."""
+
+
+class LawPlace:
+    """Keeps the place at which the law of one axis is asked: where the handle is, or beside it after gaps.
+
+    `bounds` are the smallest shift that counts and the largest that is permitted [m or rad]. `resting` returns the
+    force at rest at a place of the elements without memory, two of them during a change, between which it lies.
+    `present` returns the force of those with a memory in the last period; None where there are none.
+    """
+
+    def __init__(
+        self,
+        permission: Permission,
+        bounds: tuple[float, float],
+        resting: Callable[[], Sequence[Field]],
+        present: Callable[[], float] | None,
+    ) -> None:
+        self._permission, (self._least, self._largest) = permission, bounds
+        self._resting, self._present = resting, present
+        self.moved: Callable[[float], None] = lambda before: None
+        """Tells the energy ledger the shift before one by which the law was drawn back; the cycle sets it."""
+
+    def follow(self, here: float, way: float, steps: int) -> None:
+        """Take in that the handle came `here` by a `way` [m or rad] within so many periods, after a gap."""
+        permission = self._permission
+        if permission.pauses and not (permission.returning and self._pushes(here - way, way)):
+            permission.shift += way
+        before = permission.shift
+        if before:
+            self._draw_back(here, abs(way) / steps)
+        if permission.shift != before:
+            self.moved(before)
+        if abs(permission.shift) > self._largest and not permission.capped:
+            permission.give_up_place()
+        permission.beside = permission.blind or permission.shift != 0.0
+        permission.gaps.shifted += permission.shift != 0.0
+        permission.gaps.farthest = max(permission.gaps.farthest, abs(permission.shift))
+
+    def _draw_back(self, here: float, step: float) -> None:
+        """Draw the law back towards the handle by steps of this length [m or rad] while it does not resist."""
+        permission = self._permission
+        if step == 0.0 or self._resists(here - permission.shift):
+            return
+        for _ in range(MOST_STEPS if self._present is None else 1):
+            nearer = self._nearer(step)
+            if self._resists(here - nearer):
+                step *= 0.5  # so that it ends at the edge of what resists
+            else:
+                permission.shift = nearer
+                if not nearer:
+                    return
+
+    def _resists(self, place: float) -> bool:
+        """Return whether the force at a place is against drawing the law back."""
+        shift = self._permission.shift
+        return not self._permission.capped and any(force * shift < 0.0 for force in self._forces(place))
+
+    def _pushes(self, before: float, way: float) -> bool:
+        """Return whether the law pushed the handle on its way [m or rad]: what it stores then falls on that way."""
+        return all(force * way > 0.0 for force in self._forces(before - self._permission.shift))
+
+    def _forces(self, place: float) -> list[float]:
+        """Return the forces between which that of the law at a place lies [N or N·m]."""
+        force = 0.0 if self._present is None else self._present()
+        return [field(place) + force for field in self._resting()]
+
+    def _nearer(self, step: float) -> float:
+        """Return a shift that is smaller by a step."""
+        shift = self._permission.shift
+        size = abs(shift) - step
+        return math.copysign(size, shift) if size > self._least else 0.0
 
 
 class Gaps:

@@ -6,9 +6,18 @@ field, without a wrapper. Other signals are derived once a period, before any fi
 
 from collections.abc import Callable, Sequence
 
-from haptic_fieldbus.cycle.state import Sensed
+from haptic_fieldbus.cycle.state import AxisState, Sensed
 from haptic_fieldbus.defaults import DEFAULT_METHOD
-from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, Law, MemoryElement, StaticElement
+from haptic_fieldbus.scenes.element import (
+    AnyElement,
+    DynamicElement,
+    Element,
+    Law,
+    MemoryElement,
+    Reserving,
+    StaticElement,
+    Surfaced,
+)
 from haptic_fieldbus.signals import Signal
 
 Field = Callable[[float], float]
@@ -70,11 +79,50 @@ def summed(fields: Sequence[Field]) -> Field:
     # One or two fields need no list, which would cost time in every period.
     if len(fields) == 1:
         return fields[0]
+    if not fields:
+        return lambda position: 0.0
     if len(fields) == 2:
         first, second = fields
         return lambda position: first(position) + second(position)
     every = tuple(fields)
     return lambda position: sum([field(position) for field in every])
+
+
+def apart(remembering: Sequence[Field], others: Sequence[Field], state: AxisState) -> Field:
+    """Return the sum of all fields as one field, which notes the force of those with a memory."""
+    mine, rest = summed(remembering), summed(others)
+
+    def field(position: float) -> float:
+        state.remembered = force = mine(position)
+        return force + rest(position)
+
+    return field
+
+
+def is_placed(element: Element) -> bool:
+    """Return whether an element is given where the handle is."""
+    return Signal.POSITION in element.needs
+
+
+def is_static(element: Element) -> bool:
+    """Return whether the force at rest follows from the place, or does not depend on it."""
+    return not is_placed(element) or (isinstance(element, StaticElement) and not _timed(element))
+
+
+def _timed(element: Element) -> bool:
+    """Return whether an element takes more than position and velocity, so that it has no force at rest at a place."""
+    return bool({*element.needs} - {Signal.POSITION, Signal.VELOCITY})
+
+
+def has_say(element: Element) -> bool:
+    """Return whether an element depends on the place by a memory; friction, which has no surface, does not."""
+    return not is_static(element) and (not isinstance(element, Reserving) or isinstance(element, Surfaced))
+
+
+def at_rest(elements: Sequence[Element], period: float) -> Field:
+    """Return the force at rest at a place, of all elements that have one."""
+    placed = [each for each in elements if is_placed(each) and is_static(each)]
+    return summed([field_of(each, period, None, Sensed()) for each in placed])
 
 
 def blended(before: Field, after: Field, periods: int) -> Field:

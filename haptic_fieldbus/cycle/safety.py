@@ -6,21 +6,19 @@ three gates, in this order:
 
 1. The limit. It rises from 0 to the effort limit of the axis within the fade-in time, and bounds the force from both
    sides. The limit fades in, not the force, so that a large force at the start grows no faster than a small one could.
-2. What a disturbance leaves until contact is left, that is until the scene asks for no force or for one in the other
-   direction. After a long gap in the feedback, after a doubt about the sign, and after counts that stood still under
-   torque for long, a cap: the force stays at or below it. After a short gap a deficit, which is taken from what the
-   scene asks for.
+2. The cap. It is there after a long gap in the feedback, after a doubt about the sign, and after counts that stood
+   still under torque for long. The force stays at or below it until contact is left, that is until the scene asks for
+   no force or for one in the other direction.
 3. The slew limit, which bounds the change from one period to the next whatever the first two gates do.
 
 Between the second and the third gate pulses may be added that ask an encoder whose counts stand still
-(`cycle.standstill`). They stay within limit and cap, and neither cap nor deficit counts them as force of the scene.
+(`cycle.standstill`). They stay within limit and cap, and the cap does not count them as force of the scene.
 
 Feedback that is missing for one period changes nothing: the torque is held, as it is held between any two periods. From
 the second missing period on the held torque fades to zero. Letting it return to any value would do work on the hand
-that the hand never did on the handle. When feedback returns soon, within half of the age at which it ends a run, force
-therefore goes on from its value before the gap: what the scene asks for beyond it is the deficit, as if the wall stood
-where the handle is now. That is the same law less a constant force, so it gives back no more than the hand brings in.
-When feedback returns later, nobody knows what the hand did meanwhile, and the value before the gap is the cap.
+that the hand never did on the handle. When feedback returns soon, within half of the age at which it ends a run, the
+law of the scene therefore goes on from the place where it was before the gap (`cycle.gaps`). When feedback returns
+later, nobody knows what the hand did meanwhile, and the force before the gap is the cap.
 
 A trip is final: torque is zero from that period on, and only a new run enables again.
 """
@@ -56,6 +54,7 @@ class TripKind(Enum):
     POWER = "power limit"
     ENERGY = "energy limit"
     FORGIVEN = "energy forgiven"
+    HELD = "energy of held torque"
     POSITION = "position limit"
     DRIFT = "position drift"
     SET_POINTS_DEAD = "set-points do not act"
@@ -81,10 +80,6 @@ LINK_TRIPS = {
 """The trip for each fault of the link, the most telling first."""
 
 
-CONSIDERABLE = 0.05
-"""Share of a force that is worth counting; a hand notices 8 %."""
-
-
 @dataclass(frozen=True)
 class Trip:
     """Reason and instant of the loss of torque: `value` exceeded `limit` (None: no limit) on `axis` at `t_ns`."""
@@ -108,16 +103,11 @@ class GapTally:
     capped: int = 0
     """Periods in which such a cap cut the force."""
     short: int = 0
-    """How often feedback that came back soon left a deficit, or a larger one."""
-    lessened: int = 0
-    """Periods in which a deficit took a considerable share of the force."""
-    most: float = 0.0
-    """Most that a deficit took from the force [N or N·m]."""
-
-    def note(self, asked: float, taken: float) -> None:
-        """Note a period in which a deficit took so much of what was asked."""
-        self.most = max(self.most, taken)
-        self.lessened += taken > CONSIDERABLE * asked
+    """How often feedback came back soon, so that the scene went on from where it was."""
+    shifted: int = 0
+    """Periods with a sample in which the scene stood beside its place."""
+    farthest: float = 0.0
+    """Largest distance between the scene and its place [m or rad]."""
 
 
 def _nothing() -> None:
@@ -132,7 +122,7 @@ class Permission:
     """Share of the effort limit that is reached, 0 to 1."""
     cap: float = math.inf
     side: float = 0.0
-    """Sign of the force that cap or deficit cut; 0 while none has been asked for since they came."""
+    """Sign of the force that the cap cuts; 0 while none has been asked for since it came."""
     before: float = 0.0
     """The permitted force of the period before."""
     held: float = 0.0
@@ -140,7 +130,7 @@ class Permission:
     proof: Callable[[float], float] | None = None
     """Takes the force of the scene and returns what is given until the sign has been seen; None from then on."""
     unchanged: bool = False
-    """Whether no fade-in, cap, deficit or pulse is at work, so that only effort and slew limit the force."""
+    """Whether no fade-in, cap, gap or pulse is at work, so that only effort and slew limit the force."""
     pulses: Callable[[float, float], float] | None = None
     """Takes the permitted force and its bound, and returns it with a pulse that asks the encoder; None: not asked."""
     pulse: float = 0.0
@@ -152,9 +142,13 @@ class Permission:
     asked: float = 0.0
     """Largest force that the scene asked for beyond the effort limit, once force has faded in."""
     blind: bool = False
-    """Whether feedback is missing, or was until now, but not for long."""
-    deficit: float = 0.0
-    """What short gaps take from the force until contact is left."""
+    """Whether feedback is missing, but not for long, or the force has not come back to that of the scene since."""
+    returning: int = 0
+    """Periods in which the force has been coming back."""
+    shift: float = 0.0
+    """How far the scene stands beside its place after short gaps [m or rad]."""
+    beside: bool = False
+    """Whether the place of the scene is to be looked after: `blind`, or a `shift`."""
     gaps: GapTally = field(default_factory=GapTally)
     after_gap: bool = False
     """Whether the present cap is that of a gap."""
@@ -171,12 +165,22 @@ class Permission:
     @property
     def lawful(self) -> bool:
         """Whether the force is that of the scene, apart from pulses that ask the encoder."""
-        return self.unchanged or (self.pulses is not None and not self.blind and self.free)
+        return self.unchanged or (self.pulses is not None and self.free)
 
     @property
     def free(self) -> bool:
-        """Whether no fade-in, cap or deficit is at work."""
-        return self.fade >= 1.0 and self.cap == math.inf and not self.deficit and self.proof is None
+        """Whether no fade-in, cap or gap is at work."""
+        return self.fade >= 1.0 and self.cap == math.inf and not self.blind and self.proof is None
+
+    @property
+    def capped(self) -> bool:
+        """Whether the cap of a gap is at work."""
+        return self.after_gap and self.cap < math.inf
+
+    @property
+    def pauses(self) -> bool:
+        """Whether the law of the scene pauses, because of a gap that is not over."""
+        return self.blind and self.proof is None and not self.capped
 
     def cap_at(self, cap: float, side: float) -> None:
         """Permit no more than `cap` in the direction `side` until contact is left."""
@@ -184,10 +188,16 @@ class Permission:
         self.loosen()
 
     def cap_after_gap(self, cap: float, side: float) -> None:
-        """Permit no more than before a gap in the feedback, until contact is left."""
+        """Permit no more than before a gap in the feedback, until contact is left; the scene goes back to its place."""
         self.gaps.long += 1
+        self.blind = False
         self.cap_at(cap, side)
-        self.after_gap, self.blind = True, False
+        self.after_gap = True
+
+    def give_up_place(self) -> None:
+        """Permit no more than the force before the gap: the scene would stand too far beside its place."""
+        held = self.held - self.pulse
+        self.cap_after_gap(min(self.cap, abs(held)), math.copysign(1.0, held) if held else 0.0)
 
     def cap_after_doubt(self, cap: float) -> None:
         """Permit no more than `cap` until the contact is left in which the handle is now, if it is in one."""
@@ -196,33 +206,22 @@ class Permission:
 
     def begin_gap(self) -> None:
         """A second period passes without feedback."""
-        self.blind = True
+        self.blind = self.beside = True
+        self.returning = 0
         self.loosen()
 
-    def resume(self, force: float, risen: float) -> float:
-        """Return the force of a period with feedback less the deficit; `risen` is how far the limit has faded in."""
-        if self.blind:
-            self._end_gap(force, min(abs(force), risen))
-        taken = min(self.deficit, abs(force))
-        if taken:
-            self.gaps.note(abs(force), taken)
-        return math.copysign(abs(force) - taken, force)
-
-    def _end_gap(self, force: float, size: float) -> None:
-        """Feedback is back soon: what the force would be beyond that before the gap is the deficit."""
-        self.blind = False
-        held = self.held - self.pulse
-        before = abs(held) if held * force > 0.0 else 0.0
-        if size - before > self.deficit:
-            self.side, self.deficit = math.copysign(1.0, force), size - before
-            self.gaps.short += 1
+    def come_back(self, *, arrived: bool, longest: int) -> None:
+        """Feedback is back: end the gap when the force has `arrived` at that of the scene, or after so many periods."""
+        self.gaps.short += not self.returning
+        self.returning += 1
+        self.blind = not arrived and self.returning < longest
 
     def leave_contact(self, asked: float, least: float) -> None:
-        """Forget cap and deficit when the scene asks for no force (`least` at most), or for one against their side."""
+        """Forget the cap when the scene asks for no force (`least` at most), or for one against its side."""
         if self.side == 0.0 and abs(asked) > least:
             self.side = math.copysign(1.0, asked)
         if abs(asked) <= least or asked * self.side < 0.0:
-            self.cap, self.deficit, self.side = math.inf, 0.0, 0.0
+            self.cap, self.side = math.inf, 0.0
 
 
 def bind_limiter(
@@ -235,7 +234,7 @@ def bind_limiter(
     """
     effort, largest_change = limits.effort, limits.slew * period
     unseen = min(effort, limits.unseen)
-    growth = period / limits.fade_in
+    growth, fading = period / limits.fade_in, fade_periods(period)
 
     def limit(force: float) -> float:
         before = permission.before
@@ -263,15 +262,16 @@ def bind_limiter(
             force, permission.blind, permission.pulse = bounded(permission.proof(force), unseen), False, 0.0
         else:
             fade = permission.fade = min(1.0, permission.fade + growth)
-            # A limit that fades in is no law of the scene: what it keeps back is not missing later.
-            lawful = bounded(permission.resume(force, effort * fade if fade < 1.0 else math.inf), effort * fade)
-            force, permission.pulse, permission.unchanged = lawful, 0.0, permission.free
+            lawful = force = bounded(force, effort * fade)
             if permission.pulses is not None:
                 force = permission.pulses(lawful, min(effort * fade, permission.cap))
-                permission.pulse, permission.unchanged = force - lawful, False
-        before = permission.before
+            permission.pulse = force - lawful
+        before, whole = permission.before, force
         if not -largest_change <= force - before <= largest_change:
             force = before + math.copysign(largest_change, force - before)
+        if permission.blind:
+            permission.come_back(arrived=abs(force - whole) <= least, longest=fading)
+        permission.unchanged = permission.free and permission.pulses is None
         permission.before = force
         return force
 
@@ -292,9 +292,10 @@ def bind_hold(limits: EffortLimits, period: float, permission: Permission) -> Ca
         if missing == 2:
             permission.begin_gap()
         if permission.blind and missing > soon:
-            pulses, held = permission.proof is not None, permission.held - permission.pulse
-            side = 0.0 if pulses or held == 0.0 else math.copysign(1.0, held)
-            permission.cap_after_gap(min(permission.cap, limits.before_sign if pulses else abs(held)), side)
+            if permission.proof is None:
+                permission.give_up_place()
+            else:
+                permission.cap_after_gap(min(permission.cap, limits.before_sign), 0.0)
         share = max(0.0, 1.0 - (missing - 1) / fading)
         permission.before = permission.held * share
         return permission.before

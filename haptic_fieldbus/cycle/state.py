@@ -35,6 +35,8 @@ class AxisState:
     """Bound on the error of the position [m or rad]; 0 unless the position is integrated from a velocity."""
     force: float = 0.0
     """Force of the scene, before any limit [N or N·m]."""
+    remembered: float = 0.0
+    """Of it the force of elements with a memory, where there are others beside them [N or N·m]."""
     led_work: float = 0.0
     led_force: float = 0.0
     """Work and last force of the scene's law on the straight line on which it was led through periods without a

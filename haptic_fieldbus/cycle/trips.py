@@ -18,6 +18,7 @@ from haptic_fieldbus.errors import (
 from haptic_fieldbus.numerals import in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import HAND, PAIRS
+from haptic_fieldbus.planning.limits import HELD_POWER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.sign_probe import raising
 from haptic_fieldbus.scenes.own_faults import blamed
@@ -51,6 +52,7 @@ TRIP_ERRORS: dict[TripKind, type[HapticFieldbusError]] = {
     TripKind.POWER: SafetyTripError,
     TripKind.ENERGY: SafetyTripError,
     TripKind.FORGIVEN: SafetyTripError,
+    TripKind.HELD: SafetyTripError,
     TripKind.SPEED: SafetyTripError,
     TripKind.POSITION: SafetyTripError,
     TripKind.DRIFT: SafetyTripError,
@@ -195,6 +197,14 @@ def _forgiven(trip: Trip, axis: AxisPlan) -> str:
     )
 
 
+def _held(trip: Trip, axis: AxisPlan) -> str:
+    return (
+        f"torque held in gaps of the feedback gave the hand {rounded(1e3 * trip.value)} mJ, beyond what the scene had "
+        f"stored and {rounded(1e3 * HELD_POWER)} mW; the limit is {rounded(1e3 * (trip.limit or 0.0))} mJ. Look for "
+        "what loses feedback"
+    )
+
+
 def _not_finite(trip: Trip, axis: AxisPlan) -> str:
     return f"the scene's {axis.workspace.effort_name} is not finite: {trip.value} {axis.workspace.effort_unit}"
 
@@ -301,6 +311,7 @@ CAUSES: dict[TripKind, Cause] = {
     TripKind.POWER: _exceeded_power,
     TripKind.ENERGY: _energy,
     TripKind.FORGIVEN: _forgiven,
+    TripKind.HELD: _held,
     TripKind.SPEED: _speed,
     TripKind.POSITION: _position,
     TripKind.DRIFT: _drift,

@@ -25,6 +25,7 @@ from haptic_fieldbus.scenes.element import (
     Storing,
     is_varying,
 )
+from haptic_fieldbus.signals import Signal
 
 TWIST = 2.0
 """The twist of two axes is at most the sum of their motions, and its square twice the sum of their squares."""
@@ -217,18 +218,28 @@ def unbounded(axis: AxisPlan) -> list[str]:
 
 def bind_stored(
     axes: Sequence[AxisPlan], elements: Sequence[Sequence[Element]], couplings: Sequence[CouplingElement]
-) -> Callable[[Sequence[float]], float]:
-    """Return a function from the positions of the axes to the energy that is stored there [J]."""
-    places = {axis.name: place for place, axis in enumerate(axes)}
-    own = [(place, each.stored) for place, of in enumerate(elements) for each in of if isinstance(each, Storing)]
-    tied = [(tuple(places[name] for name in each.axes), each.stored) for each in couplings if isinstance(each, Storing)]
+) -> Callable[[Sequence[float], Sequence[float]], float]:
+    """Return a function from the positions of the axes, and the places of their laws, to the energy stored there [J].
 
-    def stored(positions: Sequence[float]) -> float:
+    What does not depend on the place, such as a weight, stores by the position.
+    """
+    numbers = {axis.name: number for number, axis in enumerate(axes)}
+    own = [
+        (number, Signal.POSITION in each.needs, each.stored)
+        for number, of in enumerate(elements)
+        for each in of
+        if isinstance(each, Storing)
+    ]
+    tied = [
+        (tuple(numbers[name] for name in each.axes), each.stored) for each in couplings if isinstance(each, Storing)
+    ]
+
+    def stored(positions: Sequence[float], places: Sequence[float]) -> float:
         total = 0.0
-        for place, energy in own:
-            total += energy(positions[place])
+        for number, placed, energy in own:
+            total += energy((places if placed else positions)[number])
         for (first, second), energy in tied:
-            total += energy(positions[first], positions[second])
+            total += energy(places[first], places[second])
         return total
 
     return stored

@@ -12,7 +12,14 @@ from enum import Enum
 from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import encoder_probe
-from haptic_fieldbus.planning.limits import FIRST_SHARE, FIRST_SPEED, LARGEST_MISSING_SHARE, START_SHARE
+from haptic_fieldbus.planning.limits import (
+    FIRST_SHARE,
+    FIRST_SPEED,
+    HELD_ENERGY,
+    HELD_POWER,
+    LARGEST_MISSING_SHARE,
+    START_SHARE,
+)
 from haptic_fieldbus.planning.sign_probe import sign_probe
 
 
@@ -39,6 +46,7 @@ class LimitRow:
 def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
     """Yield the limits that this axis has, in the order in which a force meets them; none that is infinite."""
     limits, force, length = axis.limits, axis.workspace.effort_unit, axis.workspace.length_unit
+    judged = 1.0 if math.isfinite(limits.energy) else math.inf
     rows = (
         LimitRow("force at the start", START_SHARE * limits.effort, force, Reaction.REFUSE),
         *_unproved(axis, period),
@@ -48,6 +56,7 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         LimitRow("force at standstill", limits.holding, force, Reaction.CLAMP, limits.stall),
         *_asked(axis, period),
         LimitRow("feedback missing", 2.0 * period, "s", Reaction.FADE),
+        LimitRow("scene beside its place after gaps", limits.shift, length, Reaction.CLAMP),
         LimitRow("age of feedback", limits.age, "s", Reaction.DISABLE),
         *_gaps(axis, period),
         LimitRow("speed", limits.speed, f"{length}/s", Reaction.DISABLE),
@@ -56,6 +65,8 @@ def limit_rows(axis: AxisPlan, period: float) -> Iterator[LimitRow]:
         LimitRow("power", limits.power, "W", Reaction.DISABLE),
         LimitRow("energy of its own", limits.energy, "J", Reaction.DISABLE),
         LimitRow("energy forgiven in a second", limits.forgiven, "J", Reaction.DISABLE),
+        LimitRow("energy of torque held in gaps", judged * HELD_ENERGY, "J", Reaction.DISABLE),
+        LimitRow("power of torque held in gaps", judged * HELD_POWER, "W", Reaction.DISABLE),
         *_range(axis),
         LimitRow("drift", limits.drift if axis.integrates else math.inf, length, Reaction.DISABLE),
     )

@@ -69,7 +69,14 @@ GAP_SHARE = 0.9
 AGE_SHARE = 0.6
 """Share of the drive's own guard at which feedback is too old."""
 SOON_SHARE = 0.5
-"""Of that age, within which feedback comes back soon: force goes on from where it was."""
+"""Of that age, within which feedback comes back soon: the law of the scene goes on from where it was."""
+LARGEST_SHIFT = {"linear": 0.02, "rotary": 0.5}
+"""[m or rad] by which a scene may stand beside its place after gaps: the way of a fast hand, 1.3 m/s or 33 rad/s, in
+the longest gap after which feedback comes back soon at 1 kHz. Chosen here."""
+HELD_POWER = 0.002
+"""Power [W] that the torque held in gaps may give to a hand on average, which it does not feel."""
+HELD_ENERGY = 0.05
+"""[J] that it may give beyond that power, in a single gap or in many: as much as a handle of 0.6 kg has at 0.4 m/s."""
 HOLD_FADE = 0.01
 """Time in which the held torque fades to zero, from the second missing period on [s]; longer than the slew time."""
 
@@ -145,6 +152,8 @@ class EffortLimits:
     """[s]; oldest feedback with which force is rendered."""
     echo: float = math.inf
     """[s] for which the drive may show another torque than it was sent; infinity where it shows none."""
+    shift: float = math.inf
+    """How far the scene may stand beside its place after gaps in the feedback [m or rad]."""
     energy: float = math.inf
     """[J] that this axis and those that couplings tie to it may give of their own together; infinity: not judged."""
     forgiven: float = math.inf
@@ -186,6 +195,7 @@ def limits_of(
         power=limits.power or math.inf,
         stall=limits.stall or STALL_TIME,
         holding=HOLDING_SHARE * rated,
+        shift=LARGEST_SHIFT[workspace.value],
         unseen=math.floor(unseen / step + 1e-9) * step,
     )
 

@@ -14,7 +14,7 @@ def test_the_cost_of_the_controller_is_one_sentence() -> None:
 
 
 def test_a_ledger_is_an_object_in_si_units() -> None:
-    shown = Passivity(("left", "right"), 0.001, 0.005, {"change": 0.02, "gap": 0.06}, COST, 0.05, 2.0).to_json()
+    shown = Passivity(("left", "right"), 0.001, 0.005, {"change": 0.02, "gap": 0.06}, COST, 0.05, 2.0, 0.003).to_json()
     assert shown == {
         "axes": ["left", "right"],
         "largest_j": 0.001,
@@ -22,6 +22,7 @@ def test_a_ledger_is_an_object_in_si_units() -> None:
         "booked_j": {"change": 0.02, "gap": 0.06},
         "forgiven_j": 0.05,
         "forgiven_limit_j": 2.0,
+        "held_j": 0.003,
         "controller": {"energy_j": 0.0123, "peak": 0.24, "unit": "N", "share": 0.125},
     }
 

@@ -173,7 +173,7 @@ def test_a_gap_begins_the_pair_anew_and_takes_nothing_from_the_force() -> None:
     leaned.sizes = []
     assert leaned.until(lambda size: size == leaned.full) < 10
     assert leaned.until(lambda size: size < leaned.full) == pytest.approx(leaned.probe.lead, abs=10)
-    assert leaned.cycle.gaps("handle").short == 0
+    assert leaned.cycle.gaps("handle").farthest == 0.0
     leaned.began_ns = leaned.t_ns
     leaned.until(lambda size: size == 0)
     assert leaned.seconds > (PAIRS - 1) * 0.5, "the pair of the gap does not count"
@@ -264,7 +264,6 @@ class TestOneQuestion:
         (Permission(fade=1.0, pulses=lambda force, bound: force), True),
         (Permission(fade=0.5, pulses=lambda force, bound: force), False),
         (Permission(fade=1.0, cap=3.0, pulses=lambda force, bound: force), False),
-        (Permission(fade=1.0, deficit=1.0, pulses=lambda force, bound: force), False),
         (Permission(fade=1.0, blind=True, pulses=lambda force, bound: force), False),
     ],
 )

@@ -174,3 +174,16 @@ def test_a_handle_that_stands_still_under_torque_has_less_of_it_after_a_while() 
     assert targets[1900] == round(10.0 / UNIT)
     assert targets[-1] == 50
     assert cycle.trip is None
+
+
+def test_in_a_gap_of_a_drive_that_reads_velocity_the_law_pauses_too() -> None:
+    """At 83.3 mm/s into a wall, 5 readings are lost: the law goes on 6 periods later, or half a millimetre deeper."""
+    cycle = Cycle(plan_with(scene_of(Wall("handle", 600.0))))
+    fed(cycle, [0] * 600 + [1000] * 20)
+    force = cycle.columns.index("handle.force")
+    before = cycle.row[force]
+    for _ in range(5):
+        cycle(image(1000, 619, LinkFlag.STALE))
+    fed(cycle, [1000], 625)
+    assert cycle.row[force] == before < -0.9
+    assert cycle.gaps("handle").farthest == pytest.approx(6 * PERIOD * 1000 * STEP)

@@ -1,5 +1,6 @@
 """Two axes that a coupling ties: what one of them misses, both must bear."""
 
+import random
 import struct
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.scenes.coupling import Coupling
 from haptic_fieldbus.signals import LinkFlag
 from tests.builders import plan_of, scene_of
-from tests.cycle.test_cycle import ENABLED
+from tests.cycle.test_cycle import COUNT, ENABLED, UNIT
 
 PERIOD_NS, FADED_IN, FADING = 1_000_000, 600, 10
 TURNED = 400
@@ -37,10 +38,10 @@ class Shaft:
         for period in range(FADED_IN):
             self.torques(min(TURNED, 2 * period))
 
-    def torques(self, counts: int, *, lost: bool = False) -> tuple[int, int]:
+    def torques(self, counts: int, *, lost: bool = False, right: int = 0) -> tuple[int, int]:
         """Target torques of a period; `lost`: without feedback of the right axis."""
         self.t_ns += PERIOD_NS
-        axes = (0, 0, 0, 0, LinkFlag.STALE if lost else 0, 0, ENABLED, counts, 0, ENABLED, 0, 0)
+        axes = (0, 0, 0, 0, LinkFlag.STALE if lost else 0, 0, ENABLED, counts, 0, ENABLED, right, 0)
         _, left, _, other = struct.unpack("<HhHh", self.cycle(struct.pack("<qIHHIHHHihHih", self.t_ns, *axes)))
         return left, other
 
@@ -83,6 +84,47 @@ def test_after_a_short_gap_both_go_on_from_the_same_force() -> None:
         assert left == -right
     assert abs(without - seen) > 10
     assert left - before == pytest.approx(without - seen, abs=1)
+
+
+def turning(seed: int) -> None:
+    """Two free handles on the shaft, wound up at first, one of which loses samples: it gives no more than it stored.
+
+    Beside that there are the work of the torque held from the first missing sample until it is that of the shaft again,
+    and the leak of a held force, at most its change times the way. Energies are those of positions and torques.
+    """
+    rng, shaft = random.Random(seed), Shaft()
+    wound, mass = TURNED * COUNT, rng.uniform(0.3, 2.0)
+    x, v, damping = [wound, 0.0], [rng.uniform(-0.3, 0.3) for _ in range(2)], rng.choice([0.05, 0.5, 1.5])
+    given = held = leak = path = 0.0
+    before, left, ports = [0.0, 0.0], 0, [shaft.cycle._axes[name].permission for name in ("left", "right")]
+    for number in range(800):
+        left = left - 1 if left else (rng.choice([2, 3, 5, 14]) if rng.random() < 0.01 else 0)
+        torques = shaft.torques(round(x[0] / COUNT), lost=left > 0, right=round(x[1] / COUNT))
+        gap = left > 0 or any(port.blind for port in ports)
+        if shaft.cycle.trip or any(port.capped for port in ports):
+            return
+        for axis, torque in enumerate(torques):
+            force = UNIT * torque
+            v[axis] += (force - damping * v[axis]) / mass * 1e-3
+            way = v[axis] * 1e-3
+            x[axis] += way
+            given, path = given + force * way, path + abs(way)
+            held += force * way if gap else 0.0
+            leak += abs(force - before[axis]) * abs(way) if number else 0.0
+            before[axis] = force
+        if not gap:
+            assert given - held <= 0.5 * 400.0 * wound**2 + leak + 0.05 * path
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_timing_of_gaps_makes_a_shaft_give_more_than_it_stored(seed: int) -> None:
+    turning(seed)
+
+
+@pytest.mark.thorough("200 timings")
+def test_none_of_200_timings_of_gaps_makes_a_shaft_give_more_than_it_stored() -> None:
+    for seed in range(200):
+        turning(seed)
 
 
 def test_a_doubt_about_one_limits_the_other_as_well_until_contact_is_left() -> None:

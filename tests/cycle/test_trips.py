@@ -46,6 +46,7 @@ def test_only_our_own_limits_are_safety_trips() -> None:
         TripKind.POWER,
         TripKind.ENERGY,
         TripKind.FORGIVEN,
+        TripKind.HELD,
         TripKind.POSITION,
         TripKind.DRIFT,
         TripKind.ENCODER_STILL,

@@ -11,6 +11,8 @@ PROJECT = Path(__file__).resolve().parents[2]
 DECISIONS = PROJECT / "docs" / "explanation" / "decisions"
 CYCLE, PLANNING, SYSTEM = "tests/cycle/test_", "tests/planning/test_", "tests/system/test_"
 SAFETY, PROBE = f"{CYCLE}safety.py::test_", f"{PLANNING}sign_probe.py::test_"
+PLACE = f"{CYCLE}place.py::test_"
+MEMORY = f"{PLACE}a_law_with_a_memory_is_drawn_back_by_the_motion_of_a_period_where_it_pushes_that_way"
 DOUBT = f"{CYCLE}tied_axes.py::test_a_doubt_about_one_limits_the_other_as_well_until_contact_is_left"
 BUDGET = f"{CYCLE}energy.py::test_more_within_a_second_than_is_forgiven_trips_and_the_same_over_more_seconds_does_not"
 NO_GAP = f"{PLANNING}energy.py::test_no_gap_gives_more_than_force_times_speed_times_its_length"
@@ -40,11 +42,6 @@ TESTS: dict[int, dict[str, str]] = {
     },
     26: {},
     31: {"1010h is never written": "tests/buses/canopen/test_max_torque.py::test_nothing_is_stored_in_the_drive"},
-    37: {
-        "within half of the age": f"{SAFETY}after_a_short_gap_force_goes_on_from_its_value_before",
-        "may raise it, never lower it": f"{SAFETY}a_second_short_gap_raises_the_deficit_and_never_lowers_it",
-        "never ends with more stored": f"{SAFETY}short_gaps_never_give_back_more_than_was_brought_in",
-    },
     39: {"within 5 s of its end": "tests/cli/test_output.py::test_a_stopped_terminal_holds_up_no_end"},
     40: {"never counted on it": ANSWERS},
     42: {
@@ -72,6 +69,12 @@ TESTS: dict[int, dict[str, str]] = {
         "at most 8 % of the force": f"{ENCODER}no_pulse_is_felt_or_asked_for_later_than_ten_seconds",
         "never below 5 %": f"{ENCODER}force_that_a_hand_may_be_left_alone_with_asks_nothing",
         "within half a second": LOWERED,
+    },
+    47: {
+        "for at most 10 ms": f"{SAFETY}after_a_short_gap_the_place_of_the_law_is_looked_after_until_the_force_is_back",
+        "by at most the motion": MEMORY,
+        "wall within a millimetre": f"{PLACE}a_wall_stays_where_it_is_under_a_hand_that_leans_and_trembles",
+        "within the budget of 0044": f"{PLACE}torque_held_on_the_way_out_of_a_body_with_a_memory_is_forgiven",
     },
     48: {
         "raises it by at most": f"{CYCLE}gaps.py::test_the_stretch_is_what_the_worst_timing_costs_in_stiffness",

@@ -33,7 +33,7 @@ PERMITTED = 0.010
 """[J] in a contact, beyond all that a sound wall may give: the limit of the package is 5 mJ and a count's worth."""
 AGE = 2.5
 """[periods] of the oldest force on the bus that is the latest; it grants a leak, so that more is no harm."""
-ENERGY = ("energy limit", "energy forgiven")
+ENERGY = ("energy limit", "energy forgiven", "energy of held torque")
 
 
 @dataclass(frozen=True)

@@ -50,8 +50,8 @@ PLANTED = (
     Planted(
         "no fade-in",
         "haptic_fieldbus/cycle/safety.py",
-        "growth = period / limits.fade_in",
-        "growth = 1.0",
+        "growth, fading = period / limits.fade_in,",
+        "growth, fading = 1.0,",
     ),
     Planted(
         "no force limit",

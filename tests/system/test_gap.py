@@ -75,12 +75,12 @@ def test_a_wall_that_a_short_gap_hides_stands_where_the_handle_is_seen_again(mis
     found = run("wall", endless_rig("wall"), duration=2.5, faults=[MissingTpdos("missing_tpdos", 0.721, missing)])
     whole = run("wall", endless_rig("wall"), duration=2.5)
     (told,) = [text for text in found.warnings if "gap" in text]
-    below = re.search(r"after a short gap in the feedback the force went on .* up to ([\d.]+) N below", told)
-    assert below is not None
+    beside = re.search(r"after a short gap in the feedback the scene stood up to ([\d.]+) mm beside its place", told)
+    assert beside is not None
     hidden = (0.721 + missing * 1e-3 - ENTERED) * SPEED
-    assert float(below.group(1)) / 600.0 == pytest.approx(hidden, abs=1e-3 * SPEED), "to a sample"
+    assert 1e-3 * float(beside.group(1)) == pytest.approx(hidden, abs=1e-3 * SPEED), "to a sample"
     deeper = found.traces[0].position[-1] - whole.traces[0].position[-1]
-    assert deeper == pytest.approx(float(below.group(1)) / 600.0, abs=2.0 * FRICTION / 600.0)
+    assert deeper == pytest.approx(1e-3 * float(beside.group(1)), abs=2.0 * FRICTION / 600.0)
 
 
 @pytest.mark.thorough("a run of seconds")

@@ -18,7 +18,7 @@ STIFFNESS, EFFORT = 10.0 * UNIT / (WAY * COUNT), 400.0 * UNIT
 SLEW = EFFORT / 5.0
 """Largest change of the force in a period [N]: from 0 to the limit in 5 ms."""
 SOON = 15
-"""Longest gap [periods] after which force goes on from where it was; after a longer one it stays at or below that."""
+"""Longest gap [periods] after which the wall goes on from where it was; after a longer one its force has a cap."""
 PRESSED, DEEPER = 30, 10
 """Periods of pressing before the gap, and after it."""
 EXACT = 1e-9
@@ -54,13 +54,15 @@ def _expected(places: Sequence[int], gap: int) -> list[float]:
     kept = asked[PRESSED - 1]
     faded = [kept * max(0.0, 1.0 - max(0, missing - 1) / FADE) for missing in range(1, gap + 1)]
     left = next(number for number in range(PRESSED + gap, len(places)) if not asked[number])
-    # Back in contact it rises as fast as it may. After a short gap it goes on from the force before it, and what is
-    # asked for beyond that stays missing; after a long one it stays there until less is asked for. A gap of one period
-    # is none: every force is held for a period.
-    cap = kept if gap > SOON else -EFFORT
-    deficit = kept - asked[PRESSED + gap] if 1 < gap <= SOON else 0.0
+    # Back in contact it rises as fast as it may. After a short gap the wall waits until the force is that of before
+    # within a step of the drive, and goes on from there. After a long one the force stays there until less is asked
+    # for. A gap of one period is none: every force is held for a period.
+    cap, pauses = kept if gap > SOON else -EFFORT, 1 < gap <= SOON
     risen = [faded[-1] - SLEW * number for number in range(1, left - PRESSED - gap + 1)]
-    wanted = [min(0.0, each + deficit) for each in asked[PRESSED + gap : left]]
+    waits = next(number for number, force in enumerate(risen) if force <= kept + UNIT) if pauses else 0
+    beside = places[PRESSED + gap + waits] - places[PRESSED - 1] if pauses else 0
+    wanted = [kept] * waits
+    wanted += [-STIFFNESS * COUNT * max(place - beside, 0) for place in places[PRESSED + gap + waits : left]]
     back = [max(cap, *each) for each in zip(risen, wanted, strict=True)]
     return [*asked[:PRESSED], *faded, *back, *asked[left:]]
 
@@ -73,7 +75,7 @@ def _given(forces: Sequence[float], gap: int) -> float:
 
 
 def fade_return(quick: bool) -> CaseResult:
-    """Check that a force fades in a gap, comes back at its slew, and goes on from that before the gap, or stays there.
+    """Check that a force fades in a gap and comes back at its slew, and that the wall goes on, or is capped.
 
     The hand presses on in the gap, after it for a while, and goes out. What it gets back beyond what it gave is the
     leak of held forces and what faded; a force that returned in full would give it more.
